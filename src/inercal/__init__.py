@@ -1,19 +1,20 @@
-"""Calibrates accelerometers and IMUs on the bench a laboratory has.
+"""Calibration of accelerometers and IMUs on the bench that a laboratory has.
 
-- `calibrate`: an `Outcome` from a run file, or from data in memory with sensor, bench and method;
-- `calibrate_batch`: the coefficients of many sensors of one type, from their means;
-- `write_report`, `plot_residuals`, `plot_coverage`: what the outcome shows;
-- `save`, `load`: its `Calibration` as a file, which also has `correct`, `to_dataframe`, `to_latex`;
-- `apply`: a recording corrected by a calibration;
-- `export_calibration`, `import_calibration`: files of other programs, written and read;
-- `analyse_noise`: white noise, bias instability and random walk of a recording at rest;
-- `simulate`, `demo`: the same on simulated benches.
+- `calibrate`: compute an `Outcome` from a run file, or from data in memory;
+- `calibrate_batch`: estimate the coefficients of many sensors of one type from their means;
+- `write_report`, `plot_residuals`, `plot_coverage`: show the outcome;
+- `save`, `load`: write and read its `Calibration`, which also has `correct`,
+  `to_dataframe` and `to_latex`;
+- `apply`: correct a recording with a calibration;
+- `export_calibration`, `import_calibration`: write and read files for other programs;
+- `analyse_noise`: find white noise, bias instability and random walk in a recording at rest;
+- `simulate`, `demo`: simulate a bench, or calibrate on a simulated bench.
 
 >>> import inercal
 >>> inercal.calibrate  # doctest: +ELLIPSIS
 <function calibrate at ...>
 
-The names below are loaded when they are first used, so that the command line starts quickly.
+The names below are imported when they are first used, so that the command line starts quickly.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,6 +1,7 @@
-"""The `inercal` program, also `python -m inercal`: it prepares its process, then loads the verbs.
+"""Entry point of the `inercal` program and of `python -m inercal`.
 
-Worker processes import this module; they need no verb.
+It prepares the process and then loads the verbs. Worker processes import this module, but they do
+not need the verbs.
 """
 
 import sys
@@ -9,11 +10,11 @@ from inercal.basics.process_settings import prepare_process
 
 
 def main() -> None:
-    """Run the program; an error of the input is one line on standard error and status 2."""
+    """Run the program; an input error is one line on standard error and exit status 2."""
     try:
         prepare_process()
         from inercal.cli.app import main as run_verb
-    except KeyboardInterrupt:  # to load the verbs takes a while
+    except KeyboardInterrupt:  # loading the verbs takes a while
         print("inercal: stopped", file=sys.stderr)
         sys.exit(130)
     run_verb()

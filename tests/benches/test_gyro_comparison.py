@@ -152,7 +152,7 @@ def test_a_wrong_readback_is_named_with_its_time(sound: tuple[Run, Track, float]
     assert isinstance(run.bench, Turntable)
     findings = gyro_comparison_findings(wrong, run.sensor, run.bench)
     assert {one.what for one in findings} == {"readback"}
-    assert all("against the gyros" in one.message or "than the gyros" in one.message
+    assert all("relative to the gyros" in one.message or "than the gyros" in one.message
                for one in findings)  # fmt: skip
 
 

@@ -31,7 +31,7 @@ from inercal.runfile import Run, read
 
 G, LATITUDE = 9.81, 0.8
 BENCH = RatePlatform(
-    Measured(G, 1e-4), LATITUDE, 5e-4, 1e-4, 1e-4, 2e-5, 9e-4, 5e-3, 3e-4, 9e-4, 2e-3
+    Measured(G, 1e-4), Measured(LATITUDE, 0.0), 5e-4, 1e-4, 1e-4, 2e-5, 9e-4, 5e-3, 3e-4, 9e-4, 2e-3
 )
 STEPS = (
     RateDwell("x rest", "x", 0.0, 36.0),

@@ -156,7 +156,7 @@ def test_the_file_says_of_a_day_what_the_charts_say(tmp_path: Path):
     (old,) = warnings(50, 86_400.0)
     assert "11 days before the run" in old
     assert warnings(40, 86_400.0) == ()
-    assert "no check" in warnings(5)[0]
+    assert "not checked" in warnings(5)[0]
     assert found.state(None, None).warnings == ()
     with refused(InputError) as refusal:
         found.state(None, 1.0)

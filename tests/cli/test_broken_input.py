@@ -314,7 +314,7 @@ def test_a_calibration_that_was_changed_is_not_applied(
     before = sorted(tmp_path.iterdir())
     corrected = tmp_path / "corrected.csv"
     line = failure(monkeypatch, capsys, "apply", calibration, path, "--out", corrected)
-    assert line.startswith(f"{calibration}: changed since it was written")
+    assert line.startswith(f"{calibration}: the file was changed since it was written")
     assert sorted(tmp_path.iterdir()) == before
 
 

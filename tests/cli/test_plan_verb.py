@@ -66,7 +66,7 @@ def test_positions_in_order_and_what_they_will_give(pair: Path, program: Program
     assert re.search(
         r"b\.delta_o − a\.delta_o │ angle between the accelerometers │ +0\.028", printed
     )
-    assert "do not touch the pier" in printed
+    assert "Do not touch the pier" in printed
     assert {p.name for p in pair.parent.iterdir()} == {"run.toml"}
 
 
@@ -179,7 +179,7 @@ def test_states_of_a_rate_table_in_order_and_what_they_will_give(program: Progra
     row = r"│ +10 │ XY30 +│ \+z up, tilted 30° \(\+x rises\) +│ +46 │ 150 s │"
     assert re.search(row + r" \+1.012 │ \+0.000 │ \+0.569 │", printed)
     assert re.search(r"ax\.k0 +│ bias +│ +610 │ µg", printed)
-    assert "compare the axes and signs" in printed.replace("\n", " ")
+    assert "check the axes and signs" in printed.replace("\n", " ")
 
 
 def test_one_object_of_a_rate_table(program: Program):

@@ -100,7 +100,7 @@ def test_compare_takes_a_file_and_diff_the_register(folder: Path):
     # Of a history: the newest against the previous.
     found = compared_by_verb(folder, "store", "history", "TRIAD-1", *register)
     assert found["beyond"] == ["ax.k0"]
-    assert found["source"] == "6 other calibrations of the register"
+    assert found["source"] == "6 other calibrations in the register"
 
 
 def test_a_mounting_that_the_bench_answers_for_belongs_to_the_scatter(folder: Path):

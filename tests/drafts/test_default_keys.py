@@ -58,7 +58,7 @@ def test_a_drafted_line_names_the_default_and_show_prints_its_value(tmp_path: Pa
     assert done.status == 0, done.error
     assert tomllib.loads(run_file.read_text())["bench"]["tilt"] == "0.5 °"
     line = next(one for one in run_file.read_text().splitlines() if one.startswith("tilt ="))
-    assert "the default; state your own" in line
+    assert "this is the default; state your own value" in line
     shown = json.loads(run_program("show", run_file, "--json").output)
     tilt = next(one for one in shown["bench_parameters"] if one["name"] == "tilt1")
     assert tilt["key"] == "tilt"

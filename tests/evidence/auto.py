@@ -271,16 +271,17 @@ Everything is as the run file states. The score tests reject at most 0.8 % of su
 The three axes have the violation with different sizes, 1 : −0.7 : 0.8. η is the norm of the
 whitened residual that it leaves, computed apart from inercal. The angle is that to the nearest
 other coefficient of this table. At a small angle either of the two explains the residuals better by
-chance: "named beside" are devices to which another one was added and the verdict warns that the
+chance: "beside" counts devices to which another one was added and the verdict warns that the
 true one would explain the residuals as well. A further row then has the η at which the two can be
 told apart. At η = 4 and 6 the tests do not always notice the violation. Of the filters of
 turntable_kalman χ² drops by some units less than promised, because they begin with an expected size
 of k2: near η = 8 some additions are not made. Nor is one made where a coefficient that the method
 cannot estimate leads, as koq may do in place of k3. A device without the addition has the errors
-of a calibration with the violation, so that a few of them raise the mean NEES; the last column is
-that of the devices to which the violation was added, and nothing else.
+of a calibration with the violation, so that a few of them raise the mean NEES. The last column is
+the NEES of those devices to which the violation was added and nothing else; "other" counts the
+devices to which something else was added.
 
-| method | violation | angle | η | devices | added, % | named beside, % | something else, % | NEES of all | NEES where added |
+| method | violation | angle | η | devices | added, % | beside, % | other, % | NEES | where added |
 |---|---|--:|--:|--:|--:|--:|--:|--:|--:|
 {estimable}
 

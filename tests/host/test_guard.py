@@ -226,7 +226,7 @@ def test_a_guard_without_host_and_table_gives_up_in_the_end(server: Served, tabl
     with Guard(_address(server), patience=0.5) as guard:
         server.stop()
         guard._close_pipe()  # as the system does of a host that is killed
-        assert _hear(guard, "cannot: no word")[0] == "stopping: the host is gone"
+        assert _hear(guard, "cannot: no reply from the table")[0] == "stopping: the host is gone"
         _until(lambda: not guard.alive)
 
 

@@ -60,7 +60,7 @@ def test_an_acutrol_is_operated_by_hand_and_homes_nothing(tmp_path: Path):
     )
     assert any("at rest" in words for words in said)
     assert any("servo is off" in words for words in said)
-    assert any("no message of a held key" in words for words in said)
+    assert any("no message about the held key" in words for words in said)
     # 0.3 s at 5 °/s, and what the deceleration at 15 °/s² takes.
     assert begin + 1 - 5 * 0.3 - 5**2 / (2 * 15) - 0.1 < rest < begin + 1
     assert session.state is not None
@@ -86,7 +86,7 @@ def test_the_motor_of_one_axis_is_jogged_and_its_servo_stays_on(tmp_path: Path):
         said, session = operated(tmp_path, run, f"motor:{server.address}", *script, until=2.2)
         rate = degrees(float(device.table.state[0].rate))
     assert any("servo off: this controller has no command" in words for words in said)
-    assert any("no message of a held key" in words for words in said)
+    assert any("no message about the held key" in words for words in said)
     assert any("home it first" in words for words in said)
     assert session.state is not None
     assert session.state.axes[0].enabled

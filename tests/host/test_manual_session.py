@@ -63,7 +63,7 @@ def test_a_jog_whose_messages_cease_brakes_within_0_3_s(my: ByHand, last: float)
     # Down to 0.9 of the rate, which is where braking is seen, takes a tenth of the deceleration.
     assert last < brakes_at(my.trace, INNER, 1.0) < last + STOP + 0.1 * RATE / ACCELERATION
     assert rests_from(my, INNER) < last + STOP + RATE / ACCELERATION + SERVO_LAG
-    assert any("no message of a held key" in words for words in my.said("warning"))
+    assert any("no message about the held key" in words for words in my.said("warning"))
 
 
 def test_a_key_that_is_let_go_stops_at_once_and_late_messages_revive_nothing(my: ByHand):

@@ -300,7 +300,7 @@ def test_a_soft_limit_stops_the_axis_and_is_told(pmac: Served, table: Pmac):
     table.spin("inner", radians(20), radians(100))
     pmac.advance(6.0)
     state = table.read().axes[2]
-    assert state.faults == ("stopped on a position limit",)
+    assert state.faults == ("stopped at a position limit",)
     assert not state.moving
     assert radians(36) <= state.angle <= radians(38)
 

@@ -36,7 +36,7 @@ BENCHES: tuple[Bench, ...] = (
     ),
     DividingHead(G, (1e-6, 2e-6), 1e-6, autocollimator=1e-6, collimated="every", base=5e-5),
     RateTable(G, Measured(0.25, 1e-4), pose=1e-4, rate=1e-5, speed=1e-6),
-    RatePlatform(G, 0.8, 1e-5, 1e-6, 1e-6, setting=1e-5),
+    RatePlatform(G, Measured(0.8, 1e-3), 1e-5, 1e-6, 1e-6, setting=1e-5),
     Turntable(
         G,
         0.7,

@@ -32,7 +32,14 @@ from inercal.recordings import Observations, Track
 BENCH = Hand(Measured(9.81, 1e-4), np.pi / 2, tilt=1e-4, turn_angle=1e-4, turn_tilt=1e-4)
 TABLE = RateTable(Measured(9.81, 1e-4), Measured(0.25, 1e-6), pose=1e-4, speed=1e-6)
 PLATFORM = RatePlatform(
-    Measured(9.81, 1e-4), np.pi / 2, 1e-6, 1e-6, 1e-6, setting=1e-5, attitude=1e-5, mounting=1e-5
+    Measured(9.81, 1e-4),
+    Measured(np.pi / 2, 0.0),
+    1e-6,
+    1e-6,
+    1e-6,
+    setting=1e-5,
+    attitude=1e-5,
+    mounting=1e-5,
 )
 HEAD = DividingHead(Measured(9.81, 1e-4), autocollimator=1e-6, collimated="every")
 ARM = Centrifuge(Measured(9.81, 1e-4), Measured(1.0, 1e-5), Measured(np.pi / 2, 0.0), rate=1e-6)

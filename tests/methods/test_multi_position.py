@@ -32,6 +32,7 @@ from inercal.methods.multi_position.rest_observations import Rests, Scatter
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.multi_position.row_whitening import whitener
 from inercal.physics.sensors import Sensor, imu
+from inercal.pipeline.stated_values import gravity_notes
 from inercal.recordings import Mark, Observations, Recording, Transitions
 from inercal.recordings.segments import transitions_between_rests
 from inercal.recordings.segments.section_means import average_sections
@@ -476,7 +477,8 @@ def gravity_lines(gravity_sd: float, positions: int = 24) -> list[str]:
     sensor = whole()
     seen = observed(record(mems(rng), replace(SESSION, positions=positions), rng), sensor)
     bench = replace(BENCH, gravity=Measured(SESSION.gravity, gravity_sd))
-    notes = METHOD.estimator("joint")(seen, sensor, bench, ()).notes
+    estimate = METHOD.estimator("joint")(seen, sensor, bench, ())
+    notes = (*estimate.notes, *gravity_notes(bench, sensor, estimate))
     return [note for note in notes if "comes from gravity" in note or "These attitudes" in note]
 
 

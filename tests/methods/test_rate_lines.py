@@ -45,7 +45,7 @@ LATITUDE = float(np.radians(50.0))
 
 
 def bench(table: Table, latitude: float = LATITUDE) -> RatePlatform:
-    return RatePlatform(Measured(9.81, 1e-4), latitude, **table.stated())
+    return RatePlatform(Measured(9.81, 1e-4), Measured(latitude, 0.0), **table.stated())
 
 
 def steps_of(rows: list[Row]) -> list[RateDwell]:

@@ -48,7 +48,7 @@ UNIT = {line.name: line.si for line in GYRO}
 
 
 def bench(table: Table, **more: Any) -> RatePlatform:
-    return RatePlatform(Measured(9.81, 1e-4), LATITUDE, **(table.stated() | more))
+    return RatePlatform(Measured(9.81, 1e-4), Measured(LATITUDE, 0.0), **(table.stated() | more))
 
 
 def steps_of(rows: Sequence[Row]) -> list[RateDwell]:
@@ -117,7 +117,7 @@ def test_an_exact_table_gives_the_truth(seed: int):
     made = devices(
         MID, "T", EXACT, ALL, 3, np.random.default_rng(seed), latitude=np.pi / 2, noisy=False
     )
-    stated = replace(bench(READ), latitude=float(np.pi / 2))
+    stated = replace(bench(READ), latitude=Measured(np.pi / 2, 0.0))
     found = estimated(made, stated, ALL)
     assert found.converged.all()
     for term, (off, sd) in errors(made, found, ALL).items():

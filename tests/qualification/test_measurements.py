@@ -266,7 +266,7 @@ def bent_drift(rng: Rng) -> MeasuredParameters:
         (rate_by_speed, "changes with the rate"),
         (weak_earth, "amplitude"),
         (drifting_rate, "drifts"),
-        (bent_drift, "other than steadily"),
+        (bent_drift, "not steady"),
     ],
 )
 def test_a_violation_is_seen_and_named(made: Callable[[Rng], MeasuredParameters], words: str):

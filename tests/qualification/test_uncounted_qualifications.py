@@ -52,7 +52,7 @@ def test_what_takes_the_bench_as_exact_says_so(method: str, estimator: str):
     names = tuple(dict.fromkeys(one.name for one in acting.values() if one.sd > 0))
     (note,) = notes(method, estimator, names)
     assert all(name in note for name in names)
-    assert f"estimator {estimator} does not count it" in note
+    assert f"estimator {estimator} does not take it into account" in note
 
 
 def test_every_estimator_is_in_one_of_the_lists():
@@ -88,7 +88,9 @@ def test_a_run_changes_its_u_or_says_that_it_does_not(folder: Path, estimator: s
         path.write_text(f'{text[:begin]}{key}{text[end:]}\nestimator = "{estimator}"\n')
         calibration = calibrate(path).calibration
         found.append(calibration.std)
-        said.append(any("is not in U" in one and "of g " in one for one in calibration.notes))
+        said.append(
+            any("is not included in U" in one and "of g " in one for one in calibration.notes)
+        )
     assert said == [estimator == "classical"] * 2
     changed = np.abs(found[1] / found[0] - 1).max() > 1e-6
     assert changed == (estimator == "ml")

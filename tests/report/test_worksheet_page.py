@@ -90,7 +90,7 @@ def test_the_page_holds_what_the_operator_needs(tmp_path: Path):
     for one in (*sheet.expected, *sheet.together):
         assert f'<th scope="row">{one.name}</th>' in text
     assert text.index("pass 1, forward") < text.index("pass 2, reverse")
-    assert "24 positions in 2 passes · 12 min of holding, moves besides" in text
+    assert "24 positions in 2 passes · 12 min of holding, plus moves" in text
     assert "the noise, the head, the base and the priors stated in" in text
 
 

@@ -154,8 +154,8 @@ def test_limits_of_a_result_that_is_not_to_be_relied_on_are_in_doubt():
     calibration = calibrate(EXAMPLES / "six_position" / "specification.toml").calibration
     assert calibration.verdict is not None
     doubtful = replace(calibration, verdict=replace(calibration.verdict, grade="unreliable"))
-    assert "in doubt" in doubtful.conformity_lines[0]
-    assert "in doubt" not in calibration.conformity_lines[0]
+    assert "U is doubtful" in doubtful.conformity_lines[0]
+    assert "U is doubtful" not in calibration.conformity_lines[0]
 
 
 def test_a_file_whose_conformity_contradicts_its_rule_is_refused(tmp_path: Path):

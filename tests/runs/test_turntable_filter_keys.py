@@ -180,7 +180,7 @@ def test_the_sources_r_that_is_replaced_is_a_test_again(folder: Path):
             {"readback_sd": "0.6 ″", "velocity_sd": "0.01 mm/s"},
         )
     ]
-    untested = [sum("no test of noise and table" in note for note in notes) for notes in lines]
+    untested = [sum("does not test noise and table" in note for note in notes) for notes in lines]
     assert untested == [2, 1, 0]
 
 

@@ -238,7 +238,7 @@ def time_in_milliseconds(one: Recording) -> Recording:
         (at_row("outer", 9999.0), "sample 5000 (50 s)", {"names": ("outer",)}),
         (zero_channel, "", {"names": ("inner",)}),
         (freeze_channel, " 131 s", {"names": ("outer", "middle", "inner")}),
-        (clip_channel, "gx holds 25", {"names": ("gx",)}),
+        (clip_channel, "gx stays at 25", {"names": ("gx",)}),
         (cut_gap, "9.99 s", {}),
         (halve_time, "5 ms per sample", {"key": "[data] gyro"}),
         (time_in_milliseconds, '"ms"', {}),
@@ -324,7 +324,7 @@ def test_a_recording_that_was_cut_lacks_steps_of_its_path(
         calibrate(
             write_changed_example(tmp_path, example_recording, *changes, change=truncate_recording)
         ),
-        "lacks steps",
+        "steps of the path are missing",
     )
     assert re.search(r"(x\+, )?x-, y\+, y-, z\+, z-(, rest| and 1 more)", said)
 

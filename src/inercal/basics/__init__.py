@@ -1,1 +1,1 @@
-"""What every room uses: errors, units, names, files, settings and processes."""
+"""Foundations used by all packages: errors, units, names, files, settings and processes."""

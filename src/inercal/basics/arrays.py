@@ -1,4 +1,4 @@
-"""Types of arrays, and ranges of samples."""
+"""Array types, and ranges of samples."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ Bools = NDArray[np.bool_]
 
 
 def true_ranges(mask: Bools) -> Indices:
-    """Return the half-open ranges along which a mask, (n,), is true, (k, 2).
+    """Return the half-open index ranges, (k, 2), in which a mask, (n,), is true.
 
     >>> true_ranges(np.array([True, False, True, True])).tolist()
     [[0, 1], [2, 4]]

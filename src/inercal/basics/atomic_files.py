@@ -1,7 +1,8 @@
-"""Files that are written completely or not at all, and never over anything but a regular file.
+"""Atomic writing of files: completely or not at all, and only over regular files.
 
-Until a file is complete it lies in a hidden folder beside its place. A program that is killed
-leaves the folder, without the lock that it had: the next one that writes there removes it.
+Until a file is complete, it is kept in a hidden folder next to its destination. A killed program
+leaves this folder behind, but no longer holds the lock on it, so the next program that writes there
+removes it.
 """
 
 import os
@@ -19,7 +20,7 @@ from uuid import uuid4
 from inercal.basics.errors import InputError
 from inercal.basics.visible_text import visible_text
 
-_PART = ".part"  # suffix of folders of files that are being written
+_PART = ".part"  # suffix of folders for files that are being written
 _LOCK = ".being-written"
 _LEFT_NAME = re.compile(rf"\.[0-9a-f]{{32}}{re.escape(_PART)}")
 _looked_through: set[Path] = set()
@@ -28,7 +29,7 @@ _written: ContextVar[list[Path] | None] = ContextVar("written", default=None)
 
 @contextmanager
 def written_files() -> Generator[list[Path]]:
-    """Yield a list of the files that are written in the block, as they are named."""
+    """Yield a list to which the names of the files written in the block are added."""
     files: list[Path] = []
     token = _written.set(files)
     try:
@@ -39,16 +40,16 @@ def written_files() -> Generator[list[Path]]:
 
 @contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
-    """Yield a temporary path in the folder of `path`; rename it to `path` when the block succeeds.
+    """Yield a temporary path near `path`, and rename it to `path` if the block succeeds.
 
-    A reader sees the old file or the new file. A block that fails leaves the old file unchanged.
-    A symbolic link stays; the file that it names is written. A missing folder is made.
+    Readers see either the old file or the new file. If the block fails, the old file is unchanged.
+    A symbolic link is kept, and its target is written. A missing folder is created.
 
     Raises
     ------
     InputError
-        The folder cannot be made or written, the disk is full, or `path` is a folder, a
-        device, a FIFO, a socket or a loop of symbolic links.
+        The folder cannot be created or written, the disk is full, or `path` is a folder, a device,
+        a FIFO, a socket or a loop of symbolic links.
 
     Examples
     --------
@@ -61,7 +62,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
     """
     target = writable_target(path)
     with _parent_folder(target), _part_folder(target) as folder:
-        # Opened by the caller under the user's umask, which tempfile would override with 0600.
+        # The caller opens it with the user's umask, which tempfile would override with 0600.
         temporary = folder / target.name
         try:
             yield temporary
@@ -78,7 +79,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
     Raises
     ------
     InputError
-        As `atomic_write` raises it.
+        See `atomic_write`.
     """
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -87,15 +88,15 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
 
 @contextmanager
 def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
-    """Yield temporary paths for files of one folder; rename all when the block succeeds.
+    """Yield temporary paths for files in one folder, and rename all if the block succeeds.
 
-    A block that fails leaves all files unchanged. A file that the block does not write keeps its
-    old content. A missing folder is made.
+    If the block fails, all files are unchanged. A file that the block does not write keeps its old
+    content. A missing folder is created.
 
     Raises
     ------
     InputError
-        The folder cannot be written, or one of the paths is no regular file.
+        The folder cannot be written, or one of the paths is not a regular file.
     """
     named, targets = targets, [writable_target(target) for target in targets]
     with _parent_folder(targets[0]), _part_folder(targets[0]) as folder:
@@ -108,7 +109,7 @@ def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
 
 @contextmanager
 def _part_folder(target: Path) -> Generator[Path]:
-    """Make a folder for a file until it is complete, and remove those that nobody writes to."""
+    """Create a folder for an incomplete file, and remove folders that nobody writes to."""
     _remove_left_folders(target.parent)
     try:
         folder, lock = _make_part_folder(target.parent)
@@ -122,11 +123,11 @@ def _part_folder(target: Path) -> Generator[Path]:
 
 
 def _make_part_folder(parent: Path) -> tuple[Path, IO[bytes]]:
-    """Return a new folder, and its lock, which the system releases when this program ends."""
+    """Return a new folder and its lock, which the system releases when this program ends."""
     while True:
         folder = parent / f".{uuid4().hex}{_PART}"
         folder.mkdir()
-        # Until it is locked, another program may take it for one that was left.
+        # Until it is locked, another program may think that it was left behind.
         with suppress(FileNotFoundError):
             lock = (folder / _LOCK).open("wb")
             if _lock(lock) is not False and (folder / _LOCK).exists():
@@ -135,7 +136,7 @@ def _make_part_folder(parent: Path) -> tuple[Path, IO[bytes]]:
 
 
 def _remove_left_folders(parent: Path) -> None:
-    """Remove the folders of programs that were killed, once in the life of this one."""
+    """Remove the folders left by killed programs, once per process."""
     if parent in _looked_through:
         return
     _looked_through.add(parent)
@@ -149,20 +150,20 @@ def _remove_left_folders(parent: Path) -> None:
 
 
 def _lock(file: IO[bytes]) -> bool | None:
-    """Lock a file; return False where another program has, None where there are no locks."""
+    """Lock a file; return False if another program holds it, None if locks are not supported."""
     try:
         fcntl: Any = import_module("fcntl")
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except (ImportError, OSError):  # a system, or a store of files, without such locks
+    except (ImportError, OSError):  # the system or the file system does not support such locks
         return None
     return True
 
 
 @contextmanager
 def _parent_folder(target: Path) -> Generator[None]:
-    """Make the folder of a file, and remove it again where the block fails."""
+    """Create the folder of a file, and remove it again if the block fails."""
     missing = [folder for folder in target.parents if not folder.exists()]
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -172,13 +173,13 @@ def _parent_folder(target: Path) -> Generator[None]:
         yield
     except BaseException:
         with suppress(OSError):
-            for folder in missing:  # the innermost first
+            for folder in missing:  # innermost folder first
                 folder.rmdir()
         raise
 
 
 def keep_previous(path: Path) -> None:
-    """Keep a copy of a file that is to be replaced, as `NAME.previous`; none where there is none.
+    """Keep a copy of a file about to be replaced, as `NAME.previous`, if the file exists.
 
     Raises
     ------
@@ -199,12 +200,12 @@ def _replace(part: Path, target: Path, name: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder to write to, where it does not exist.
+    """Create a folder to write to if it does not exist.
 
     Raises
     ------
     InputError
-        It cannot be created.
+        The folder cannot be created.
     """
     require_plain_name(folder)
     try:
@@ -218,13 +219,13 @@ def make_folder(folder: Path) -> None:
 
 
 def writable_target(path: str | os.PathLike[str]) -> Path:
-    """Return the file that a write to `path` replaces or creates; links are followed.
+    """Return the file that writing to `path` would replace or create, following links.
 
     Raises
     ------
     InputError
-        It is a folder, a device, a FIFO, a socket or a loop of symbolic links, or its name is too
-        long or has a control character or bytes that are not UTF-8.
+        The path is a folder, a device, a FIFO, a socket or a loop of symbolic links, or its name is
+        too long or contains a control character or bytes that are not UTF-8.
     """
     target = path = Path(path)
     require_plain_name(path)
@@ -237,18 +238,18 @@ def writable_target(path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         raise _write_error(path, error) from None
     if not stat.S_ISREG(mode):
-        kind = "a folder" if stat.S_ISDIR(mode) else "no regular file"
+        kind = "a folder" if stat.S_ISDIR(mode) else "not a regular file"
         raise InputError(f"{path} is {kind}; name a file to write", file=path)
     return target
 
 
 def require_plain_name(path: Path) -> None:
-    """Refuse a name of a file or folder to write that not every program can print.
+    """Raise an error if not every program can print the name of a file or folder to write.
 
     Raises
     ------
     InputError
-        It has control characters, or bytes that are not UTF-8.
+        The name has control characters, or bytes that are not UTF-8.
     """
     try:
         str(path).encode("utf-8")

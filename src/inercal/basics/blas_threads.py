@@ -1,6 +1,6 @@
-"""One thread of linear algebra for functions whose matrices are small.
+"""Limit linear algebra to one thread in functions whose matrices are small.
 
-Of two threads one would only wait for the other, and take as much processor time.
+With two threads, one would only wait for the other and use as much processor time.
 """
 
 import os
@@ -15,16 +15,16 @@ _CHOSEN = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def with_one_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """Return the function with one thread of linear algebra while it runs, then as before.
+    """Return the function so that linear algebra uses one thread while it runs.
 
-    Where an environment variable states the number of threads, that is the user's choice.
+    If an environment variable sets the number of threads, the user's choice is respected.
     """
 
     @wraps(function)
     def limited(*args: P.args, **options: P.kwargs) -> R:
         if any(name in os.environ for name in _CHOSEN):
             return function(*args, **options)
-        import_module("scipy.linalg")  # its library would begin with threads of its own
+        import_module("scipy.linalg")  # its library would start its own threads
         threads: Any = import_module("threadpoolctl")
         with threads.threadpool_limits(limits=1, user_api="blas"):
             return function(*args, **options)

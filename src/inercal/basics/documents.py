@@ -1,8 +1,9 @@
-"""JSON documents that inercal writes and reads again: calibrations, charts, qualifications.
+"""JSON documents that inercal writes and reads: calibrations, control charts, qualifications.
 
-A record of a document is declared once. What is read is a `Record`, whose fields say what is
-possible; `record_object` writes a result with the same fields. Nothing is converted: a number in
-quotation marks or `true` is no number, and a number that is not finite is null.
+Each record of a document is declared once. Reading gives a `Record`, whose fields define the
+permitted values; `record_object` writes a result with the same fields. Types are not converted: a
+number in quotation marks or `true` is not accepted as a number, and a number that is not finite is
+null.
 """
 
 import datetime as dt
@@ -31,7 +32,7 @@ Content = TypeVar("Content", bound=BaseModel)
 
 
 class Record(BaseModel):
-    """A record of a document, whose numbers are finite; unknown keys are omitted."""
+    """A record in a document; its numbers are finite, and unknown keys are ignored."""
 
     model_config = ConfigDict(strict=True, extra="ignore", allow_inf_nan=False)
 
@@ -44,11 +45,11 @@ Positive = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
 Measured = Annotated[float, WrapValidator(_nan_of_null)]
-"""A number of a result; null where it is not finite."""
+"""A number in a result; null if it is not finite."""
 
 
 def record_object(value: Any) -> Any:
-    """Return a result as JSON content: each record by its fields, null for what is not finite.
+    """Return a result as JSON content, with null for numbers that are not finite.
 
     Parameters
     ----------
@@ -71,18 +72,18 @@ def record_object(value: Any) -> Any:
 
 
 def document_text(content: Mapping[str, Any]) -> str:
-    """Return the text of a document's file."""
+    """Return a document as the text of its file."""
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def origin() -> dict[str, str]:
-    """Return the last fields of a document: when and by which version it was made."""
+    """Return the last fields of a document: date and version of inercal."""
     now = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
     return {"created": now, "inercal": version("inercal")}
 
 
 def read_document(path: Path, model: type[Content], verb: str) -> Content:
-    """Return the checked content of a JSON file that a verb of inercal wrote.
+    """Read and check a JSON file that was written by a verb of inercal.
 
     Parameters
     ----------
@@ -90,12 +91,12 @@ def read_document(path: Path, model: type[Content], verb: str) -> Content:
     model : type
         The pydantic model of the content.
     verb : str
-        "inercal repeat", for messages.
+        The verb for messages, such as "inercal repeat".
 
     Raises
     ------
     InputError
-        No such file, or not such a file.
+        The file does not exist, or it was not written by the verb.
     """
     text = read_small_file(path, f"file of {verb}")
     try:
@@ -109,7 +110,7 @@ def read_document(path: Path, model: type[Content], verb: str) -> Content:
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
-    """Return the place of the first wrong field, such as coefficients[3].std, and what is wrong."""
+    """Return the first invalid field, such as coefficients[3].std, and its problem."""
     first = error.errors(include_url=False)[0]
     place = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"])
     reasons = {"missing": "is missing", "finite_number": "is not finite"}

@@ -1,8 +1,8 @@
-"""The exceptions: what happened, where, and what to do.
+"""The exceptions of inercal, whose messages state the problem, the place and the remedy.
 
-Every error that a user can cause is an `InercalError` whose message is one line: what is wrong,
-where (file, line, row, key), and what is possible. The command line prints it and exits with 2.
-A program reads the same from the attributes of the error.
+Every error that a user can cause is an `InercalError` with a one-line message: what is wrong, where
+(file, line, row, key), and what is possible. The command line prints it and exits with status 2.
+Programs can read the same information from the attributes of the error.
 """
 
 import copy
@@ -16,7 +16,7 @@ from inercal.basics.visible_text import visible_text
 
 
 class InercalError(Exception):
-    """Base of all errors raised on purpose; `str(error)` is one line for a person.
+    """Base class of all errors raised on purpose; `str(error)` is a one-line message.
 
     Parameters
     ----------
@@ -25,11 +25,11 @@ class InercalError(Exception):
     file : path, optional
         The file that cannot be used.
     line : int, optional
-        Its line, counted from 1.
+        The line in the file, counted from 1.
     key : str, optional
         The key, argument or option: "[bench] gravity", "--out".
     names : tuple of str, optional
-        What the error is about: coefficients, axes, columns, steps, parameters of the bench.
+        The objects concerned: coefficients, axes, columns, steps or parameters of the bench.
     """
 
     def __init__(
@@ -51,7 +51,8 @@ class InercalError(Exception):
         return visible_text(" ".join(super().__str__().split()))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # To a copy, or to another process; not by `__init__`: its arguments differ by class.
+        # For copies and other processes. `__init__` is bypassed because its arguments differ by
+        # class.
         return _rebuild_error, (type(self), self.args, vars(self))
 
     def located(
@@ -62,14 +63,14 @@ class InercalError(Exception):
         line: int | None = None,
         key: str | None = None,
     ) -> Self:
-        """Return this error with `where` before its message, and what is known of the place.
+        """Return this error with `where` before its message and with the known location.
 
         Parameters
         ----------
         where : str or path
-            What the message begins with; a path is the `file` too.
+            Start of the message; a path also becomes `file`.
         file, line, key : optional
-            As of the class; what the error states already is kept.
+            See the class; values that the error already has are kept.
         """
         error = copy.copy(self)
         error.args = (f"{where}: {self}", *self.args[1:])
@@ -88,11 +89,11 @@ def _rebuild_error(kind: type[InercalError], args: tuple[Any, ...], attributes: 
 
 
 class InputError(InercalError):
-    """A file, a unit, a run file or an argument cannot be used as it is."""
+    """A file, a unit, a run file or an argument is invalid."""
 
 
 class MissingExtra(InputError):
-    """An optional part of the package is not installed; `names` is the extra."""
+    """An optional part of the package is not installed; `names` contains the missing extra."""
 
 
 class NotObserved(InercalError):
@@ -101,11 +102,11 @@ class NotObserved(InercalError):
     Parameters
     ----------
     message : str
-        One line for a person.
+        A one-line message.
     directions : tuple of str, optional
         Each combination of coefficients that the data do not determine, in words.
     key, names : optional
-        As of `InercalError`.
+        See `InercalError`.
     """
 
     def __init__(
@@ -121,11 +122,11 @@ class NotObserved(InercalError):
 
 
 class NotInvertible(InercalError):
-    """The error model has no motion, or no unique motion, for a reading."""
+    """For some reading, the error model gives no motion or no unique motion."""
 
 
 def require_installed(extra: str, what: str, packages: tuple[str, ...]) -> None:
-    """Raise the error of `require_extra` before any work, without importing the packages.
+    """Raise the error of `require_extra` early, without importing the packages.
 
     Raises
     ------
@@ -138,21 +139,22 @@ def require_installed(extra: str, what: str, packages: tuple[str, ...]) -> None:
 
 @contextmanager
 def require_extra(extra: str, what: str, packages: tuple[str, ...]) -> Generator[None]:
-    """Raise an error that names the extra to install where one of its packages is missing.
+    """Raise an error that names the extra to install if one of its packages is missing.
 
     Parameters
     ----------
     extra : str
-        Name of the extra for pip, "report".
+        Name of the extra for pip, such as "report".
     what : str
-        Begin of the message, "reports need matplotlib and jinja2".
+        Start of the message, such as "reports need matplotlib and jinja2".
     packages : tuple of str
         The packages of the extra.
 
     Raises
     ------
     MissingExtra
-        One of the packages cannot be imported. Import errors of other modules are not changed.
+        One of the packages cannot be imported. Import errors from other modules are passed on
+        unchanged.
     """
     try:
         yield

@@ -1,11 +1,11 @@
-"""Where Numba finds compiled kernels if the installation is read-only.
+"""Location of Numba's compiled kernels for read-only installations.
 
-Numba keeps a kernel in `__pycache__` beside its module where it can write there, else in the user's
-cache, in a folder `<name>_<SHA-1 of path>` for each folder of modules. It never reads a folder that
-it cannot write to. So the kernels that `inercal compile` has left beside the modules of a read-only
-installation are linked into the user's cache or, where that is read-only too, into a folder that
-lasts as long as the process. An entry of the index holds version, processor and a hash of the
-source, so that Numba compiles again what does not fit.
+Numba stores a kernel in `__pycache__` next to its module if it can write there, and otherwise in
+the user's cache, in a folder `<name>_<SHA-1 of path>` for each folder of modules. It never reads a
+folder to which it cannot write. The kernels that `inercal compile` stored next to the modules of a
+read-only installation are therefore linked into the user's cache. If that is also read-only, they
+are linked into a folder that exists as long as the process. An index entry contains version,
+processor and a hash of the source, so Numba recompiles kernels that do not match.
 """
 
 import os
@@ -17,20 +17,20 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tempfile import TemporaryDirectory
 
-_INDEX, _DATA = ".nbi", ".nbc"  # suffixes of Numba's files
+_INDEX, _DATA = ".nbi", ".nbc"  # suffixes of Numba's cache files
 _PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 
 def prepare_kernel_cache(package: str = _PACKAGE) -> "TemporaryDirectory[str] | None":
-    """Link the kernels of a read-only installation to where Numba finds them.
+    """Link the kernels of a read-only installation to a folder where Numba finds them.
 
-    Sets the environment variable NUMBA_CACHE_DIR only if Numba finds no folder to write to: it
-    would refuse to start.
+    The environment variable NUMBA_CACHE_DIR is set only if Numba finds no writable folder, because
+    it would then fail to start.
 
     Returns
     -------
     TemporaryDirectory or None
-        The folder that lasts as long as the process, if there is one.
+        The folder that exists as long as the process, if one was needed.
     """
     if "NUMBA_CACHE_DIR" in os.environ or _is_writable(package):
         return None
@@ -41,14 +41,14 @@ def prepare_kernel_cache(package: str = _PACKAGE) -> "TemporaryDirectory[str] | 
 
     folder = TemporaryDirectory(prefix="inercal-")
     os.environ["NUMBA_CACHE_DIR"] = folder.name
-    if (config := sys.modules.get("numba.core.config")) is not None:  # it has read the variable
+    if (config := sys.modules.get("numba.core.config")) is not None:  # it is already loaded
         vars(config)["CACHE_DIR"] = folder.name
     link_kernels(package, folder.name)
     return folder
 
 
 def count_kernels() -> tuple[str, int]:
-    """Return the folder that holds the compiled kernels of this package, and their number."""
+    """Return the folder with this package's compiled kernels, and their number."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     if given is None and _is_writable(_PACKAGE):
         return _PACKAGE, sum(_count(kept) for _, kept in _folders_of_kernels(_PACKAGE))
@@ -62,7 +62,7 @@ def _count(folder: str) -> int:
 
 
 def user_cache() -> str:
-    """Return the folder of the user's kernels, as Numba computes it."""
+    """Return the folder of the user's kernel cache, computed as in Numba."""
     if sys.platform == "win32":
         local = os.environ.get("LOCALAPPDATA") or os.path.join("~", "AppData", "Local")
         return os.path.join(os.path.expanduser(local), "numba", "Cache")
@@ -73,7 +73,7 @@ def user_cache() -> str:
 
 
 def cache_folder(modules: str, cache: str) -> str:
-    """Return the folder in a cache for the kernels of a folder of modules, as Numba names it."""
+    """Return the cache folder for the kernels in a folder of modules, named as in Numba."""
     from hashlib import sha1
 
     path = os.path.abspath(modules)
@@ -81,9 +81,10 @@ def cache_folder(modules: str, cache: str) -> str:
 
 
 def link_kernels(package: str, cache: str) -> None:
-    """Link the kernels beside the modules of a package into a cache.
+    """Link the kernels stored next to a package's modules into a cache.
 
-    Newer kernels of the cache stay. What cannot be linked is compiled when it is used.
+    Newer kernels in the cache are kept. Kernels that cannot be linked are compiled when they are
+    used.
     """
     for modules, kept in _folders_of_kernels(package):
         own = cache_folder(modules, cache)
@@ -94,7 +95,7 @@ def link_kernels(package: str, cache: str) -> None:
                 if name.endswith(_INDEX) and _is_older(own, kept, name):
                     stem = name.removesuffix(_INDEX)
                     data = [n for n in names if n.startswith(f"{stem}.") and n.endswith(_DATA)]
-                    for one in (*data, name):  # the index last: it names the data
+                    for one in (*data, name):  # the index last, because it refers to the data
                         _link(os.path.join(kept, one), os.path.join(own, one))
 
 
@@ -106,7 +107,7 @@ def _folders_of_kernels(package: str) -> Iterator[tuple[str, str]]:
 
 
 def _is_older(own: str, kept: str, name: str) -> bool:
-    """Return whether a cache lacks a file, or has an older one."""
+    """Return whether a cache lacks a file or has an older version."""
     mine, installed = os.path.join(own, name), os.path.join(kept, name)
     if os.path.islink(mine):
         return os.readlink(mine) != installed
@@ -114,7 +115,7 @@ def _is_older(own: str, kept: str, name: str) -> bool:
 
 
 def _link(kept: str, own: str) -> None:
-    """Link a file, or copy it where links are not allowed; whatever was there is replaced."""
+    """Link a file, or copy it if links are not allowed, replacing any existing file."""
     made = f"{own}.{os.getpid()}"
     try:
         os.symlink(kept, made)
@@ -126,7 +127,7 @@ def _link(kept: str, own: str) -> None:
 
 
 def _is_writable(folder: str) -> bool:
-    """Return whether files can be made in a folder, or the folder itself if it does not exist."""
+    """Return whether files can be created in a folder, or the folder itself if it is missing."""
     while not os.path.exists(folder) and os.path.dirname(folder) != folder:
         folder = os.path.dirname(folder)
     return os.access(folder, os.W_OK | os.X_OK)

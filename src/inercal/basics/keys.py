@@ -1,7 +1,7 @@
-"""Structured names: a coefficient of an axis, an error of the bench at a place, an observation.
+"""Structured names for coefficients, bench errors and observations.
 
-Each is the text of run files and calibration files, and compares, hashes and sorts as such. Only
-this module splits these texts.
+Each name is a string as it appears in run files and calibration files, and compares, hashes and
+sorts like one. Only this module splits these strings.
 """
 
 from typing import Self
@@ -10,23 +10,23 @@ _COMPONENTS = ("x", "y", "z", "1", "2")
 
 
 class CoefficientName(str):
-    """A coefficient of an axis, "ax.k0"."""
+    """The name of a coefficient of an axis, "ax.k0"."""
 
     __slots__ = ()
 
     @classmethod
     def of(cls, axis: str, term: str) -> Self:
-        """Return the name of an axis's coefficient."""
+        """Return the name of a coefficient of an axis."""
         return cls(f"{axis}.{term}")
 
     @property
     def axis(self) -> str:
-        """The axis; empty where the name has none, "k0"."""
+        """The axis; empty if the name has none, as in "k0"."""
         return self.rpartition(".")[0]
 
     @property
     def term(self) -> str:
-        """The name of the coefficient in its table, "k0", or of a group."""
+        """The name of the coefficient in its table, such as "k0", or of a group."""
         return self.rpartition(".")[2]
 
     @property
@@ -37,9 +37,9 @@ class CoefficientName(str):
 
 
 class ErrorName(str):
-    """An error of the bench: over the run, "radius", or at a place, "pose_x[XY30]".
+    """The name of a bench error: for the run, "radius", or at a place, "pose_x[XY30]".
 
-    A place is a mounting, a position, a set speed, a turn or another scope of `Parameter`.
+    A place is a mounting, a position, a set speed, a turn or another scope from `Parameter`.
     """
 
     __slots__ = ()
@@ -51,12 +51,12 @@ class ErrorName(str):
 
     @property
     def name(self) -> str:
-        """The declared parameter, "pose_x"."""
+        """The name of the declared parameter, "pose_x"."""
         return self.partition("[")[0]
 
     @property
     def place(self) -> str:
-        """The place, "XY30"; empty for an error over the run."""
+        """The place, "XY30"; empty for an error that applies to the whole run."""
         return self.partition("[")[2].removesuffix("]")
 
     @property
@@ -66,14 +66,14 @@ class ErrorName(str):
 
     @property
     def vector(self) -> "ErrorName":
-        """The vector of which it is a component, "pose[XY30]" for "pose_x[XY30]", or itself."""
+        """The vector to which it belongs, "pose[XY30]" for "pose_x[XY30]", or the name itself."""
         stem, _, component = self.name.rpartition("_")
         split = stem and self.place and component in _COMPONENTS
         return ErrorName.at(stem, self.place) if split else self
 
 
 class ObservationName(str):
-    """An observation of a channel in a row, "ax[XY30 at 90 rpm]", or of a complete row."""
+    """The name of an observation: one channel in a row, "ax[XY30 at 90 rpm]", or a whole row."""
 
     __slots__ = ()
 
@@ -84,5 +84,5 @@ class ObservationName(str):
 
     @property
     def row(self) -> str:
-        """The row, "XY30 at 90 rpm"; empty without a channel."""
+        """The row, "XY30 at 90 rpm"; empty if the name has no channel."""
         return self.partition("[")[2].removesuffix("]")

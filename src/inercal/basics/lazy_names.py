@@ -1,4 +1,4 @@
-"""Names of a package that are loaded when they are first used."""
+"""Names in a package that are loaded when they are first used."""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -6,14 +6,14 @@ from typing import Any
 
 
 def lazy_names(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return the `__getattr__` of a package.
+    """Return a `__getattr__` function for a package.
 
     Parameters
     ----------
     package : str
-        Its `__name__`.
+        The `__name__` of the package.
     modules : mapping of str to str
-        The module within the package that defines each name; "calibration.files".
+        The module within the package that defines each name, such as "calibration.files".
     """
 
     def load(name: str) -> Any:

@@ -1,13 +1,13 @@
-"""Line numbers of the rows of a text file; lines without a sample may lie between two rows."""
+"""Line numbers of the rows in a text file, in which lines without samples may occur."""
 
 from bisect import bisect_right
 
 LineBreaks = tuple[tuple[int, int], ...]
-"""Rows that do not follow the line of the row before, with their lines; row 0 included."""
+"""Row 0 and the rows that follow a gap between lines, with their line numbers."""
 
 
 def line_of_row(row: int, first_line: int, breaks: LineBreaks) -> int | None:
-    """Return the line of a row, given that of row 0, or the rows that follow a gap in the lines.
+    """Return a row's line number from the line of row 0, or from the rows that follow gaps.
 
     >>> [line_of_row(k, 0, ((0, 2), (3, 9))) for k in range(5)]
     [2, 3, 4, 9, 10]

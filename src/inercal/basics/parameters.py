@@ -1,6 +1,6 @@
 """Imperfections of a bench, declared as data.
 
-One declaration has three uses: a simulation draws from it, an estimator has it as a nuisance
+Each declaration has three uses: a simulation draws from it, an estimator treats it as a nuisance
 parameter with its standard deviation as the prior, and the Type B budget lists it.
 """
 
@@ -15,7 +15,7 @@ from inercal.basics.units import Measured, si_factor
 
 Scope = Literal["run", "position", "turn", "dwell", "pass", "mounting", "speed"]
 
-_DISPLAY_UNITS = {  # SI unit of a parameter: unit in which it is printed
+_DISPLAY_UNITS = {  # SI unit of a parameter and the unit in which it is printed
     "m/s²": "m/s²",
     "m": "mm",
     "(m/s²)⁻¹": "ppm/g",
@@ -30,27 +30,27 @@ _FINE_LIMIT = 1e-3  # rad or m/s²
 
 @dataclass(frozen=True)
 class Parameter:
-    """One imperfection.
+    """One imperfection of a bench.
 
     Parameters
     ----------
     name : str
     unit : str
-        Unit of `value` and `sd`, in SI.
+        SI unit of `value` and `sd`.
     sd : float
-        Standard deviation; 0 is exactly known.
+        Standard deviation; 0 means exactly known.
     scope : "run", "position", "turn", "dwell", "pass", "mounting" or "speed"
-        The extent over which the value is constant; values of different positions (turns, dwells,
+        The scope within which the value is constant; values in different positions (turns, dwells,
         …) are independent.
     value : float
         Expected value.
     meaning : str
-        One line for a report.
+        One-line description for a report.
     assumed : str
-        The key of a run file that states the value without "±": `sd` is then that of its last
-        digit. Empty where `sd` is stated.
+        The key of a run file that states the value without "±"; `sd` then comes from its last
+        digit. Empty if `sd` is stated.
     attitude : bool
-        Whether it only turns the sensor: no norm of readings depends on it.
+        Whether it only rotates the sensor, so that the norm of readings does not depend on it.
     """
 
     name: str
@@ -66,16 +66,16 @@ class Parameter:
     def from_measured(
         cls, name: str, unit: str, constant: Measured, meaning: str, key: str = ""
     ) -> "Parameter":
-        """Return a measured constant as a parameter of the run.
+        """Return a measured constant as a parameter with the scope of the run.
 
         Parameters
         ----------
         name, unit, meaning : str
-            As of a parameter.
+            See the class.
         constant : Measured
-            SI.
+            Value and uncertainty, SI.
         key : str
-            The key of a run file that states it; empty is `name`.
+            The key of a run file that states it; empty means `name`.
         """
         assumed = constant.key_if_assumed(key or name)
         return cls(name, unit, constant.sd, "run", constant.value, meaning, assumed)
@@ -83,18 +83,18 @@ class Parameter:
 
 @dataclass(frozen=True)
 class QualifiedParameters:
-    """What qualifications of a bench found: values of its parameters with their covariance.
+    """Results of a bench's qualifications: values of its parameters with their covariance.
 
     Parameters
     ----------
     names : tuple of k str
-        As of `Parameter.name`.
+        See `Parameter.name`.
     value : tuple of k float
-        SI.
+        Values, SI.
     covariance : k tuples of k float
-        SI; of a parameter that differs from dwell to dwell, the variance of each of its values.
+        Covariance, SI; for a parameter that differs from dwell to dwell, the variance of one value.
     determination, date : tuples of k str
-        Identity and ISO date of the determination of each.
+        Identifier and ISO date of the determination of each parameter.
     """
 
     names: tuple[str, ...] = ()
@@ -104,16 +104,16 @@ class QualifiedParameters:
     date: tuple[str, ...] = ()
 
     def std(self, name: str) -> float:
-        """Return the standard deviation of one of its parameters."""
+        """Return the standard deviation of one of the parameters."""
         k = self.names.index(name)
         return float(self.covariance[k][k] ** 0.5)
 
     def correction(self, name: str) -> float:
-        """Return the value of a parameter; 0 of one that is not qualified."""
+        """Return the value of a parameter, or 0 if it is not qualified."""
         return self.value[self.names.index(name)] if name in self.names else 0.0
 
     def joint_covariance(self, parameters: Sequence[Parameter]) -> Array:
-        """Return the prior covariance of parameters of a bench, (k, k): by `sd` the others."""
+        """Return the prior covariance of bench parameters, (k, k), from `sd` if not qualified."""
         result = np.diag([one.sd**2 for one in parameters])
         for a, one in enumerate(parameters):
             for b, other in enumerate(parameters):
@@ -125,12 +125,12 @@ class QualifiedParameters:
     def draw(
         self, declared: Mapping[str, Parameter], rng: np.random.Generator, trials: int
     ) -> dict[str, Array]:
-        """Return errors of a bench as a simulation draws them, (trials,) each, by full name.
+        """Draw errors of a bench for a simulation, (trials,) each, by full name.
 
         Parameters
         ----------
         declared : mapping of str to Parameter
-            The parameters that act, by full name.
+            The parameters that have an effect, by full name.
         rng : Generator
         trials : int
         """
@@ -151,7 +151,7 @@ class QualifiedParameters:
     def apply(
         self, parameters: Sequence[Parameter], *, corrected: bool = False
     ) -> tuple[Parameter, ...]:
-        """Return the parameters of a bench with the qualified values and deviations.
+        """Return the parameters of a bench with qualified values and standard deviations.
 
         Gravity is unchanged: it is a stated constant of each bench.
 
@@ -159,8 +159,8 @@ class QualifiedParameters:
         ----------
         parameters : sequence of Parameter
         corrected : bool
-            Whether the bench corrects for the values: errors then remain whose expected value is
-            that without a qualification.
+            Whether the bench corrects for the values. The expected values of the remaining errors
+            are then the same as without a qualification.
         """
         if not self.names:
             return tuple(parameters)
@@ -181,17 +181,17 @@ NOT_QUALIFIED = QualifiedParameters()
 
 
 def local_gravity(gravity: Measured) -> Parameter:
-    """Return the parameter "g" of a bench from its gravity, m/s²."""
+    """Return the bench parameter "g" for local gravity, m/s²."""
     return Parameter.from_measured("g", "m/s²", gravity, "local gravity", "gravity")
 
 
 def display_unit(parameter: Parameter | None) -> tuple[str, float]:
-    """Return the unit in which terminal and report print a parameter, and its SI size.
+    """Return the unit in which a parameter is printed, and the unit's SI size.
 
     Parameters
     ----------
     parameter : Parameter or None
-        None is a force.
+        The parameter, or None for a specific force.
     """
     if parameter is None:
         return "m/s²", 1.0

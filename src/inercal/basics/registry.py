@@ -1,12 +1,12 @@
-"""Registries: objects by name, of this package and of other packages by entry points.
+"""Registries of named objects from this package and, through entry points, from others.
 
-A package registers an object by an entry point of the group, in its pyproject.toml::
+A package registers an object with an entry point in the group, in its pyproject.toml::
 
     [project.entry-points."inercal.methods"]
     tilt_means = "their_package.tilt:METHOD"
 
-The object is imported on first access. Names of this package are resolved without reading the
-metadata of installed packages, which takes some 20 ms.
+The object is imported on first access. Names in this package are resolved without reading the
+metadata of installed packages, which takes about 20 ms.
 """
 
 from collections.abc import Generator, Iterator, Mapping
@@ -22,16 +22,16 @@ T = TypeVar("T")
 
 
 class Registry(Mapping[str, T]):
-    """Objects of one sort by name; iterating gives the names, those of this package first.
+    """Objects of one kind by name; iteration yields the names, this package's names first.
 
     Parameters
     ----------
     group : str
-        Group of entry points, "inercal.methods".
+        Group of entry points, such as "inercal.methods".
     what : str
-        Word for such an object in messages, "method".
+        Word for such an object in messages, such as "method".
     own : mapping of str to str
-        Objects of this package, "module:attribute" by name.
+        Objects in this package, as "module:attribute" by name.
     """
 
     def __init__(self, group: str, what: str, own: Mapping[str, str]) -> None:
@@ -64,7 +64,7 @@ class Registry(Mapping[str, T]):
         return name in self._own or name in self._added or name in self._foreign
 
     def find(self, name: str) -> T:
-        """Return the object of this name.
+        """Return the object with this name.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class Registry(Mapping[str, T]):
 
     @contextmanager
     def with_(self, name: str, one: T) -> Generator[None]:
-        """Register an object temporarily, as a package would."""
+        """Register an object temporarily, as another package would do."""
         if name in self:
             raise InputError(
                 f"a {self.what} {name!r} already exists; choose another name", names=(name,)

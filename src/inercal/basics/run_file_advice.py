@@ -1,4 +1,4 @@
-"""Advice as data: what to set in a run file, or what to do at the bench."""
+"""Advice as data: changes to a run file, or actions at the bench."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from inercal.basics.errors import InputError
 
 @dataclass(frozen=True)
 class Change:
-    """One key of a run file and the value to give it: text, number or list, as TOML has them."""
+    """One key of a run file and its new value: a text, number or list, as in TOML."""
 
     section: str
     key: str
@@ -23,14 +23,14 @@ class Advice:
     Parameters
     ----------
     reason : str
-        What it is for: the name of a cause.
+        Name of the cause that the advice addresses.
     changes : tuple of Change
-        Keys of the run file; none where the advice is something to do.
+        Changes to keys of the run file; empty if the advice is an action.
     action : str
-        What to do at the bench; empty where keys change.
+        Action at the bench; empty if keys change.
     chi2 : float or None
-        χ² of the residuals after the changes, as `ScoreTestSet.chi2`; None where nothing of it is
-        promised.
+        Predicted χ² of the residuals after the changes, as in `ScoreTestSet.chi2`; None if nothing
+        is predicted.
     """
 
     reason: str
@@ -40,7 +40,7 @@ class Advice:
 
     @property
     def coefficients(self) -> tuple[str, ...]:
-        """The words that are added to [method] also."""
+        """The words to add to the key `also` in [method]."""
         return tuple(
             word
             for one in self.changes
@@ -50,12 +50,12 @@ class Advice:
 
 
 def with_changes(sections: Mapping[str, Any], changes: tuple[Change, ...]) -> dict[str, Any]:
-    """Return the sections of a run file with changed keys; the section "sensor.gyro" is nested.
+    """Return the sections of a run file with changed keys; "sensor.gyro" is a nested section.
 
     Raises
     ------
     InputError
-        A section whose place has a value.
+        The name of a section already has a value that is not a section.
     """
     result = dict(sections)
     for change in changes:
@@ -63,7 +63,7 @@ def with_changes(sections: Mapping[str, Any], changes: tuple[Change, ...]) -> di
         for name in change.section.split("."):
             inner: object = place.get(name, {})
             if not isinstance(inner, Mapping):
-                raise InputError(f"[{change.section}] is no section", key=change.section)
+                raise InputError(f"[{change.section}] is not a section", key=change.section)
             place[name] = dict(cast(Mapping[str, Any], inner))
             place = place[name]
         place[change.key] = change.value

@@ -1,8 +1,8 @@
-"""Small files that a person writes, read with bounds: run files, descriptions of packets, tables.
+"""Bounded reading of small hand-written files: run files, packet descriptions, tables.
 
-Reading never blocks and is bounded: a FIFO or a device is refused, a file larger than `LARGEST` is
-not read, and TOML nested deeper than `DEEPEST` is refused, since code that walks through it would
-exceed Python's limit of recursion.
+Reading never blocks and is bounded. FIFOs and devices are rejected, files larger than `LARGEST` are
+not read, and TOML nested deeper than `DEEPEST` is rejected, because code that walks through it
+would exceed Python's recursion limit.
 """
 
 import codecs
@@ -17,12 +17,12 @@ from typing import Any, cast
 
 from inercal.basics.errors import InputError
 
-# Windows has no FIFO to wait for, and would translate the ends of lines.
+# Windows has no FIFOs to wait for, but would translate line ends.
 _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-LARGEST = 4 << 20  # bytes; run files have a few kilobytes
-DEEPEST = 32  # levels of sections and lists
+LARGEST = 4 << 20  # bytes; run files take a few kilobytes
+DEEPEST = 32  # levels of nested sections and lists
 # Strings and comments, which may contain anything; then a dotted key of more levels. Quantifiers
-# are possessive, and a key is tried at its begin only, so that the time is that of reading.
+# are possessive and a key is only matched from its start, so the time grows linearly.
 _STRING_OR_COMMENT = re.compile(
     r'''"""(?s:[^"\\]|\\.|"(?!""))*+"""|'{3}(?s:.)*?'{3}|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'|#[^\n]*+'''
 )
@@ -30,23 +30,23 @@ _DEEP_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST}}}")
 
 
 def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> bytes:
-    """Return the bytes of a regular file that is not too large.
+    """Return the bytes of a regular file, unless it is too large.
 
     Parameters
     ----------
     path : path
     what : str
-        What the file is expected to be, for messages: "run file".
+        The expected kind of file for messages, such as "run file".
     largest : int
-        Bytes that are accepted at most.
+        Largest accepted size in bytes.
 
     Raises
     ------
     InputError
-        It does not exist, is no regular file, is larger than `largest`, or cannot be read.
+        The file does not exist, is not a regular file, is larger than `largest`, or cannot be read.
     """
     try:
-        # O_NONBLOCK: to open a FIFO that nobody writes to would wait for ever.
+        # O_NONBLOCK: opening a FIFO that nobody writes to would wait forever.
         descriptor = os.open(path, os.O_RDONLY | _FLAGS)
         with open(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
@@ -60,7 +60,7 @@ def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> b
         raise InputError(f"{path}: cannot be read: {error.strerror}", file=path) from None
     except ValueError as error:  # a null character in the name
         raise InputError(
-            f"{str(path)!r} is not a possible name of a {what}: {error}; give another path"
+            f"{str(path)!r} is not a possible name for a {what}: {error}; give another path"
         ) from None
     if len(raw) > largest:
         raise InputError(
@@ -72,37 +72,38 @@ def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> b
 
 
 def is_file(path: Path) -> bool:
-    """Return whether a path is that of a regular file; a text that can be no name is that of none.
+    """Return whether a path refers to a regular file; False if it is not a valid name.
 
-    `Path.is_file` raises OSError where a name is too long.
+    `Path.is_file` raises OSError if a name is too long.
     """
     return os.path.isfile(path)
 
 
 def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
-    """Return the content of a TOML text.
+    """Parse a TOML text.
 
     Parameters
     ----------
     raw : bytes or str
     what : str
-        What the text is expected to be, for messages: "run file".
+        The expected kind of text for messages, such as "run file".
 
     Raises
     ------
     InputError
-        It is not TOML, not UTF-8, or nested deeper than `DEEPEST`; the caller adds the file's name.
+        The text is not TOML, not UTF-8, or nested deeper than `DEEPEST`; the caller adds the file
+        name.
     """
     text = raw if isinstance(raw, str) else _decoded(raw, what)
-    # Before parsing: the memory that a dotted key takes grows with the square of its depth.
+    # Checked before parsing: the memory for a dotted key grows with the square of its depth.
     if _DEEP_KEY.search(_STRING_OR_COMMENT.sub("x", text)):
         raise InputError(_too_deep(what))
     try:
         content = tomllib.loads(text)
-    except ValueError as error:  # of the grammar, or an integer of 5000 digits
+    except ValueError as error:  # a syntax error, or an integer with 5000 digits
         place = re.search(r"at line (\d+)", str(error))
         line = int(place[1]) if place else None
-        # The words of tomllib for a key that is stated twice.
+        # tomllib's message for a key that is stated twice.
         reason = str(error).replace("Cannot overwrite a value", "a key is stated twice")
         raise InputError(
             f"not a TOML {what}: {_other_content(raw, what) or reason}", line=line
@@ -120,7 +121,7 @@ def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
 
 
 def _other_content(raw: bytes | str, what: str) -> str:
-    """Return what a file without TOML seems to be and what to do; empty where nothing shows."""
+    """Return what a file that is not TOML seems to be and what to do, or "" if unknown."""
     head = raw[:1000] if isinstance(raw, str) else raw[:1000].decode("utf-8-sig", "replace")
     lines = (line.strip() for line in head.splitlines())
     line = next((line for line in lines if line and not line.startswith("#")), "")
@@ -133,12 +134,12 @@ def _other_content(raw: bytes | str, what: str) -> str:
 
 
 def _decoded(raw: bytes, what: str) -> str:
-    """Return text, without the mark that Windows writes before it.
+    """Decode bytes to text, without the byte order mark that Windows writes.
 
     Raises
     ------
     InputError
-        Another encoding than UTF-8, with the line where that shows.
+        The encoding is not UTF-8; the message states the line.
     """
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise InputError(f"not a TOML {what}: UTF-16 text; save it as UTF-8")
@@ -162,7 +163,7 @@ def _too_deep(what: str) -> str:
 
 
 def texts_of(content: object) -> Iterator[str]:
-    """Yield all keys and texts of a TOML document."""
+    """Yield all keys and strings in a TOML document."""
     if isinstance(content, str):
         yield content
     elif isinstance(content, Mapping):
@@ -175,18 +176,18 @@ def texts_of(content: object) -> Iterator[str]:
 
 
 def read_toml(path: Path, what: str = "file") -> dict[str, Any]:
-    """Return the content of a small TOML file.
+    """Read and parse a small TOML file.
 
     Parameters
     ----------
     path : path
     what : str
-        What the file is expected to be, for messages: "run file".
+        The expected kind of file for messages, such as "run file".
 
     Raises
     ------
     InputError
-        As `read_small_file` and `parse_toml`, with the file's name.
+        See `read_small_file` and `parse_toml`; the message includes the file name.
     """
     raw = read_small_file(path, what)
     try:
@@ -198,21 +199,21 @@ def read_toml(path: Path, what: str = "file") -> dict[str, Any]:
 def csv_lines(
     path: Path, needed: Sequence[str], what: str = "table", largest: int = LARGEST
 ) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield each line of a CSV table that is not empty: its place, and its cells by column.
+    """Yield each nonempty line of a CSV table: its location, and its cells by column.
 
     Parameters
     ----------
     path : path
     needed : sequence of str
-        Columns that it must have.
+        Columns that the table must have.
     what, largest
-        As of `read_small_file`.
+        See `read_small_file`.
 
     Raises
     ------
     InputError
-        As of `read_small_file`; text that is not UTF-8, columns as of `check_columns`, or a line
-        with another number of cells.
+        See `read_small_file` and `check_columns`; also if the text is not UTF-8 or a line has the
+        wrong number of cells.
     """
     try:
         text = read_small_file(path, what, largest).decode("utf-8-sig")
@@ -240,12 +241,12 @@ def csv_lines(
 
 
 def check_columns(path: Path, names: Sequence[str], needed: Sequence[str]) -> None:
-    """Refuse a table without a needed column, or with two columns of one name.
+    """Raise an error if a table lacks a needed column or has two columns with the same name.
 
     Raises
     ------
     InputError
-        With the columns that it has.
+        The message lists the existing columns.
     """
     for one in needed:
         if one not in names:
@@ -257,4 +258,4 @@ def check_columns(path: Path, names: Sequence[str], needed: Sequence[str]) -> No
                 names=(one,),
             )
     if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
-        raise InputError(f"{path}: column {twice[0]!r} comes twice", file=path, names=(twice[0],))
+        raise InputError(f"{path}: column {twice[0]!r} appears twice", file=path, names=(twice[0],))

@@ -1,11 +1,11 @@
-"""The name of the user who runs the program."""
+"""Name of the user who runs the program."""
 
 import os
 from getpass import getuser
 
 
 def user_name() -> str:
-    """Return the name of the system's user, or the number of one without a name."""
+    """Return the user's login name, or the user number if there is no name."""
     try:
         return getuser()
     except (ImportError, KeyError, OSError):  # as in containers

@@ -1,8 +1,8 @@
-"""Text for others, which controls no terminal and no spreadsheet, whatever a name contains."""
+"""Output text that cannot control terminals or spreadsheets, whatever names contain."""
 
 import unicodedata
 
-# Control, format (which turns the direction of writing) and halves of surrogate pairs.
+# Control characters, format characters (which can reverse the writing direction), and surrogates.
 _HIDDEN = frozenset(("Cc", "Cf", "Cs"))
 
 
@@ -13,7 +13,7 @@ def visible_text(text: str, keep: str = "") -> str:
     ----------
     text : str
     keep : str, optional
-        Control characters that stay.
+        Control characters to keep.
 
     Examples
     --------
@@ -29,10 +29,10 @@ def visible_text(text: str, keep: str = "") -> str:
 
 
 def spreadsheet_cell(text: str) -> str:
-    """Return text as a cell of a CSV file that no spreadsheet takes for a formula.
+    """Return text as a CSV cell that no spreadsheet interprets as a formula.
 
-    A text that begins like a formula gets an apostrophe, which spreadsheets do not show. Numbers
-    stay as they are.
+    Text that starts like a formula gets a leading apostrophe, which spreadsheets do not show.
+    Numbers are unchanged.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""Benches: what moves the sensor, with its imperfections declared, and its qualification.
+"""Benches: the equipment that moves the sensor, its stated imperfections, and its qualification.
 
-The names below are loaded when they are first used: a run names one kind of bench.
+The names below are loaded on first use, because a run needs only one kind of bench.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Directions of the arm of a centrifuge, or of a rate table, in the body of the sensor."""
+"""Directions of the arm of a centrifuge or rate table, in the sensor's body frame."""
 
 from collections.abc import Sequence
 
@@ -10,12 +10,12 @@ from inercal.physics.plan import Spin
 
 
 def outward_and_up_directions(steps: Sequence[Spin]) -> tuple[Array, Array]:
-    """Return `out` and `up` of each step in the body, (r, 3) each.
+    """Return the directions `out` and `up` of each step in the body frame, (r, 3) each.
 
     Raises
     ------
     InputError
-        A step of unknown attitude.
+        The attitude of a step is not known.
     """
     known = [step.attitude for step in steps if step.attitude is not None]
     if len(known) < len(steps):

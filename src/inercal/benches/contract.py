@@ -1,7 +1,7 @@
 """The contract of every bench: its imperfections as data, and the mean motion of its steps.
 
 A bench is a frozen dataclass of the stated values, in SI. Methods, budgets, plans and reports use
-nothing of a bench but these types.
+a bench only through these types.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ _Derivatives = Callable[[], tuple[Mapping[str, Array], Mapping[str, Array]]]  # 
 
 
 class Bench(Protocol):
-    """A bench as stated: a dataclass, so that `dataclasses.replace` changes a stated value."""
+    """A bench: a dataclass of stated values, which `dataclasses.replace` can change."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
@@ -35,21 +35,21 @@ class Bench(Protocol):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The imperfections, as data."""
+        """The imperfections of the bench, as data."""
         ...
 
     def nuisances(self, steps: Sequence[Any], sensor: Sensor) -> Mapping[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "pose_x[XY30]".
 
-        An estimator counts those of scope "dwell" as noise; those of `Parameter.attitude` act on
-        no norm of readings.
+        An estimator treats parameters with the scope "dwell" as noise. Parameters whose
+        `Parameter.attitude` is true do not change the norm of the readings.
 
         Parameters
         ----------
         steps : sequence of Step
-            Of the types that the bench carries out.
+            Steps of the types that the bench carries out.
         sensor : Sensor
-            Its axes are what is observed: without gyros, parameters that act only on rates are
+            The sensor on the bench. If it has no gyros, parameters that act only on rates are
             omitted.
         """
         ...
@@ -57,14 +57,14 @@ class Bench(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class MeanMotion:
-    """The mean motion of each of r steps, with derivatives.
+    """The mean motion during each of r steps, with its derivatives by the bench's errors.
 
     Parameters
     ----------
     motion : Motion
-        f, m/s², and ω, rad/s, in the sensor's frame, (..., r, 3); leading axes are trials.
+        f in m/s² and ω in rad/s, in the sensor's frame, (..., r, 3); leading axes are trials.
     df, dw : mapping of str to (..., r, 3) array
-        ∂f and ∂ω by the bench's errors, by full name; those missing are zero.
+        Derivatives of f and ω by the bench's errors, by full name. A missing derivative is zero.
     """
 
     motion: Motion
@@ -73,9 +73,9 @@ class MeanMotion:
 
     @classmethod
     def with_lazy_derivatives(cls, motion: Motion, derivatives: _Derivatives) -> "MeanMotion":
-        """Return a motion whose df and dw are worked out when they are read.
+        """Return a motion whose df and dw are computed when they are first read.
 
-        A simulation of many trials reads the motion only, which takes a quarter of the time.
+        A simulation of many trials reads only the motion and so takes a quarter of the time.
         """
         both = LazyValue(derivatives)
         return cls(motion, LazyMapping(lambda: both()[0]), LazyMapping(lambda: both()[1]))
@@ -93,35 +93,37 @@ class MeanMotion:
 
 @runtime_checkable
 class MeanBench(Bench, Protocol):
-    """A bench of which each step gives one mean reading: a hand, an arm, a head, a rate table."""
+    """A bench on which each step gives one mean reading, such as a hand or a rate table."""
 
     def mean_motion(self, steps: Sequence[Any], q: Mapping[str, Array]) -> MeanMotion:
-        """Return the mean motion of each of r steps.
+        """Return the mean motion during each of r steps.
 
         Parameters
         ----------
         steps : sequence of r Step
         q : mapping of str to (...) array
-            Errors by full name, SI; those missing are as stated.
+            Values of errors, SI, by full name. A missing error keeps its stated value.
 
         Raises
         ------
         InputError
-            A step whose attitude is not known.
+            The attitude of a step is not known.
         """
         ...
 
     def reading_offsets(
         self, steps: Sequence[Any], sensor: Sensor, q: Mapping[str, Array]
     ) -> Array:
-        """Return what errors of the bench add to the readings, (..., r, m) SI, or a zero, ().
+        """Return the offsets that the bench's errors add to the readings.
+
+        The array has the shape (..., r, m), in SI, or is a zero of shape () if there are none.
 
         Parameters
         ----------
         steps, q
-            As of `mean_motion`.
+            The same as for `mean_motion`.
         sensor : Sensor
-            Of m axes.
+            The sensor, with m axes.
         """
         ...
 
@@ -129,19 +131,19 @@ class MeanBench(Bench, Protocol):
 def require_possible_values(
     bench: str, positive: Mapping[str, float], deviations: Mapping[str, float]
 ) -> None:
-    """Refuse values of a bench that no bench can have.
+    """Refuse physically impossible values for a bench.
 
     Parameters
     ----------
     bench : str
-        What the message begins with, "rate table".
+        Start of the message, such as "rate table".
     positive, deviations : mapping of str to float
-        Values that must be > 0, and standard deviations, which must be >= 0, by name.
+        Values that must be > 0 and standard deviations that must be >= 0, by name.
 
     Raises
     ------
     InputError
-        Its `key` is the name of the first value that is not possible.
+        A value is impossible. The error's `key` is the name of the first such value.
     """
     for name, value in positive.items():
         if not 0 < value < inf:
@@ -153,27 +155,27 @@ def require_possible_values(
 
 
 def concatenate_motions(parts: Sequence[Motion]) -> Motion:
-    """Return f and ω of consecutive motions, (trials, n, 3) each, as one motion."""
+    """Join consecutive motions, whose f and ω have the shape (trials, n, 3), into one motion."""
     f, w = ([getattr(part, name) for part in parts] for name in ("f", "w"))
     return Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedMotion:
-    """A plan carried out in simulation.
+    """The motion of the sensor during a simulated plan.
 
     Parameters
     ----------
     time : (n,) array
-        s, by the recording's clock.
+        Time of each sample on the recording's clock, s.
     motion : Motion
         f and ω in the sensor's frame, (trials, n, 3).
     labels : (n,) array of str
-        The step of each sample; empty between steps.
+        Label of the step to which each sample belongs; empty between steps.
     bench_errors : mapping of str to (trials,) array
-        The bench's errors, SI, by full name.
+        Simulated errors of the bench, SI, by full name.
     readback : mapping of str to (n,) or (trials, n) array
-        Readback of the bench, SI.
+        Readback that the bench records, SI.
     """
 
     time: Array
@@ -191,9 +193,9 @@ class SensorSimulation:
     ----------
     simulated_motion : SimulatedMotion
     sensor : Sensor
-        With the noise that the caller has still to draw.
+        The sensor, with the noise that the caller still has to draw.
     drift : (..., n, m) array or None
-        Of its biases, SI, where the simulation of the bench draws it.
+        Drift of the sensor's biases, SI, if the simulation of the bench draws it.
     """
 
     simulated_motion: SimulatedMotion
@@ -204,14 +206,14 @@ class SensorSimulation:
 def stack_derivatives(
     rows: Sequence[Mapping[str, Array]], shape: tuple[int, ...]
 ) -> dict[str, Array]:
-    """Return the derivatives of r steps as arrays (..., r, 3), by full name.
+    """Stack the derivatives of r steps into one array (..., r, 3) per full name.
 
     Parameters
     ----------
     rows : sequence of r mappings of str to (..., 3) array
-        A name that a row lacks is zero there.
+        Derivatives of each step. A name that is missing in a step gives zeros there.
     shape : tuple of int
-        (..., 3), of one row.
+        Shape of the derivatives of one step, (..., 3).
     """
     result: dict[str, Array] = {}
     for k, row in enumerate(rows):

@@ -1,13 +1,13 @@
-"""Keys of [bench], declared in one line each: as defaults of the fields of a bench.
+"""Keys of the section [bench], each declared in one line as the default of a bench's field.
 
 In the frozen dataclass of a bench::
 
     seat: float = deviation("m", "0.5 mm", "radius of a mounting", scope="mounting")
 
-is a field, 0 where Python states nothing. `add_bench_keys` derives the key of the section from it,
-with the text as its default, `build_bench` reads its value in SI, and `declared_parameters` returns
-its parameters. Other keys are written by hand: the key in the section, the value in the call of
-`build_bench`, the parameter in the bench.
+declares a field that is 0 unless Python code states a value. `add_bench_keys` derives the key of
+the section from it, with the text as its default, `build_bench` reads its value in SI, and
+`declared_parameters` returns its parameters. Other keys are written by hand: the key in the
+section, the value in the call of `build_bench`, the parameter in the bench.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -41,22 +41,23 @@ _METADATA = "key of [bench]"
 
 @dataclass(frozen=True)
 class KeyDeclaration:
-    """The declaration of a key of [bench] by a field of a bench.
+    """A key of [bench], as a field of a bench declares it.
 
     Parameters
     ----------
     like : str
-        A unit of its dimension.
+        Any unit with the dimension of the key.
     text, example : str
-        Default of the key, and an example where the default shows nothing, with their units.
+        Default of the key, and an example in case the default is not informative, with their units.
     read : callable
-        From the section, the key and `like` to the value of the field, SI.
+        Returns the value of the field, SI, given the section, the key and `like`.
     parameters : str or mapping of str to str
-        Meaning of the one parameter, which has the field's name, or name and meaning of each.
+        Meaning of the only parameter, which has the field's name, or a mapping from each
+        parameter's name to its meaning.
     key : str
-        Of [bench]; empty is the field's name.
+        Name of the key; if empty, it is the field's name.
     scope, attitude
-        As of `Parameter`.
+        The same as in `Parameter`.
     """
 
     like: str
@@ -69,7 +70,7 @@ class KeyDeclaration:
     attitude: bool = False
 
     def iterate_parameters(self, field: str, value: float | Measured) -> Iterator[Parameter]:
-        """Yield the parameters from the field's name and value, SI."""
+        """Yield the parameters that belong to a field with this name and value, in SI."""
         named = {field: self.parameters} if isinstance(self.parameters, str) else self.parameters
         unit = _SI.get(self.like, self.like)
         for name, meaning in named.items():
@@ -91,27 +92,27 @@ def deviation(
     attitude: bool = False,
     default: float = 0.0,
 ) -> float:
-    """Declare a field of a bench: a standard deviation, which a key of [bench] states.
+    """Declare a field for a standard deviation that a key of [bench] states.
 
     Parameters
     ----------
     like : str
-        A unit of its dimension: "m", "°", "1".
+        Any unit with the dimension of the key, such as "m", "°" or "1".
     text : str
-        Default of the key, with its unit: "0.5 mm".
+        Default of the key, with its unit, such as "0.5 mm".
     parameters : str or mapping of str to str
-        The parameters with this deviation: the meaning of one parameter, which has the field's
-        name, or name and meaning of each; there may be none.
+        Parameters with this standard deviation: the meaning of the only parameter, which has the
+        field's name, or a mapping from each parameter's name to its meaning. It may be empty.
     scope, attitude
-        Of the parameters, as of `Parameter`.
+        Scope and attitude of the parameters, as in `Parameter`.
     key : str
-        Its name where it is not the field's.
+        Name of the key, if it differs from the field's name.
     example : str
-        Of the key, where the default shows nothing.
+        Example of the key, in case the default is not informative.
     limit : Limit, optional
-        Its largest possible value.
+        Largest possible value.
     default : float
-        Of the field where Python states nothing, SI.
+        Value of the field if Python code states none, SI.
     """
     read = partial(section_deviation, limit=limit)
     result = KeyDeclaration(like, text, example, read, parameters, key, scope, attitude)
@@ -119,18 +120,18 @@ def deviation(
 
 
 small_angle = partial(deviation, "°", limit=SMALL_ANGLE)
-"""Declare a field of a bench: the standard deviation of a tilt or another small angle."""
+"""Declare a field for the standard deviation of a tilt or another small angle."""
 
 
 def constant(like: str, text: str, meaning: str, *, example: str = "") -> Measured:
-    """Declare a field of a bench: a measured constant; exactly 0 where Python states nothing.
+    """Declare a field for a measured constant, which is exactly 0 unless a value is stated.
 
     Parameters
     ----------
     like, text, example
-        As of `deviation`.
+        The same as for `deviation`.
     meaning : str
-        Of its parameter.
+        Meaning of its parameter.
     """
     result = KeyDeclaration(like, text, example, section_constant, meaning)
     return field(default=_EXACT, metadata={_METADATA: result})
@@ -138,12 +139,12 @@ def constant(like: str, text: str, meaning: str, *, example: str = "") -> Measur
 
 @cache
 def declarations(bench: Any) -> Mapping[str, KeyDeclaration]:
-    """Return the declarations of the fields of a bench, given by its class, by field."""
+    """Return the key declarations of a class of bench, by field name."""
     return {own.name: own.metadata[_METADATA] for own in fields(bench) if _METADATA in own.metadata}
 
 
 def declared_parameters(bench: Any, *names: str) -> list[Parameter]:
-    """Return the parameters that these fields declare, in this order; without names, of all."""
+    """Return the parameters that the named fields declare, in this order; by default all."""
     declared = declarations(bench.__class__)
     return [
         parameter
@@ -160,10 +161,11 @@ def add_bench_keys(
     Parameters
     ----------
     bench : type
-        A dataclass.
+        Class of the bench, a dataclass.
     after : mapping of str to str, optional
-        The order of keys in messages: those written in the section come first. A key named here,
-        and those written below it, come after the declared key.
+        Order of the keys in messages, as a mapping from a key written in the section to a declared
+        key. Keys written in the section come first by default. A key named here, and the keys
+        written below it, come after the declared key instead.
     """
 
     def complete(section: type[S]) -> type[S]:
@@ -191,21 +193,21 @@ def add_bench_keys(
 
 
 def build_bench(bench: Callable[..., B], section: BenchSection, **by_hand: Any) -> B:
-    """Return a bench as its section states it, in SI.
+    """Build a bench, in SI, from its section of the run file.
 
     Parameters
     ----------
     bench : type
-        A dataclass with the field `gravity`.
+        Class of the bench, a dataclass with the field `gravity`.
     section : BenchSection
-        That `add_bench_keys` made.
+        Section whose keys `add_bench_keys` added.
     **by_hand
-        Fields that declare no key.
+        Values of the fields that declare no key.
 
     Raises
     ------
     InputError
-        A quantity of another dimension, or not possible; it names the key.
+        A quantity has the wrong dimension or an impossible value. The error names the key.
     """
     declared = {
         name: one.read(section, one.key or name, one.like)

@@ -1,7 +1,7 @@
 """A kind of bench: its interface to the rest of the package.
 
-One object of this type, registered under `inercal.benches`, is a kind of bench. Its functions
-return data, which report and terminal draw and print.
+Each kind of bench is one `Kind` object, registered under `inercal.benches`. Its functions return
+data; the report draws them and the terminal prints them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -49,13 +49,13 @@ class Effect:
     ----------
     name : str
     field : str
-        Of the bench, that holds its value.
+        Name of the bench's field with the size of the effect.
     absent : Measured or float
-        The field's value without the effect.
+        Value of that field when the effect is absent.
     unit, per : str and float
-        The value as printed: unit, and how many of it one SI unit is.
+        Unit in which the value is printed, and the number of these units in one SI unit.
     affects_rates : bool
-        Whether it acts only on gyros.
+        Whether the effect acts only on gyros.
     """
 
     name: str
@@ -68,22 +68,22 @@ class Effect:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """Words of reports and messages for a kind of bench.
+    """Words that reports and messages use for a kind of bench.
 
     Parameters
     ----------
     row : str
-        One row of the observations, "state or mounting".
+        Word for one row of the observations, such as "state or mounting".
     turning_device : str
-        The device that turns the sensor, "table".
+        Word for the device that turns the sensor, such as "table".
     rows : str
-        The rows at rates, "states".
+        Word for the rows in which the bench turns, such as "states".
     attitudes : str
         Heading of the table of rows.
     components : str
         Definition of the components of the bench's errors, for the report; may be empty.
     unjudged : str
-        Meaning of the residuals where the rows leave no degrees of freedom.
+        Meaning of the residuals if there are no degrees of freedom.
     """
 
     row: str = "position or turn"
@@ -95,33 +95,34 @@ class Vocabulary:
 
 
 def accept_any_budget(bench: Any, steps: Sequence[Any]) -> str:
-    """Refuse no budget."""
+    """Accept every budget: return no reason to refuse it."""
     return ""
 
 
 def total_step_duration(bench: Any, steps: Sequence[Step]) -> float:
-    """Return the sum of the durations of the steps, s."""
+    """Return the total duration of the steps, s."""
     return sum(step.seconds for step in steps)
 
 
 def simulate_without_sensor(
     perform: Callable[..., SimulatedMotion], *, in_hand: bool = False
 ) -> Simulate[Any]:
-    """Return `Kind.simulate` of a bench whose simulation needs no sensor.
+    """Return a `Kind.simulate` function for a bench whose simulation does not need the sensor.
 
     Parameters
     ----------
     perform : callable
-        From bench, steps, samples per second, generator and number of trials to the motion.
+        Returns the motion, given bench, steps, samples per second, generator and number of trials.
     in_hand : bool
-        Whether `perform` also takes the keyword `carried`: the sensor may stay in a hand.
+        Whether `perform` also takes the keyword `carried`, which says that the sensor stays in a
+        hand between steps.
     """
     return _SimulationWithoutSensor(perform, in_hand)
 
 
 @dataclass(frozen=True)
 class _SimulationWithoutSensor:
-    """Not a function within the other: this one can be sent to another process."""
+    """The simulation as a picklable object: a nested function cannot be sent to a process."""
 
     perform: Callable[..., SimulatedMotion]
     in_hand: bool
@@ -143,20 +144,20 @@ class _SimulationWithoutSensor:
 def three_axis_sensor(
     name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
 ) -> Sensor:
-    """Return a triad, or an IMU where gyros are stated; without coefficients.
+    """Return a triad, or an IMU if gyros are stated, without coefficients.
 
     Parameters
     ----------
     name : str
     columns : tuple of str or int
-        [data] accelerometer.
+        The columns named by [data] accelerometer.
     accelerometer, gyro : tuple of Readout and Noise
-        Of each axis.
+        Readout and noise of each axis; `gyro` is None for a sensor without gyros.
 
     Raises
     ------
     InputError
-        Another number of columns than three.
+        The number of columns is not three.
     """
     if len(columns) != len("xyz"):
         raise key_error(
@@ -179,7 +180,7 @@ def keep_recording(recording: Recording, sensor: Sensor, bench: Any) -> Recordin
 
 
 def no_files(run: RunBase[Any], done: SimulatedMotion, rng: np.random.Generator) -> dict[str, Any]:
-    """Return no further files."""
+    """Return an empty mapping, because the bench writes no further recordings."""
     return {}
 
 
@@ -200,59 +201,59 @@ class Kind(Generic[B, D]):
     Parameters
     ----------
     name : str
-        [bench] kind.
+        Value of [bench] kind in a run file.
     bench : type
-        A dataclass, `Bench`.
+        Class of the bench, a dataclass that implements `Bench`.
     section : type
-        [bench] of a run file, a `BenchSection` with the key `kind`.
+        Type of the section [bench] in a run file, a `BenchSection` with the key `kind`.
     data : type
-        [data] of a run file, a `DataSection`.
+        Type of the section [data] in a run file, a `DataSection`.
     build : callable
-        From the section, and the folder of the files that it names, to the bench.
+        Builds the bench from the section and the folder of the files that the section names.
     steps : tuple of type
-        The types of steps that it carries out.
+        Types of steps that the bench carries out.
     observe : callable
-        From a run to the input of an estimator: it reads a recording or a table of means.
+        Reads the recording or table of means of a run and returns the input of an estimator.
     simulate : callable
-        From bench, steps, samples per second, generator, number of trials, sensor, and whether the
-        sensor stays in the hand between steps.
+        Simulates the motion. Its arguments are bench, steps, samples per second, generator, number
+        of trials, sensor, and whether the sensor stays in the hand between steps.
     seconds : callable
-        From bench and steps to their longest duration, s; by default the sum of the steps.
+        Returns the longest duration of steps on a bench, s; by default the sum of their durations.
     words : Vocabulary
     effects : tuple of Effect
         Effects that a budget lists.
     refuses_budget : callable
-        Returns the reason why a budget of a plan is not possible; "" where it is possible.
+        Returns the reason why a budget for a plan is not possible, or "" if it is possible.
     rows_of_table : bool
-        Whether the table of means defines the states, not the method's plan: a budget then needs a
-        plan.
+        Whether the states are defined by the table of means instead of the method's plan. A budget
+        then needs a plan.
     sampled : bool
-        Whether methods use every sample, not means of steps.
+        Whether methods use every sample instead of the means of steps.
     spins : bool
-        Whether the bench carries the sensor round, so that it senses more than gravity.
+        Whether the bench rotates the sensor on an arm, so that it senses more than gravity.
     sensor : callable
-        The sensor on the bench, from its name, [data] accelerometer, readout and noise.
+        Returns the sensor on the bench, given its name, [data] accelerometer, readout and noise.
     plan : callable
-        From the keys of [method] that concern the plan, the bench, the run file's folder and the
-        method's plan, to the plan of a run.
+        Returns the plan of a run, given the keys of [method] that concern the plan, the bench, the
+        run file's folder and the method's plan.
     audit : callable
         Adds findings to a recording before it is used.
     files : callable
-        Further recordings that a simulation writes, by the names in [data].
+        Returns further recordings that a simulation writes, by their names in [data].
     sheet : callable or None
-        The worksheet of the operator; None where plans are fixed.
+        Returns the operator's worksheet; None if the plans are fixed.
     rests : callable or None
-        The rests in a refused recording; None for a bench without rests.
+        Returns the rests in a refused recording; None for a bench without rests.
     directions : callable
-        The measured direction of each row; may be empty.
+        Returns the measured direction of each row; may be empty.
     plots : callable
-        Further figures of the report.
+        Returns further figures for the report.
     row : callable
-        A row in words.
+        Describes a row in words.
     tables : callable
-        Tables written with the calibration, by their content: "states".
+        Returns tables that are written with the calibration, by their content, such as "states".
     motion_control : MotionControl or None
-        What a host asks; None of a bench that no host drives.
+        Interface for a host that drives the bench; None if no host can drive it.
     """
 
     name: str

@@ -30,7 +30,7 @@ def kind_for_class(bench: type[Any]) -> Kind[Any, Any]:
     Raises
     ------
     InputError
-        No kind has this class.
+        The class belongs to no kind of bench.
     """
     for kind in KINDS.values():
         if issubclass(bench, kind.bench):
@@ -41,7 +41,7 @@ def kind_for_class(bench: type[Any]) -> Kind[Any, Any]:
 
 
 def kind_name_for_class(bench: type[Any]) -> str:
-    """Return the name of the kind of this class of bench, or the class's name if it has none."""
+    """Return the name of the kind that has this class, or the class's own name if none has it."""
     return next((name for name, kind in KINDS.items() if kind.bench is bench), bench.__name__)
 
 
@@ -51,6 +51,6 @@ def kind_for_bench(bench: Bench) -> Kind[Any, Any]:
     Raises
     ------
     InputError
-        No kind has its class.
+        The class of the bench belongs to no kind.
     """
     return kind_for_class(type(bench))

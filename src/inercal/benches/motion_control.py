@@ -1,9 +1,9 @@
-"""What a host asks of a bench that it drives: axes, limits, the tasks of a plan, what it senses.
+"""Interface between a host and the bench that it drives: axes, limits, tasks and sensed motion.
 
-A host knows no class of bench. A kind that can be driven states a `MotionControl`; its bench is a
-`ControlledBench`. There are two ways to carry out a plan. A table of angles turns from place to
-place (`TurnTask`). A table of rates rests or spins at a set rate for a time, with the sensor in a
-mounting that an operator changes by hand (`SpinTask`).
+A host does not depend on any class of bench. A kind that can be driven has a `MotionControl`, and
+its bench is a `ControlledBench`. There are two ways to carry out a plan. A positioning table turns
+from angle to angle (`TurnTask`). A rate table rests or spins at a set rate for a time, while the
+sensor is in a mounting that an operator changes by hand (`SpinTask`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,16 +25,16 @@ class AxisMotionLimits:
     Parameters
     ----------
     rate : float
-        rad/s.
+        Largest rate, rad/s.
     acceleration : float
-        rad/s².
+        Largest acceleration, rad/s².
     jerk : float or None
-        rad/s³; None is no limit: the rate is then a trapezoid.
+        Largest jerk, rad/s³. None means no limit; the rate then has a trapezoidal profile.
 
     Raises
     ------
     InputError
-        A limit that is not > 0 and finite.
+        A limit is not finite or not greater than 0.
     """
 
     rate: float
@@ -46,7 +46,7 @@ class AxisMotionLimits:
             size = getattr(self, what)
             if size is not None and not (isfinite(size) and size > 0):
                 raise InputError(
-                    f"table: limit of {what} is {size} {unit}; it must be greater than 0",
+                    f"table: the {what} limit is {size} {unit}; it must be greater than 0",
                     key=what,
                 )
 
@@ -61,24 +61,24 @@ class ControlledBench(Protocol):
 
     @property
     def axis_motion_limits(self) -> tuple[AxisMotionLimits, ...]:
-        """The limits of each axis, outermost first."""
+        """Motion limits of each axis, outermost first."""
         ...
 
 
 @dataclass(frozen=True)
 class TurnTask:
-    """One step of a plan on a table of angles.
+    """One step of a plan on a positioning table.
 
     Parameters
     ----------
     label : str
-        Of the section that it leaves.
+        Label of the section of the recording that belongs to the step.
     start, end : tuple of float
-        Angles of all axes, outermost first, rad: brought there first; there when it is done.
+        Angles of all axes at the start and the end of the step, outermost first, rad.
     rate : float
-        rad/s of the turn from start to end; 0 of a stay.
+        Rate of the turn from start to end, rad/s; 0 if the table stays still.
     seconds : float
-        Length of the section, s; that of a turn follows from angle, rate and acceleration.
+        Length of the section, s. For a turn it follows from angle, rate and acceleration.
     approach : float
         Duration of the motion from the previous step to `start`, s.
     """
@@ -98,7 +98,7 @@ class TurnTask:
 
 @dataclass(frozen=True)
 class SpinTask:
-    """One state of a plan on a table of rates.
+    """One state of a plan on a rate table.
 
     Parameters
     ----------
@@ -106,13 +106,13 @@ class SpinTask:
     rate : float
         Set rate, rad/s, signed; 0 at rest.
     seconds : float
-        At this rate.
+        Time at this rate, s.
     approach : float
         Duration of the change from the previous rate, s.
     mounting : str
         Name of the sensor's mounting, which labels the samples in the recording.
     instruction : str
-        The mounting, for the operator.
+        Instruction for the operator, which describes the mounting.
     """
 
     label: str
@@ -134,26 +134,26 @@ SensedMotion = Callable[[Array, str], Array]
 
 @dataclass(frozen=True)
 class MotionControl:
-    """What a host asks of a kind of bench.
+    """The functions of a kind of bench that a host needs to drive it.
 
     Parameters
     ----------
     tasks : callable
-        From bench and steps to the tasks, in the order of a run.
+        Returns the tasks for a bench and steps, in the order of a run.
     readback : callable
-        From the bench to the names of its readback, as in [data], one of each axis.
+        Returns the names of a bench's readback columns, as in [data], one per axis.
     quantity : "angle" or "rate"
-        What is read back of an axis and recorded. Only a table of angles has an attitude.
+        Quantity that is read back from each axis and recorded. Only angles give an attitude.
     required_keys : mapping of str to str
-        Keys of [data] that a recording by a host needs, with an example of each.
+        Keys of [data] that a host needs for a recording, with an example of each.
     settling : callable
-        From the bench to the time that goes at both ends of a hold, s.
+        Returns the time that is cut off at both ends of a hold on a bench, s.
     errors : callable
-        From bench and steps to the parameters that a simulation draws, by full name.
+        Returns the parameters that a simulation draws for a bench and steps, by full name.
     sensed_motion : callable
-        From bench, steps and values of these parameters to a function: from angles, rates and
-        accelerations of the axes, (n, k, 3), and the name of the mounting, to f, ω and its
-        derivative in the sensor's frame, (n, 9).
+        Returns a function for a bench, steps and values of these parameters. That function takes
+        the angles, rates and accelerations of the axes, (n, k, 3), and the name of the mounting,
+        and returns f, ω and the derivative of ω in the sensor's frame, (n, 9).
     """
 
     tasks: Callable[[Any, Sequence[Any]], Sequence[Task]]
@@ -166,5 +166,5 @@ class MotionControl:
 
     @property
     def has_attitude(self) -> bool:
-        """Whether the readback tells the attitude of the sensor."""
+        """Whether the readback gives the attitude of the sensor."""
         return self.quantity == "angle"

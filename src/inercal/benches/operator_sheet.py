@@ -1,4 +1,4 @@
-"""The worksheet of a bench's operator, as data: rows to carry out, and a table to be filled."""
+"""The worksheet for a bench's operator, as data: rows to carry out and a table to fill in."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,14 +14,14 @@ class Heading:
     Parameters
     ----------
     text : str
-        As the terminal prints it.
+        Heading that the terminal prints.
     align_right : bool
         Whether the terminal aligns its cells to the right.
     page : str or None
-        On the printed page; None is `text`. A column with an empty heading is omitted there: a box
-        or the heading of the group has its content.
+        Heading on the printed page; None means `text`. The page omits a column with an empty
+        heading, because a box or the heading of the group shows its content.
     label : bool
-        Whether its cells are the headings of the rows of the page.
+        Whether its cells are the row headings on the page.
     wraps : bool
         Whether its cells are sentences, which the page wraps.
     """
@@ -45,19 +45,19 @@ class SheetRow:
     Parameters
     ----------
     label : str
-        Of the step.
+        Label of the step.
     cells : tuple of str
-        As printed, one per heading.
+        Printed text of each cell, one per heading.
     seconds : float
-        Duration.
+        Duration of the step, s.
     group : str
-        Rows of one group are printed together: a mounting, a pass.
+        Group of the row, such as a mounting or a pass. Rows of one group are printed together.
     given : tuple of str
-        Stated values, in the first columns of the table to be filled.
+        Stated values for the first columns of the table that the operator fills in.
     facts : mapping of str to Any
-        For JSON, in addition to label and seconds.
+        Values for the JSON output, in addition to label and seconds.
     idle : frozenset of int
-        Places, from 0, of the boxes that are not filled in here; the page shades them.
+        Indices of the boxes that are not filled in for this row; the page shades them.
     """
 
     label: str
@@ -77,7 +77,7 @@ class EntryField:
     ----------
     name, unit : str
     column : str
-        Of the table to be filled; empty where the table has none.
+        Its column in the table that the operator fills in; empty if the table has none.
     """
 
     name: str
@@ -92,25 +92,26 @@ class Sheet:
     Parameters
     ----------
     title : str
-        "12 positions, 600 s of holding in all".
+        Title of the sheet, such as "12 positions, 600 s of holding in all".
     headings : tuple of Heading
     rows : tuple of SheetRow
     notes : tuple of str
         Instructions for all rows.
     columns : tuple of str, int or None
-        Of the table to be filled, as [data] names them; None is omitted.
+        Columns of the table that the operator fills in, as [data] names them; None is omitted.
     boxes : tuple of EntryField
-        Of the printed page; without boxes there is none.
+        Boxes on the printed page; without boxes no page is printed.
     facts : tuple of str
-        Of plan and bench, for the head of the page; without facts the title is printed there.
+        Facts about the plan and the bench for the head of the page; without them the page shows
+        the title there.
     stated : str
-        The bench's stated errors, in words: the expected uncertainties follow from them.
+        Description of the bench's stated errors, which determine the expected uncertainties.
     sums : bool
-        Whether sums of coefficients, which are known far better than their terms, are listed too.
+        Whether to list also sums of coefficients that are known far better than their terms.
     units : mapping of str to str
-        Units of columns that the operator fills in besides the sensor's, where no box has them.
+        Units of columns that the operator fills in, other than the sensor's, if no box has them.
     table_error : InputError or None
-        Why there is no table to be filled; None where there is one.
+        Reason why there is no table to fill in; None if there is one.
     """
 
     title: str
@@ -127,7 +128,7 @@ class Sheet:
 
     @property
     def entry_units(self) -> dict[str, str]:
-        """Units of the columns that the operator fills in, as far as the sheet states them."""
+        """Units of the columns that the operator fills in, if the sheet states them."""
         return {box.column: box.unit for box in self.boxes if box.column} | dict(self.units)
 
     def entry_columns(self, row: SheetRow) -> tuple[str, ...]:
@@ -138,5 +139,5 @@ class Sheet:
 
     @property
     def seconds(self) -> float:
-        """Of all rows."""
+        """Total duration of all rows, s."""
         return sum(row.seconds for row in self.rows)

@@ -1,6 +1,6 @@
 """The part of a report that a kind of bench contributes, as data: directions, plots and tables.
 
-A bench returns numbers and words; the report draws and prints them.
+A bench returns only numbers and words; the report draws and prints them.
 """
 
 from abc import ABC, abstractmethod
@@ -31,17 +31,17 @@ class ReportInput(ABC):
     Parameters
     ----------
     estimate : Estimate
-        With the bench's nuisances and the residuals.
+        The estimate, with the bench's nuisances and the residuals.
     observations : Observations
     steps : tuple of Step
-        Of each observation.
+        The step of each observation.
     bench : Bench
     expected : mapping of str to Parameter
-        The bench's parameters that act on these steps, by full name, as they were stated.
+        Stated values of the bench's parameters that act on these steps, by full name.
     recording : Recording or None
-        None when the data are a table of means.
+        The recording; None if the data are a table of means.
     marks : tuple of Mark
-        Of the recording.
+        Marks in the recording.
     """
 
     estimate: "Estimate"
@@ -64,7 +64,7 @@ class ReportInput(ABC):
         Parameters
         ----------
         w : (r, 3) array, optional
-            Angular rate where the sensor has no gyros, rad/s.
+            Angular rate, rad/s, if the sensor has no gyros.
         """
 
 
@@ -76,10 +76,10 @@ class MeasuredDirection:
     ----------
     step : Step
     unit_vector : (3,) array
-        Unit vector in the sensor's frame: up in a hold, the axis of a turn, the specific force
-        where the bench turns.
+        Unit vector in the sensor's frame: the upward direction during a hold, the axis during a
+        turn, or the direction of the specific force while the bench spins.
     deviation_angle : float
-        Angle from the nominal direction, rad; NaN where it is unknown.
+        Angle from the nominal direction, rad; NaN if it is unknown.
     """
 
     step: Step
@@ -97,24 +97,24 @@ def measured_direction(step: Step, vector: Array, nominal: Array | None) -> Meas
 
 
 def specific_force_directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return the direction of the specific force in each row, against the nominal direction."""
+    """Return the direction of the specific force in each row, compared with the nominal one."""
     nominal, sensed = shown.bench.mean_motion(shown.steps, {}).f, shown.sensed_motion().f
     return tuple(map(measured_direction, shown.steps, sensed, nominal))
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Points of a panel.
+    """A series of points in a panel.
 
     Parameters
     ----------
     x, y : (n,) arrays
-        In the units that the panel's labels name.
+        Coordinates of the points, in the units that the panel's labels name.
     name : str
     sd : (n,) array, optional
-        Drawn as ±2.
+        Standard deviations of y, drawn as bars of ±2 standard deviations.
     hollow : bool
-        Drawn as the reference of the comparison.
+        Whether the points are drawn hollow, as the reference of the comparison.
     """
 
     x: Array
@@ -126,7 +126,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Panel:
-    """One panel of a plot; panels of a plot have one height and one scale."""
+    """One panel of a plot; all panels of a plot have the same height and scale."""
 
     title: str
     x: str
@@ -141,13 +141,13 @@ class Plot:
     Parameters
     ----------
     name : str
-        Of the figure, one word.
+        Name of the figure, one word.
     title : str
-        Description for readers who do not see it.
+        Description for readers who cannot see the figure.
     text : str
-        Caption.
+        Caption of the figure.
     y : str
-        Label of the panels' common axis.
+        Label of the y axis that the panels share.
     panels : tuple of Panel
     """
 
@@ -159,11 +159,11 @@ class Plot:
 
 
 def describe_row(step: Step, shown: ReportInput, row: int) -> str:
-    """Return a step in words."""
+    """Describe a step in words."""
     return step.describe()
 
 
 def describe_spin(step: Step, shown: ReportInput, row: int) -> str:
-    """Return a state at a rate, and the norm of its readings, in words."""
+    """Describe a state at a rate, and the norm of its readings, in words."""
     force = float(np.linalg.norm(shown.observations.mean[row, :3])) / G0
     return f"{step.describe()}; reads {force:.4g} g"

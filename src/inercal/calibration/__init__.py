@@ -1,4 +1,4 @@
-"""A calibration: coefficients with covariance, verdict, comparison and correction of readings."""
+"""A calibration: its coefficients, covariance and verdict, and the correction of readings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -36,40 +36,40 @@ class Calibration:
     Parameters
     ----------
     sensor : Sensor
-        Axes with their readouts, and the estimated coefficients.
+        Sensor axes with their readouts, and the names of the estimated coefficients.
     values : (p,) array
-        Coefficients in SI, the order of `sensor.coefficients`.
+        Coefficients in SI units, in the order of `sensor.coefficients`.
     covariance : (p, p) array
-        Their covariance, scaled by the Birge ratio where χ² exceeds its bound.
+        Covariance of the coefficients, scaled by the Birge ratio where χ² exceeds its bound.
     method, estimator : str
     conditions : mapping of str to str
-        Gravity, temperature, bench: in words, with units.
+        Gravity, temperature and bench as text with units.
     provenance : mapping of str to str
-        File, its SHA-256, date, version.
+        Recording file, its SHA-256, date and program version.
     notes : tuple of str
-        Limits of the result, in words.
+        Limitations of the result as text.
     frame : "mount", "triangular" or "symmetric"
         Body frame of the misalignments; see `in_frame`.
     mount : (3, 3) array
         Rotation that takes vectors from the mounting frame to this frame.
     verdict : Verdict or None
-        Grade of the result with reasons; None where a file does not state it.
+        Grade of the result with reasons; None if the file does not state it.
     shared : tuple of SharedError or None
         Errors of the bench that the covariance includes and that other calibrations may have too;
-        None where a file does not state them.
+        None if the file does not state them.
     validity : Validity or None
-        The ranges of the data; None where a file does not state them.
+        Ranges that the data cover; None if the file does not state them.
     job : mapping of str to str
-        Order of the calibration and its laboratory, in words ([job] of the run file).
+        Job and laboratory details as text ([job] in the run file).
     conformity : Conformity or None
-        Of the coefficients with their limits; None where none are stated.
+        Conformity of the coefficients with their limits; None if no limits are stated.
     bench_estimates : tuple of BenchEstimate or None
-        What the run itself shows of its bench; None where a file does not state it.
+        Bench parameters as estimated from this run; None if the file does not state them.
 
     Raises
     ------
     InputError
-        Values that are not finite, shapes that disagree, or a shared error twice.
+        If values are not finite, shapes disagree, or a shared error is listed twice.
     """
 
     sensor: Sensor
@@ -94,7 +94,7 @@ class Calibration:
         if not (np.isfinite(self.values).all() and np.isfinite(self.covariance).all()):
             raise InputError(
                 f"calibration of {self.sensor.name}: values and covariance must be finite; remove "
-                "what is not"
+                "the values that are not"
             )
         if self.values.shape != (p,) or self.covariance.shape != (p, p):
             raise InputError(
@@ -135,12 +135,12 @@ class Calibration:
         Returns
         -------
         pandas.DataFrame
-            By full name: meaning, value, u (k = 1), U (k = 2), unit.
+            Indexed by full name, with the columns meaning, value, u (k = 1), U (k = 2) and unit.
 
         Raises
         ------
         InputError
-            pandas is missing.
+            If pandas is not installed.
         """
         from inercal.calibration.display import to_dataframe
 
@@ -148,20 +148,20 @@ class Calibration:
 
     @property
     def std(self) -> Array:
-        """Standard uncertainty (k = 1) of each coefficient, SI, (p,)."""
+        """Standard uncertainty (k = 1) of each coefficient in SI units, (p,)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def states_uncertainty(self) -> bool:
-        """Whether there is a covariance; calibrations imported from other programs have none."""
+        """Whether a covariance is stated; calibrations imported from other programs have none."""
         return bool(self.covariance.any())
 
     def value(self, name: str) -> float:
-        """Return a coefficient in SI by its full name, such as "ax.k0"."""
+        """Return the SI value of the coefficient with this full name, such as "ax.k0"."""
         return float(self.values[self._index(name)])
 
     def uncertainty(self, name: str) -> float:
-        """Return a standard uncertainty (k = 1) in SI by full name."""
+        """Return the standard uncertainty (k = 1), SI, of the coefficient with this full name."""
         k = self._index(name)
         return float(np.sqrt(self.covariance[k, k]))
 
@@ -176,7 +176,7 @@ class Calibration:
 
     @property
     def conformity_lines(self) -> list[str]:
-        """Lines on the limits of the specification; none without."""
+        """Text lines on the limits of the specification; empty if there is no specification."""
         from inercal.calibration.specification import conformity_lines
 
         return conformity_lines(self.conformity, self.sensor, self.verdict)
@@ -192,7 +192,7 @@ class Calibration:
         dTdt: Array | float | None = None,
         extrapolate: bool = False,
     ) -> Motion:
-        """Return the specific force and angular rate that readings measure.
+        """Return the specific force and angular rate computed from readings.
 
         Parameters
         ----------
@@ -201,13 +201,16 @@ class Calibration:
         f, w : (..., n, 3) arrays, optional
             Motion that the sensor does not measure (`inercal.physics.sensors.inverse`).
         dw : (..., n, 3) array, optional
-            Angular acceleration, rad/s², where lever arms are modelled; computed from a recording.
+            Angular acceleration in rad/s², needed if lever arms are modelled; it is computed if a
+            Recording is given.
         dT : (..., n) array or float, optional
-            Temperature minus the reference, K; taken from a recording that has it.
+            Temperature minus the reference temperature in K; it is taken from a Recording that
+            contains temperatures.
         dTdt : (..., n) array or float, optional
-            Its time derivative, K/s, where the model depends on it; computed from a recording.
+            Time derivative of the temperature in K/s, needed if the model depends on it; it is
+            computed if a Recording is given.
         extrapolate : bool
-            Whether readings beyond the temperatures of the calibration are corrected, too.
+            Whether readings outside the temperature range of the calibration are corrected too.
 
         Returns
         -------
@@ -217,10 +220,10 @@ class Calibration:
         Raises
         ------
         InputError
-            A channel is missing or in another unit, readings or temperatures are not finite, or a
-            temperature is not possible or beyond those of the calibration.
+            If a channel is missing or in another unit, if readings or temperatures are not finite,
+            or if a temperature is impossible or outside the range of the calibration.
         NotInvertible
-            A reading beyond the fold of the nonlinear terms.
+            If a reading lies beyond the fold of the nonlinear terms.
         """
         if isinstance(recording, Recording):
             data = self._columns(recording)
@@ -235,13 +238,13 @@ class Calibration:
         if dT is None and self.sensor.uses("dT"):
             raise InputError(
                 "the model depends on temperature: pass dT, in K above the reference temperature, "
-                "or a recording with temperature",
+                "or a recording that contains temperatures",
                 key="dT",
             )
         if dTdt is None and self.sensor.uses("dTdt"):
             raise InputError(
-                "the model depends on the rate of the temperature: pass dTdt in K/s, or a "
-                "recording with temperature",
+                "the model depends on the rate of change of the temperature: pass dTdt in K/s, or "
+                "a recording that contains temperatures",
                 key="dTdt",
             )
         given = dT is not None
@@ -256,7 +259,7 @@ class Calibration:
         if turning and not isinstance(recording, Recording):
             raise InputError(
                 "the model has lever arms: pass dw, the angular acceleration in rad/s², or a "
-                "Recording, which has times",
+                "Recording, from which it can be computed",
                 key="dw",
             )
         if data.shape[-1] != len(self.sensor.axes):
@@ -284,7 +287,7 @@ class Calibration:
             raise InputError(
                 f"{recording.source or 'recording'}: channel {missing[0]!r} of the calibration is "
                 f"missing; the recording has {', '.join(recording.channels)}: name the column of "
-                "this axis in its run file, or take a calibration of these axes",
+                "this axis in the run file, or use a calibration of these axes",
                 names=tuple(missing),
             )
         columns = [recording.channels.index(name) for name in self.sensor.channels]
@@ -299,20 +302,20 @@ class Calibration:
         return recording.data[..., columns]
 
     def affine_correction(self) -> tuple[Array, Array]:
-        """Return C, (k, m), and o, (m,), of motion = C (output − o) for an affine model.
+        """Return C, (k, m), and o, (m,), in motion = C (output − o) for an affine model.
 
-        `motion` is f (m/s²), then ω (rad/s), of the kinds that the sensor has.
+        `motion` contains f (m/s²) and then ω (rad/s), as far as the sensor measures them.
 
         Raises
         ------
         InputError
-            The model has nonlinear terms; `correct` applies it.
+            If the model has nonlinear terms; use `correct` instead.
         """
         if not self.sensor.affine:
             if replace(self.sensor, form="reference").affine:
                 return self.in_form("reference").affine_correction()
             raise InputError(
-                "the model has nonlinear terms: no single matrix applies it; use correct",
+                "the model has nonlinear terms, so no single matrix can apply it; use correct",
                 names=self.sensor.coefficients,
             )
         rest = Motion(np.zeros((1, 3)))
@@ -325,8 +328,8 @@ class Calibration:
         return matrix / scale, offset
 
     def ieee1293(self) -> ConvertedCoefficients:
-        """Return E = K₁ (K₀ + a + K₂ a² + …) of each accelerometer axis, with covariance."""
-        # The standard's equation is the reference form; nonlinear terms keep their axis.
+        """Return the coefficients of E = K₁ (K₀ + a + K₂ a² + …) of each accelerometer axis."""
+        # The equation in the standard is the reference form; nonlinear terms keep their axis.
         linear = replace(self.sensor, form="reference").affine
         plain = self.in_form("reference") if linear else self
         return ieee1293(plain.sensor, plain.values, plain.covariance, plain.shared)
@@ -334,12 +337,12 @@ class Calibration:
     def in_form(self, form: Form) -> "Calibration":
         """Return the calibration with its model in the "reference" or the "tilted" form.
 
-        Exact, for terms that are affine in f and ω.
+        The conversion is exact for terms that are affine in f and ω.
 
         Raises
         ------
         InputError
-            The model has nonlinear terms.
+            If the model has nonlinear terms.
         """
         if form == self.sensor.form:
             return self
@@ -349,7 +352,7 @@ class Calibration:
     def _replace_coefficients(self, sensor: Sensor, values: Array, by: Array) -> "Calibration":
         """Return the calibration with other coefficients; `by` are their derivatives, (q, p)."""
         covariance, shared = by @ self.covariance @ by.T, transform_shared(self.shared, by)
-        # Limits are of the coefficients as they were.
+        # The limits apply to the original coefficients.
         return replace(
             self,
             sensor=sensor,
@@ -362,14 +365,16 @@ class Calibration:
     def in_frame(self, frame: Frame) -> "Calibration":
         """Return the calibration referred to another body frame.
 
-        "triangular": x along the first input axis, y in the plane of the first two. "symmetric":
-        the closest rotation, so that the misalignment matrix of the accelerometers is symmetric.
-        Exact for any misalignment; the mounting frame cannot be recovered from another frame.
+        In the "triangular" frame, x is along the first input axis and y is in the plane of the
+        first two. The "symmetric" frame is the closest rotation that makes the misalignment matrix
+        of the accelerometers symmetric. The conversion is exact for any misalignment. The mounting
+        frame cannot be recovered from another frame.
 
         Raises
         ------
         InputError
-            No accelerometer triad, nonlinear terms, or a conversion to "mount".
+            If the sensor has no accelerometer triad, if the model has nonlinear terms, or if
+            `frame` is "mount".
         """
         if frame == self.frame:
             return self

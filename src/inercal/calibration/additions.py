@@ -1,6 +1,7 @@
-"""Coefficients that a run added to its model because its score tests named them.
+"""Coefficients that a run added to its model because its score tests pointed to them.
 
-Each is the leading cause of a fit that its tests reject, and the run was calibrated again with it.
+Each one was the most likely cause in a fit that the tests rejected, and the run was calibrated
+again with it.
 """
 
 from collections.abc import Sequence
@@ -13,18 +14,19 @@ from inercal.recordings import Finding
 
 @dataclass(frozen=True)
 class Addition:
-    """A group of coefficients that was added.
+    """A group of coefficients that was added to the model.
 
     Parameters
     ----------
     group : str
-        As [method] also takes it: "g", "ax.k2".
+        Name of the group as accepted by [method] also: "g", "ax.k2".
     coefficients : tuple of str
-        Their full names.
+        Full names of the coefficients.
     chi2_before, dof_before, chi2_after, dof_after : float and int
-        χ² of the residuals of the fits without and with it, as `ScoreTestSet.chi2`.
+        χ² and degrees of freedom of the fits without and with the group, as in
+        `ScoreTestSet.chi2`.
     indistinguishable : tuple of str
-        Other causes that would have explained these residuals as well.
+        Other causes that would have explained these residuals equally well.
     """
 
     group: str
@@ -37,7 +39,7 @@ class Addition:
 
 
 def additions_text(additions: Sequence[Addition], sensor: Sensor) -> str:
-    """Return a sentence on what was added, in which order, and what it explained; or nothing."""
+    """Return a sentence on the additions in their order, with the drop of χ²; empty if none."""
     parts = (
         f"{coefficient_words(sensor, one.group, one.coefficients)}, "
         f"χ² from {_grouped(one.chi2_before)} to {_grouped(one.chi2_after)}"
@@ -47,7 +49,7 @@ def additions_text(additions: Sequence[Addition], sensor: Sensor) -> str:
 
 
 def doubtful_additions(additions: Sequence[Addition]) -> tuple[Finding, ...]:
-    """Return a warning for each addition in whose place something else may be the cause."""
+    """Return a warning for each addition if another cause explains the residuals equally well."""
     return tuple(
         Finding(
             "warning",

@@ -1,4 +1,4 @@
-"""Advice on a cause: what of it can be followed is known by what runs the calibration again."""
+"""Advice on what to do about a cause of large residuals."""
 
 from collections.abc import Collection, Sequence
 from typing import Protocol, cast
@@ -6,27 +6,27 @@ from typing import Protocol, cast
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.calibration.best_cause import SuspectedCause
 
-CHANGE_PREFIX = "change "  # begins the name of a candidate that changes within one row
+CHANGE_PREFIX = "change "  # start of the name of a candidate for a change within one row
 
 
 class Advisor(Protocol):
-    """Gives advice that was tried: a run file with the changes is accepted."""
+    """An advisor that tries its advice: the run file is accepted with the advised changes."""
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
-        """Return the keys that count or estimate a cause; an action where none do."""
+        """Return the keys that include or estimate a cause, or an action if there are none."""
         ...
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
-        """Return the key that estimates coefficients of which no test shows anything, if any."""
+        """Return the key that estimates these undetectable coefficients, if there is one."""
         ...
 
     def on_changes(self, advice: Advice) -> Advice | None:
-        """Return the advice of a method with its key completed, if it can be followed."""
+        """Return the advice of a method with complete keys, or None if it cannot be followed."""
         ...
 
 
 class PlainAdvisor:
-    """An advisor without a run: it believes what the method can estimate.
+    """An advisor that has no run, so it cannot try its advice.
 
     Parameters
     ----------
@@ -40,27 +40,27 @@ class PlainAdvisor:
         self._possible, self._row_word = possible, row_word
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
-        """Return the key that estimates a coefficient, or an action."""
+        """Return the key that estimates the coefficient, or an action at the bench."""
         if cause.kind == "coefficient" and set(cause.components) <= set(self._possible):
             return Advice(cause.name, (also((cause.name,)),), chi2=cause.remaining_chi2)
         return Advice(cause.name, action=action_on(cause, self._row_word))
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
-        """Return the key that estimates coefficients."""
+        """Return the key that estimates these coefficients."""
         return Advice(", ".join(names), (also(names),)) if names else None
 
     def on_changes(self, advice: Advice) -> Advice | None:
-        """Return the advice."""
+        """Return the advice unchanged."""
         return advice
 
 
 def also(words: str | Sequence[str]) -> Change:
-    """Return the key that lets a method estimate more coefficients: words, or "auto"."""
+    """Return the [method] key `also`, which adds coefficients: their words, or "auto"."""
     return Change("method", "also", words if isinstance(words, str) else tuple(words))
 
 
 def action_on(cause: SuspectedCause, row_word: str) -> str:
-    """Return what to do at the bench about a cause that no key counts."""
+    """Return what to do at the bench about a cause that no run-file key can include."""
     if cause.kind == "coefficient":
         return "use a method that estimates this coefficient; U does not include its effect"
     if cause.kind == "bench":
@@ -73,7 +73,7 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
 
 
 def changes_text(changes: Sequence[Change]) -> str:
-    """Return changes as a run file has them: '[method] also = ["k2"]'."""
+    """Return changes as they are written in a run file: '[method] also = ["k2"]'."""
     return " and ".join(f"[{one.section}] {one.key} = {_toml(one.value)}" for one in changes)
 
 

@@ -1,4 +1,4 @@
-"""How well the data agree with the model, and what explains that they do not, in sentences."""
+"""Sentences about how well the data agree with the model and what explains large residuals."""
 
 from collections.abc import Iterator, Mapping
 
@@ -22,22 +22,26 @@ _MIN_PULL = 2.0  # standard deviations; smaller residuals are not reported
 
 
 def agreement(estimate: Estimate, *, wrong: bool = False) -> str:
-    """Return the result of the tests of a model that none rejects, in a clause with numbers.
+    """Return a clause, with numbers, on the agreement of data with a model that no test rejects.
 
     Parameters
     ----------
     estimate : Estimate
     wrong : bool
-        Whether a check found an error besides.
+        Whether a check found an error as well.
     """
     what = "the residuals agree" if wrong else "the data agree"
     if estimate.groups:
         if any(group.spread.excess for group in estimate.groups):
             return "the residuals are large, but chance can explain them"
         tested = all(group.dof > 0 for group in estimate.groups)
-        return f"{what} with their noise" if tested else "what can be tested agrees with its noise"
+        return (
+            f"{what} with their noise"
+            if tested
+            else "all testable residuals agree with their noise"
+        )
     if not estimate.dof:
-        return f"{what} with the stated noise and bench by the tests that were made"
+        return f"{what} with the stated noise and bench according to the tests that were made"
     numbers = f"χ² = {chi2_text(float(estimate.chi2))} with {estimate.dof} degrees of freedom"
     if estimate.consistent:
         return f"{what} with the stated noise and bench ({numbers})"
@@ -48,7 +52,7 @@ def agreement(estimate: Estimate, *, wrong: bool = False) -> str:
 def agreement_lines(
     estimate: Estimate, assessment: Assessment, count: int, *, wrong: bool
 ) -> Iterator[str]:
-    """Yield sentences on the agreement of the residuals with their noise, and on further tests.
+    """Yield sentences about the agreement of the residuals with their noise, and other tests.
 
     Parameters
     ----------
@@ -57,7 +61,7 @@ def agreement_lines(
     count : int
         Number of estimated coefficients.
     wrong : bool
-        Whether a check found an error besides.
+        Whether a check found an error as well.
     """
     yield f"{count} coefficients were estimated."
     clause = agreement(estimate, wrong=wrong or assessment.rejects)
@@ -69,7 +73,7 @@ def agreement_lines(
         if not estimate.consistent and assessment.rejects:
             clause = f"the residuals are larger than the stated noise and bench allow ({numbers})"
     elif not (assessment.tests or estimate.score_tests.scores):
-        clause = "this estimator makes no test of how well the data agree"
+        clause = "this estimator does not test how well the data agree with the model"
     elif estimate.groups and assessment.rejects:
         clause = "the residuals are larger than their noise"
     if assessment.rejects and not assessment.tests:
@@ -106,7 +110,7 @@ def cause_lines(
     expected: Mapping[str, Parameter],
     row_word: str,
 ) -> Iterator[str]:
-    """Yield sentences on what explains large residuals, and on what agrees least."""
+    """Yield sentences about the cause of large residuals and the row that agrees least."""
     if assessment.suspect is not None:
         yield from suspect_lines(assessment.suspect, estimate.score_tests, sensor, expected)
     elif assessment.best is not None:
@@ -122,7 +126,7 @@ def cause_lines(
 
 
 def no_cause(estimate: Estimate, assessment: Assessment) -> bool:
-    """Return whether the residuals are too large, and no single cause explains them."""
+    """Return whether the residuals are too large and no single cause explains them."""
     return assessment.suspect is None and (
         assessment.scores_reject
         or (
@@ -133,7 +137,7 @@ def no_cause(estimate: Estimate, assessment: Assessment) -> bool:
 
 
 def _outlier_row_lines(assessment: Assessment, row_word: str) -> Iterator[str]:
-    """Yield a line on the row that agrees least with the others, where this is significant."""
+    """Yield a line about the row that agrees least with the others, if this is significant."""
     row, suspect = assessment.row, assessment.suspect
     if (
         row is None
@@ -154,7 +158,7 @@ def _outlier_row_lines(assessment: Assessment, row_word: str) -> Iterator[str]:
 
 
 def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -> Iterator[str]:
-    """Yield lines on the largest residual and the bench parameter farthest from its statement."""
+    """Yield lines about the largest residual and the bench parameter farthest from its value."""
     if estimate.observations:
         worst = int(np.argmax(np.abs(estimate.whitened)))
         if (largest := abs(float(estimate.whitened[worst]))) > _MIN_PULL:
@@ -162,7 +166,7 @@ def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -
                 f"The largest residual is that of {estimate.observations[worst]}: "
                 f"{two_digits(largest)} standard deviations."
             )
-    # What the coefficients take up, or what would be implausibly large, is no explanation.
+    # A parameter that the coefficients absorb, or that would be too large, explains nothing.
     useless = {
         name
         for score in estimate.score_tests.scores
@@ -180,6 +184,6 @@ def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -
         short, place = ErrorName(name).parts
         named = bench_words(short, (name,), expected) + (f" of {place}" if place else "")
         yield (
-            f"Of the bench, {named} is farthest from its stated value: {two_digits(pulls[name])} "
-            "standard deviations."
+            f"The bench parameter farthest from its stated value is {named}: "
+            f"{two_digits(pulls[name])} standard deviations."
         )

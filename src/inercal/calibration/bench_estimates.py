@@ -1,13 +1,13 @@
-"""Bench estimates: what a run itself shows of a parameter of its bench.
+"""Bench estimates: bench parameters as determined by the data of a run.
 
-An estimate has the stated value q₀ ± u_q of a parameter q as a prior. Where the data determine q,
-too, the estimate without that prior is the run's own::
+The fit uses the stated value q₀ ± u_q of a bench parameter q as a prior. If the data determine q as
+well, the estimate without that prior comes from the run only::
 
     q' = q̂ + P_qq (q̂ − q₀)/(u_q² − P_qq),   P' = P + P_q P_qᵀ/(u_q² − P_qq)
 
-P is the covariance of all parameters with the prior, P_q its column of q. Of P'_qq the part of
-other lasting parameters r of the bench, Σ P'_qr²/u_r², is the same in all runs with these
-determinations; the rest is the run's own.
+P is the covariance of all parameters with the prior, and P_q is its column for q. P'_qq contains
+the part Σ P'_qr²/u_r² from other lasting parameters r of the bench, which is the same in all runs
+with these determinations. The rest belongs to this run only.
 """
 
 from dataclasses import dataclass
@@ -19,24 +19,25 @@ from inercal.basics.errors import InputError
 
 @dataclass(frozen=True)
 class BenchEstimate:
-    """A parameter of the bench by the data of one run alone, SI.
+    """A bench parameter as estimated from the data of one run, in SI units.
 
     Parameters
     ----------
     name : str
-        Full name, "radius" or "sin1[outer]".
+        Full name, such as "radius" or "sin1[outer]".
     unit, meaning : str
     value, std : float
-        q' and its standard uncertainty, P'_qq enlarged by the Birge ratio.
+        q' and its standard uncertainty from P'_qq, enlarged by the Birge ratio.
     own_std : float
-        Without what runs with the same determinations of other parameters share.
+        Standard uncertainty without the part that is shared by runs with the same determinations
+        of other parameters.
     stated, stated_std : float
         q₀ and u_q.
 
     Raises
     ------
     InputError
-        A number that is not finite, or a deviation that is not positive.
+        If a number is not finite, or a standard deviation is not positive.
     """
 
     name: str
@@ -53,6 +54,7 @@ class BenchEstimate:
         positive = min(self.std, self.own_std, self.stated_std) > 0
         if not (np.isfinite(numbers).all() and positive):
             raise InputError(
-                f"bench estimate {self.name}: numbers must be finite, and deviations positive",
+                f"bench estimate {self.name}: numbers must be finite, and standard deviations "
+                "positive",
                 names=(self.name,),
             )

@@ -1,16 +1,17 @@
-"""Which of the causes that were tested explains the residuals best, and which row agrees least.
+"""Find the tested cause that explains the residuals best, and the row that agrees least.
 
-The best of the causes tested is the candidate with the smallest p-value, if it explains the
-residuals better than a scatter of all rows does: the remaining residuals agree with the stated
-noise, or are small compared with the explained part (F test). It must leave a degree of freedom,
-and a coefficient must be plausible: not beyond its largest plausible size by more than 6 standard
-deviations. Where what is estimated takes up all but a thousandth of its effect, it must not depart
-from what is stated of it by more than 6 standard deviations. Candidates whose explained residual
-lies within 30° of the best one's cannot be distinguished from it. Of those that explain as much (χ²
-within 4; except rows, in no more directions) the first is named in the order of possible remedies:
-a coefficient that the method can estimate, the bench, a change over the run, a row, other
-coefficients; and of two statements the one that departs less from what is stated of it, in its
-standard deviations.
+The best cause is the candidate with the smallest p-value, if it explains the residuals better than
+a scatter of all rows does: the remaining residuals are consistent with the stated noise, or are
+small compared with the explained part (F test). It must leave at least one degree of freedom. A
+coefficient must be plausible: it may exceed its largest plausible size by at most 6 standard
+deviations. If the estimated parameters absorb all but a thousandth of the candidate's effect, the
+candidate may differ from its stated value by at most 6 standard deviations.
+
+Candidates whose explained residual lies within 30° of the best one's cannot be distinguished from
+it. Among the candidates that explain as much (χ² within 4 and, except for rows, no more
+directions), the first is chosen in the order of possible remedies: a coefficient that the method
+can estimate, the bench, a change during the run, a row, other coefficients. Between two stated
+quantities, the one that differs less from its stated value, in its standard deviations, is chosen.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -40,14 +41,14 @@ _MIN_P_VALUE = 1e-280  # a smaller probability is computed from its asymptote
 
 @dataclass(frozen=True)
 class SuspectedCause:
-    """The candidate, omitted from the model or assumed known, that explains the residuals best.
+    """The candidate that explains the residuals best; the model omits it or assumes it known.
 
     Parameters
     ----------
     name, kind, components, units
-        As of the candidate (`inercal.estimation.Candidate`).
+        Those of the candidate (`inercal.estimation.Candidate`).
     sizes, sds : tuple of float
-        Estimates of its components, and their standard deviations, SI.
+        Estimated sizes of its components and their standard deviations, SI.
     chi2, dof, adjusted
         Decrease of χ², degrees of freedom, and p-value among all candidates.
     remaining_chi2, remaining_dof : float and int
@@ -55,15 +56,16 @@ class SuspectedCause:
     remaining_p_value : float
         Probability of a χ² as large as the remaining one if this cause were the only one.
     changes : tuple of Change
-        Of the candidate: keys of the run file that let the method estimate it.
+        Keys of the run file that let the method estimate the candidate.
     least_sizes : tuple of float
-        The smallest sizes of the components that explain as much, SI.
+        The smallest component sizes that explain as much, SI.
     shift : float
-        The largest shift that it causes in a coefficient, in units of that coefficient's U.
+        The largest shift that the cause produces in a coefficient, in units of that
+        coefficient's U.
     shifted_coefficient : str
         The coefficient with this shift.
     indistinguishable : tuple of str
-        Candidates that explain the same residuals, which no test distinguishes from it.
+        Candidates that explain the same residuals, so that no test distinguishes them from it.
     """
 
     name: str
@@ -87,9 +89,9 @@ class SuspectedCause:
 
 @dataclass(frozen=True)
 class OutlierRow:
-    """The row of the data that agrees least with the others, and its p-value among all rows.
+    """The data row that agrees least with the others, and its p-value among all rows.
 
-    `indistinguishable` are the rows that no test distinguishes from it.
+    `indistinguishable` lists the rows that no test can distinguish from it.
     """
 
     name: str
@@ -102,21 +104,21 @@ class OutlierRow:
 def familywise_p_value(
     score_tests: ScoreTestSet, score: ScoreTest, p_value: float | None = None
 ) -> float:
-    """Return the p-value of a score among all tests of its estimate; `p_value` as of `adjusted`."""
+    """Return the p-value of a score, or the given `p_value`, adjusted for the number of tests."""
     return min(1.0, score_tests.adjusted(score, p_value) / SCORE_TEST_SHARE)
 
 
 def find_best_cause(
     estimate: Estimate, count: int, significant: Sequence[ScoreTest], possible: Collection[str]
 ) -> SuspectedCause | None:
-    """Return the best of the causes tested; None where none explains the residuals.
+    """Return the best of the tested causes; None if no cause explains the residuals.
 
     Parameters
     ----------
     estimate : Estimate
-        Without a trial axis.
+        An estimate without a trial axis.
     count : int
-        Number of coefficients, which are its first parameters.
+        Number of coefficients, which are the first parameters of the estimate.
     significant : sequence of ScoreTest
         The score tests that reject the model.
     possible : collection of str
@@ -130,7 +132,7 @@ def find_best_cause(
     least = min(logs.values())
 
     def rank(score: ScoreTest) -> tuple[bool, int, float]:
-        # Of two statements that would explain the same, the one that departs less is the likelier.
+        # If two stated values explain the same, the one that departs less is more likely wrong.
         free = set(score.components) <= set(possible)
         return not free, _KIND_ORDER.index(score.kind), score.departure
 
@@ -143,7 +145,7 @@ def find_best_cause(
         score
         for score in convincing
         if score.chi2 > best.chi2 - _EQUIVALENT_CHI2
-        # A cause of more directions would explain more; the readings of a row may be anything.
+        # A cause with more directions would explain more; the readings of a row may be anything.
         and (score.kind == "row" or score.dof <= best.dof)
         and best.cosine(score) >= PARALLEL_COSINE
         and not set(score.components) & set(best.components)
@@ -188,7 +190,7 @@ def _remaining_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
 
 
 def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
-    """Return whether a candidate explains the residuals better than a scatter of all rows.
+    """Return whether a candidate explains the residuals better than a scatter of all rows does.
 
     One that leaves no degree of freedom, that is implausibly large, or that
     contradicts its own statement explains nothing.
@@ -207,7 +209,7 @@ def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
 
 
 def find_outlier_row(estimate: Estimate) -> OutlierRow | None:
-    """Return the row that agrees least with the others; None where no row is tested."""
+    """Return the row that agrees least with the others; None if no row is tested."""
     rows = [score for score in estimate.score_tests.scores if score.kind == "row" and score.dof]
     if not rows:
         return None
@@ -218,7 +220,7 @@ def find_outlier_row(estimate: Estimate) -> OutlierRow | None:
 
 
 def _log_p(score: ScoreTest) -> float:
-    """Return the logarithm of a p-value, also where it is too small for a float."""
+    """Return the logarithm of a p-value, even if the p-value is too small for a float."""
     if (p := score.p_value) > _MIN_P_VALUE:
         return float(np.log(p))
     half = score.dof / 2

@@ -1,10 +1,10 @@
-"""The state of a check standard, as `inercal control` writes it and a run file names it.
+"""The state of a check standard, as written by `inercal control` and named in a run file.
 
 Schema "inercal/control/1": `sensor`, `reference` (`days`, `until`), `points` (`first`, `last`,
 `in_control`, `signals`), `episodes`, limits and statistics of the charts.
 
-A run is doubtful where the last point before it, or the first after it, is out of control: the
-bench may have changed at any time since the last point in control.
+A run is doubtful if the last point before it, or the first point after it, is out of control. The
+bench may then have changed at any time since the last point in control.
 """
 
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ from inercal.calibration.grade import Verdict
 
 SCHEMA = "inercal/control/1"
 CHECK_STANDARD = "check standard"
-"""Key of `Calibration.conditions`, and kind of the finding."""
-_MOST_NAMED = 3  # coefficients of a chart
+"""Key in `Calibration.conditions`, and kind of the finding."""
+_MOST_NAMED = 3  # coefficients per chart
 
 
 def _utc(text: str) -> str:
@@ -34,7 +34,7 @@ Time = Annotated[str, AfterValidator(_utc)]
 
 
 class CheckedDay(BaseModel):
-    """A day of the check standard."""
+    """A day on which the check standard was measured."""
 
     first: Time
     last: Time
@@ -43,12 +43,12 @@ class CheckedDay(BaseModel):
 
     @property
     def day(self) -> date:
-        """Day of its last session."""
+        """The date of the last session."""
         return datetime.fromisoformat(self.last).date()
 
     @property
     def words(self) -> str:
-        """The charts that signal, with their coefficients."""
+        """The charts that give a signal, with their coefficients, as text."""
         parts: list[str] = []
         for kind, names in self.signals.items():
             named = ", ".join(names[:_MOST_NAMED])
@@ -75,14 +75,14 @@ class _File(BaseModel):
 
 @dataclass(frozen=True)
 class CheckState:
-    """What a check standard says of a run.
+    """The state of the check standard at the time of a run.
 
     Parameters
     ----------
     text : str
-        For the conditions of the calibration.
+        Text for the conditions of the calibration.
     warnings : tuple of str
-        Why the run is doubtful; none where it is not.
+        Reasons why the run is doubtful; empty if it is not.
     """
 
     text: str
@@ -91,7 +91,7 @@ class CheckState:
 
 @dataclass(frozen=True)
 class CheckStandard:
-    """A check standard: its sensor, the end of its reference, and its points in time order."""
+    """A check standard: its sensor, the end of its reference period, and its points by time."""
 
     source: str
     sensor: str
@@ -99,26 +99,29 @@ class CheckStandard:
     points: tuple[CheckedDay, ...]
 
     def state(self, measured: date | None, longest: float | None) -> CheckState:
-        """Return what it says of a run.
+        """Return the state of the check standard at the time of a run.
 
         Parameters
         ----------
         measured : date or None
-            Last day of the run; None takes the newest point.
+            Last day of the run; None selects the newest point.
         longest : float or None
-            Seconds that may be between the last point and the run's day.
+            Longest permitted time between the last point and the day of the run, in seconds.
 
         Raises
         ------
         InputError
-            `longest` without the day of the run.
+            If `longest` is given without the day of the run.
         """
         if longest is not None and measured is None:
-            raise InputError("a largest age needs the date of the run: state [job] measured")
+            raise InputError(
+                "the age of the check standard can only be checked if the date of the run is "
+                "known: state [job] measured"
+            )
         before = [one for one in self.points if measured is None or one.day <= measured]
         after = [one for one in self.points if measured is not None and one.day > measured]
         if not before:
-            text = f"{self.sensor}: no check after its reference and before the run"
+            text = f"{self.sensor}: not checked between its reference period and the run"
             return CheckState(text, (f"{text}; measure it, and run inercal control again",))
         last = before[-1]
         word = "in control" if last.in_control else "out of control"
@@ -135,7 +138,7 @@ class CheckStandard:
             age = (measured - last.day).days
             if age * 86_400.0 > longest:
                 warnings.append(
-                    f"check standard {self.sensor} was measured last on {last.day}, {age} days "
+                    f"check standard {self.sensor} was last measured on {last.day}, {age} days "
                     "before the run, which is longer than check_standard_age: measure it before "
                     "each run"
                 )
@@ -148,17 +151,17 @@ class CheckStandard:
 
 
 def load_check_standard(path: Path) -> CheckStandard:
-    """Return the check standard of a file of `inercal control`.
+    """Read the check standard from a file written by `inercal control`.
 
     Raises
     ------
     InputError
-        No such file, or not such a file.
+        If the file does not exist, or is of another kind.
     """
     found = read_document(path, _File, "inercal control")
     return CheckStandard(path.name, found.sensor.name, found.reference.until, found.points)
 
 
 def is_doubtful(verdict: Verdict | None) -> bool:
-    """Whether the check standard of a calibration makes it doubtful."""
+    """Return whether the check standard makes a calibration doubtful."""
     return verdict is not None and CHECK_STANDARD in verdict.warned

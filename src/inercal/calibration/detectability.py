@@ -1,17 +1,19 @@
-"""What the data cannot show: causes that shift a coefficient before any test detects them.
+"""Find undetectable causes, which shift a coefficient by 5 u before any test notices them.
 
-A cause of size δ, a candidate of the score tests, shifts the estimate by J⁺c δ and leaves a
-residual of norm η = |c' δ| (`inercal.estimation.scores`). Where it shifts a coefficient of standard
-uncertainty u by 5 u its visibility is::
+A cause of size δ, which is a candidate of the score tests, shifts the estimate by J⁺c δ and leaves
+a residual of norm η = |c' δ| (`inercal.estimation.scores`). When it shifts a coefficient of
+standard uncertainty u by 5 u, its visibility is::
 
     η = 5 / R        R = max |J⁺c| / (u |c'|)
 
-At η = 6 a test detects it nearly always. Causes with an η below 7 are listed, so that no marginal
-cause is missing: the result is wrong by 5 u, and its verdict is "consistent". A coefficient whose
-size of 5 u exceeds a tenth of its natural size is implausible, and not listed.
+At η = 6 a test nearly always detects the cause. Causes with η below 7 are listed, so that no
+marginal cause is missing: with such a cause the result can be wrong by 5 u although its verdict is
+"consistent". A coefficient is not listed if the size that shifts by 5 u exceeds a tenth of its
+natural size, because such a size is implausible.
 
-R of a candidate with one component does not depend on the data. R of a candidate with several
-components is that of the direction of its estimate: the largest R of all directions is not smaller.
+R of a candidate with one component does not depend on the data. For a candidate with several
+components, R is taken in the direction of its estimate; the largest R over all directions is at
+least as large.
 
 Source: Baarda 1968, A testing procedure for use in geodetic networks, Netherlands Geodetic
 Commission (external reliability).
@@ -36,16 +38,18 @@ _ROUNDING = 1e-9  # u
 
 @dataclass(frozen=True)
 class UndetectableCause:
-    """A cause that the data cannot show.
+    """A cause that no test of these data can detect.
 
     Parameters
     ----------
     name : str
-        Name of a kind of coefficients, "k2", or of a drift; "row" for the readings of single rows.
+        Name of a kind of coefficient, such as "k2", or of a drift; "row" for the readings of
+        single rows.
     component : str
-        Full name of the component that shifts a coefficient with the smallest size; empty for rows.
+        Full name of the component that needs the smallest size to shift a coefficient; empty for
+        rows.
     size : float
-        The size that shifts by 5 u, SI; NaN where it is not known.
+        The size that shifts a coefficient by 5 u, SI; NaN if it is not known.
     """
 
     name: str
@@ -54,7 +58,7 @@ class UndetectableCause:
 
 
 def coefficient_definition(sensor: Sensor, full: str) -> ErrorTerm:
-    """Return the table entry of a full name, whether the coefficient is estimated or not."""
+    """Return the table entry of a coefficient by its full name, even if it is not estimated."""
     axis, short = CoefficientName(full).parts
     measures = next(a.measures for a in sensor.axes if a.name == axis)
     return next(line for line in TABLES[measures] if line.name == short)
@@ -66,7 +70,7 @@ def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[Undetectabl
     Parameters
     ----------
     estimate : Estimate
-        Without a trial axis; the coefficients of the sensor come first.
+        An estimate without a trial axis; the coefficients of the sensor come first.
     sensor : Sensor
     """
     scores = estimate.score_tests.scores
@@ -95,12 +99,12 @@ def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[Undetectabl
 def undetectable_exact_parameters(
     estimate: Estimate, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> tuple[str, ...]:
-    """Return the parameters of the bench without a deviation whose errors these data cannot show.
+    """Return the bench parameters stated as exact whose errors these data cannot show.
 
     Parameters
     ----------
     estimate, sensor
-        As of `undetectable_causes`.
+        As for `undetectable_causes`.
     expected : mapping of str to Parameter
         The bench's parameters by full name, as they were stated.
     """
@@ -118,7 +122,7 @@ def undetectable_exact_parameters(
 
 
 def _is_undetectable(score: ScoreTest, u: Array) -> bool:
-    """Return whether a cause shifts a coefficient by 5 u before it is visible."""
+    """Return whether a cause shifts a coefficient by 5 u before a test detects it."""
     moved, eta = _largest_shift(score, u), float(np.sqrt(score.chi2))
     if not score.dof:
         if score.kind in ("row", "time"):  # without a plausible size: any shift counts
@@ -128,13 +132,16 @@ def _is_undetectable(score: ScoreTest, u: Array) -> bool:
 
 
 def _largest_shift(score: ScoreTest, u: Array) -> float:
-    """Return the largest shift of a coefficient by the size of the score, in u."""
+    """Return the largest shift of a coefficient, in u, for the size of the score."""
     shift = np.abs(score.shift[: len(u)])
     return float(np.max(shift / np.where(u > 0, u, np.inf), initial=0.0))
 
 
 def _undetected_sizes(score: ScoreTest, u: Array, sensor: Sensor) -> Array:
-    """Return the size of 5 u of each component, SI, (k,); NaN where it is not known."""
+    """Return the size of each component that shifts a coefficient by 5 u, SI, (k,).
+
+    It is NaN where it is not known.
+    """
     moved, size = _largest_shift(score, u), np.abs(score.size)
     if not score.dof:
         if score.kind != "coefficient":
@@ -144,7 +151,10 @@ def _undetected_sizes(score: ScoreTest, u: Array, sensor: Sensor) -> Array:
 
 
 def _candidate_group(score: ScoreTest, scores: Sequence[ScoreTest]) -> str:
-    """Return the name of the candidate of several components that has this component, if any."""
+    """Return the name of the multi-component candidate that contains this component.
+
+    If there is none, return the name of the score itself.
+    """
     return next(
         (
             one.name

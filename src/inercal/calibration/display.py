@@ -1,4 +1,4 @@
-"""A calibration as a table for people: text, HTML for notebooks, LaTeX, and a DataFrame."""
+"""Tables of a calibration: text, HTML for notebooks, LaTeX, and a pandas DataFrame."""
 
 import re
 from html import escape
@@ -37,14 +37,14 @@ _LATEX_PATTERN = re.compile("|".join(map(re.escape, _LATEX_CHARACTERS)))
 
 
 class CoefficientLine(NamedTuple):
-    """A coefficient as printed: value and U (k = 2) rounded to what U allows.
+    """A coefficient for printing, with value and U (k = 2) rounded to the digits of U.
 
     Parameters
     ----------
     name, meaning, value, expanded, unit : str
-        `expanded` is empty where the calibration states no uncertainties.
+        `expanded` is empty if the calibration states no uncertainties.
     si : float
-        SI size of the unit.
+        Size of the unit in SI units.
     """
 
     name: str
@@ -56,7 +56,7 @@ class CoefficientLine(NamedTuple):
 
     @property
     def axis(self) -> str:
-        """The sensor's axis."""
+        """The sensor axis of the coefficient."""
         return CoefficientName(self.name).axis
 
 
@@ -75,13 +75,13 @@ def coefficient_lines(calibration: "Calibration") -> tuple[CoefficientLine, ...]
 
 
 def title(calibration: "Calibration") -> str:
-    """Return what was calibrated, and how, in a line."""
+    """Return a line with the name of the sensor, the method and the estimator."""
     way = ", ".join(text for text in (calibration.method, calibration.estimator) if text)
     return f"{calibration.sensor.name}: {way}" if way else calibration.sensor.name
 
 
 def to_html(calibration: "Calibration") -> str:
-    """Return the table and the verdict, or else the notes, as HTML without styles of its own."""
+    """Return the table and the verdict (or the notes, if there is none) as unstyled HTML."""
     head = "".join(f"<th>{escape(text)}</th>" for text in _HEADINGS)
     rows = "".join(
         "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in line[:5]) + "</tr>"
@@ -98,7 +98,7 @@ def to_html(calibration: "Calibration") -> str:
 
 
 def to_latex(calibration: "Calibration") -> str:
-    """Return the table as a LaTeX tabular with the rules of package booktabs."""
+    """Return the table as a LaTeX tabular with rules from the package booktabs."""
 
     def row(cells: tuple[str, ...]) -> str:
         return " & ".join(map(_latex, cells)) + r" \\"
@@ -120,17 +120,17 @@ def to_latex(calibration: "Calibration") -> str:
 
 
 def _latex(text: str) -> str:
-    """Return text with LaTeX for what its fonts or its syntax have not."""
+    """Return the text with LaTeX commands for special characters."""
     return _LATEX_PATTERN.sub(lambda found: _LATEX_CHARACTERS[found[0]], text)
 
 
 def to_dataframe(calibration: "Calibration") -> Any:
-    """Return value, u (k = 1) and U (k = 2) of each coefficient, as numbers in its unit.
+    """Return a DataFrame with value, u (k = 1) and U (k = 2) of each coefficient in its unit.
 
     Raises
     ------
     InputError
-        pandas is missing.
+        If pandas is not installed.
     """
     with require_extra("pandas", "a DataFrame needs pandas", ("pandas",)):
         import pandas as pd  # pyright: ignore[reportMissingTypeStubs]

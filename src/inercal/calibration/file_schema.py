@@ -1,7 +1,8 @@
-"""What a calibration file may hold: types by a strict schema, and what its numbers must satisfy.
+"""The strict schema of calibration files, and the checks of their numbers.
 
-A file whose hash is right may still have been written by another program, or by hand and hashed
-again. Nothing is converted: a number in quotation marks or `true` is no number.
+A file whose hash is right may still have been written by another program, or edited by hand and
+hashed again. Nothing is converted: a number in quotation marks or `true` does not count as a
+number.
 """
 
 import math
@@ -25,7 +26,7 @@ _Cosine = Annotated[float, Field(ge=-1.001, le=1.001)]
 _Direction = Annotated[list[_Cosine], Field(min_length=3, max_length=3)]
 _Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 
-_ROUNDING = 1e-9  # of a correlation, or of a rotation's elements
+_ROUNDING = 1e-9  # tolerance of a correlation, or of a rotation's elements
 
 
 class _Readout(Record):
@@ -91,7 +92,7 @@ class _LimitRecord(Record):
 
 
 class ConformityRecord(Record):
-    """How the file says that the calibration conforms."""
+    """The conformity of the calibration as stated in the file."""
 
     rule: RuleName
     factor: Annotated[float, Field(gt=0)]
@@ -102,7 +103,7 @@ class ConformityRecord(Record):
 
 
 class CalibrationRecord(Record):
-    """The fields of a calibration file beside its schema and its hash."""
+    """The fields of a calibration file, except its schema and its hash."""
 
     sensor: _Sensor
     method: str
@@ -123,7 +124,7 @@ class CalibrationRecord(Record):
 
 
 def checked_record(content: dict[str, Any]) -> CalibrationRecord:
-    """Return the content of a calibration file; refuse what contradicts the schema or itself.
+    """Check the content of a calibration file against the schema and for contradictions.
 
     Parameters
     ----------
@@ -133,9 +134,10 @@ def checked_record(content: dict[str, Any]) -> CalibrationRecord:
     Raises
     ------
     InputError
-        Its first wrong field: a type, a word that is not possible, a number that is not finite, a
-        coefficient twice, a standard deviation that contradicts the covariance, a covariance that
-        is none, a mounting that is no rotation.
+        If a field is invalid: a wrong type, an unknown word, a number that is not finite, a
+        coefficient that is listed twice, a standard deviation that contradicts the covariance, an
+        invalid covariance, or a mounting matrix that is not a rotation. The error names the first
+        such field.
     """
     try:
         file = CalibrationRecord.model_validate(content)
@@ -152,11 +154,11 @@ def checked_record(content: dict[str, Any]) -> CalibrationRecord:
         )
     _require_covariance(file.covariance, file.coefficients)
     if not _is_rotation(tuple(map(tuple, file.mount))):
-        raise InputError("mount: the matrix is no rotation", key="mount")
+        raise InputError("mount: the matrix is not a rotation", key="mount")
     return file
 
 
-@lru_cache(maxsize=16)  # a register holds thousands of calibrations of one mounting
+@lru_cache(maxsize=16)  # a register contains thousands of calibrations with one mounting
 def _is_rotation(rows: tuple[tuple[float, ...], ...]) -> bool:
     matrix = np.array(rows, dtype=float)
     orthonormal = np.max(np.abs(matrix @ matrix.T - np.eye(3))) <= 1e-6
@@ -164,7 +166,7 @@ def _is_rotation(rows: tuple[tuple[float, ...], ...]) -> bool:
 
 
 def _require_covariance(rows: list[list[float]], coefficients: Sequence[_Coefficient]) -> None:
-    """Refuse a matrix that is no covariance, or whose diagonal contradicts the deviations."""
+    """Refuse an invalid covariance matrix, or one that contradicts the standard deviations."""
     p = len(coefficients)
     if [len(row) for row in rows] != [p] * p:
         raise InputError(

@@ -1,12 +1,12 @@
-"""Calibrations on disk: versioned JSON, `*.calibration.json`.
+"""Read and write calibration files: versioned JSON, `*.calibration.json`.
 
 Schema "inercal/calibration/2": `sensor` (axes with input and pendulous axes, readout),
 `coefficients` (a list of name, value, std, unit; SI), `covariance` in that order, `conditions`,
 `provenance`, `notes`, `frame`, `mount`, `verdict` (grade, reasons, tests, suspect), `shared` (a
 list of errors of the bench that other calibrations may have too), `validity` (ranges by name),
-`job` (texts by name), `conformity` (rule, result and limits, of [specification]),
-`bench_estimates` (a list of what the run itself shows of its bench), and `sha256`, the hash of the
-other keys. Unknown keys are omitted.
+`job` (texts by name), `conformity` (rule, result and limits from [specification]),
+`bench_estimates` (a list of bench parameters as estimated from the run), and `sha256`, the hash of
+the other keys. Fields that are not known are left out.
 """
 
 import hashlib
@@ -40,7 +40,7 @@ _LARGEST = 16 << 20  # bytes; 24 coefficients need some 20 kilobytes
 
 
 def calibration_object(calibration: Calibration) -> dict[str, Any]:
-    """Return the calibration as the JSON object of its file."""
+    """Return the calibration as the JSON object that its file contains."""
     sensor = calibration.sensor
     units = [SI_UNITS[sensor.coefficient(name).unit] for name in sensor.coefficients]
     rows = zip(sensor.coefficients, calibration.values, calibration.std, units, strict=True)
@@ -102,7 +102,7 @@ def _shared_object(one: SharedError) -> dict[str, Any]:
 
 
 def canonical_text(content: dict[str, Any]) -> str:
-    """Return the JSON text of which `sha256` is the hash: sorted keys, no spaces."""
+    """Return the JSON text, with sorted keys and no spaces, from which `sha256` is computed."""
     return json.dumps(content, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
 
 
@@ -111,28 +111,29 @@ def _hash(content: dict[str, Any]) -> str:
 
 
 def _is_proven(text: str, stated: object) -> bool:
-    """Return whether a text is canonical, but for the hash in it, and has the stated hash.
+    """Return whether a text is canonical, apart from the hash in it, and matches the stated hash.
 
-    A register keeps canonical texts: to write 600 numbers again takes longer than all else.
+    A register stores canonical texts. This check saves formatting 600 numbers again, which would
+    take longer than everything else.
     """
     rest = text.replace(f'"sha256":"{stated}",', "", 1)
     return len(rest) < len(text) and hashlib.sha256(rest.encode()).hexdigest() == stated
 
 
 def save(calibration: Calibration, path: str | Path) -> Path:
-    """Write the calibration completely or not at all; return the path."""
+    """Write the calibration file atomically and return its path."""
     with atomic_write(Path(path)) as temporary:
         temporary.write_text(document_text(calibration_object(calibration)), encoding="utf-8")
     return Path(path)
 
 
 def load(path: str | Path) -> Calibration:
-    """Read a calibration.
+    """Read a calibration file.
 
     Raises
     ------
     InputError
-        A missing file, not JSON, another schema, a wrong hash, or fields that do not fit.
+        If the file is missing, is not JSON, or has another schema, a wrong hash or invalid fields.
     """
     return parse(read_text(path), str(path))
 
@@ -143,7 +144,7 @@ def read_text(path: str | Path) -> str:
     Raises
     ------
     InputError
-        A missing file, or a file that cannot be read.
+        If the file is missing or cannot be read.
     """
     raw = read_small_file(Path(path), "calibration file", _LARGEST)
     try:
@@ -153,12 +154,12 @@ def read_text(path: str | Path) -> str:
 
 
 def parse(text: str, source: str) -> Calibration:
-    """Return the calibration of a file's text; `source` is its path, for messages.
+    """Parse the text of a calibration file; `source` is its path, used in messages.
 
     Raises
     ------
     InputError
-        Not JSON, another schema, a wrong hash, or fields that do not fit.
+        If the text is not JSON, or has another schema, a wrong hash or invalid fields.
     """
     content: Any
     try:
@@ -183,12 +184,13 @@ def parse(text: str, source: str) -> Calibration:
         proven = _is_proven(text, stated) or _hash(fields) == stated
     except ValueError:  # half of a surrogate pair
         raise InputError(
-            f"{source}: broken calibration file: a text is not Unicode; restore it", file=source
+            f"{source}: broken calibration file: a text is not valid Unicode; restore the file",
+            file=source,
         ) from None
     if not proven:
         raise InputError(
-            f"{source}: changed since it was written (its SHA-256 differs); calibrate again or "
-            "restore the file",
+            f"{source}: the file was changed since it was written (its SHA-256 differs); calibrate "
+            "again or restore the file",
             file=source,
             key="sha256",
         )
@@ -204,7 +206,7 @@ def parse(text: str, source: str) -> Calibration:
 
 
 def _json_problem(text: str, error: Exception) -> str:
-    """Return why a text is no JSON, and what to do."""
+    """Return why a text is not JSON, and what to do."""
     if not text.strip():
         return "it is empty; restore it, or calibrate again"
     if isinstance(error, json.JSONDecodeError) and text.lstrip().startswith("{"):
@@ -213,24 +215,24 @@ def _json_problem(text: str, error: Exception) -> str:
 
 
 def _parse_json(text: str) -> Any:
-    """Return what a JSON text holds, none of whose keys is there twice.
+    """Parse a JSON text and refuse keys that occur twice.
 
-    The parser of pydantic takes a quarter of the time of Python's, but drops repeated keys: then
-    there are fewer of them than quotation marks before a colon.
+    The parser of pydantic takes a quarter of the time of Python's, but it drops repeated keys. In
+    that case there are fewer keys than quotation marks followed by a colon.
     """
     try:
         content = from_json(text, allow_inf_nan=False)
     except ValueError:
-        content = None  # Python's parser has the reason
+        content = None  # Python's parser gives the reason
     if content is None or _key_count(content) < len(_KEY_ENDS.findall(text)):
         return json.loads(text, object_pairs_hook=_object, parse_constant=_refuse_constant)
     return content
 
 
 def _key_count(content: Any) -> int:
-    """Return how many keys there are at least: lists that begin with a number are not searched."""
+    """Return a lower bound of the number of keys; lists that begin with a number are skipped."""
     count, values = 0, [content]
-    for one in values:  # which grows by what it holds
+    for one in values:  # the list grows by the values that it contains
         if isinstance(one, dict):
             inner = cast(dict[str, Any], one)
             count += len(inner)
@@ -241,7 +243,7 @@ def _key_count(content: Any) -> int:
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return a JSON object, none of whose keys is there twice."""
+    """Return a JSON object, and refuse a key that occurs twice."""
     content = dict(pairs)
     if len(content) < len(pairs):
         names = [name for name, _ in pairs]
@@ -255,7 +257,7 @@ def _refuse_constant(word: str) -> float:
 
 
 def _recorded(record: CalibrationRecord, content: dict[str, Any]) -> Calibration:
-    """Return the calibration of a file: its checked record, and the content as it was read."""
+    """Return the calibration from the checked record and the content of a file."""
     coefficients, notes, shared = record.coefficients, tuple(record.notes), record.shared
     sensor = _sensor(
         to_json(content["sensor"]), tuple((one.name, one.unit) for one in coefficients)
@@ -308,7 +310,7 @@ def _recorded_conformity(record: ConformityRecord) -> Conformity:
 
 @lru_cache(maxsize=16)  # a register holds thousands of calibrations of one sensor
 def _sensor(described: bytes, coefficients: tuple[tuple[str, str], ...]) -> Sensor:
-    """Return the sensor of a file with its coefficients, which are stated with their units."""
+    """Return the sensor from a file, after checking the units of its coefficients."""
     content: dict[str, Any] = json.loads(described, parse_int=float)
     axes = tuple(
         Axis(a["name"], a["measures"], tuple(a["i"]), tuple(a["p"]), Readout(**a["readout"]))

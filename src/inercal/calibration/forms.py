@@ -1,7 +1,7 @@
-"""A calibration in other forms: the equation of IEEE Std 1293, and other body frames.
+"""Convert a calibration to the equation of IEEE Std 1293, other forms and other body frames.
 
 The misalignments and scales of a triad form a matrix M, reading = M f + bias. A rotation Q of the
-body frame, f' = Q f, does not change the readings and changes the matrices exactly::
+body frame, f' = Q f, leaves the readings unchanged and transforms the matrices exactly::
 
     M' = M Qᵀ        of accelerometers and of gyros
     G' = G Qᵀ        sensitivity of gyros to f
@@ -28,7 +28,7 @@ _AFFINE = {"k0", "k1", "bias", "scale", "delta_o", "delta_p", "g_i", "g_p", "g_o
 
 @dataclass(frozen=True, eq=False)
 class ConvertedCoefficients:
-    """Coefficients in another form.
+    """Coefficients that were converted to another form.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class ConvertedCoefficients:
         Values in these units.
     covariance : (q, q) array
     shared : tuple of SharedError or None
-        As of `Calibration`, for these coefficients.
+        As in `Calibration`, for these coefficients.
     """
 
     names: tuple[str, ...]
@@ -57,15 +57,16 @@ def ieee1293(
 ) -> ConvertedCoefficients:
     """Return the coefficients of E = K₁ (K₀ + a + K₂ a² + δ_O a_P − δ_P a_O + …).
 
-    E is the output minus the readout's offset, a in g. Names are "x.K1" (output units per g) and
-    "x." + the name in the table for the rest, all referred to the input: divided by 1 + k1.
-    Misalignments are in rad, the others in powers of g. In a tilted model with nonlinear terms K₁
-    and δ refer to the rotated axis: no exact reference form exists.
+    E is the output minus the readout's offset, and a is in g. The names are "x.K1" (output units
+    per g), and "x." plus the name in the table for the other coefficients. These are referred to
+    the input, which means divided by 1 + k1. Misalignments are in rad, the others in powers of g.
+    In a tilted model with nonlinear terms, K₁ and δ refer to the rotated axis, because no exact
+    reference form exists.
 
     Raises
     ------
     InputError
-        No accelerometer axis.
+        If the sensor has no accelerometer axis.
     """
     names: list[str] = []
     units: list[str] = []
@@ -81,8 +82,8 @@ def ieee1293(
                 units.append("rad" if short.startswith("delta") else _unit_in_g(sensor, full))
     if not names:
         raise InputError(
-            f"sensor {sensor.name} has no accelerometer, for which IEEE Std 1293 is written; give "
-            "a calibration with accelerometers",
+            f"sensor {sensor.name} has no accelerometer, but IEEE Std 1293 applies to "
+            "accelerometers only; give a calibration with accelerometers",
             names=sensor.channels,
         )
     scales = {axis.name: axis.readout.scale * G0 for axis in sensor.axes}
@@ -108,27 +109,29 @@ def ieee1293(
 
 
 def _unit_in_g(sensor: Sensor, full: str) -> str:
-    """Return the unit with µg replaced by g, mm by m and ppm by 1."""
+    """Return the unit with µg replaced by g, mm by g/(rad/s)² and ppm by 1."""
     unit = sensor.coefficient(full).unit
     return unit.replace("µg", "g").replace("mm", "g/(rad/s)²").replace("ppm", "1")
 
 
 def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Array, Array]:
-    """Return sensor, values (q,), SI, and ∂values (q, p), with the model in its other form.
+    """Return the sensor, values (q,) and derivatives (q, p) for the other form of the model.
 
-    The derivatives are by the p given values, over the range of `covariance`.
+    The values are in SI units. The derivatives are with respect to the p given values, over the
+    range of `covariance`.
 
-    The reference form's scale and misalignments 1 + k1′, δ_O′, δ_P′ are the components of one
-    vector, (1 + k1) times the unit input axis h = (1, tan δ_O, −tan δ_P)/norm of the tilted form::
+    The scale and misalignments of the reference form, 1 + k1′, δ_O′, δ_P′, are the components of
+    one vector: (1 + k1) times the unit input axis h = (1, tan δ_O, −tan δ_P)/norm of the tilted
+    form::
 
         |1 + k1| = √((1 + k1′)² + δ_O′² + δ_P′²),   tan δ = δ′ / (1 + k1′)
 
-    with the sign of the gain 1 + k1 unchanged.
+    The sign of the gain 1 + k1 does not change.
 
     Raises
     ------
     InputError
-        Nonlinear terms, which act along another axis in the other form.
+        If there are nonlinear terms, which act along another axis in the other form.
     """
     beyond = [n for n in sensor.coefficients if CoefficientName(n).term not in _AFFINE]
     if beyond:
@@ -153,7 +156,8 @@ def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sens
             if sensor.form == "reference":
                 if gain == -1:
                     raise InputError(
-                        f"{scale} = -1 means no gain, and no tilt is defined then; check the value",
+                        f"{scale} = -1 means zero gain, for which no tilt is defined; check the "
+                        "value",
                         names=(scale,),
                     )
                 # A reversed axis keeps its sign in the gain; the tilt stays within ±90°.
@@ -176,14 +180,16 @@ def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sens
 def convert_frame(
     sensor: Sensor, values: Array, covariance: Array, frame: Frame
 ) -> tuple[Sensor, Array, Array, Array]:
-    """Return sensor, values (q,), SI, ∂values (q, p) and Q (3, 3) for the frame `frame`.
+    """Return the sensor, values (q,), derivatives (q, p) and rotation Q (3, 3) for a new frame.
 
-    The derivatives are as of `convert_form`. Q takes vectors from the present frame to the new one.
+    The values and derivatives are as in `convert_form`. Q takes vectors from the present frame to
+    the new one.
 
     Raises
     ------
     InputError
-        Not an accelerometer triad (with or without a gyro triad), or terms beyond the affine ones.
+        If the sensor is not an accelerometer triad (with or without a gyro triad), or if the model
+        has terms that are not affine.
     """
     beyond = [n for n in sensor.coefficients if CoefficientName(n).term not in _AFFINE]
     if beyond:
@@ -195,8 +201,8 @@ def convert_frame(
     kinds = [axis.measures for axis in sensor.axes]
     if kinds not in (["f"] * 3, ["f"] * 3 + ["w"] * 3):
         raise InputError(
-            f"sensor {sensor.name} has axes {', '.join(sensor.channels)}; only three "
-            "accelerometers, alone or with three gyros, can change their frame: keep the frame",
+            f"sensor {sensor.name} has axes {', '.join(sensor.channels)}; the frame can be changed "
+            "only for three accelerometers, with or without three gyros: keep the frame",
             names=sensor.channels,
         )
     groups = ("bias", "scale", "misalignment", *(["g"] if len(kinds) == 6 else []))

@@ -1,9 +1,10 @@
-"""The rule of the verdict: how far a result can be relied on, the same for all methods.
+"""The rule for the verdict, which states how far a result can be relied on.
 
-The tests of an estimate are χ² of its residuals (or of each group of residuals; F where their noise
-was estimated from the recording), the further tests of the method, and the score tests of what the
-model omits. Their overall level is 1 %: .8 % for the scores and .2 % for the tests, or 1 % for the
-tests where nothing is scored. The grade is::
+The rule is the same for all methods. The tests of an estimate are the χ² test of its residuals (or
+of each group of residuals; an F test if their noise was estimated from the recording), the further
+tests of the method, and the score tests for effects that the model omits. Their overall level is
+1 %: .8 % for the scores and .2 % for the tests, or 1 % for the tests if nothing is scored. The
+grade is::
 
     consistent                 no test rejects the model, and no check warns
     usable with reservations   a test rejects the model, or a check warns, or nothing was tested
@@ -16,11 +17,11 @@ tests where nothing is scored. The grade is::
 Noise measured within rests contains no change from one rest to the next, which every sensor has in
 some measure, and U includes such a scatter: hence its wider limit.
 
-The best of the causes tested is that of `inercal.calibration.best_cause`; it is the suspect where
-what it leaves unexplained is not significant. Otherwise no single cause explains the residuals.
+`inercal.calibration.best_cause` finds the best of the causes tested. It is called the suspect if
+the residuals that it leaves are not significant. Otherwise no single cause explains the residuals.
 
-A check of the stated noise warns where uncertainties follow from a noise that was stated too large:
-by it alone a result is usable with reservations, because its uncertainties are too large.
+A check of the stated noise warns if the noise was stated too large. This warning makes a result
+usable with reservations, because its uncertainties are too large.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -63,7 +64,7 @@ _MAX_SCATTER = 2.0  # times the stated scatter
 _MAX_SCATTER_OF_RESTS = 3.0  # times the scatter measured within rests
 _MAX_SHIFT = 1.0  # U
 _SCALE_LIMITS = (0.65, 1.5)  # times nominal; even low-grade sensors are within a quarter of it
-_MOST_REASON = 75  # characters of the message of a check that is a reason
+_MOST_REASON = 75  # characters of a check's message when it is used as a reason
 _SHIFTED_BY: dict[CandidateKind, str] = {
     "coefficient": "an effect that is not estimated",
     "bench": "a deviation of the bench",
@@ -74,7 +75,7 @@ _SHIFTED_BY: dict[CandidateKind, str] = {
 
 @dataclass(frozen=True)
 class HypothesisTest:
-    """A test: its χ², degrees of freedom, and p-value, single and among all of its kind."""
+    """A test with its χ², degrees of freedom, p-value and p-value adjusted for all tests."""
 
     name: str
     statistic: float
@@ -84,7 +85,7 @@ class HypothesisTest:
 
     @property
     def rejects(self) -> bool:
-        """Whether the model is rejected by this test at the overall level."""
+        """Whether this test rejects the model at the overall level."""
         return self.adjusted < SIGNIFICANCE_LEVEL
 
 
@@ -92,7 +93,7 @@ class HypothesisTest:
 class Assessment:
     """Results of the tests of an estimate.
 
-    `best` is the best of the causes tested; it is the suspect where it leaves nothing significant.
+    `best` is the best of the tested causes; it is the suspect if it leaves nothing significant.
     """
 
     tests: tuple[HypothesisTest, ...]
@@ -123,11 +124,11 @@ class NoiseFactor(NamedTuple):
     Parameters
     ----------
     what : str
-        Its finding: "noise", or "residuals" of noise and bench together.
+        Kind of finding: "noise", or "residuals" for noise and bench together.
     channel : str or None
-        The axis that shows it best; None of all.
+        The axis that shows it best; None for all axes.
     factor : float
-        The stated standard deviation over that found.
+        Stated standard deviation divided by the observed one.
     """
 
     what: str
@@ -137,32 +138,32 @@ class NoiseFactor(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """How far a result can be relied on, and the reasons. Iterating gives its lines.
+    """How far a result can be relied on, with the reasons; iterating gives its lines.
 
     Parameters
     ----------
     grade : "consistent", "reservations" or "unreliable"
     reasons : tuple of str
-        The reasons against "consistent", in few words each, the main one first.
+        Short reasons against the grade "consistent", with the main reason first.
     lines : tuple of str
         At most six lines of at most 100 characters, except texts to paste: grade and main reason;
         cause; what to do next; largest uncertainties; how many effects are not detectable.
     explanation : tuple of ExplanationSection
-        All that was found, sorted under headings.
+        All findings, sorted under headings.
     tests : tuple of HypothesisTest
     suspect : SuspectedCause or None
-        The single cause that explains the residuals; None where there is no such cause.
+        The single cause that explains the residuals; None if there is no such cause.
     best : SuspectedCause or None
-        The best of the causes tested, with what it leaves unexplained.
+        The best of the tested causes, with the residuals that it leaves unexplained.
     advice : tuple of Advice
-        What to change in the run file, or to do; what changes keys was tried.
+        What to change in the run file or to do at the bench; advised key changes were tried.
     scatter : float
-        Scatter of the residuals over the stated scatter where uncertainties were enlarged by it;
-        otherwise 1.
+        Ratio of the scatter of the residuals to the stated scatter if the uncertainties were
+        enlarged by it; otherwise 1.
     noise : tuple of NoiseFactor
         Noise that was stated too large or too small.
     rounding : tuple of RoundedChannel
-        Channels whose steps limit what rests show.
+        Channels whose resolution limits the information from rests.
     additions : tuple of Addition
         Coefficients that `also = "auto"` added, in order.
     warned : tuple of str
@@ -190,7 +191,7 @@ class Verdict:
 
     @property
     def word(self) -> str:
-        """The grade in words, the same in terminal, report, register, page and JSON."""
+        """The grade in words, as it appears in terminal, report, register, page and JSON."""
         return GRADE_WORDS[self.grade]
 
     @property
@@ -218,9 +219,9 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
     Parameters
     ----------
     estimate : Estimate
-        Without a trial axis.
+        An estimate without a trial axis.
     count : int
-        Number of coefficients, which are its first parameters.
+        Number of coefficients, which are the first parameters of the estimate.
     possible : collection of str, optional
         Full names of the coefficients that the method can estimate.
     """
@@ -234,7 +235,7 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
         for name, chi2, dof in named
         if dof > 0
     ]
-    # The further tests of a method are χ² tests however the noise was estimated.
+    # The further tests of a method are χ² tests, no matter how the noise was estimated.
     real += [(one.name, one.statistic, one.dof, one.p_value) for one in estimate.tests if one.dof]
     score_tests = estimate.score_tests
     share = 1 - SCORE_TEST_SHARE if any(one.dof for one in score_tests.scores) else 1.0
@@ -260,18 +261,18 @@ def grade_estimate(
     findings: Sequence[Finding],
     far: Sequence[str],
 ) -> Verdict:
-    """Return the verdict by the rule of this module, without its words.
+    """Return the grade and its reasons by the rule of this module, without lines of text.
 
     Parameters
     ----------
     estimate : Estimate
-        Without a trial axis.
+        An estimate without a trial axis.
     sensor : Sensor
     assessment : Assessment
     findings : sequence of Finding
         Findings of all checks.
     far : sequence of str
-        A sentence on each scale factor that is far from nominal (`is_far_from_nominal`).
+        A sentence about each scale factor that is far from nominal (`is_far_from_nominal`).
     """
     best, suspect = assessment.best, assessment.suspect
     largest_birge_ratio = float(estimate.largest_birge_ratio)
@@ -298,7 +299,7 @@ def grade_estimate(
         mild.append(f"the residuals point to {named}")
     mild += _finding_reasons(findings, "warning")
     if not assessment.tests and not estimate.score_tests.scores:
-        mild.append("this estimator makes no test of how well the data agree")
+        mild.append("this estimator does not test how well the data agree with the model")
     grade: Grade = "unreliable" if bad else "reservations" if mild else "consistent"
     noise = tuple(
         NoiseFactor(one.what, one.channel, one.factor) for one in findings if one.factor is not None
@@ -317,7 +318,7 @@ def grade_estimate(
 
 
 def _test_reason(name: str) -> str:
-    """Return what it means that a test rejects the model."""
+    """Return the reason for the verdict when this test rejects the model."""
     if name.startswith(CHANGE_PREFIX):
         return f"the readings {name}"
     residuals, _, group = name.partition(": ")
@@ -327,7 +328,7 @@ def _test_reason(name: str) -> str:
 
 
 def _finding_reasons(findings: Sequence[Finding], severity: str) -> Iterator[str]:
-    """Yield a reason for each kind of findings of a severity: the message of the first."""
+    """Yield one reason, the first message, for each kind of finding with this severity."""
     kinds: dict[str, list[str]] = {}
     for one in findings:
         if one.severity == severity:
@@ -337,10 +338,10 @@ def _finding_reasons(findings: Sequence[Finding], severity: str) -> Iterator[str
 
 
 def two_digits(size: float) -> str:
-    """Return a size with two significant digits and without a power of ten."""
+    """Return a size as text with two significant digits and without a power of ten."""
     return format_value_and_uncertainty(0.0, size)[1]
 
 
 def is_far_from_nominal(scale: float) -> bool:
-    """Return whether a scale factor, 1 being nominal, is implausibly far from nominal."""
+    """Return whether a scale factor (nominally 1) is implausibly far from nominal."""
     return not _SCALE_LIMITS[0] < scale < _SCALE_LIMITS[1]

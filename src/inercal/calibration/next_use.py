@@ -1,8 +1,8 @@
-"""How a sensor scatters from one use to the next, as `inercal repeat` writes it.
+"""The scatter of a sensor from one use to the next, as written by `inercal repeat`.
 
 Schema "inercal/repeatability/1": `sensor`, `frame`, `form`, `coefficients` (a list of name, unit,
-value and the uncertainties of mean and next use, SI), `scatter` (covariance of what a next use
-adds, in that order), `dof`, and more for readers.
+value and the uncertainties of mean and next use, SI), `scatter` (covariance that the next use adds,
+in that order), `dof`, and more for readers.
 """
 
 from collections.abc import Sequence
@@ -28,19 +28,19 @@ class NextUseScatter:
     Parameters
     ----------
     source : str
-        The file.
+        Name of the file.
     sensor : str
-        Its name.
+        Name of the sensor.
     frame, form : str
-        Terms of the coefficients.
+        Body frame and form of the model to which the coefficients refer.
     names : tuple of str
     covariance : (p, p) array
-        Of one use about the mean, SI.
+        Covariance of one use about the mean, SI.
     run_to_run : (p, p) array
-        Of one session about the mean, with what the bench answers for, such as a new mounting; that
-        of a use in files that do not state it.
+        Covariance of one session about the mean, including effects of the bench such as a new
+        mounting; equal to `covariance` if the file does not state it.
     dof : (p,) array
-        Degrees of freedom.
+        Degrees of freedom of each coefficient.
     """
 
     source: str
@@ -53,17 +53,17 @@ class NextUseScatter:
     dof: Array
 
     def of(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """Return covariance and degrees of freedom of coefficients.
+        """Return the covariance and the degrees of freedom of the named coefficients.
 
         Raises
         ------
         InputError
-            A coefficient that is not in the file.
+            If a coefficient is not in the file.
         """
         missing = [name for name in names if name not in self.names]
         if missing:
             raise InputError(
-                f"{self.source} states no scatter of {', '.join(missing)}; it has "
+                f"{self.source} states no scatter for {', '.join(missing)}; it has "
                 f"{', '.join(self.names)}",
                 names=tuple(missing),
             )
@@ -91,12 +91,12 @@ class _File(BaseModel):
 
 
 def load_next_use(path: Path) -> NextUseScatter:
-    """Return the scatter of a file of `inercal repeat`.
+    """Read the scatter from a file written by `inercal repeat`.
 
     Raises
     ------
     InputError
-        No such file, or not such a file.
+        If the file does not exist, or is of another kind.
     """
     found = read_document(path, _File, "inercal repeat")
     names = tuple(one.name for one in found.coefficients)

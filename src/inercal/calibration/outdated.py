@@ -1,21 +1,21 @@
-"""Whether a calibration was kept though what it came from has changed: its provenance says why."""
+"""Mark a calibration as outdated when its inputs have changed since it was made."""
 
 from dataclasses import replace
 
 from inercal.calibration import Calibration
 
 OUTDATED = "outdated"
-"""The key of `Calibration.provenance`."""
+"""Key in `Calibration.provenance` whose text gives the reason."""
 
 
 def marked_as_outdated(calibration: Calibration, reason: str) -> Calibration:
-    """Return a calibration whose provenance says why another one may be due; itself without reason.
+    """Return the calibration with a note in its provenance on why a new one may be needed.
 
     Parameters
     ----------
     calibration : Calibration
     reason : str
-        In words; empty where there is none.
+        Reason as text; if it is empty, the calibration is returned unchanged.
     """
     if not reason:
         return calibration

@@ -1,19 +1,20 @@
-"""Errors of a bench that its calibrations share, because they last longer than a run.
+"""Errors of a bench that several calibrations share, because they last longer than a run.
 
-A parameter q of the bench is stated as q₀ ± u_q, and no run measures it again: the radius of an
-arm, local gravity, the azimuth of a base. The coefficients c are estimated with it, and to first
-order they change with the stated value::
+A parameter q of the bench is stated as q₀ ± u_q, and no run measures it again. Examples are the
+radius of an arm, local gravity and the azimuth of a base. The coefficients c are estimated with it,
+and to first order they change with the stated value::
 
     J = ∂c/∂q₀,    P_cq = cov(c − c_true, q₀ − q_true) = J u_q²
 
-P_cq is the column of the joint covariance of coefficients and parameter where both are estimated.
-If the true value is δ above the stated value, the error of the coefficients is −J δ. Calibrations i
-and j with the same determination of q are correlated by it; the rest of each is its own::
+P_cq is the column for q in the joint covariance of coefficients and parameter when both are
+estimated. If the true value is δ above the stated value, the error of the coefficients is −J δ.
+Calibrations i and j with the same determination of q are correlated through it; the rest of their
+errors is independent::
 
     cov(c_i, c_j) = Σ_q P_i P_jᵀ / u_q²,    own_i = cov(c_i) − Σ_q P_i P_iᵀ / u_q²
 
-A Birge ratio enlarges cov(c), and so the own part, but not P: residuals that are too large contain
-no information on q₀, and J = P / u_q² remains the derivative.
+A Birge ratio enlarges cov(c), and therefore the independent part, but not P: residuals that are too
+large contain no information about q₀, and J = P / u_q² remains the derivative.
 
 Source: JCGM 102:2011 (GUM Supplement 2), 6.2; JCGM 100:2008, F.1.2.3 (common influences).
 """
@@ -34,22 +35,22 @@ class SharedError:
     Parameters
     ----------
     name : str
-        Name of the bench's parameter, "radius".
+        Name of the bench parameter, such as "radius".
     unit : str
-        Unit of the parameter, SI.
+        SI unit of the parameter.
     std : float
-        Stated standard deviation u_q, in the unit.
+        Stated standard deviation u_q, in this unit.
     covariance : (p,) array
-        P_cq of the p coefficients, SI times the unit.
+        P_cq of the p coefficients, in SI units times this unit.
     determination : str
-        SHA-256 that is equal in calibrations with the same determination of the value.
+        SHA-256 that is equal in all calibrations with the same determination of the value.
     date : str or None
-        Date of the determination, ISO 8601; None where it is not known.
+        Date of the determination, ISO 8601; None if it is not known.
 
     Raises
     ------
     InputError
-        A deviation that is not positive, or a value that is not finite.
+        If the standard deviation is not positive, or a value is not finite.
     """
 
     name: str
@@ -74,11 +75,11 @@ class SharedError:
 
     @property
     def sensitivity(self) -> Array:
-        """J = ∂c/∂q₀ of each coefficient, (p,): SI per unit."""
+        """Derivative J = ∂c/∂q₀ of each coefficient, (p,), in SI units per unit of q."""
         return self.covariance / self.std**2
 
     def transform(self, jacobian: Array) -> "SharedError":
-        """Return the error for other coefficients, with derivatives (q, p) by these."""
+        """Return the error for other coefficients, given their derivatives (q, p) by these."""
         return replace(self, covariance=jacobian @ self.covariance)
 
 
@@ -86,21 +87,21 @@ SharedErrors = tuple[SharedError, ...] | None
 
 
 def transform_shared(shared: SharedErrors, jacobian: Array) -> SharedErrors:
-    """Return the errors for other coefficients; None remains None."""
+    """Return the shared errors for other coefficients; None stays None."""
     return None if shared is None else tuple(one.transform(jacobian) for one in shared)
 
 
 def shared_covariance(
     first: SharedErrors, second: SharedErrors, places: tuple[Sequence[int], Sequence[int]]
 ) -> Array:
-    """Return the covariance of coefficients of two calibrations by the errors that both state.
+    """Return the covariance of two calibrations due to the errors that both state.
 
     Parameters
     ----------
     first, second : tuple of SharedError or None
-        None, of a file that states nothing, shares nothing.
+        Shared errors; None, from a file that does not state them, shares nothing.
     places : two sequences of p int
-        Where the coefficients stand in each calibration.
+        Indices of the coefficients in each calibration.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Whether a calibration is of simulated data: its provenance says by what that is known."""
+"""The provenance key that marks a calibration of simulated data."""
 
 SIMULATED = "simulated"
-"""The key of `Calibration.provenance`."""
+"""Key in `Calibration.provenance` whose text says how we know that the data are simulated."""

@@ -1,8 +1,8 @@
-"""Limits of coefficients, and how a calibration conforms with them.
+"""Limits for coefficients, and the test whether a calibration conforms with them.
 
-A sensor as a whole has the worst result of its limits. The probability that it conforms is that of
-all its coefficients at once, by their covariance: of 24 coefficients that each conform with 99 %,
-all do with 79 % where they are independent.
+The result for the whole sensor is the worst result of its limits. The probability that the sensor
+conforms is the probability that all coefficients conform at once, computed from their covariance.
+If 24 independent coefficients conform with 99 % each, all of them conform with 79 %.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,21 +35,21 @@ UncertaintyName = Literal["session", "next_use"]
 
 @dataclass(frozen=True)
 class LimitResult:
-    """A coefficient and its limits, SI.
+    """A coefficient with its limits and the result, in SI units.
 
     Parameters
     ----------
     name : str
     lower, upper : float
-        Limits; one that is not there is infinite.
+        Limits; a missing limit is infinite.
     value, std : float
-        With its standard uncertainty.
+        Value and its standard uncertainty.
     guard : float
         Guard band.
     result : str
-        Of `inercal.estimation.uncertainty.conformity.RESULTS`.
+        One of `inercal.estimation.uncertainty.conformity.RESULTS`.
     probability : float
-        That the true value is within the limits.
+        Probability that the true value is within the limits.
     """
 
     name: str
@@ -71,9 +71,9 @@ class Conformity:
     rule : DecisionRule
     limits : tuple of LimitResult
     probability : float
-        That all true values are within their limits.
+        Probability that all true values are within their limits.
     uncertainty : "session" or "next_use"
-        Which U the values were judged by.
+        The kind of U that was used for the judgement.
     """
 
     rule: DecisionRule
@@ -83,12 +83,12 @@ class Conformity:
 
     @property
     def result(self) -> Result:
-        """The worst result of a limit."""
+        """The worst result among the limits."""
         return RESULTS[max(RESULTS.index(one.result) for one in self.limits)]
 
     @property
     def accepted(self) -> bool:
-        """Whether every coefficient is within its limits by the guard band."""
+        """Whether every coefficient is inside its limits by at least the guard band."""
         return self.result == "pass"
 
 
@@ -99,10 +99,11 @@ class Specification:
     Parameters
     ----------
     limits : mapping of str to (float, float)
-        Lower and upper limit of a coefficient, SI, by full name; infinite where there is none.
+        Lower and upper limit of each coefficient in SI units, by full name; a missing limit is
+        infinite.
     rule : DecisionRule
     next_use : NextUseScatter or None
-        How the sensor scatters between uses; None to judge by the uncertainty of the session.
+        Scatter of the sensor between uses; None to judge by the uncertainty of the session.
     """
 
     limits: Mapping[str, tuple[float, float]]
@@ -110,16 +111,16 @@ class Specification:
     next_use: NextUseScatter | None = None
 
     def judge(self, names: Sequence[str], value: Array, covariance: Array) -> Conformity:
-        """Return how coefficients conform.
+        """Return the conformity of the coefficients with their limits.
 
-        This session is one use and the next is another: both scatter about the mean, so that the
-        scatter S counts twice. With ν degrees of freedom of S, and C of the session,
-        U² = 2 t_ν² S + 4 C; U/2 stands for u.
+        This session is one use and the next use is another. Both scatter about the mean, so the
+        scatter S counts twice. If S has ν degrees of freedom and C is the covariance of the
+        session, then U² = 2 t_ν² S + 4 C, and U/2 is used as u.
 
         Parameters
         ----------
         names : sequence of str
-            All that have limits, at least.
+            Names of the coefficients; they must include all that have limits.
         value : (p,) array
             SI.
         covariance : (p, p) array
@@ -142,7 +143,7 @@ class Specification:
 
 
 def _next_use_covariance(session: Array, scatter: Array, dof: Array) -> Array:
-    """Return the covariance with U/2 of the next use as standard uncertainties, (p, p)."""
+    """Return the (p, p) covariance whose standard uncertainties are U/2 of the next use."""
     by = expanded_uncertainty(np.ones(len(dof)), dof) / COVERAGE
     return session + 2 * scatter * np.outer(by, by)
 
@@ -160,7 +161,10 @@ def limit_text(lower: float, upper: float, term: ErrorTerm) -> str:
 def conformity_lines(
     conformity: Conformity | None, sensor: Sensor, verdict: Verdict | None
 ) -> list[str]:
-    """Return a line for all limits together, and one for each that is not passed; none without."""
+    """Return a summary line and a line for each limit that was not passed.
+
+    The list is empty if there is no conformity.
+    """
     if conformity is None:
         return []
     rule, count = conformity.rule, len(conformity.limits)
@@ -169,16 +173,16 @@ def conformity_lines(
     which = ", U of the next use" if conformity.uncertainty == "next_use" else ""
     lines = [
         f"specification: {conformity.result}; {passed} of {count} limits passed ({band}{which}); "
-        f"all conform with {probability_text(conformity.probability)}"
+        f"probability that all conform: {probability_text(conformity.probability)}"
     ]
     if verdict is not None and verdict.grade == "unreliable":
-        lines[0] += "; U is in doubt, for the result is not to be relied on"
+        lines[0] += "; U is doubtful because the result is not to be relied on"
     for one in sorted(conformity.limits, key=lambda one: -RESULTS.index(one.result)):
         if one.result != "pass":
             row = limit_row(one, sensor.coefficient(one.name))
             lines.append(
                 f"{row.name}: {row.result}: {row.value} ± {row.expanded} {row.unit}, limit "
-                f"{row.limit}, conforms with {row.probability}"
+                f"{row.limit}, probability of conformity {row.probability}"
             )
     return lines
 
@@ -207,7 +211,7 @@ def limit_row(one: LimitResult, term: ErrorTerm) -> LimitRow:
 
 
 def probability_text(probability: float) -> str:
-    """Return a probability in percent; never 0 or 100 %, which no distribution gives."""
+    """Return a probability in percent as text; never "0 %" or "100 %"."""
     if probability < 1e-4:
         return "< 0.01 %"
     if probability > 1 - 1e-4:
@@ -216,7 +220,7 @@ def probability_text(probability: float) -> str:
 
 
 def conformity_object(conformity: Conformity) -> dict[str, Any]:
-    """Return the conformity as JSON, SI; a limit that is not there is null."""
+    """Return the conformity as a JSON object in SI units; a missing limit is null."""
     return {
         "rule": conformity.rule.name,
         "factor": float(conformity.rule.factor),

@@ -1,4 +1,4 @@
-"""The cause of large residuals in plain words: what explains them best, and its size."""
+"""Describe the most likely cause of large residuals, and its size, in plain words."""
 
 from collections.abc import Mapping, Sequence
 
@@ -26,12 +26,12 @@ _PRIOR_PREFIX = "prior of "  # and the coefficient
 
 
 def p_value_text(p: float) -> str:
-    """Return a small probability as text to follow a "p": "= 0.003", "< 1e-99"."""
+    """Return a small probability as text that follows "p", such as "= 0.003" or "< 1e-99"."""
     return f"= {p:.1g}" if p > _MIN_PROBABILITY else f"< {_MIN_PROBABILITY:.0e}"
 
 
 def chi2_text(chi2: float) -> str:
-    """Return χ² with as many digits as matter: "27.8", "567", "4 884"."""
+    """Return χ² as text with the relevant digits: "27.8", "567", "4 884"."""
     return f"{chi2:.1f}" if chi2 < _SMALL_CHI2 else f"{chi2:,.0f}".replace(",", " ")
 
 
@@ -42,7 +42,7 @@ def cause_words(
     sensor: Sensor,
     expected: Mapping[str, Parameter],
 ) -> str:
-    """Return a candidate in words, with its key in brackets where it has one."""
+    """Return the description of a candidate, with its key in brackets if it has one."""
     if kind == "coefficient":
         return coefficient_words(sensor, name, components)
     if kind == "bench" and name.startswith(_PRIOR_PREFIX):
@@ -54,14 +54,16 @@ def cause_words(
 
 
 def bench_words(name: str, components: Sequence[str], expected: Mapping[str, Parameter]) -> str:
-    """Return a parameter of the bench, or several, in words: "radius of the arm (radius)"."""
+    """Return the description of bench parameters, such as "radius of the arm (radius)"."""
     meanings = dict.fromkeys(
         one.meaning
         for full, one in expected.items()
         if full in components or ErrorName(full).name in components
     )
     meaning = next(iter(meanings), "")
-    return f"{meaning} ({name})" if meaning and meaning != name else f"bench parameter {name}"
+    if meaning == name:
+        return f"{name} of the bench"
+    return f"{meaning} ({name})" if meaning else f"bench parameter {name}"
 
 
 def _without_prior(components: Sequence[str]) -> list[str]:
@@ -69,7 +71,7 @@ def _without_prior(components: Sequence[str]) -> list[str]:
 
 
 def size_words(one: SuspectedCause, sensor: Sensor) -> str:
-    """Return the size of a cause, of several components the largest; empty where none is known."""
+    """Return the size of a cause (its largest component) as text; empty if it is not known."""
     sizes = np.abs(one.sizes)
     if one.kind == "row" or not np.isfinite(sizes).any():
         return ""
@@ -86,7 +88,7 @@ def _without_deviation(size: str) -> str:
 
 
 def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Parameter]) -> str:
-    """Return the most likely cause with its size in a short line; empty where none is known.
+    """Return a short line with the most likely cause and its size; empty if none is known.
 
     One that explains hardly anything of large residuals is none.
     """
@@ -94,7 +96,8 @@ def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Pa
     if one is None:
         return ""
     words = cause_words(one.name, one.kind, one.components, sensor, expected)
-    size = f", {text}" if (text := size_words(one, sensor)) else ""
+    off = "off by " * (one.kind == "bench")
+    size = f", {off}{text}" if (text := size_words(one, sensor)) else ""
     if assessment.suspect is not None:
         return first_fit(*(f"Most likely cause: {words}{text}." for text in (size, "")))
     if one.chi2 < _LEAST_SHARE * (one.chi2 + one.remaining_chi2):
@@ -106,7 +109,7 @@ def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Pa
 def alternatives(
     one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[str]:
-    """Return in words the causes that explain the same residuals as a suspect does."""
+    """Return descriptions of the causes that explain the residuals as well as the suspect."""
     found = {score.name: score for score in scores.scores}
     return [
         cause_words(name, found[name].kind, found[name].components, sensor, expected)
@@ -117,7 +120,7 @@ def alternatives(
 def suspect_lines(
     one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[str]:
-    """Return lines on the candidate that explains the residuals best, and its size."""
+    """Return lines about the candidate that explains the residuals best, and about its size."""
     words = cause_words(one.name, one.kind, one.components, sensor, expected)
     first = f"{words[0].upper()}{words[1:]}"
     how = ""
@@ -156,7 +159,7 @@ def suspect_lines(
 def best_cause_lines(
     one: SuspectedCause, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[str]:
-    """Return lines on the best of the causes tested, where it does not explain the residuals."""
+    """Return lines about the best tested cause if it does not explain the residuals."""
     words = cause_words(one.name, one.kind, one.components, sensor, expected)
     return [
         "No single cause explains the residuals: something changes that the model does not "
@@ -168,7 +171,7 @@ def best_cause_lines(
 
 
 def _chi2_drop(one: SuspectedCause) -> str:
-    """Return χ² of the residuals without and with the cause: "from 4 884 to 567"."""
+    """Return χ² without and with the cause as text, such as "from 4 884 to 567"."""
     before = one.chi2 + one.remaining_chi2
     return f"from {chi2_text(before)} to {chi2_text(one.remaining_chi2)}"
 
@@ -188,13 +191,13 @@ def _stated_text(one: SuspectedCause, expected: Mapping[str, Parameter]) -> str:
 def format_component(
     sensor: Sensor, kind: CandidateKind, name: str, size: float, sd: float, unit: str
 ) -> str:
-    """Return the size of a candidate's component with its deviation, in the units of reports.
+    """Return the size and standard deviation of a candidate's component in report units.
 
     Parameters
     ----------
     sensor : Sensor
     kind, name : str
-        CandidateKind of the candidate, and name of the component.
+        Kind of the candidate, and name of the component.
     size, sd : float
         SI.
     unit : str
@@ -208,7 +211,7 @@ def format_component(
 
 
 def _format_quantity(value: float, sd: float, unit: str) -> str:
-    """Return a quantity in the usual unit of its size."""
+    """Return a quantity as text in a unit that suits its size."""
     if not np.isfinite(value):
         return "an unknown amount"
     unit = _DISPLAY_UNITS.get(unit, unit)

@@ -1,7 +1,7 @@
-"""Coefficients against temperature: k(T) = Σ_j c_j ΔT^j with its uncertainty.
+"""Coefficients as functions of temperature, k(T) = Σ_j c_j ΔT^j, with their uncertainty.
 
-The terms of a curve are those of an axis whose basis functions differ only in powers of ΔT, as the
-table of coefficients declares them: of the bias `k0`, `k0_dT`, `k0_dT2` and `k0_dT3`.
+A curve combines the terms of an axis whose basis functions differ only in the power of ΔT, as the
+table of coefficients declares them. For the bias these are `k0`, `k0_dT`, `k0_dT2` and `k0_dT3`.
 """
 
 from typing import NamedTuple
@@ -21,15 +21,15 @@ class TemperatureCurve(NamedTuple):
     Parameters
     ----------
     name : str
-        "ax.k0".
+        Full name, such as "ax.k0".
     meaning, unit : str
-        As of the table of coefficients.
+        As in the table of coefficients.
     si : float
-        SI size of the unit.
+        Size of the unit in SI units.
     value, std : (n,) arrays
-        SI, k = 1.
+        Values and standard uncertainties (k = 1), SI.
     complete : bool
-        Whether the term of order 0 was estimated; otherwise the values are changes from the
+        Whether the term of order 0 was estimated; otherwise the values are changes relative to the
         reference temperature.
     """
 
@@ -43,14 +43,14 @@ class TemperatureCurve(NamedTuple):
 
 
 def temperature_curves(calibration: Calibration, kelvin: Array) -> tuple[TemperatureCurve, ...]:
-    """Return the coefficients that depend on temperature, at temperatures (n,) K.
+    """Return the temperature-dependent coefficients at the temperatures (n,) in K.
 
     Raises
     ------
     InputError
-        A temperature beyond those of the calibration's data by more than a kelvin.
+        If a temperature is more than a kelvin outside the range of the calibration's data.
     """
-    require_inside(calibration.sensor, calibration.validity, kelvin, "give a temperature within")
+    require_inside(calibration.sensor, calibration.validity, kelvin, "give one in this range")
     sensor = calibration.sensor
     dT = kelvin - sensor.reference_temperature
     found: list[TemperatureCurve] = []

@@ -1,4 +1,4 @@
-"""Temperatures against those that a calibration was made at."""
+"""Check whether temperatures lie in the range at which a calibration was made."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from inercal.calibration.validity import Validity
 from inercal.physics.sensors import Sensor
 from inercal.recordings.temperature import first_impossible, impossible_text
 
-TEMPERATURE_MARGIN = 1.0  # K beyond the temperatures of a calibration that still count as inside
+TEMPERATURE_MARGIN = 1.0  # K beyond the calibration's range that still count as inside
 
 
 def require_inside(
@@ -21,23 +21,23 @@ def require_inside(
     *,
     key: str = "temperature",
 ) -> None:
-    """Refuse temperatures, (..., n) K, beyond those of the calibration's data.
+    """Refuse temperatures, (..., n) K, outside the range of the calibration's data.
 
     Parameters
     ----------
     sensor : Sensor
     validity : Validity or None
-        Of the calibration.
+        Validity of the calibration.
     kelvin : array
     remedy : str
-        What is possible, for the message.
+        What the user can do; it is part of the message.
     key : str, optional
-        What the error is about.
+        The key that the error names.
 
     Raises
     ------
     InputError
-        The message states both ranges.
+        If a temperature is outside; the message states both ranges.
     """
     outside = temperatures_outside(sensor, validity, kelvin)
     if outside.any():
@@ -46,8 +46,8 @@ def require_inside(
         low, high = (t - ZERO_CELSIUS for t in validity.temperature)
         beyond = float(kelvin[outside][0]) - ZERO_CELSIUS
         raise InputError(
-            f"{beyond:.2f} °C is beyond the temperatures of the calibration, {low:.2f} to "
-            f"{high:.2f} °C: a polynomial is unknown there; {remedy}",
+            f"{beyond:.2f} °C is outside the temperatures of the calibration, {low:.2f} to "
+            f"{high:.2f} °C, where its polynomials are valid; {remedy}",
             key=key,
         )
 
@@ -61,20 +61,21 @@ def require_usable(
     ----------
     sensor : Sensor
     validity : Validity or None
-        Of the calibration.
+        Validity of the calibration.
     dT : array or float
-        Temperature minus the reference, K.
+        Temperature minus the reference temperature, K.
     extrapolate : bool
-        Whether temperatures beyond those of the calibration are accepted, but never below 0 K.
+        Whether temperatures outside the range of the calibration are accepted; temperatures below
+        0 K never are.
 
     Raises
     ------
     InputError
-        A temperature that is not possible, or beyond those of the calibration.
+        If a temperature is impossible, or outside the range of the calibration.
     """
     kelvin = np.atleast_1d(sensor.reference_temperature + np.asarray(dT, dtype=float))
     if not extrapolate:
-        remedy = "give temperatures within, or ask for it by extrapolate=True"
+        remedy = "give temperatures in this range, or pass extrapolate=True"
         require_inside(sensor, validity, kelvin, remedy, key="dT")
     flat = kelvin.reshape(-1)
     known = None if validity is None else validity.temperature
@@ -90,10 +91,10 @@ def require_usable(
 def temperatures_outside(
     sensor: Sensor, validity: Validity | None, kelvin: Array
 ) -> NDArray[np.bool_]:
-    """Return which temperatures, (..., n) K, are beyond those of a calibration's data.
+    """Return a mask of the temperatures, (..., n) K, outside the range of a calibration's data.
 
-    A kelvin beyond them still counts as inside. None are outside where the model does not depend on
-    temperature, or where the file of the calibration states no range.
+    Up to one kelvin beyond the range still counts as inside. No temperature is outside if the model
+    does not depend on temperature or if the calibration file states no range.
     """
     limits = None if validity is None else validity.temperature
     if limits is None or not sensor.uses("dT", "dTdt"):

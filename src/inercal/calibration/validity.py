@@ -1,4 +1,4 @@
-"""The ranges of the data of a calibration."""
+"""The ranges of rate, specific force and temperature that a calibration's data cover."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -10,21 +10,21 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Validity:
-    """Least and largest value of any axis over the used data; None where not known.
+    """Smallest and largest value of any axis in the data that were used; None if not known.
 
     Parameters
     ----------
     rate : (float, float) or None
-        Angular rate by the nominal readout of the gyros, rad/s.
+        Angular rate in rad/s, from the nominal readout of the gyros.
     force : (float, float) or None
-        Specific force by the nominal readout of the accelerometers, m/s².
+        Specific force in m/s², from the nominal readout of the accelerometers.
     temperature : (float, float) or None
-        K.
+        Temperature in K.
 
     Raises
     ------
     InputError
-        A range that is not finite, or that ends before it begins.
+        If a range is not finite, or its upper limit is below its lower limit.
     """
 
     rate: Range | None = None
@@ -42,5 +42,5 @@ class Validity:
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """The known ranges, by name."""
+        """The ranges that are known, by name."""
         return {name: value for name, value in vars(self).items() if value is not None}

@@ -1,6 +1,6 @@
-"""The verdict in plain words, computed from the numbers; `grade` has its rule.
+"""The verdict in plain words, computed from the numbers by the rule in `grade`.
 
-Its lines are few and short; all that was found is in its explanation.
+The verdict has a few short lines, and its explanation contains all findings.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.basics.keys import CoefficientName
+from inercal.basics.arrays import Array
+from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter
 from inercal.basics.run_file_advice import Advice
 from inercal.calibration import explanation
@@ -27,7 +28,13 @@ from inercal.calibration.detectability import (
     undetectable_causes,
     undetectable_exact_parameters,
 )
-from inercal.calibration.explanation import ExplanationSection, first_fit, fit, fit_list
+from inercal.calibration.explanation import (
+    MOST_CHARACTERS,
+    ExplanationSection,
+    first_fit,
+    fit,
+    fit_list,
+)
 from inercal.calibration.grade import (
     Assessment,
     Verdict,
@@ -46,10 +53,10 @@ from inercal.physics.sensors.coefficient_words import axis_words, coefficient_wo
 from inercal.recordings import Finding, merge_messages
 
 _DRIFT_PREFIX = "drift of "  # and the axis
-_UNIT_RATIO_TOLERANCE = 0.1  # relative distance within which a scale factor is a ratio of units
+_UNIT_RATIO_TOLERANCE = 0.1  # relative tolerance for taking a scale factor as a ratio of units
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
 UNSEEN = "unseen"
-"""`Finding.what` of an effect that a method cannot detect."""
+"""`Finding.what` for an effect that a method cannot detect."""
 _NO_CAUSE = (
     "No single cause explains this: the noise is larger than stated, or several things are wrong."
 )
@@ -69,7 +76,8 @@ _REMEDIES = (
     "take ",
     "use ",
     "wait ",
-)  # begin the last clause of a finding that says what to do
+)  # starts of the last clause of a finding if it says what to do
+_MAIN_SHARE = 0.5  # of a variance that one quantity of the bench contributes
 _GROUP_WORDS = {
     "scale": "scale factor",
     "cross": "cross-axis",
@@ -80,9 +88,9 @@ _GROUP_WORDS = {
 
 
 class _Step(NamedTuple):
-    """Something to do: a sentence, and the advice as data, if there is any.
+    """A next step: a sentence, and the advice as data if there is any.
 
-    Only what is `needed` is a line of a verdict: its lack lowers the grade.
+    Only steps that are `needed` appear in the lines of a verdict, because they can raise the grade.
     """
 
     text: str
@@ -91,17 +99,24 @@ class _Step(NamedTuple):
 
     @property
     def has_keys(self) -> bool:
-        """Whether there is something to paste into a run file."""
+        """Whether the step has keys to paste into a run file."""
         return self.advice is not None and bool(self.advice.changes)
 
 
 class _Uncertainty(NamedTuple):
-    """The largest expanded uncertainty of a group of coefficients in one unit."""
+    """The largest expanded uncertainty of a group of coefficients in one unit.
+
+    `source` is the bench quantity from which more than half of its square comes; empty if none.
+    """
 
     kind: str
     group: str
     size: str
     unit: str
+    source: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.size} {self.unit}{self.source and f' (from {self.source})'}"
 
 
 def verdict(
@@ -119,7 +134,7 @@ def verdict(
     Parameters
     ----------
     estimate : Estimate
-        Without a trial axis.
+        An estimate without a trial axis.
     sensor : Sensor
     findings : sequence of Finding
     expected : mapping of str to Parameter, optional
@@ -129,9 +144,10 @@ def verdict(
     row_word : str
         Word for a row of the data: "position or turn".
     advisor : Advisor, optional
-        What gives advice that can be followed.
+        Advisor that gives advice that can be followed.
     added : str, optional
-        A sentence on what the run added to its model by itself; it becomes the second line.
+        A sentence on the coefficients that the run added to its model automatically; it becomes
+        the second line.
     """
     advisor = advisor or PlainAdvisor(possible, row_word)
     assessment = assess(estimate, len(sensor.coefficients), possible)
@@ -144,8 +160,8 @@ def verdict(
         *_steps_on_undetectable(unseen, sensor, advisor, possible),
         *(
             _Step(
-                f"State in the run file the uncertainty of {bench_words(name, (name,), expected)}, "
-                "which is taken as exact.",
+                f"State the uncertainty of {bench_words(name, (name,), expected)} in the run file; "
+                "it is taken as exact now.",
                 Advice(name, action="state its uncertainty"),
                 needed=False,
             )
@@ -160,7 +176,7 @@ def verdict(
         *(one.message for one in findings if one.what == UNSEEN),
         *(f"error of {bench_words(name, (name,), expected)}" for name in exact),
     )
-    largest = _largest_uncertainties(estimate, sensor)
+    largest = _largest_uncertainties(estimate, sensor, expected)
     wrong = bool(far) or any(one.severity == "refused" for one in findings)
     told = [f.message for f in findings if f.severity == "warning" or f.factor is not None]
     scales = tuple(f"{_sentence(one)}: {why}." for one, why in far.items())
@@ -174,16 +190,17 @@ def verdict(
             *scales,
         ),
         explanation.NEXT_STEPS: tuple(one.text for one in steps),
-        explanation.UNCERTAINTIES: tuple(
-            f"{one.kind} {one.group}: {one.size} {one.unit}" for one in largest
-        ),
+        explanation.UNCERTAINTIES: tuple(f"{one.kind} {one.group}: {one}" for one in largest),
         explanation.UNDETECTABLE: undetectable,
         explanation.REMARKS: merge_messages(estimate.notes),
         explanation.CHECKS: merge_messages(told),
     }
-    why = graded.reasons[0] if graded.reasons else agreement(estimate, wrong=wrong)
-    cause = next(iter(far.values()), "")
     word = _sentence(graded.word)
+    why = graded.reasons[0] if graded.reasons else agreement(estimate, wrong=wrong)
+    if not graded.reasons and (factor := _noise_factor(findings)):
+        word = f"{word}, but U is too large"
+        why = f"the residuals are {factor} times smaller than noise and bench imply"
+    cause = next(iter(far.values()), "")
     lines = (
         first_fit(f"{word}: {why}.", f"{word}: {why.partition(' (')[0]}."),
         fit(added),
@@ -214,8 +231,14 @@ def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
+def _noise_factor(findings: Sequence[Finding]) -> str:
+    """Return by how much noise and bench were stated too large; empty if they were not."""
+    factors = [one.factor for one in findings if one.factor is not None and one.factor > 1]
+    return two_digits(max(factors)) if factors else ""
+
+
 def _scale_errors(estimate: Estimate, sensor: Sensor) -> Iterator[tuple[str, str]]:
-    """Yield a sentence on each scale factor that is far from nominal, and the probable cause."""
+    """Yield a sentence and a probable cause for each scale factor that is far from nominal."""
     for name, value in zip(sensor.coefficients, estimate.value.tolist(), strict=False):
         axis, term = CoefficientName(name).parts
         scale = 1 + value
@@ -258,17 +281,17 @@ def _steps_on_undetectable(
     advisor: Advisor,
     possible: Collection[str],
 ) -> Iterator[_Step]:
-    """Yield how to estimate those coefficients of which no test shows anything."""
+    """Yield a step that estimates the undetectable coefficients, if the method can."""
     free = [one.name for one in unseen if one.component in possible]
     if free and (advice := advisor.on_coefficients(free)):
-        text = f"To estimate more of the effects that are not detectable, {_changes_words(advice)}"
+        text = f"Some of the undetectable effects can be estimated: {_changes_words(advice)}"
         yield _Step(text, advice, needed=False)
 
 
 def _steps_on_findings(
     findings: Sequence[Finding], advisor: Advisor, steps: Sequence[_Step]
 ) -> Iterator[_Step]:
-    """Yield the changes that take findings away, where they add other coefficients."""
+    """Yield steps that remove findings: run-file changes that add coefficients, or remedies."""
     given = {word for one in steps if one.advice for word in one.advice.coefficients}
     for finding in findings:
         advice = Advice(finding.what, finding.changes)
@@ -285,7 +308,7 @@ def _changes_words(advice: Advice) -> str:
 
 
 def _next_line(steps: Sequence[_Step]) -> str:
-    """Return the first thing that must be done; keys to paste are whole."""
+    """Return the line with the first necessary step; keys to paste are never shortened."""
     if not (steps and steps[0].needed):
         return f"{explanation.NEXT}check the stated noise and bench, and read the warnings."
     text = f"{explanation.NEXT}{steps[0].text[:1].lower()}{steps[0].text[1:]}"
@@ -293,7 +316,7 @@ def _next_line(steps: Sequence[_Step]) -> str:
 
 
 def _alternatives_line(others: Sequence[str]) -> str:
-    """Return the causes that cannot be told from the most likely one; empty without any."""
+    """Return a line on causes that cannot be told from the likeliest one; empty if none."""
     if not others:
         return ""
     few = "1 other cause explains" if len(others) == 1 else f"{len(others)} other causes explain"
@@ -306,7 +329,7 @@ def _alternatives_line(others: Sequence[str]) -> str:
 def _undetectable(
     estimate: Estimate, sensor: Sensor, assessment: Assessment
 ) -> list[UndetectableCause]:
-    """Return the causes that no test can detect; the suspect is none, for a test detected it."""
+    """Return the causes that no test can detect, without the suspect, which a test detected."""
     suspect = assessment.suspect
     own = () if suspect is None else (suspect.name, *suspect.components)
     shown = {CoefficientName(name).term for name in own}
@@ -318,7 +341,7 @@ def _undetectable(
 
 
 def _undetectable_text(one: UndetectableCause, sensor: Sensor, row_word: str) -> str:
-    """Return an effect in words, with its size of two digits in the unit of reports."""
+    """Return the description of an effect with its size, two digits, in the report unit."""
     if one.name == "row":
         return f"wrong readings of one {row_word}"
     if one.component.startswith((_DRIFT_PREFIX, CHANGE_PREFIX)):
@@ -335,35 +358,67 @@ def _undetectable_text(one: UndetectableCause, sensor: Sensor, row_word: str) ->
     return f"{words}: {two_digits(one.size / line.si)} {line.unit}"
 
 
-def _largest_uncertainties(estimate: Estimate, sensor: Sensor) -> list[_Uncertainty]:
+def _largest_uncertainties(
+    estimate: Estimate, sensor: Sensor, expected: Mapping[str, Parameter]
+) -> list[_Uncertainty]:
     """Return the largest uncertainty of each group and unit; none where nothing was tested."""
     if not (estimate.dof or estimate.groups):
         return []
     measures = {axis.name: axis.measures for axis in sensor.axes}
-    groups: dict[tuple[str, str, str], tuple[float, _Uncertainty]] = {}
-    for name, std in zip(sensor.coefficients, estimate.std.tolist(), strict=False):
+    groups: dict[tuple[str, str, str], tuple[float, int, _Uncertainty]] = {}
+    for k, (name, std) in enumerate(zip(sensor.coefficients, estimate.std.tolist(), strict=False)):
         kind = QUANTITIES[measures[CoefficientName(name).axis]].sensor
         line = sensor.coefficient(name)
         group = line.group.partition("_")[0]  # all of temperature together
         key = (kind, group, line.unit)
         if key not in groups or std > groups[key][0]:
             size = two_digits(COVERAGE * std / line.si)
-            word = _GROUP_WORDS.get(group, group)
-            groups[key] = std, _Uncertainty(kind, word, size, line.unit)
-    return [one for _, one in groups.values()]
+            word = line.meaning if group == "temperature" else _GROUP_WORDS.get(group, group)
+            groups[key] = std, k, _Uncertainty(kind, word, size, line.unit)
+    sources = _main_sources(estimate, expected, [k for _, k, _ in groups.values()])
+    return [
+        one._replace(source=source)
+        for (_, _, one), source in zip(groups.values(), sources, strict=True)
+    ]
+
+
+def _main_sources(
+    estimate: Estimate, expected: Mapping[str, Parameter], rows: Sequence[int]
+) -> list[str]:
+    """Return the bench quantity from which more than half of a variance comes, for each estimate.
+
+    Empty if there is none.
+    """
+    variances, shares = np.square(estimate.std[list(rows)]), dict[str, Array]()
+    for name, parameter in expected.items():
+        slope = estimate.sensitivity(name, parameter.sd) if parameter.sd > 0 else None
+        if slope is not None:
+            word = parameter.meaning or ErrorName(name).name
+            share = np.square(slope[list(rows)] * parameter.sd) / variances
+            shares[word] = shares.get(word, 0.0) + share
+    return [
+        next((word for word, share in shares.items() if share[k] > _MAIN_SHARE), "")
+        for k in range(len(rows))
+    ]
 
 
 def _uncertainty_line(largest: Sequence[_Uncertainty]) -> str:
-    """Return the largest uncertainties of both kinds of sensors in one line."""
-    groups: dict[str, list[str]] = {}
-    for one in largest:
-        groups.setdefault(one.group, []).append(f"{one.size} {one.unit}")
-    parts = [f"{group} {', '.join(sizes)}" for group, sizes in groups.items()]
-    return fit_list("Largest U (k = 2): ", parts, separator="; ") if parts else ""
+    """Return the largest uncertainties in one line, with as many sources as it has place for."""
+    sourced = [k for k, one in enumerate(largest) if one.source]
+    for count in range(len(sourced), -1, -1):
+        groups: dict[str, list[str]] = {}
+        for k, one in enumerate(largest):
+            told = one if k in sourced[:count] else one._replace(source="")
+            groups.setdefault(one.group, []).append(str(told))
+        parts = [f"{group} {', '.join(each)}" for group, each in groups.items()]
+        text = f"Largest U (k = 2): {'; '.join(parts)}."
+        if len(text) <= MOST_CHARACTERS or not count:
+            return fit_list("Largest U (k = 2): ", parts, separator="; ") if parts else ""
+    return ""
 
 
 def _count_line(count: int) -> str:
-    """Return how many effects are not detectable; empty where there are none."""
+    """Return a line with the number of undetectable effects; empty if there are none."""
     if not count:
         return ""
     effects = f"{count} effects are" if count > 1 else "1 effect is"

@@ -1,4 +1,4 @@
-"""A verdict as JSON, in calibration files and for `--json`: sizes in SI."""
+"""The verdict as JSON for calibration files and `--json`, with sizes in SI units."""
 
 from math import nan
 from typing import Any, cast
@@ -15,7 +15,7 @@ from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, 
 from inercal.estimation.scores import CandidateKind
 from inercal.recordings import RoundedChannel
 
-# How a reason, and a note, begin in files that state neither what warned nor an explanation.
+# Starts of reasons and notes in files that state neither the warnings nor an explanation.
 _WARNS, _LARGEST = "a check warns: ", "expanded uncertainties (k = 2) are at most: "
 
 
@@ -100,7 +100,7 @@ class _Section(Record):
 
 
 class VerdictRecord(Record):
-    """The verdict of a calibration file; those of earlier versions lack fields with a default."""
+    """The verdict in a calibration file; files of earlier versions lack fields with a default."""
 
     grade: str
     word: str = ""
@@ -119,7 +119,7 @@ class VerdictRecord(Record):
 
 
 def verdict_object(verdict: Verdict) -> dict[str, Any]:
-    """Return the verdict as JSON; sizes in SI."""
+    """Return the verdict as a JSON object, with sizes in SI units."""
     content: dict[str, Any] = {
         "grade": verdict.grade,
         "word": verdict.word,
@@ -174,11 +174,11 @@ def _cause_object(one: SuspectedCause | None) -> dict[str, Any] | None:
 
 
 def recorded_verdict(record: VerdictRecord, notes: tuple[str, ...]) -> Verdict:
-    """Return the verdict of a calibration file; its notes explain it in files without headings."""
+    """Return the verdict from a calibration file; files without headings explain it in notes."""
     if record.grade not in GRADE_WORDS:
         raise InputError(f"verdict {record.grade!r} is not one of {', '.join(GRADE_WORDS)}")
     suspect = _recorded_cause(record.suspect)
-    # Files of earlier versions state no best cause.
+    # Files of earlier versions do not state a best cause.
     states_best = "best_cause" in record.model_fields_set
     word = GRADE_WORDS[record.grade].capitalize()
     lines = record.lines or [fit(": ".join((word, *record.reasons[:1])))]

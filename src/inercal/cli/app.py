@@ -1,6 +1,7 @@
-"""The `inercal` program. Verbs import what they run inside their function, after their checks.
+"""The `inercal` program, its list of verbs and its handling of errors.
 
-Help, and the refusal of a mistyped run file, stay quick.
+Each verb imports the modules for its work inside its function, after checking its inputs. Help and
+errors in a run file therefore appear quickly.
 """
 
 import os
@@ -17,11 +18,11 @@ from inercal.basics.errors import InercalError
 from inercal.basics.visible_text import visible_text
 from inercal.cli.streams import StandardStreams
 
-_INTERRUPTED = 130  # the exit status, as of a shell
+_INTERRUPTED = 130  # the exit status, as in a shell
 
 
 class _Verbs(TyperGroup):
-    """Verbs whose interruption is one line; typer would end without a word."""
+    """Group of verbs that prints one line when interrupted, while typer would print nothing."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -39,7 +40,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=True,
 )
-# The verb self-check is `run` in the module self_check_command, and so on.
+# The verb self-check is the function `run` in the module self_check_command, and so on.
 _VERBS = """
     demo init calibrate show compare plan measure budget noise simulate apply repeat qualify control
     export import report bundle reproduce compile self-check
@@ -54,7 +55,7 @@ for group in _GROUPS:
 
 @app.callback(invoke_without_command=True)
 def _options(
-    version: bool = typer.Option(False, "--version", help="Print the version and stop."),
+    version: bool = typer.Option(False, "--version", help="Print the version and exit."),
 ) -> None:
     if version:
         from importlib.metadata import version as installed
@@ -64,10 +65,10 @@ def _options(
 
 
 def main() -> None:
-    """Run the program; an error of the input is one line on standard error and status 2."""
-    # Matrices are small: threads of linear algebra would only wait for one another.
+    """Run the program; an input error is one line on standard error and exit status 2."""
+    # The matrices are small, so linear-algebra threads would only wait for one another.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # To look for plugins, pydantic would read the metadata of all installed packages.
+    # Otherwise pydantic reads the metadata of all installed packages to look for plugins.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     streams = StandardStreams()
     with written_files() as written:
@@ -85,7 +86,7 @@ def _run() -> int:
         status: int | None = app(standalone_mode=False, prog_name="inercal")
         return status or 0
     except TyperException as error:
-        if text := error.format_message():  # else it has printed the help
+        if text := error.format_message():  # otherwise the help has been printed
             text = " ".join(f"{text} {_missing_help(error, text)}".split())
             print(f"inercal: {visible_text(text)} (see --help)", file=sys.stderr)
         return error.exit_code
@@ -98,8 +99,8 @@ def _run() -> int:
 
 
 def _missing_help(error: TyperException, text: str) -> str:
-    """Return the help of a missing parameter, which names the possible values."""
+    """Return the help text for a missing parameter, which names the possible values."""
     if not text.startswith("Missing "):
         return ""
-    # A bracket is escaped for the markup of the help.
+    # Brackets are escaped in the help because of its markup.
     return (getattr(getattr(error, "param", None), "help", None) or "").replace("\\[", "[")

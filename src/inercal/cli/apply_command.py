@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def run(
     calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
     run_file: Path = typer.Argument(
-        help="The run file whose \\[data] names recording and columns."
+        help="The run file whose \\[data] names the recording and its columns."
     ),
     out: Path = typer.Option(..., "--out", "-o", help="The corrected recording to write."),
     extrapolate: bool = typer.Option(
@@ -37,7 +37,7 @@ def run(
         plan = read(run_file)
     except InercalError as error:
         raise _of_another_kind(calibration_file, run_file) or error from None
-    # The modules of the work load after the run file was checked.
+    # The modules for the work are imported only after the run file has been checked.
     from inercal.pipeline import apply
     from inercal.pipeline.correction import as_written
     from inercal.recordings.io.write import write_recording
@@ -73,7 +73,7 @@ def run(
 
 
 def _of_another_kind(calibration_file: Path, run_file: Path) -> "InputError | None":
-    """Return what to give instead of files in the wrong order, or of a log; None of others."""
+    """Return the error for swapped files or for a log, or None for other files."""
     usage = "inercal apply CALIBRATION RUN_FILE --out CORRECTED"
     if calibration_file.suffix == ".toml" and run_file.suffix == ".json":
         return InputError(
@@ -89,7 +89,7 @@ def _of_another_kind(calibration_file: Path, run_file: Path) -> "InputError | No
         else:
             text = (
                 "a run file (.toml), whose [data] names the recording and its columns: change "
-                f"[data] file in the calibration's, or use inercal init {path}"
+                f"[data] file in the calibration's run file, or use inercal init {path}"
             )
         return InputError(f"{path}: this must be {text}; {usage}", file=path)
     return None

@@ -1,4 +1,4 @@
-"""`inercal bench`: drive a real or simulated table, read an IMU, calibrate live."""
+"""`inercal bench`: drive a real or simulated table, read an IMU and calibrate live."""
 
 import sys
 from dataclasses import asdict
@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from inercal.laboratory.store import Register
     from inercal.runfile import Run
 
-app = typer.Typer(help="Drive a table, read an IMU, calibrate live.", no_args_is_help=True)
+app = typer.Typer(help="Drive a table, read an IMU and calibrate live.", no_args_is_help=True)
 
 _RunFile = Annotated[Path, typer.Argument(help="The run file (TOML): sensor, bench, data, method.")]
-_Clock = Annotated[str, typer.Option(help="Clock of a simulated bench, from `simulate`.")]
+_Clock = Annotated[str, typer.Option(help="Clock of a simulated bench, printed by `simulate`.")]
 _Speed = Annotated[
     float | None,
-    typer.Option(help="Limit of the simulated seconds per second."),
+    typer.Option(help="Largest number of simulated seconds per second."),
 ]
 _Patience = Annotated[
     float, typer.Option(help="End the run after this many seconds without IMU data.")
@@ -46,7 +46,9 @@ _Patience = Annotated[
 _Temperature = Annotated[
     str, typer.Option(help="Permitted range of the IMU's temperature, °C, such as 15:40.")
 ]
-_Operator = Annotated[str, typer.Option(help="Who confirms mountings; by default your user name.")]
+_Operator = Annotated[
+    str, typer.Option(help="Name of the person who confirms mountings; by default your user name.")
+]
 _Answers = Annotated[
     Path | None,
     typer.Option(
@@ -72,7 +74,7 @@ def run(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", help="New folder for the run, by default named after the time."
+            "--out", "-o", help="New folder for the run; by default it is named after the time."
         ),
     ] = None,
     clock: _Clock = "",
@@ -85,7 +87,7 @@ def run(
     explain: Explain = False,
     json: Json = False,
 ) -> None:
-    """Carry out the plan of a run file, and calibrate from its recording."""
+    """Carry out the plan of a run file, and calibrate from the recording."""
     from inercal.host.plan_check import check_plan
     from inercal.host.run_folder import create_run
     from inercal.runfile import read
@@ -108,8 +110,8 @@ def run(
 @app.command()
 def resume(
     folder: Annotated[Path, typer.Argument(help="The folder of a run that was interrupted.")],
-    table: Annotated[str, typer.Option(help=f"If the address changed: {_TABLE_HELP}")] = "",
-    imu: Annotated[str, typer.Option(help=f"If the address changed: {_IMU_HELP}")] = "",
+    table: Annotated[str, typer.Option(help=f"Needed if the address changed: {_TABLE_HELP}")] = "",
+    imu: Annotated[str, typer.Option(help=f"Needed if the address changed: {_IMU_HELP}")] = "",
     clock: _Clock = "",
     speed: _Speed = None,
     patience: _Patience = 120.0,
@@ -120,7 +122,7 @@ def resume(
     explain: Explain = False,
     json: Json = False,
 ) -> None:
-    """Continue a run that was interrupted; the interrupted step is repeated from its start."""
+    """Continue an interrupted run; the interrupted step is repeated from the start."""
     from inercal.host.run_folder import reopen_run
 
     options = run_options(speed, patience, temperature)
@@ -142,7 +144,7 @@ def _complete_run(
     explain: bool,
     json: bool,
 ) -> None:
-    """Carry out the remaining steps of a run, finish it, and enter it in a register, if any."""
+    """Carry out the remaining steps of a run, finish it, and enter it in the register if given."""
     from inercal.calibration.files import calibration_object
     from inercal.host.registration import RegisterSync
     from inercal.host.run_execution import finish_run
@@ -169,12 +171,13 @@ def _complete_run(
 
 
 def _require_operator(run: "Run", answers: Path | None, *, simulated: bool) -> None:
-    """Refuse mountings that nobody can confirm, before anything moves.
+    """Raise an error before anything moves if nobody can confirm the mountings.
 
     Raises
     ------
     InputError
-        Real hardware without a terminal and without answers, or answers that cannot be read.
+        The hardware is real but there is neither a terminal nor an answer file, or the answers
+        cannot be read.
     """
     from inercal.cli.mounting_answers import read_answers
     from inercal.host.tasks import host_plan
@@ -191,7 +194,7 @@ def _require_operator(run: "Run", answers: Path | None, *, simulated: bool) -> N
 
 
 def _enter_run(register_sync: "RegisterSync") -> None:
-    """Enter a run in its present state; print what failed, and how to enter it later."""
+    """Enter a run in its present state; on failure, print the error and how to enter it later."""
     register_sync.update()
     if register_sync.trouble:
         report_line(register_sync.trouble)
@@ -205,7 +208,7 @@ def _carry_out_plan(
     operator: str,
     answers: Path | None,
 ) -> "LiveEstimator | None":
-    """Carry out the plan; return the live estimator."""
+    """Carry out the plan and return the live estimator."""
     from inercal.cli.bench_view import listen_to_keys, run_display
     from inercal.cli.mounting_answers import TypedConfirmation
     from inercal.host.addresses import layout_of_address
@@ -240,7 +243,7 @@ def _carry_out_plan(
 def simulate(
     run_file: _RunFile,
     seed: Annotated[
-        int, typer.Option(min=0, help="Seed for the noise and the bench's errors.")
+        int, typer.Option(min=0, help="Seed for the noise and for the errors of the bench.")
     ] = 0,
     preset: Annotated[str, typer.Option(help="Preset of the IMU's packets.")] = "fixed",
     rate: Annotated[
@@ -254,9 +257,9 @@ def simulate(
         bool, typer.Option("--tcp", help="Connect the IMU by TCP instead of a pseudo-terminal.")
     ] = False,
 ) -> None:
-    """Simulate the bench of a run file, until Ctrl-C: the table, and an IMU on a terminal.
+    """Simulate the table and the IMU of a run file, until you press Ctrl-C.
 
-    Lines typed here inject faults: `imu fault loss 0.01`, `table fault amplifier 2`.
+    You can type lines to inject faults, such as `imu fault loss 0.01` or `table fault amplifier 2`.
     """
     from inercal.host.bench_simulator import BenchSimulator
 
@@ -272,26 +275,34 @@ def simulate(
             try:
                 if which not in ("table", "imu"):
                     raise InputError(
-                        f"{line.strip()!r} is not a command; type table or imu, then a fault, "
+                        f"{line.strip()!r} is not a command; type table or imu and then a fault, "
                         "such as imu fault unplug"
                     )
                 bench.inject_fault(which, words)
                 print("ok", flush=True)
             except InputError as error:
                 print(f"no: {error}", flush=True)
-        # Standard input may be closed from the beginning, as of a service or by nohup.
+        # Standard input may be closed from the beginning, for example in a service or with nohup.
         Event().wait()
 
 
 @app.command()
 def serve(
-    plans: Annotated[Path, typer.Option(help="Folder with the run files to offer.")] = Path(),
-    runs: Annotated[Path, typer.Option(help="Where each run gets a folder.")] = Path("runs"),
+    plans: Annotated[
+        Path, typer.Option(help="Folder with the run files to offer on the page.")
+    ] = Path(),
+    runs: Annotated[Path, typer.Option(help="Folder in which each run gets a subfolder.")] = Path(
+        "runs"
+    ),
     register: Annotated[
         str | None, typer.Option(help="The register: a path, sqlite:///… or postgresql://…")
     ] = None,
-    table: Annotated[str, typer.Option(help="Address of a table to offer; see `run --help`.")] = "",
-    imu: Annotated[str, typer.Option(help="Address of an IMU to offer; see `run --help`.")] = "",
+    table: Annotated[
+        str, typer.Option(help="Address of a table to offer on the page; see `run --help`.")
+    ] = "",
+    imu: Annotated[
+        str, typer.Option(help="Address of an IMU to offer on the page; see `run --help`.")
+    ] = "",
     clock: _Clock = "",
     speed: _Speed = None,
     patience: _Patience = 120.0,
@@ -303,13 +314,15 @@ def serve(
     token: Annotated[
         str | None,
         typer.Option(
-            envvar="INERCAL_TOKEN", help="Token that a browser must present; created if needed."
+            envvar="INERCAL_TOKEN",
+            help="Token that a browser must present; by default one is created if needed.",
         ),
     ] = None,
 ) -> None:
     """Serve the live page: set up, watch, pause, stop and resume runs in a browser.
 
-    A run survives the page and this server. A software stop is no safety function.
+    A run continues even if the page is closed or this server ends. The software stop is not a
+    safety function.
     """
     runs_options = run_options(speed, patience, temperature)
     if not 0 <= port < 65536:
@@ -334,7 +347,7 @@ def devices(
     ] = None,
     json: Json = False,
 ) -> None:
-    """List serial ports, packets of an IMU and settings of a table. Nothing moves."""
+    """List the serial ports, an IMU's packets and a table's settings, without any motion."""
     from inercal.host import devices as host_devices
     from inercal.host.devices import imu_lines, port_lines, table_lines
 

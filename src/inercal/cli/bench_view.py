@@ -1,4 +1,4 @@
-"""A run on a bench in a terminal, while it lasts: its display, and the keys to pause it."""
+"""Terminal display for a run on a bench, with keys to pause and continue it."""
 
 import os
 import sys
@@ -24,16 +24,17 @@ if TYPE_CHECKING:
 
 _POLL_INTERVAL = 0.2  # s
 _COLOURS = {"info": "default", "warning": "yellow", "alarm": "bold red"}
-KEY_HELP, STOP_HELP = "p pause · g continue · Ctrl-C stop", "Ctrl-C stop"
+KEY_HELP, STOP_HELP = "p: pause · g: continue · Ctrl-C: stop", "Ctrl-C: stop"
 
 
 @contextmanager
 def run_display(
     keys: str = KEY_HELP, typed: TypedConfirmation | None = None
 ) -> Generator[Callable[["BenchRun"], None]]:
-    """Yield a function that shows a run on standard error: a panel on a terminal, else event lines.
+    """Yield a function that shows a run on standard error, as a panel or as event lines.
 
-    `keys` is the line of the panel about the keys, `typed` what is being typed.
+    A terminal shows the panel; other outputs get the event lines. `keys` is the line in the panel
+    that explains the keys, and `typed` returns the text that is being typed.
     """
     from rich.live import Live
 
@@ -63,7 +64,7 @@ def run_display(
 
 
 def run_panel(run: "BenchRun", keys: str = KEY_HELP, typed: str = "") -> "RenderableType":
-    """Return the panel of a run: progress, axes, IMU, estimate, messages and keys."""
+    """Return the panel for a run: progress, axes, IMU, estimate, messages and keys."""
     from rich.console import Group
     from rich.panel import Panel
     from rich.text import Text
@@ -114,7 +115,7 @@ def _clock_text(seconds: float) -> str:
 
 
 def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
-    """Return the attitude of the IMU, and the estimate so far."""
+    """Return the attitude of the IMU and the current estimate."""
     from rich.text import Text
 
     live = run.recorder.live_estimator
@@ -166,10 +167,10 @@ def listen_to_keys(
     answers: Path | None = None,
     typed: TypedConfirmation | None = None,
 ) -> Generator[None]:
-    """Hear who operates a run: by keys of a terminal, else mountings by lines.
+    """Listen to the operator of a run: keys in a terminal, otherwise lines of standard input.
 
-    The key p pauses the run and g continues it; a line confirms the requested mounting, unless a
-    file of answers does.
+    The key p pauses the run and the key g continues it. A line confirms the requested mounting,
+    unless an answer file does so.
     """
     operator = operator_name(operator)
     if not sys.stdin.isatty():
@@ -191,13 +192,14 @@ def listen_to_keys(
     lock = Lock()
 
     def take_waiting() -> bool:
-        """Take what was typed so far; False at the end of the terminal."""
+        """Process the characters typed so far, and return False if the terminal has closed."""
         with lock:
             while select([terminal], [], [], 0)[0]:
-                # Not by sys.stdin: it buffers all waiting bytes, which select does not see.
+                # sys.stdin is not used, because it buffers waiting bytes, which select then does
+                # not see.
                 try:
                     data = os.read(terminal, 64)
-                except OSError:  # the terminal is gone
+                except OSError:  # the terminal was closed
                     data = b""
                 if not data:
                     return False
@@ -215,10 +217,10 @@ def listen_to_keys(
             if select([terminal], [], [], _POLL_INTERVAL)[0] and not take_waiting():
                 return
 
-    # What is read before a request is published cannot confirm it.
+    # Text that is read before a request is published cannot confirm it.
     run.call_before_request(take_waiting)
     before = termios.tcgetattr(sys.stdin)
-    # Ctrl-C remains a signal, which the watchdog receives too.
+    # Ctrl-C remains a signal, which the watchdog also receives.
     tty.setcbreak(sys.stdin)
     thread = Thread(target=listen, daemon=True)
     thread.start()

@@ -1,4 +1,4 @@
-"""`inercal budget`: what each imperfection of bench and sensor contributes to a coefficient."""
+"""`inercal budget`: contribution of each imperfection to each coefficient."""
 
 from collections.abc import Sequence
 from json import dumps

@@ -1,4 +1,4 @@
-"""`inercal bundle`: a calibration with all that it came from, in one file."""
+"""`inercal bundle`: pack a calibration with its run file and data into one file."""
 
 from pathlib import Path
 
@@ -13,7 +13,8 @@ from inercal.cli.outputs import BUNDLE, check_outputs
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML) of the calibration."),
     calibration: Path | None = typer.Option(
-        None, help="Its calibration file (default: the one of the same name in the current folder)."
+        None,
+        help="Its calibration file (default: the file with the same name in the current folder).",
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="The bundle to write (default: the run file's name with .zip)."
@@ -23,7 +24,7 @@ def run(
 ) -> None:
     """Pack run file, data and calibration into one file, which `inercal reproduce` checks.
 
-    The file holds versions, machine and the SHA-256 of each file.
+    The bundle also contains the software versions, the machine and the SHA-256 hash of each file.
     """
     from inercal.pipeline.bundles import write_bundle
 

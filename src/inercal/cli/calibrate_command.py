@@ -1,4 +1,4 @@
-"""`inercal calibrate`: from a run file to a calibration file and a report."""
+"""`inercal calibrate`: make a calibration file and a report from a run file."""
 
 from contextlib import nullcontext
 from pathlib import Path
@@ -25,18 +25,18 @@ from inercal.cli.outputs import CALIBRATION, PAGE, check_outputs, require_same_r
 
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML): sensor, bench, data, method."),
-    out: Path = typer.Option(
-        Path(), "--out", "-o", help="Folder to write to; it is created if needed."
-    ),
+    out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to; created if needed."),
     force: bool = typer.Option(
-        False, "--force", help="Also replace the calibration of another run file."
+        False, "--force", help="Also overwrite a calibration from another run file."
     ),
     with_report: bool = typer.Option(True, "--report/--no-report", help="Write the HTML report."),
     register: str | None = typer.Option(
         None, help="Enter the calibration in this register: an address, or default."
     ),
     auto: bool = typer.Option(
-        False, "--auto", help='Add the coefficients that the tests find: \\[method] also = "auto".'
+        False,
+        "--auto",
+        help='Add coefficients that the score tests find: \\[method] also = "auto".',
     ),
     explain: Explain = False,
     strict: Strict = False,
@@ -44,8 +44,8 @@ def run(
 ) -> None:
     """Estimate a sensor's coefficients and their uncertainties from a recording.
 
-    The exit status is 0, 2 for input that cannot be used, 3 where the result is written but is not
-    to be relied on, or 130 when interrupted.
+    The exit status is 0 on success, 2 if the input cannot be used, 3 if the result is written but
+    should not be relied on, and 130 if interrupted.
     """
     from inercal.runfile import read
 
@@ -91,7 +91,7 @@ def run(
         if opened is not None:
             opened.enter_calibration(outcome.calibration)
             history = opened.history(plan.sensor.name)
-        # The calibration file is written first: an error of the page does not lose it.
+        # The calibration file is written first, so that an error in the page does not lose it.
         missing = None
         if with_report:
             from inercal.report import write_report

@@ -1,4 +1,4 @@
-"""Calibrations for the terminal and as JSON: one of them, and two compared."""
+"""Output of a calibration, or of a comparison of two, to the terminal and as JSON."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ from inercal.physics.sensors import SI_UNITS
 
 
 def print_calibration_table(calibration: Calibration) -> None:
-    """Print the coefficients with U (k = 2), and what their limits say of them."""
+    """Print the coefficients with U (k = 2) and, if limits are stated, the results against them."""
     heads = ("coefficient", "meaning", ">value", ">U (k = 2)", "unit")
     rows = (line[:5] for line in coefficient_lines(calibration))
     print_table(heads, rows, section=axis_of)
@@ -29,7 +29,7 @@ def print_calibration_table(calibration: Calibration) -> None:
 def print_comparison(
     compared: Comparison, names: tuple[str, str], ordinary: RunToRun | None = None
 ) -> None:
-    """Print two calibrations, coefficient by coefficient, and the tests of all."""
+    """Print two calibrations coefficient by coefficient, and the joint tests."""
     print_line(f"1: {names[0]}; 2: {names[1]}; U with k = 2")
     numbers = (">value 1", ">± U", ">value 2", ">± U", ">difference", ">± U")
     rows = (_comparison_row(compared, k) for k in range(len(compared.names)))
@@ -57,7 +57,7 @@ def _comparison_row(compared: Comparison, k: int) -> list[str]:
 
 
 def run_to_run_object(found: RunToRun | None) -> dict[str, Any] | None:
-    """Return a difference against the scatter from run to run; None where it is not known."""
+    """Return the test against the run-to-run scatter for JSON, or None if it is not known."""
     if found is None:
         return None
     pairs = zip(found.names, found.normalised_errors.tolist(), strict=True)
@@ -73,7 +73,7 @@ def run_to_run_object(found: RunToRun | None) -> dict[str, Any] | None:
 def comparison_object(
     compared: Comparison, names: tuple[str, str], ordinary: RunToRun | None = None
 ) -> dict[str, Any]:
-    """Return the comparison of two calibrations."""
+    """Return the comparison of two calibrations as an object for JSON."""
     both, std = (compared.first, compared.second), compared.std
     first, second = (
         {"given": name, "sensor": each.sensor.name} for name, each in zip(names, both, strict=True)

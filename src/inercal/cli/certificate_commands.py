@@ -1,4 +1,4 @@
-"""`inercal certificate`: issue a calibration certificate, verify it, copy it from the register."""
+"""`inercal certificate`: issue, verify, copy and list calibration certificates."""
 
 import os
 import sys
@@ -23,7 +23,7 @@ _ISSUE = "issue"
 
 
 class _Commands(TyperGroup):
-    """`inercal certificate FILE` issues: the word for it need not be written."""
+    """Group of verbs in which `issue` is the default: `inercal certificate FILE`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] != "--help":
@@ -47,24 +47,24 @@ app = typer.Typer(
 _Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the files.")]
 _Schema = Annotated[
     Path | None,
-    typer.Option("--schema", help="The schema dcc.xsd, to validate the DCC."),
+    typer.Option("--schema", help="The schema file dcc.xsd, to validate the DCC."),
 ]
 
 
 @app.command(_ISSUE)
 def issue(
     file: Annotated[Path, typer.Argument(help="A calibration file.")],
-    lab: Annotated[Path, typer.Option(help="The laboratory's file (TOML).")],
+    lab: Annotated[Path, typer.Option(help="The laboratory file (TOML).")],
     job: Annotated[
-        Path | None, typer.Option(help="A TOML file whose \\[job] adds to the run's.")
+        Path | None, typer.Option(help="A TOML file whose \\[job] adds keys to the run's \\[job].")
     ] = None,
     as_found: Annotated[
-        Path | None, typer.Option(help="The calibration file before adjustment.")
+        Path | None, typer.Option(help="The calibration file from before the adjustment.")
     ] = None,
     language: Annotated[_Language, typer.Option(help="Language: en, de or zh.")] = _Language.en,
     issued: Annotated[
         str | None,
-        typer.Option("--date", help="Date of issue, such as 2026-11-26; else today."),
+        typer.Option("--date", help="Date of issue, such as 2026-11-26; by default today."),
     ] = None,
     amends: Annotated[
         str | None, typer.Option(help="Number of the certificate that this one amends.")
@@ -73,7 +73,7 @@ def issue(
         str | None, typer.Option(help="Number of the certificate that it replaces.")
     ] = None,
     reason: Annotated[
-        str | None, typer.Option(help="Why an earlier certificate is changed.")
+        str | None, typer.Option(help="Reason for changing an earlier certificate.")
     ] = None,
     font: Annotated[
         Path | None, typer.Option(help="A font file, for characters that the built-in fonts lack.")
@@ -84,17 +84,18 @@ def issue(
     ] = None,
     schema: _Schema = None,
     draft: Annotated[
-        bool, typer.Option("--draft", help="Write a draft, without number and registration.")
+        bool, typer.Option("--draft", help="Write a draft without a number; it is not registered.")
     ] = False,
     out: _Out = Path(),
     force: Force = False,
     by: Annotated[
-        str | None, typer.Option(help="Who issues it; by default your user name.")
+        str | None,
+        typer.Option(help="Name of the person who issues it; by default your user name."),
     ] = None,
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
-    """Issue a certificate: a number of the register, a PDF/A-3, and the DCC as XML."""
+    """Issue a certificate as PDF/A-3 and DCC (XML), with a number from the register."""
     from inercal.laboratory.certificate.libraries import CERTIFICATE
     from inercal.runfile.laboratory_file import read_laboratory
 
@@ -155,10 +156,10 @@ def verify(
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
-    """Check signatures, agreement of the numbers, schema, and the register.
+    """Check the signatures, the numbers, the schema and the entry in the register.
 
-    The exit status is 0 where nothing fails and a signature that --trust names, or the register,
-    vouches for the file, else 3. The register counts only where --register names it.
+    The exit status is 0 if no check fails and the file is confirmed by a trusted signature
+    (--trust) or by the register (--register); otherwise it is 3.
     """
     from inercal.laboratory.certificate.libraries import CERTIFICATE, SIGNATURE
 
@@ -198,7 +199,7 @@ def copy_(
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
-    """Write the files of an issued certificate again, as the register keeps them."""
+    """Write the files of an issued certificate again from the register."""
     with open_register(register, create=False) as opened:
         entry = opened.certificate(number)
     written = _write(entry.files, out, entry.number, force)
@@ -210,7 +211,7 @@ def copy_(
 
 @app.command("list")
 def list_(register: RegisterOption = None, json: Json = False) -> None:
-    """List the certificates that the register issued."""
+    """List the certificates in the register."""
     with open_register(register, create=False) as opened:
         address, found = opened.address, opened.certificates()
     if json:
@@ -256,7 +257,7 @@ def _option_error(key: str, message: str) -> Exception:
 def _write(
     files: "CertificateFiles", out: Path, stem: str, force: bool, number: str = ""
 ) -> dict[str, str]:
-    """Write both files; where that fails, say how a certificate that was issued is had again."""
+    """Write both files; on failure, tell how to get the files of the issued certificate."""
     from inercal.cli.outputs import CERTIFICATE, check_outputs
 
     paths = [out / f"{stem}.pdf", out / f"{stem}.xml"]

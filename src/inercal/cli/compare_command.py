@@ -1,4 +1,4 @@
-"""`inercal compare`: two calibration files, without a register."""
+"""`inercal compare`: compare two calibration files without a register."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from inercal.cli.options import Json
 REPEATABILITY = typer.Option(
     None,
     "--repeatability",
-    help="A result of inercal repeat: is the difference within the usual run-to-run scatter?",
+    help="A result of inercal repeat, to test the difference against the usual run-to-run scatter.",
 )
 
 

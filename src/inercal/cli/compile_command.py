@@ -1,4 +1,4 @@
-"""`inercal compile`: all kernels, once, into the installation."""
+"""`inercal compile`: compile all kernels in advance."""
 
 from inercal.basics.units import format_count
 from inercal.cli.console import print_json, progress_status
@@ -6,10 +6,11 @@ from inercal.cli.options import Json
 
 
 def run(json: Json = False) -> None:
-    """Compile all kernels now, so that no later run waits for the compiler.
+    """Compile all kernels now, so that later runs need not wait for the compiler.
 
-    They are kept beside the installed modules, where a read-only installation finds them, or in the
-    user's cache where this user cannot write to the installation. It takes about a minute.
+    The kernels are stored beside the installed modules, so that they also work in a read-only
+    installation. If you cannot write to the installation, they are stored in your user cache. It
+    takes about a minute.
     """
     from inercal.basics.kernel_cache import count_kernels
     from inercal.cli.kernel_compilation import compile_kernels

@@ -1,7 +1,7 @@
-"""Output of the verbs: tables, lines, verdicts, JSON and progress.
+"""Console output for the verbs: tables, lines, verdicts, JSON and progress.
 
-A cell of a table that is too wide goes on in its next line; one of more than 200 characters, which
-only a file can hold, is cut.
+A table cell that is too wide continues on the next line. A cell with more than 200 characters,
+which can only come from a file, is truncated.
 """
 
 import json
@@ -29,25 +29,25 @@ _MAX_CELL, _MAX_LINE = 200, 2000  # characters
 
 @contextmanager
 def progress_status(what: str) -> Generator[Callable[[str], None]]:
-    """Show a line of progress on standard error; yield the function that changes it."""
+    """Show a progress line on standard error, and yield the function that updates it."""
     from rich.text import Text
 
     from inercal.cli.terminal import terminal
 
-    # Texts: rich reads markup in plain ones, and names come from files.
+    # Text objects, because rich interprets markup in plain strings, and names come from files.
     with terminal(stderr=True).status(Text(what)) as status:
         yield lambda text: status.update(Text(text))
 
 
 @contextmanager
 def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
-    """Draw rests and thresholds of a refused recording, and name the page in the message.
+    """Write a page with rests and thresholds if a recording is refused; the error names the page.
 
     Parameters
     ----------
     run : Run
     page : Path or None
-        The page to write; None for no page.
+        The page to write, or None for no page.
     """
     from inercal.basics.errors import InercalError
 
@@ -60,7 +60,7 @@ def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
 
 
 def _write_refusal_page(run: "Run", message: str, page: "Path") -> bool:
-    """Write the page of a refusal; return whether it was written."""
+    """Write the page about a refusal, and return whether it was written."""
     from inercal.basics.errors import InputError
     from inercal.pipeline.refused_recording import inspect_refused_recording
     from inercal.report import write_refusal
@@ -70,12 +70,12 @@ def _write_refusal_page(run: "Run", message: str, page: "Path") -> bool:
     try:
         write_refusal(inspected, run.sensor, message, page)
     except InputError:
-        return False  # the refusal itself is printed
+        return False  # the original error is printed anyway
     return True
 
 
 def generation_text(generation: "Generation") -> str:
-    """Return the progress of a search in one line."""
+    """Describe the progress of a search in one line."""
     return (
         f"generation {generation.number}, sum of squares {generation.cost:.3g} g⁴, largest norm "
         f"error {100 * generation.worst:.2g} %"
@@ -83,7 +83,7 @@ def generation_text(generation: "Generation") -> str:
 
 
 def report_line(words: str) -> None:
-    """Print a line of the program for whoever runs it, on standard error."""
+    """Print a message from the program to its user, on standard error."""
     print(f"inercal: {words}", file=sys.stderr, flush=True)
 
 
@@ -94,14 +94,17 @@ def print_written_files(files: "Iterable[Path | str]") -> None:
 
 
 def open_register(address: str | None, by: str | None = None, *, create: bool = True) -> "Register":
-    """Open a register; `create` makes one where there is none, `by` is who enters."""
+    """Open a register for the person `by`; with `create`, create it if it does not exist."""
     from inercal.laboratory.store import Register
 
     return Register(address, by, create=create)
 
 
 def make_table(*heads: str, title: str | None = None, **options: Any) -> "Table":
-    """Return a table that keeps every character; a head with ">" before it is of numbers."""
+    """Return an empty table in which long cells wrap instead of being cut.
+
+    A ">" before a heading aligns its column to the right, as for numbers.
+    """
     from rich.table import Column, Table
 
     columns = (
@@ -119,17 +122,17 @@ def print_table(
     title: str | None = None,
     section: Callable[[str], str] | None = None,
 ) -> None:
-    """Print a table of texts that may come from files; those that end in " *" stand out.
+    """Print a table of texts that may come from files; texts that end in " *" are highlighted.
 
     Parameters
     ----------
     heads : iterable of str
-        ">" before a head aligns its column to the right, as numbers are.
+        Column headings. ">" before a heading aligns its column to the right, as for numbers.
     rows : iterable of sequence of str or Text
-        An empty row begins a section.
+        Cells of each row. An empty row begins a new section.
     title : str, optional
     section : callable, optional
-        A section begins where the value of this function of the first cell changes.
+        Function of the first cell; a new section begins whenever its value changes.
     """
     from rich.text import Text
 
@@ -154,19 +157,19 @@ def _cell(text: str) -> "Text":
 
 
 def axis_of(name: str) -> str:
-    """Return the axis of a coefficient, whose sections a table shows."""
+    """Return the axis of a coefficient, by which tables are divided into sections."""
     from inercal.basics.keys import CoefficientName
 
     return CoefficientName(name).axis
 
 
 def number_heads(heads: Iterable[str], numbers: Iterable[str]) -> list[str]:
-    """Return heads with the mark of numbers before those that begin with one of some words."""
+    """Mark headings as numeric if they begin with one of the given words."""
     return [f">{head}" if head.startswith(tuple(numbers)) else head for head in heads]
 
 
 def print_line(text: str, style: str = "", *, whole: bool = False) -> None:
-    """Print a line; one that no person reads to its end is cut, unless it is wanted whole."""
+    """Print a line; a line that is too long to read is truncated, unless `whole` is set."""
     from rich.text import Text
 
     from inercal.cli.terminal import terminal
@@ -177,13 +180,13 @@ def print_line(text: str, style: str = "", *, whole: bool = False) -> None:
 
 
 def print_lines(texts: Iterable[str], bullet: str = "", *, whole: bool = False) -> None:
-    """Print lines, each with the same beginning, as `print_line` does."""
+    """Print lines with `print_line`, each after the same bullet."""
     for text in texts:
         print_line(f"{bullet}{text}", whole=whole)
 
 
 def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
-    """Print one object or list on standard output; null stands for numbers that are not finite."""
+    """Print one JSON object or list on standard output; numbers that are not finite become null."""
     from pydantic_core import to_jsonable_python
 
     is_unicode = (sys.stdout.encoding or "utf-8").lower().replace("-", "") == "utf8"
@@ -193,7 +196,7 @@ def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
 
 
 def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
-    """Print the coefficients with U (k = 2), and the error over u where the truth is known."""
+    """Print the coefficients with U (k = 2), and error/u if the truth is known."""
     from inercal.calibration.display import coefficient_lines, title
     from inercal.pipeline.truth import true_coefficients
 
@@ -210,21 +213,21 @@ def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
 
 
 def print_verdict(verdict: "Verdict", *, explain: bool = False) -> None:
-    """Print the lines of a verdict, and with `explain` all that explains them, under headings."""
+    """Print the verdict and, with `explain`, all details under headings."""
     first, *others = verdict.lines
     print_line(first, f"bold {_COLOURS[verdict.tone]}")
     print_lines(others, whole=True)
     for heading, lines in verdict.explanation if explain else ():
         print_line(f"\n{heading}", "bold")
-        # Whole: no other output has them.
+        # Not truncated, because no other output contains these lines.
         print_lines(lines, "· ", whole=True)
 
 
 def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:
-    """End the program with the status of the verdict, after all is written and printed.
+    """End the program with the exit status of the verdict, after all output is complete.
 
-    0 where the result is consistent or usable with reservations, 3 where it is not to be relied on;
-    `strict` makes reservations 3 too.
+    The status is 0 if the result is consistent or usable with reservations, and 3 if it should not
+    be relied on. With `strict`, reservations also give 3.
     """
     import typer
 

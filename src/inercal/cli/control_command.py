@@ -1,4 +1,4 @@
-"""`inercal control`: the control charts of a check standard."""
+"""`inercal control`: control charts for a check standard or a bench."""
 
 from datetime import date
 from enum import StrEnum
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Lasting(StrEnum):
-    """Charts of small lasting changes."""
+    """Types of chart for small lasting changes."""
 
     EWMA = "EWMA"
     CUSUM = "CUSUM"
@@ -42,11 +42,11 @@ def run(
     sensor: Sensor = None,
     bench: str | None = typer.Option(
         None,
-        help="A bench in the register, by its name or kind: chart what its own runs tell about it.",
+        help="A bench in the register, by name or kind: chart its parameters from its own runs.",
     ),
     register: RegisterOption = None,
     same: SameOption = None,
-    reference: int = typer.Option(20, help="Number of days that form the reference."),
+    reference: int = typer.Option(20, help="Number of days in the reference."),
     run_length: float = typer.Option(
         370.0, help="Mean number of days between false alarms, over all charts."
     ),
@@ -55,10 +55,10 @@ def run(
         help="Day of a repair, such as 2026-03-01: EWMA and MEWMA restart after it.",
     ),
     since: str | None = typer.Option(
-        None, help="First day of a new reference; earlier sessions are left out."
+        None, help="First day of a new reference; earlier sessions are ignored."
     ),
     lasting: Lasting = typer.Option(
-        Lasting.EWMA, help="Chart for small lasting changes of one value."
+        Lasting.EWMA, help="Type of chart for small lasting changes of a single value."
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Folder for the result and the page with the charts."
@@ -66,7 +66,7 @@ def run(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Chart a check standard: whether the bench is in control, and since when it is not."""
+    """Show on control charts whether a bench is in control, and since when it is not."""
     days = [_day(one, "--restart") for one in restart or []]
     begin = "" if since is None else _day(since, "--since")
     options: dict[str, Any] = {
@@ -92,7 +92,7 @@ def run(
     undated = [one.session.label for one in given if not one.measured]
     if undated:
         raise InputError(
-            f"{undated[0]}: does not state when it was measured; give the days with --table, or "
+            f"{undated[0]}: the date of measurement is missing; give the days with --table, or "
             "enter the file into the register"
         )
     charted = [CheckedSession(*one) for one in given if one.measured >= begin]
@@ -125,7 +125,7 @@ def _chart_bench(
     force: bool,
     json: bool,
 ) -> None:
-    """Chart a bench of the register by the estimates of its own runs."""
+    """Chart the parameters of a bench in the register, as estimated by its own runs."""
     from inercal.basics.documents import document_text
     from inercal.cli.control_view import doubtful_object, print_bench_charts, print_doubtful
     from inercal.laboratory.check_standard.bench_chart_texts import bench_charts_object
@@ -162,7 +162,7 @@ def _chart_bench(
 
 
 def _targets(out: Path | None, stem: str, inputs: list[Path], *, force: bool) -> list[Path]:
-    """Return the result and the page to write; none without a folder."""
+    """Return the paths of the result and the page, or an empty list without a folder."""
     if out is None:
         return []
     targets = [out / f"{stem}.json", out / f"{stem}.html"]
@@ -183,7 +183,7 @@ def _day(text: str, option: str) -> str:
 def _doubtful_calibrations(
     register: str | None, sensor: str, found: "ControlCharts"
 ) -> "list[CalibrationEntry]":
-    """Return the calibrations on benches of the check standard while these were doubtful."""
+    """Return the calibrations that were made while the check standard's benches were doubtful."""
     with open_register(register, create=False) as opened:
         entries = opened.calibrations()
         name = opened.sensor(sensor).name

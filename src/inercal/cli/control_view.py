@@ -1,4 +1,4 @@
-"""Control charts for the terminal, of a check standard and of a bench."""
+"""Terminal output of control charts, for a check standard or a bench."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -19,11 +19,11 @@ from inercal.laboratory.check_standard.chart_texts import control_lines, day, si
 if TYPE_CHECKING:
     from inercal.laboratory.store import CalibrationEntry
 
-_NEWEST = 20  # days that the table lists
+_NEWEST = 20  # number of days listed in the table
 
 
 def print_charts(found: ControlCharts) -> None:
-    """Print the newest days with their statistics, and what the charts say."""
+    """Print the statistics for the newest days, and the conclusions from the charts."""
     days, limits, values = len(found.points), found.limits, found.values
     print_line(
         f"{found.matched.sensor.name}: {format_count(len(found.sessions), 'session')} of "
@@ -52,7 +52,7 @@ def print_charts(found: ControlCharts) -> None:
 
 
 def print_bench_charts(found: BenchCharts) -> None:
-    """Print the newest statistics of each parameter of a bench, and the days with signals."""
+    """Print the newest statistics for each bench parameter, and the days with signals."""
     first, last = (day(found.runs[k].measured) for k in (0, -1))
     print_line(
         f"bench {found.bench}: {format_count(len(found.runs), 'calibration')}, {first} to {last}"
@@ -65,7 +65,7 @@ def print_bench_charts(found: BenchCharts) -> None:
 
 
 def print_doubtful(entries: "Sequence[CalibrationEntry] | None") -> None:
-    """Print the calibrations that a bench out of control makes doubtful."""
+    """Print the calibrations that are doubtful because the bench was out of control."""
     if entries:
         rows = [(f"#{one.id}", one.sensor, day(one.measured), one.method) for one in entries]
         print_table(("doubtful calibration", "sensor", "measured", "method"), rows)
@@ -74,7 +74,7 @@ def print_doubtful(entries: "Sequence[CalibrationEntry] | None") -> None:
 
 
 def doubtful_object(entries: "Sequence[CalibrationEntry] | None") -> dict[str, Any]:
-    """Return the doubtful calibrations; nothing where no register was asked."""
+    """Return the doubtful calibrations for JSON; empty if no register was used."""
     if entries is None:
         return {}
     return {

@@ -1,4 +1,4 @@
-"""`inercal demo`: calibrate an IMU on a simulated three-axis table, compare with the truth."""
+"""`inercal demo`: calibrate an IMU on a simulated three-axis table."""
 
 import sys
 from functools import partial
@@ -18,7 +18,7 @@ from inercal.cli.options import Json
 
 def run(
     out: Path = typer.Option(
-        Path("inercal-demo"), "--out", "-o", help="Folder for the files of the run."
+        Path("inercal-demo"), "--out", "-o", help="Folder for the files from the run."
     ),
     seed: int = typer.Option(0, min=0, help="Seed for the simulation."),
     quick: bool = typer.Option(False, "--quick", help="Run for 5 simulated minutes instead of 24."),

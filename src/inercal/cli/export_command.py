@@ -1,4 +1,4 @@
-"""`inercal export`: a calibration as the file of a program, a device or a language."""
+"""`inercal export`: write a calibration in the format of another program or device."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,9 +21,12 @@ if TYPE_CHECKING:
 
 
 OPTION_FORM = "OPTION=VALUE"
-_LEAST = 1e-3  # µg and °/h: smaller errors are those of rounding
+_LEAST = 1e-3  # µg and °/h; smaller errors are rounding errors
 SET = typer.Option(
-    [], "--set", metavar="OPTION=VALUE", help="An option of the target: --set acc_id=1310988."
+    [],
+    "--set",
+    metavar="OPTION=VALUE",
+    help="An option of the target, such as --set acc_id=1310988.",
 )
 AXES = typer.Option(
     "x y z",
@@ -38,13 +41,17 @@ LOSSLESS = typer.Option(
 REFIT = typer.Option(
     False,
     "--refit",
-    help="Fit the linear terms over the range, for a target without nonlinear terms.",
+    help="Fit linear terms over the range, for a target that has no nonlinear terms.",
 )
 FORCE_RANGE = typer.Option(
-    None, "--over-force", help="Range of each accelerometer, '-2 2 g' (default: that of the data)."
+    None,
+    "--over-force",
+    help="Range of each accelerometer, such as '-2 2 g' (default: that of the data).",
 )
-RATE_RANGE = typer.Option(None, "--over-rate", help="Range of each gyro, '-200 200 deg/s'.")
-TEMPERATURE_RANGE = typer.Option(None, "--over-temperature", help="Temperature range, '-10 60 °C'.")
+RATE_RANGE = typer.Option(None, "--over-rate", help="Range of each gyro, such as '-200 200 deg/s'.")
+TEMPERATURE_RANGE = typer.Option(
+    None, "--over-temperature", help="Temperature range, such as '-10 60 °C'."
+)
 
 
 def run(
@@ -52,7 +59,7 @@ def run(
     to: str = typer.Option(
         ...,
         help="Target: kalibr, openvins, imu_calib, px4, ardupilot, vectornav, adis, imu_tk, "
-        "imucal, c, c_fixed, cpp, matlab, python, csv, or one of another package.",
+        "imucal, c, c_fixed, cpp, matlab, python, csv, or a target from another package.",
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="The file to write (default: RUN.TARGET in the current folder)."
@@ -65,12 +72,13 @@ def run(
     over_rate: str | None = RATE_RANGE,
     over_temperature: str | None = TEMPERATURE_RANGE,
     name: str | None = typer.Option(
-        None, help="Name in the code and of the file (default: the sensor's and the run's name)."
+        None,
+        help="Name in the code and of the file (default: names of the sensor and the run).",
     ),
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Write a calibration for another program, a device or a language, and print the error."""
+    """Write a calibration for another program or device, and print the error of the export."""
     from inercal.calibration.files import load
     from inercal.export import TARGETS, export_calibration
 
@@ -103,16 +111,16 @@ def run(
 
 
 def default_path(calibration_file: Path, target: "Target", sensor: str, name: str = "") -> Path:
-    """Return the file that an export is written to: RUN.TARGET, or NAME_correct by the language.
+    """Return the output file for an export: RUN.TARGET, or NAME_correct for source code.
 
     Parameters
     ----------
     calibration_file : Path
     target : Target
     sensor : str
-        Its name, which names functions unless `name` does.
+        Name of the sensor, used for function names if `name` is empty.
     name : str
-        Names functions and files.
+        Name for functions and files.
     """
     from inercal.export import identifier
 
@@ -123,12 +131,12 @@ def default_path(calibration_file: Path, target: "Target", sensor: str, name: st
 
 
 def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
-    """Return a range such as "-2 2 g" in SI.
+    """Convert a range such as "-2 2 g" to SI units.
 
     Raises
     ------
     InputError
-        Not two numbers and a unit of this dimension.
+        The text is not two numbers and a unit of the required dimension.
     """
     if text is None:
         return None
@@ -155,7 +163,7 @@ def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
 
 
 def costs_object(made: "Export") -> dict[str, Any]:
-    """Return what an export loses, in SI."""
+    """Return the accuracy lost by an export for JSON, in SI units."""
     return {
         "errors": {
             one.measures: {
@@ -174,7 +182,7 @@ def costs_object(made: "Export") -> dict[str, Any]:
 
 
 def cost_lines(made: "Export") -> list[str]:
-    """Return what an export loses, in lines."""
+    """Describe the accuracy lost by an export, line by line."""
     lines = [
         f"not included by {made.target.name}: {one.word} ({QUANTITIES[one.measures].name}), "
         + one.effect_text(_size_text(one.effect, one.measures))

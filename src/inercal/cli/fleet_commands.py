@@ -1,4 +1,4 @@
-"""`inercal fleet`: the sensors of a production line, calibrated in batches and compared."""
+"""`inercal fleet`: calibrate the sensors of a production line in batches, and compare them."""
 
 import sys
 from collections.abc import Mapping
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from inercal.fleet.status import LineStatus
 
 FAILED = 3  # exit status: some sensors have no result
-_SERIAL = 100  # sensors below which other processes cost more than they save
+_SERIAL = 100  # with fewer sensors, starting other processes takes longer than it saves
 _POLL = 0.5  # s
 _REPORT = "report.html"
-_TOLD_BY = 7  # columns by which a table of ours is known
+_TOLD_BY = 7  # columns by which our own table is recognised
 app = typer.Typer(
     help="Calibrate the sensors of a production line, and compare them.", no_args_is_help=True
 )
@@ -44,7 +44,7 @@ def calibrate(
     scheduler: Scheduler = None,
     batch: Annotated[
         int | None,
-        typer.Option(help="Sensors in a batch (default: as many as take 2 s)."),
+        typer.Option(help="Number of sensors in a batch (default: as many as take 2 s)."),
     ] = None,
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Retry the sensors that failed before.")
@@ -53,7 +53,7 @@ def calibrate(
         float | None,
         typer.Option(
             metavar="SECONDS",
-            help="Longest time for a sensor, s (default: 20 times the others' time, at least 60).",
+            help="Time limit for a sensor, s (default: 20 times that of the others, at least 60).",
         ),
     ] = None,
     register: Annotated[
@@ -64,12 +64,12 @@ def calibrate(
         typer.Option(help="Calibrate each recording as it arrives in this folder."),
     ] = None,
     count: Annotated[
-        int | None, typer.Option(help="With --watch: end after this many recordings.")
+        int | None, typer.Option(help="With --watch: stop after this many recordings.")
     ] = None,
     out: _Out = None,
     json: Json = False,
 ) -> None:
-    """Calibrate the sensors that have no result yet; a failed one is a row with its reason."""
+    """Calibrate the sensors that have no result yet; a failed sensor is listed with its reason."""
     from inercal.fleet import results
     from inercal.fleet.line import read_line
 
@@ -77,11 +77,13 @@ def calibrate(
         if number is not None and number < 1:
             raise InputError(f"{name} {number}: give 1 or more", key=name)
     if count is not None and watch is None:
-        raise InputError("--count works only with --watch; add --watch, too", key="--count")
+        raise InputError(
+            "--count works only with --watch; add --watch or remove --count", key="--count"
+        )
     if timeout is not None and not 0 < timeout < inf:
         raise InputError(f"--timeout {timeout}: give a number of seconds above 0", key="--timeout")
     read = read_line(line)
-    results.schema()  # names what is not installed, before any work
+    results.schema()  # reports missing packages before any work
     folder = line / results.FOLDER if out is None else out
     if watch is not None:
         batchwise = {"--workers": workers, "--scheduler": scheduler, "--batch": batch,
@@ -112,7 +114,7 @@ def calibrate(
     else:
         print(
             f"{format_count(counts.sensors, 'sensor')}: {counts.done} calibrated, {counts.kept} "
-            "kept as they were"
+            "unchanged"
         )
         if without:
             from inercal.fleet.status import line_status
@@ -129,7 +131,7 @@ def calibrate(
 
 @app.command()
 def status(line: _Line, out: _Out = None, json: Json = False) -> None:
-    """Say how many sensors are calibrated, failed and missing, and why they failed."""
+    """Show how many sensors are calibrated, failed or missing, and why they failed."""
     from inercal.fleet.latest import outdated_lines
     from inercal.fleet.line import read_line
     from inercal.fleet.status import line_status
@@ -145,14 +147,14 @@ def status(line: _Line, out: _Out = None, json: Json = False) -> None:
     for what, number in found.conformity.items():
         print(f"{number:>9}  {what} by [specification]")
     if found.outdated:
-        print(f"{len(found.outdated):>9}  outdated: calibrate again")
+        print(f"{len(found.outdated):>9}  outdated; calibrate again")
     _print_reasons(found)
     for text in outdated_lines(found.outdated):
         print(text)
 
 
 def _print_reasons(found: "LineStatus") -> None:
-    """Print the sensors without a result, and why."""
+    """Print the sensors without a result, and the reasons."""
     for reason, names in found.reasons:
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         print(f"{', '.join(names[:3])}{more}: {reason}")
@@ -171,7 +173,7 @@ def report(
         bool, typer.Option("--json", help="Print one JSON object; write a page only with --out.")
     ] = False,
 ) -> None:
-    """Compare the sensors: distributions, lots, outliers, drift, stations and yield."""
+    """Compare the sensors of a line: distributions, lots, outliers, drift, stations and yield."""
     from inercal.fleet import results
     from inercal.fleet.findings import statistics_object, summary_lines
     from inercal.fleet.line import read_line
@@ -205,7 +207,7 @@ def report(
 def export(
     line: _Line,
     path: Annotated[
-        Path, typer.Argument(help="The table to write, .csv or .parquet; with --to, a folder.")
+        Path, typer.Argument(help="The table to write (.csv or .parquet); with --to, a folder.")
     ],
     sensor: Annotated[
         str | None,
@@ -220,7 +222,7 @@ def export(
         list[str] | None,
         typer.Option(
             metavar="OPTION=COLUMN",
-            help="With --to: an option from a column of the table of sensors, acc_id=device_id.",
+            help="With --to: take an option from a column of sensors.csv: acc_id=device_id.",
         ),
     ] = None,
     axes: str = export_command.AXES,
@@ -331,7 +333,7 @@ def _calibrate(
 
 
 def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: float | None) -> None:
-    """Print a line for each recording that arrives; the status is 3 where one did not pass."""
+    """Print a line for each recording that arrives; exit with status 3 if any did not pass."""
     import time
 
     from inercal.basics.parallel import open_tolerant_executor
@@ -350,7 +352,7 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
         time.sleep(_POLL)
         return True
 
-    line.run(line.rows[0])  # a wrong template is refused before any recording
+    line.run(line.rows[0])  # a wrong template causes an error before any recording
     suffixes = {Path(row.recording).suffix for row in line.rows}
     print(f"watching {folder}: {format_count(len(line.rows), 'sensor')}", flush=True)
 
@@ -361,7 +363,7 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
             for path in arriving_files(folder, poll, known_files(line, out), suffixes, report_line):
                 try:
                     result = calibrate_arrival(line, path, out, executor, limit)
-                except InputError as error:  # a disk is full, or away
+                except InputError as error:  # a disk is full or was removed
                     result = StationResult(path.stem, False, f"its result was not stored: {error}")
                 word = "PASS" if result.passed else "FAIL"
                 print(f"{word} {result.id}: {result.reason}", flush=True)
@@ -370,7 +372,7 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
                 if done == count:
                     break
     except KeyboardInterrupt:
-        pass  # the usual end of a station
+        pass  # the usual way to end a station
     print(f"{done - failed} passed, {failed} failed")
     if failed:
         raise typer.Exit(FAILED)

@@ -1,4 +1,4 @@
-"""`inercal import`: a calibration of another program."""
+"""`inercal import`: read a calibration made by another program."""
 
 from pathlib import Path
 
@@ -11,24 +11,27 @@ from inercal.cli.outputs import CALIBRATION, check_outputs
 
 
 def run(
-    file: Path = typer.Argument(help="The file of the other program."),
+    file: Path = typer.Argument(help="The file from the other program."),
     of: str = typer.Option(
         ...,
         "--from",
-        help="Format: imu_tk, imucal, kalibr, px4, ardupilot, or one of another package.",
+        help="Format: imu_tk, imucal, kalibr, px4, ardupilot, or a format from another package.",
     ),
     out: Path | None = typer.Option(None, "--out", "-o", help="The calibration file to write."),
     like: Path | None = typer.Option(
         None, help="A calibration of the same sensor, from which the axes and readouts are taken."
     ),
     stated: list[str] = typer.Option(
-        [], "--set", metavar="OPTION=VALUE", help="An option of the format: --set part=gyro."
+        [],
+        "--set",
+        metavar="OPTION=VALUE",
+        help="An option of the format, such as --set part=gyro.",
     ),
     name: str | None = typer.Option(None, help="Name of the sensor."),
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Read a calibration of another program, which has no uncertainties, for `inercal compare`."""
+    """Read a calibration from another program for `inercal compare`, without uncertainties."""
     from inercal.calibration.files import calibration_object, load, save
     from inercal.export.readers import import_calibration
 

@@ -1,4 +1,4 @@
-"""`inercal init`: a run file drafted from a recording."""
+"""`inercal init`: draft a run file from a recording."""
 
 import sys
 from collections.abc import Sequence
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 def run(
     logs: list[Path] = typer.Argument(
-        metavar="LOG…", help="The recording, or the files of its accelerometers and of its gyros."
+        metavar="LOG…",
+        help="The recording, or two files: one for the accelerometers and one for the gyros.",
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Run file to write; by default the log's name with .toml."
@@ -28,16 +29,21 @@ def run(
         [],
         "--set",
         metavar="KEY=VALUE",
-        help='What you know: --set "data.rate=100 Hz", --set data.gyro=gx,gy,gz.',
+        help='Values that you know: --set "data.rate=100 Hz", --set data.gyro=gx,gy,gz.',
     ),
-    yes: bool = typer.Option(False, "--yes", "-y", help="Ask nothing, but report each decision."),
-    report: bool = typer.Option(False, "--report", help="Show signals and sections on a page."),
+    yes: bool = typer.Option(
+        False, "--yes", "-y", help="Ask no questions, but report each decision."
+    ),
+    report: bool = typer.Option(
+        False, "--report", help="Write a page that shows the signals and sections."
+    ),
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Draft a run file: columns, units, rate, sections and the methods that the data support.
+    """Draft a run file from a recording: columns, units, rate, sections and possible methods.
 
-    Each line of it gives its reason. In a terminal it asks for what the data do not show.
+    Each line of the draft states its reason. In a terminal, you are asked for values that cannot be
+    found from the data.
     """
     path = out or Path(f"{logs[0].stem}.toml")
     files = {"run_file": path}
@@ -89,13 +95,13 @@ def run(
 
 
 def stated_keys(texts: Sequence[str]) -> dict[str, str]:
-    """Return the values of `--set`, by key."""
+    """Return the values given with `--set`, by key."""
     form = 'a key with its section, as "data.rate=100 Hz"'
     return assignments(texts, "--set", form, sectioned=True)
 
 
 def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: bool) -> "Draft":
-    """Draft the run file; in a terminal, ask for accelerometers that are not recognised."""
+    """Draft the run file; in a terminal, ask for accelerometer columns that are not recognised."""
     from inercal.pipeline.drafts import UnknownAccelerometers, draft_run_file
 
     key = "data.accelerometer"
@@ -106,7 +112,7 @@ def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: boo
         except UnknownAccelerometers as error:
             if not asks:
                 raise
-            print(f"Columns of numbers: {', '.join(error.columns)}")
+            print(f"Columns with numbers: {', '.join(error.columns)}")
         except InputError as error:
             if not asks or error.key != key:
                 raise
@@ -115,7 +121,7 @@ def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: boo
 
 
 def _three_columns(log: Path) -> str:
-    """Ask for three columns until three are given; an empty answer ends."""
+    """Ask until three columns are given; an empty answer cancels."""
     while True:
         answer = input("Accelerometer columns x, y and z, separated by commas: ").strip()
         if not answer:
@@ -125,7 +131,7 @@ def _three_columns(log: Path) -> str:
 
 
 def _ask(draft: "Draft", logs: Sequence[Path], known: dict[str, str]) -> "Draft":
-    """Ask for what only the user knows, and draft again with the answers."""
+    """Ask for values that only the user knows, and draft again with the answers."""
     from inercal.pipeline.drafts import draft_run_file
 
     # An empty answer leaves a key open.

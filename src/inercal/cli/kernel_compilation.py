@@ -1,10 +1,9 @@
-"""Compiles all kernels once, so that no later run waits for the compiler.
+"""Compilation of all kernels in advance, so that later runs need not wait for the compiler.
 
 Numba compiles a kernel when it is first called with arguments of certain types. The kernels are
-therefore called by the work that uses them, on short simulated recordings: a run on a simulated
-turntable with its bench's processes, the other methods on its recording, an IMU by navigation
-between rests, a hand-held IMU, and batches of fits of a centrifuge by norms and by vectors, and of
-means in six positions.
+therefore compiled by running short simulations that use them: a run on a simulated turntable, the
+other turntable methods on its recording, navigation between rests, a hand-held IMU, and batches of
+centrifuge and six-position fits.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,7 +28,7 @@ from inercal.recordings.segments import scatter
 from inercal.runfile import read
 
 _OTHER_METHODS = ("turntable_trajectory", "turntable_discrete")
-_BATCH = 16  # trials, more than are solved one by one
+_BATCH = 16  # trials; enough that they are solved as a batch
 
 _RATES = '["60 rpm", "120 rpm", "180 rpm"]'
 _ARM = f"""\
@@ -85,18 +84,18 @@ seconds = "10 s"
 
 
 def compile_kernels(progress: Callable[[str], None]) -> tuple[str, ...]:
-    """Do each piece of work once; Numba keeps the kernels in its cache.
+    """Run each simulation once, so that Numba stores the kernels in its cache.
 
     Parameters
     ----------
     progress : callable
-        Called with a description of each piece of work before it begins.
+        Function that is called with a description of each simulation before it begins.
 
     Returns
     -------
     tuple of str
-        One line for each piece of work that cannot be done here, such as without an optional
-        library; its kernels are compiled when they are first used.
+        One line for each simulation that cannot run here, for example because an optional library
+        is missing. Its kernels are compiled when they are first used.
     """
     failed: list[str] = []
     with TemporaryDirectory() as folder:
@@ -110,20 +109,23 @@ def compile_kernels(progress: Callable[[str], None]) -> tuple[str, ...]:
 
 
 def _work(folder: Path) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Yield each piece of work with its description; the second uses the files of the first."""
+    """Yield each simulation with its description; the second uses the files from the first."""
     driven = folder / "driven"
     yield "a run on a simulated turntable", partial(demo, driven, quick=True)
     for name in _OTHER_METHODS:
-        yield f"the recording of a turntable by {name}", partial(_follow_recording, driven, name)
-    yield "an IMU by navigation between rests", partial(_calibrate_by_navigation, folder)
+        yield (
+            f"the recording from a turntable, with {name}",
+            partial(_follow_recording, driven, name),
+        )
+    yield "an IMU with navigation between rests", partial(_calibrate_by_navigation, folder)
     yield "a hand-held IMU", partial(_calibrate_by_hand, folder)
     yield "batches of fits", partial(_fit_batches, folder)
-    yield "check sums of packets", _check_packets
+    yield "packet checksums", _check_packets
     yield "the noise of a sensor", _find_noise
 
 
 def _follow_recording(driven: Path, name: str) -> None:
-    """Calibrate by another method from the recording that a run left in its folder."""
+    """Calibrate with another method from the recording that a run left in its folder."""
     text = (driven / RUN_FILE).read_text(encoding="utf-8").replace("turntable_kalman", name)
     other = driven / f"{name}.toml"
     other.write_text(text, encoding="utf-8")
@@ -131,9 +133,9 @@ def _follow_recording(driven: Path, name: str) -> None:
 
 
 def _calibrate_by_navigation(folder: Path) -> None:
-    """Simulate an IMU that rests and turns on a table whose angles are not used; calibrate it.
+    """Simulate and calibrate an IMU on a table whose angles are not used.
 
-    By the estimators one after the other: that of live estimates has a kernel of its own.
+    All estimators are run in turn, because the live estimator has its own kernel.
     """
     path = folder / "navigation.toml"
     path.write_text(_NAVIGATION, encoding="utf-8")
@@ -145,7 +147,7 @@ def _calibrate_by_navigation(folder: Path) -> None:
 
 
 def _calibrate_by_hand(folder: Path) -> None:
-    """Simulate an IMU that is turned by hand, and calibrate it with the delay of its gyros."""
+    """Simulate an IMU that is turned by hand, and calibrate it including the gyro delay."""
     text = files("inercal").joinpath("hand_held.toml").read_text(encoding="utf-8")
     path = folder / "hand_held.toml"
     path.write_text(
@@ -157,11 +159,11 @@ def _calibrate_by_hand(folder: Path) -> None:
     write_recordings({run.file(name): one for name, one in made.items()})
     outcome = calibrate(run)
     assert outcome.recording is not None
-    scatter(outcome.recording, run.sensor, "f")  # a report shows it
+    scatter(outcome.recording, run.sensor, "f")  # shown in a report
 
 
 def _fit_batches(folder: Path) -> None:
-    """Fit by norms of an arm, and by vectors, whose Jacobians are computed for all trials."""
+    """Run batches of fits by norm and by vector, with Jacobians computed for all trials."""
     path = folder / "arm.toml"
     by_vectors = _ARM.replace("[data]", 'indexing = "5 ″"\n[data]').replace(_RATES, '["120 rpm"]')
     for text in (_ARM, by_vectors):
@@ -183,7 +185,7 @@ def _fit_batches(folder: Path) -> None:
 
 
 def _check_packets() -> None:
-    """Check bytes that may be written to, and bytes that may not: Numba has a kernel for each."""
+    """Check packets in writable and read-only bytes, because Numba compiles a kernel for each."""
     start, stop = np.array([0]), np.array([9])
     received = np.frombuffer(b"123456789", np.uint8)
     for data in (received, received.copy()):
@@ -192,5 +194,5 @@ def _check_packets() -> None:
 
 
 def _find_noise() -> None:
-    """Compute the Allan deviation at so many averaging times that its kernel is used."""
+    """Compute the Allan deviation at enough averaging times for its kernel to be used."""
     deviations(np.sin(np.arange(50_000.0) ** 2), 1.0, spacing="all")

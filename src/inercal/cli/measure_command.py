@@ -1,4 +1,4 @@
-"""`inercal measure`: a worksheet filled position by position, and what to do next."""
+"""`inercal measure`: fill a worksheet position by position, with instructions."""
 
 import shlex
 import sys
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from inercal.host.guided.measurement_table import MeasurementTable
     from inercal.runfile import Run
 
-_OPEN = 130  # the exit status: interrupted, and resumable
+_OPEN = 130  # the exit status: interrupted and can be resumed
 
 
 def run(
@@ -29,20 +29,23 @@ def run(
         help="The run file (.toml), or the worksheet that inercal plan wrote (.csv)."
     ),
     run_file: Path | None = typer.Option(
-        None, "--run", "-r", help="The run file of the worksheet, if none in its folder names it."
+        None,
+        "--run",
+        "-r",
+        help="The run file for the worksheet, if no run file in its folder names it.",
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="The table to fill (.csv); by default \\[data] file."
     ),
     readings: int = typer.Option(
-        1, "--readings", "-n", min=1, max=10_000, help="Readings per mean."
+        1, "--readings", "-n", min=1, max=10_000, help="Number of readings per mean."
     ),
     instrument: list[str] = typer.Option(
         [],
         "--instrument",
         "-i",
         help="Address of an instrument that reads the sensor: tcp://HOST:PORT, or "
-        "serial:PATH?baud=9600; several in the order of the columns.",
+        "serial:PATH?baud=9600. Give several in the order of the columns.",
     ),
     query: str = typer.Option(
         "READ?",
@@ -53,17 +56,18 @@ def run(
         20.0,
         min=0.0,
         help="Ask for a reading again if it differs from that of an ideal sensor by more than "
-        "this, in % of the specific force or rate.",
+        "this percentage of the specific force or rate.",
     ),
     force: bool = typer.Option(
-        False, "--force", help="Start again; the earlier table is kept as .previous."
+        False, "--force", help="Start again; the earlier table is renamed to .previous."
     ),
     json: bool = typer.Option(False, "--json", help="Print one JSON object at the end."),
 ) -> None:
-    """Fill a worksheet position by position: what to set, the reading, its scatter, the next.
+    """Fill a worksheet position by position, with instructions for each reading.
 
-    Readings are typed, piped (one line each), or taken from instruments. Each is stored at once,
-    and a measurement that was left continues there. Commands: undo, repeat, keep, quit, help.
+    You can type the readings, pipe them (one per line) or read them from instruments. Each reading
+    is stored at once, so an interrupted measurement can be continued. Commands: undo, repeat, keep,
+    quit, help.
     """
     planned, path = _run_and_table(plan, run_file, out)
     # The modules of the work load after the run file was checked.
@@ -87,7 +91,7 @@ def run(
         files = measurement_files(path)
         own = planned.file(planned.data.file)
         inputs = [path for path in planned.input_files() if path != own]
-        # What a table holds is not lost: the measurement continues in it.
+        # The readings in an existing table are kept, and the measurement continues in it.
         check_outputs(dict.fromkeys(files, WORKSHEET), inputs, force=True)
         check = ReadingCheck(planned, tolerance / 100)
         table = MeasurementTable(planned, path, readings, anew=force)
@@ -132,7 +136,7 @@ def _run_and_table(plan: Path, run_file: Path | None, out: Path | None) -> "tupl
     Raises
     ------
     InputError
-        No run file, or one of a recording; a table that is no .csv.
+        There is no run file, the run file uses a recording, or the table is not a .csv file.
     """
     from inercal.physics.section_settings import key_error
     from inercal.runfile import read
@@ -164,7 +168,7 @@ def _run_and_table(plan: Path, run_file: Path | None, out: Path | None) -> "tupl
 
 
 def _run_file_of(table: Path) -> Path:
-    """Return the one run file in the folder of a table whose [data] names it."""
+    """Return the only run file in a table's folder whose [data] names the table."""
     from inercal.basics.small_files import read_toml
 
     found: list[Path] = []
@@ -190,9 +194,9 @@ def _introduce(table: "MeasurementTable", say: Callable[[str], None]) -> None:
     for note in table.sheet.notes:
         say(f"· {note}")
     if sys.stdin.isatty():
-        say("· Type the readings of a row, or a command: undo, repeat, keep, quit or help.")
+        say("· Type the readings for a row, or a command: undo, repeat, keep, quit or help.")
     if table.left_out:
-        say(f"· The table has no row of {', '.join(table.left_out)}.")
+        say(f"· The table has no row for {', '.join(table.left_out)}.")
     if table.measured:
         left = ": the others follow." if table.measured < len(table.rows) else "."
         rows = format_count(len(table.rows), "row is", "rows are")

@@ -1,8 +1,9 @@
-"""Confirmations of the mountings of a run: by lines, by a file of answers, or beside its keys.
+"""Confirmations of a run's mountings, from typed lines, standard input or an answer file.
 
 A line `mounted NAME` or `mounted NAME OPERATOR` confirms that the sensor is mounted as requested.
-A line of standard input counts only if it comes after the request; one of an answer file confirms
-one request for its mounting, whenever that comes. Any other line confirms nothing.
+A line on standard input counts only if it comes after the request. A line in an answer file
+confirms one request for its mounting, no matter when the request comes. Any other line confirms
+nothing.
 """
 
 import os
@@ -30,24 +31,24 @@ _ESCAPE, _BEGINNING = "\x1b", f"{WORD} "
 
 
 class Answer(NamedTuple):
-    """A confirmation: the mounting, and who confirms it; empty where that is not said."""
+    """A confirmation: the mounting and the person who confirms it (empty if not stated)."""
 
     mounting: str
     operator: str
 
 
 def operator_name(given: str) -> str:
-    """Return the name of who operates: as given, else that of the system's user."""
+    """Return the operator's name as given, or else the user name on this system."""
     return given or user_name()
 
 
 def read_answers(path: Path) -> list[Answer]:
-    """Return the confirmations of an answer file.
+    """Read the confirmations in an answer file.
 
     Raises
     ------
     InputError
-        The file cannot be read, or has a line that is no confirmation.
+        The file cannot be read, or a line is not a confirmation.
     """
     from inercal.basics.small_files import read_small_file
 
@@ -69,7 +70,7 @@ def read_answers(path: Path) -> list[Answer]:
 
 @contextmanager
 def answer_mountings(run: "BenchRun", operator: str, answers: Path | None) -> Generator[None]:
-    """Confirm the mountings of a run by an answer file, else by lines of standard input."""
+    """Confirm a run's mountings from an answer file, or else from lines of standard input."""
     ended = Event()
     source = _Lines() if answers is None else _AnswerFile(answers, read_answers(answers))
     run.call_before_request(source.drop_earlier)
@@ -102,7 +103,7 @@ def _answer(run: "BenchRun", operator: str, source: "_Lines | _AnswerFile", ende
 
 
 class _AnswerFile:
-    """The confirmations of a file, each of which is used once."""
+    """The confirmations in an answer file, each of which is used once."""
 
     def __init__(self, path: Path, answers: Sequence[Answer]):
         self.gone = f"{path} has no further line '{WORD} …' for this mounting"
@@ -110,10 +111,10 @@ class _AnswerFile:
         self._left = list(answers)
 
     def drop_earlier(self) -> None:
-        """Do nothing: an answer of a file counts whenever the request comes."""
+        """Do nothing, because an answer in a file counts no matter when the request comes."""
 
     def answer(self, request: "MountingRequest", _: Callable[[], bool]) -> Answer | None:
-        """Return the next confirmation of the requested mounting; None where there is none."""
+        """Return the next confirmation of the requested mounting, or None."""
         for answer in self._left:
             if answer.mounting == request.mounting:
                 self._left.remove(answer)
@@ -122,28 +123,32 @@ class _AnswerFile:
 
 
 class _Lines:
-    """Lines of standard input, each of which came after the request that it confirms."""
+    """Confirmations from standard input, which count only if they come after the request."""
 
     gone, origin = "standard input has ended", ""
 
     def __init__(self):
         # Not by sys.stdin: it buffers all waiting bytes, which select does not see.
         self._descriptor, self._buffer, self._at_end = sys.stdin.fileno(), b"", False
-        self._lock = Lock()  # of the thread that reads, and the run's, which drops
+        self._lock = (
+            Lock()
+        )  # shared by the reading thread and the run's thread, which discards lines
 
     def drop_earlier(self) -> None:
-        """Drop what has come so far, also the beginning of a line."""
+        """Discard all input received so far, including an incomplete line."""
         with self._lock:
             while not self._at_end and select([self._descriptor], [], [], 0)[0]:
                 self._read()
             dropped, self._buffer = self._buffer, b""
         if count := len(dropped.splitlines()):
-            report_line(f"lines that came before the mounting was requested were dropped: {count}")
+            report_line(
+                f"lines that came before the mounting was requested were discarded: {count}"
+            )
 
     def answer(self, request: "MountingRequest", waits: Callable[[], bool]) -> Answer | None:
-        """Return the confirmation of the requested mounting.
+        """Wait for a line that confirms the requested mounting, and return it.
 
-        None at the end of the input, or when the request no longer waits.
+        Return None at the end of the input, or if the request is no longer waiting.
         """
         while waits():
             select([self._descriptor], [], [], 0 if self._at_end else _POLL_INTERVAL)
@@ -169,7 +174,7 @@ class _Lines:
 
 
 def parse_answer(line: str) -> Answer | None:
-    """Return the confirmation that a line states; None if it states none."""
+    """Return the confirmation stated in a line, or None if there is none."""
     word, *rest = line.split(maxsplit=2)[:3] if line.strip() else [""]
     if word != WORD or not rest:
         return None
@@ -177,7 +182,7 @@ def parse_answer(line: str) -> Answer | None:
 
 
 def mismatch_text(line: str, request: "MountingRequest") -> str:
-    """Return what is said of a line that does not confirm what is requested."""
+    """Return the message about a line that does not confirm the requested mounting."""
     return (
         f"{line.strip()!r} does not confirm that the sensor is mounted as {request.mounting}; type "
         f"{WORD} {request.mounting}"
@@ -185,14 +190,14 @@ def mismatch_text(line: str, request: "MountingRequest") -> str:
 
 
 class TypedConfirmation:
-    """Takes the characters of a line `mounted NAME` or `mounted NAME OPERATOR`.
+    """Collector for the characters of a line `mounted NAME` or `mounted NAME OPERATOR`.
 
-    It counts for the request that was published when its first character came.
+    The line counts for the request that was published when its first character was typed.
 
     Attributes
     ----------
     text : str
-        As typed so far.
+        Characters typed so far.
     """
 
     def __init__(self):
@@ -200,20 +205,20 @@ class TypedConfirmation:
         self._request: MountingRequest | None = None
 
     def take(self, character: str, run: "BenchRun", operator: str) -> bool:
-        """Take a character; False where it is none of a line, as that of another key.
+        """Add a character, and return False if it does not belong to such a line.
 
         Parameters
         ----------
         character : str
         run : BenchRun
         operator : str
-            Who confirms where the line names nobody.
+            Name of the person who confirms if the line contains no name.
         """
         begun = self.text + character
         if character not in _ENTER + _ERASE and not (
             begun.startswith(_BEGINNING) or _BEGINNING.startswith(begun)
         ):
-            self.text = ""  # no such line: its characters, as of a key hit twice, keep no key back
+            self.text = ""  # not such a line, for example if a key was pressed twice
         if not self.text:
             if character != _BEGINNING[0]:
                 return False

@@ -1,4 +1,4 @@
-"""`inercal noise`: the noise of a sensor at rest, from its recording."""
+"""`inercal noise`: find the noise of a sensor from a recording at rest."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -26,25 +26,25 @@ def run(
     datasheet: Path | None = typer.Option(
         None,
         metavar="FILE",
-        help="A file (.toml) with the noise that a data sheet states. On its own it is "
-        "imported; with a recording, the two are compared.",
+        help="A file (.toml) with the noise that a data sheet states. It is compared with the "
+        "recording, or imported if there is no recording.",
     ),
     stated: list[str] = typer.Option(
         [],
         "--set",
         metavar="KEY=VALUE",
-        help="What you know of a recording: --set data.gyro=gx,gy,gz, --set sensor.gyro.unit=°/s, "
+        help="Values that you know: --set data.gyro=gx,gy,gz, --set sensor.gyro.unit=°/s, "
         '--set "data.rate=100 Hz".',
     ),
     terms: str | None = typer.Option(
-        None, help="Terms to fit, such as NBK, instead of those that the data support."
+        None, help="Terms to fit, such as NBK, instead of those that the data justify."
     ),
     method: str = typer.Option(
-        "likelihood", help="Estimate to report: likelihood, gmwm or wls_log."
+        "likelihood", help="Estimator for the reported values: likelihood, gmwm or wls_log."
     ),
     spacing: str = typer.Option("octave", "--taus", help="Averaging times: octave, decade or all."),
     skip_disturbed: bool = typer.Option(
-        False, "--skip-disturbed", help="Exclude the disturbed times from the fit."
+        False, "--skip-disturbed", help="Exclude disturbed periods from the fit."
     ),
     skip_band: list[str] = typer.Option(
         [],
@@ -56,17 +56,17 @@ def run(
         [],
         "--write",
         metavar="RUN_FILE",
-        help="Write the noise to \\[sensor.*] of this run file; an existing file needs --force.",
+        help="Write the noise to \\[sensor.*] in this run file; an existing file needs --force.",
     ),
     to: list[str] = typer.Option(
         [],
         metavar="kalibr|ros|filter",
-        help="Write the noise for another program, or as a filter's Q.",
+        help="Write the noise for another program, or as the Q of a filter.",
     ),
     horizon: float = typer.Option(
         100.0,
         help="Time in s at which a random walk equals a bias instability, for a program that "
-        "knows only random walks.",
+        "supports only random walks.",
     ),
     register: str | None = typer.Option(
         None,
@@ -74,7 +74,7 @@ def run(
         "postgresql://USER@HOST/DATABASE; by default $INERCAL_REGISTER.",
     ),
     sensor: str | None = typer.Option(
-        None, help="Name of the sensor in the register; of a run file, its own."
+        None, help="Name of the sensor in the register; by default that in the run file."
     ),
     measured: str | None = typer.Option(
         None, help="Date of the recording, such as 2026-03-01; by default now."
@@ -86,7 +86,7 @@ def run(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Find noise, bias instability and random walk of a sensor at rest, and its disturbances."""
+    """Find the noise, bias instability, random walk and disturbances of a sensor at rest."""
     from inercal.cli.noise_view import print_analysis, print_comparison_with_sheet, sheet_object
 
     _check_choices(method, spacing, to, horizon)
@@ -187,7 +187,7 @@ def run(
 def _require_rest(
     readings: "Recording", section: Path | None, to: Sequence[str], register: str | None
 ) -> str:
-    """Return how the sensor moved, empty at rest; refuse to store the noise of one that moved."""
+    """Describe how the sensor moved, and raise an error if its noise would be stored."""
     from inercal.noise.recording_checks import movement
     from inercal.noise.texts import movement_text
 
@@ -195,7 +195,8 @@ def _require_rest(
     stores = {"--write": section, "--to": to, "--register": register}
     if moved and (asked := [option for option, value in stores.items() if value]):
         raise InputError(
-            f"{movement_text(moved, readings.source)}; {' and '.join(asked)} would store it",
+            f"{movement_text(moved, readings.source)}; {' and '.join(asked)} would "
+            "store this noise",
             file=readings.source or None,
             key=asked[0],
         )
@@ -203,7 +204,7 @@ def _require_rest(
 
 
 def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float) -> None:
-    """Refuse an unknown method, spacing or program, before the work."""
+    """Raise an error for an unknown method, spacing or program before the work begins."""
     from inercal.noise.coefficients import METHODS
     from inercal.noise.deviations import SPACINGS
     from inercal.noise.noise_files import WRITERS
@@ -222,7 +223,7 @@ def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float)
 def _sensor_name(
     recording: Path, sensor: str | None, measured: str | None, by: str | None, register: str | None
 ) -> str:
-    """Return the sensor's name in the register, before the work; empty without a register."""
+    """Return the sensor's name in the register, or an empty text without a register."""
     if register is None:
         for option, value in (("--sensor", sensor), ("--measured", measured), ("--by", by)):
             if value is not None:
@@ -251,7 +252,7 @@ def _sensor_name(
 
 
 def _band(text: str) -> tuple[float, float]:
-    """Return lowest and highest frequency of "LOW-HIGH", Hz."""
+    """Return the lowest and the highest frequency of "LOW-HIGH", Hz."""
     try:
         low, high = (float(one) for one in text.replace("–", "-").split("-"))
     except ValueError:
@@ -268,7 +269,7 @@ def _band(text: str) -> tuple[float, float]:
 def _require_possible_in_blocks(
     path: Path, method: str, spacing: str, *, skip_disturbed: bool
 ) -> None:
-    """Refuse what needs all samples in the memory."""
+    """Raise an error for options that need all samples in memory."""
     for option, asked in (
         ("--skip-disturbed", skip_disturbed),
         (f"--taus {spacing}", spacing != "octave"),
@@ -276,28 +277,30 @@ def _require_possible_in_blocks(
     ):
         if asked:
             raise InputError(
-                f"{option}: {path} is too long for the memory and is analysed in blocks, at "
-                "octaves, by likelihood and with its disturbed times; leave the option out, or "
+                f"{option}: {path} is too long for the memory, so it is analysed in blocks, at "
+                "octaves, by likelihood and including disturbed times; omit the option, or "
                 "give a part of the recording",
                 key=option.split()[0],
             )
 
 
 def _read(path: Path, known: dict[str, str]) -> "Recording":
-    """Return the readings of a run file's recording, or of a log, in SI."""
+    """Return the readings from a run file's recording or from a log, in SI units."""
     from inercal.pipeline.drafts.rest_recording import in_si, read_rest_recording
 
     if path.suffix.lower() != ".toml":
         return read_rest_recording(path, known)
     if known:
-        raise InputError(f"--set: {path} states its keys itself; change them there", key="--set")
+        raise InputError(
+            f"--set: {path} is a run file, which states these keys; change them there", key="--set"
+        )
     from inercal.recordings.data.recording_loader import load_recording
     from inercal.runfile import read
 
     run = read(path)
     if run.data.kind == "means":
         raise InputError(
-            f"{path}: [data] holds means, which have no noise of samples: give a recording",
+            f"{path}: [data] contains means, which have no sample noise; give a recording",
             file=path,
             key="[data] kind",
         )
@@ -309,7 +312,7 @@ def _read(path: Path, known: dict[str, str]) -> "Recording":
 
 
 def _gravity(path: Path) -> float | None:
-    """Return gravity at the bench, m/s²; None where the bench carries the sensor round."""
+    """Return gravity at the bench, m/s², or None if the bench rotates the sensor."""
     from inercal.physics.sensors import G0
 
     if path.suffix.lower() != ".toml":
@@ -329,18 +332,18 @@ def _read_data_sheet(path: Path) -> "DataSheetNoise":
 def _import_data_sheet(
     path: Path | None, of_recording: Mapping[str, object], targets: NoiseFiles, *, json: bool
 ) -> None:
-    """Print the noise of a data sheet and write its files."""
+    """Print the noise stated in a data sheet, and write the output files."""
     if path is None:
         raise InputError(
-            "give a recording at rest or its run file, or --datasheet FILE to import the noise of "
+            "give a recording at rest or its run file, or --datasheet FILE to import noise from "
             "a data sheet",
             key="RECORDING",
         )
     for option, value in of_recording.items():
         if value:
             raise InputError(
-                f"{option} is of a recording, and only a data sheet is given: add a recording, or "
-                "leave the option out",
+                f"{option} needs a recording, but only a data sheet is given: add a recording, or "
+                "omit the option",
                 key=option,
             )
     from inercal.cli.noise_view import print_sheet, sheet_object

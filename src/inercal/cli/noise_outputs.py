@@ -1,4 +1,4 @@
-"""The files of `inercal noise` for other programs, and the section of a run file."""
+"""Output files of `inercal noise`: files for other programs, and sections of a run file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class NoiseFiles:
-    """What is to be written, and where.
+    """Output files to write, and their folder.
 
     Parameters
     ----------
     to : sequence of str
-        Names of other programs, of `WRITERS`.
+        Names of other programs, which are keys of `WRITERS`.
     horizon : float
-        s, of a random walk in place of a bias instability.
+        Time, s, at which a random walk equals the bias instability that it replaces.
     section : Path or None
-        The run file that takes the noise.
+        Run file into which the noise is written.
     out : Path
-        Folder of the files of other programs.
+        Folder for the files for other programs.
     force : bool
     """
 
@@ -38,21 +38,21 @@ class NoiseFiles:
 
     @property
     def are_wanted(self) -> bool:
-        """Whether anything is to be written."""
+        """Return whether there is anything to write."""
         return bool(self.to) or self.section is not None
 
     def _texts(self, stem: str) -> dict[str, Path]:
         return {one: self.out / f"{stem}.{one}.yaml" for one in self.to}
 
     def check(self, stem: str, inputs: Sequence[Path]) -> None:
-        """Refuse what must not or cannot be written, before the work.
+        """Raise an error before the work if a file must not or cannot be written.
 
         Parameters
         ----------
         stem : str
-            Of the names of the files.
+            First part of the file names.
         inputs : sequence of Path
-            Files that are read: with --force the run file among them may take the noise.
+            Files that are read. With --force, the noise may be written to the run file among them.
         """
         kind = OutputKind("noise file", b"# inercal noise")
         check_outputs(
@@ -65,11 +65,11 @@ class NoiseFiles:
             check_outputs({self.section: RUN_FILE}, others, force=self.force)
 
     def write(self, stem: str, noise: "SensorNoise") -> dict[str, Path | str]:
-        """Write the files; return their paths."""
+        """Write the files and return their paths."""
         from inercal.noise.noise_files import WRITERS
 
         texts = self._texts(stem)
-        # All texts before the first is written: what refuses one leaves no other.
+        # All texts are made before the first is written, so that an error leaves no files.
         contents = {one: WRITERS[one](noise, self.horizon) for one in texts}
         merged = "" if self.section is None else _merged_run_file(noise, self.section)
         files: dict[str, Path | str] = {}
@@ -82,12 +82,12 @@ class NoiseFiles:
 
 
 def _merged_run_file(noise: "SensorNoise", path: Path) -> str:
-    """Return the text of a run file with the noise in its sections."""
+    """Return the text of a run file after adding the noise to its sections."""
     from inercal.basics.small_files import parse_toml
     from inercal.noise.noise_files import NOISE_KEYS, merge_sections, run_file_sections
 
     text = path.read_text(encoding="utf-8") if path.exists() else ""
-    # A data sheet states some of the keys; an analysis replaces what another found.
+    # A data sheet adds some of the keys; an analysis replaces those from an earlier analysis.
     replaced = () if noise.is_data_sheet else NOISE_KEYS
     merged = merge_sections(text, run_file_sections(noise), replaced)
     try:

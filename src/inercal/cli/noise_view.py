@@ -1,4 +1,4 @@
-"""The noise of a sensor in the terminal, and that of a data sheet, also as an object for JSON."""
+"""Output of a sensor's noise and a data sheet's noise, to the terminal and as JSON."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,7 +19,7 @@ _NUMBERS = ("measured", "U (k = 2)", "data sheet", "measured / data sheet")
 
 
 def print_analysis(analysis: NoiseAnalysis) -> None:
-    """Print the coefficients of all channels, then the remarks on each."""
+    """Print the coefficients for all channels, then the remarks on each channel."""
     if analysis.movement:
         text = movement_text(analysis.movement, analysis.source)
         print_line(f"NOT AT REST: {text}", "bold red")
@@ -40,7 +40,7 @@ def print_analysis(analysis: NoiseAnalysis) -> None:
 
 
 def print_sheet(sheet: DataSheetNoise) -> None:
-    """Print the coefficients of a data sheet with what it states, then the remarks."""
+    """Print the coefficients from a data sheet with the stated texts, then the remarks."""
     rows: list[tuple[str, ...]] = []
     for quantity, found in sheet.coefficients.items():
         for one in found:
@@ -54,13 +54,13 @@ def print_sheet(sheet: DataSheetNoise) -> None:
 
 def print_comparison_with_sheet(rows: Sequence[SheetComparison], sheet: DataSheetNoise) -> None:
     """Print measured and stated coefficients, channel by channel, then the remarks."""
-    heads, title = number_heads(HEADS, _NUMBERS), f"measured, and data sheet {sheet.name}"
+    heads, title = number_heads(HEADS, _NUMBERS), f"measured noise and data sheet {sheet.name}"
     print_table(heads, [one.cells for one in rows], title=title, section=str)
     print_lines((*sheet.all_remarks, *kind_remarks(rows, sheet)))
 
 
 def sheet_object(sheet: DataSheetNoise, rows: Sequence[SheetComparison] = ()) -> dict[str, Any]:
-    """Return a data sheet's noise, SI, and the comparison with a recording, for JSON."""
+    """Return a data sheet's noise and the comparison with a recording for JSON, in SI units."""
     found: dict[str, Any] = {
         "name": sheet.name,
         "rate": sheet.rate_hz or None,

@@ -1,4 +1,4 @@
-"""Options that several verbs have, and the checks of what they state."""
+"""Options that several verbs share, and checks of their values."""
 
 import os
 from collections.abc import Iterable
@@ -20,12 +20,12 @@ Explain = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 Strict = Annotated[
     bool,
-    typer.Option("--strict", help="Also exit with status 3 if the result has reservations."),
+    typer.Option("--strict", help="Exit with status 3 also if the result has reservations."),
 ]
 RegisterOption = Annotated[
     str | None,
     typer.Option(
-        help="A path, sqlite:///PATH or postgresql://USER@HOST/DATABASE; else $INERCAL_REGISTER."
+        help="A path, sqlite:///PATH or postgresql://USER@HOST/DATABASE; default $INERCAL_REGISTER."
     ),
 ]
 Workers = Annotated[
@@ -37,7 +37,7 @@ Scheduler = Annotated[
     typer.Option(
         "--scheduler",
         "--cluster",
-        help="Compute on a Dask cluster: tcp://HOST:PORT, tls://HOST:PORT, or local: this machine.",
+        help="Compute on a Dask cluster: tcp://HOST:PORT, tls://HOST:PORT or local (this machine).",
     ),
 ]
 
@@ -45,22 +45,22 @@ Scheduler = Annotated[
 def assignments(
     texts: Iterable[str], option: str, form: str, *, sectioned: bool = False
 ) -> dict[str, str]:
-    """Return the values that an option such as `--set` states, by name.
+    """Return the values given with an option such as `--set`, by name.
 
     Parameters
     ----------
     texts : iterable of str
-        "NAME=VALUE".
+        Texts of the form "NAME=VALUE".
     option : str
     form : str
-        What to write, for the message.
+        Description of the required form, for the error message.
     sectioned : bool
-        Whether a name is a key with its section, "data.rate".
+        Whether a name is a key with its section, such as "data.rate".
 
     Raises
     ------
     InputError
-        A text of another form, or a name that is stated twice.
+        A text has another form, or a name is stated twice.
     """
     found: dict[str, str] = {}
     for text in texts:
@@ -76,12 +76,12 @@ def assignments(
 
 
 def warn_of_root(scheduler: str | None) -> None:
-    """Warn on standard error where work for several processes is handed out as root.
+    """Print a warning if the work is distributed to other processes while running as root.
 
     Parameters
     ----------
     scheduler : str or None
-        As the user states it.
+        Address of the scheduler as given by the user.
     """
     from inercal.basics.parallel import LOCAL
 
@@ -97,20 +97,20 @@ def warn_of_root(scheduler: str | None) -> None:
 
 
 def positive_number(option: str, given: float | str, otherwise: str = "") -> float:
-    """Return the number of an option.
+    """Return the value of an option as a positive number.
 
     Parameters
     ----------
     option : str
-        Its name, "--pace".
+        Name of the option, such as "--pace".
     given : float or str
     otherwise : str
-        What else is possible, for the message.
+        Other possible values, for the error message.
 
     Raises
     ------
     InputError
-        Not a number above 0.
+        The value is not a number above 0.
     """
     try:
         value = float(given)
@@ -122,12 +122,12 @@ def positive_number(option: str, given: float | str, otherwise: str = "") -> flo
 
 
 def run_options(speed: float | None, patience: float, temperature: str) -> "RunOptions":
-    """Return the options `--speed`, `--patience` and `--temperature`.
+    """Return the run options from `--speed`, `--patience` and `--temperature`.
 
     Raises
     ------
     InputError
-        Not a number above 0, or not two temperatures in rising order.
+        A value is not a number above 0, or the temperatures are not two numbers in ascending order.
     """
     from inercal.basics.units import ZERO_CELSIUS
     from inercal.host.tasks import RunOptions

@@ -1,4 +1,4 @@
-"""Where a verb may write: one decision for all verbs, made before any work."""
+"""Checks of output files, common to all verbs and made before any work."""
 
 import csv
 import os
@@ -10,18 +10,18 @@ from typing import NamedTuple
 from inercal.basics.atomic_files import writable_target
 from inercal.basics.errors import InputError
 
-_HEAD = 4096  # bytes by which a file is recognised
+_HEAD = 4096  # number of bytes by which a file is recognised
 
 
 class OutputKind(NamedTuple):
-    """What a verb writes, and how an earlier file of the same kind is recognised.
+    """A kind of output file, and the mark by which earlier files of this kind are recognised.
 
     Parameters
     ----------
     name : str
-        For messages: "page".
+        Name for messages, such as "page".
     mark : bytes
-        Among the first bytes of each such file; empty where nothing marks it, as a recording.
+        Text among the first bytes of each such file; empty if there is no mark, as in a recording.
     """
 
     name: str
@@ -41,7 +41,7 @@ SELF_CHECK = OutputKind("report of a self-check", b"Self-check of inercal")
 
 
 def table_kind(name: str, columns: Iterable[str]) -> OutputKind:
-    """Return the kind of a table of these columns, which is marked by its header."""
+    """Return the kind for a table with these columns, which is recognised by its header."""
     header = StringIO()
     csv.writer(header, lineterminator="\n").writerow(columns)
     return OutputKind(f"table of {name}", header.getvalue().encode())
@@ -50,10 +50,10 @@ def table_kind(name: str, columns: Iterable[str]) -> OutputKind:
 def check_outputs(
     files: Mapping[Path, OutputKind], inputs: Iterable[Path] = (), *, force: bool | None = None
 ) -> None:
-    """Refuse files to write that would destroy something, or that cannot be written.
+    """Raise an error if an output file would destroy something or cannot be written.
 
-    A verb may write a new file, or over a regular file that it or its like wrote before. It never
-    writes over an input of the run, whatever its name or the links to it, a device or a FIFO.
+    A verb may write a new file, or overwrite a regular file of the same kind. It never overwrites
+    an input of the run, not even through a link, nor a device or a FIFO.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ def check_outputs(
     inputs : iterable of path
         The files that the verb reads.
     force : bool or None
-        Write over any regular file but an input; None where the verb has no `--force`.
+        Whether to overwrite any regular file except an input; None if the verb has no `--force`.
 
     Raises
     ------
     InputError
-        For the first file that must not or cannot be written: what stands in its place.
+        A file must not or cannot be written; the message describes the obstacle.
     """
     read = {identity for path in inputs if (identity := _identity(path)) is not None}
     targets: dict[Path, Path] = {}
@@ -88,7 +88,7 @@ def check_outputs(
 
 
 def require_suffix(path: Path, suffix: str, more: str = "", key: str = "--out") -> None:
-    """Refuse the name of a file of another kind.
+    """Raise an error if a file name has another suffix.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def require_suffix(path: Path, suffix: str, more: str = "", key: str = "--out") 
     suffix : str
         ".csv".
     more : str
-        What else to say of the file.
+        Additional text about the file, for the message.
     key : str
         The option, or the key of the run file, that names the file.
 
@@ -109,7 +109,7 @@ def require_suffix(path: Path, suffix: str, more: str = "", key: str = "--out") 
 
 
 def require_same_run(path: Path, run_file: Path, sensor: str) -> None:
-    """Refuse to replace the calibration of another run file or of another sensor.
+    """Raise an error before overwriting a calibration from another run file or sensor.
 
     Parameters
     ----------
@@ -117,12 +117,12 @@ def require_same_run(path: Path, run_file: Path, sensor: str) -> None:
         The calibration file to write.
     run_file : Path
     sensor : str
-        Its name.
+        Name of the sensor.
 
     Raises
     ------
     InputError
-        The file exists and is of another run, or says not of which.
+        The file exists and belongs to another run, or does not state its run.
     """
     if not path.exists():
         return
@@ -148,7 +148,7 @@ def require_same_run(path: Path, run_file: Path, sensor: str) -> None:
 
 
 def _check_folder(path: Path, folder: Path) -> None:
-    """Refuse a folder that is none, or that cannot be written or made."""
+    """Raise an error if a path is not a folder, or cannot be created or written to."""
     try:
         base = next((one for one in (folder, *folder.parents) if one.exists()), folder)
         is_folder = base.is_dir()
@@ -185,7 +185,7 @@ def _check_existing(
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Return device and number of a file, by which hard links are known; None for no file."""
+    """Return the device and inode number of a file, or None if it does not exist."""
     try:
         known = path.stat()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""`inercal plan`: the steps of a plan, and the uncertainties to expect."""
+"""`inercal plan`: print the steps of a plan and the expected uncertainties."""
 
 from math import inf
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 from inercal.basics.errors import InputError
 from inercal.cli.options import Force, Json, Scheduler, Workers, warn_of_root
 
-_POSITIONS, _SECONDS = 24, 3.0  # by hand
+_POSITIONS, _SECONDS = 24, 3.0  # defaults for a hand-held sensor
 _TRIALS = 60
 
 
@@ -18,28 +18,29 @@ def run(
         help="A method: multi-position, dual-orthogonal, …; or a run file (.toml) with its method.",
     ),
     run_file: Path | None = typer.Option(
-        None, "--run", "-r", help="Run file that states sensor, bench and coefficients."
+        None, "--run", "-r", help="Run file that states the sensor, the bench and the coefficients."
     ),
     positions: int | None = typer.Option(
         None,
-        help=f"Number of rests by hand (default {_POSITIONS}), or of positions on a dividing head "
+        help=f"Number of rests for a hand-held sensor (default {_POSITIONS}), or of positions on a "
+        "dividing head "
         "(default: the run file's).",
     ),
     seconds: float | None = typer.Option(
         None,
-        help=f"Length of each hold, s (default: {_SECONDS:g} by hand, else the run file's).",
+        help=f"Length of each hold, s (default: {_SECONDS:g} if hand-held, else the run file's).",
     ),
     out: Path | None = typer.Option(
         None,
         "--out",
         "-o",
-        help="The table to fill in (.csv), for a bench that has a worksheet; some also get a "
-        "page to print (.html).",
+        help="The table to fill in (.csv), for a bench that has a worksheet; some benches also "
+        "get a page to print (.html).",
     ),
     optimise: str | None = typer.Option(
         None,
         metavar="DURATION",
-        help="Search for a better path of method systematic that takes at most this time, such "
+        help="Search for a better path for method systematic that takes at most this time, such "
         'as "20 min"; --out writes it as a file for \\[method] path.',
     ),
     trials: int | None = typer.Option(
@@ -50,7 +51,7 @@ def run(
     scheduler: Scheduler = None,
     json: Json = False,
 ) -> None:
-    """Print the steps of a plan, one by one, and the uncertainties to expect."""
+    """Print the steps of a plan and the expected uncertainties."""
     from inercal.basics.parallel import open_executor
     from inercal.basics.small_files import is_file
     from inercal.cli.plan_output import print_optimised_plan, print_plan

@@ -1,4 +1,4 @@
-"""A plan, printed: its steps, the uncertainties to expect, and the table to fill."""
+"""Output of a plan: its steps, the expected uncertainties and the table to fill in."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from inercal.runfile import Run
 
 
-_SEED = 0  # of the search for a path
+_SEED = 0  # seed for the path search
 
 
 class _Plan(NamedTuple):
-    """A plan for the terminal and for JSON; `expected` in parts, one section of the table each."""
+    """A plan for the terminal and for JSON; each part of `expected` is one table section."""
 
     steps: list[dict[str, Any]]
     seconds: float
     title: str
     heads: Sequence[str]
-    rows: Sequence[Sequence[str]]  # an empty one begins a section
+    rows: Sequence[Sequence[str]]  # an empty row begins a section
     expected: Sequence[Sequence["ExpectedUncertainty"]]
     notes: Sequence[str]
     more: Mapping[str, Any]  # further keys of the JSON object
@@ -50,15 +50,15 @@ def print_plan(
     force: bool,
     json: bool,
 ) -> None:
-    """Print the plan of a run; with `out`, write the table to be filled, and its page if any.
+    """Print the plan of a run, and with `out` write the table to fill in.
 
     Raises
     ------
     InputError
-        `out` for a plan without a table, or a file that exists, unless by `force`, or no .csv;
-        a run whose plan cannot be computed.
+        `out` is given for a plan without a table, is not a .csv file or already exists (without
+        `force`), or the plan cannot be computed.
     NotObserved
-        Coefficients that the plan leaves open.
+        The plan does not determine all coefficients.
     """
     from inercal.runfile import read
 
@@ -93,7 +93,7 @@ def print_optimised_plan(
     force: bool,
     json: bool,
 ) -> None:
-    """Search for a path, print its plan, and write it."""
+    """Search for a path, print its plan and write it to a file."""
     from inercal.basics.units import parse_quantity
     from inercal.benches.turntable import require_turntable
     from inercal.pipeline.design.path_search import path_table, search_path, with_path
@@ -139,13 +139,13 @@ def _print_plan(run: "Run", plan: _Plan, files: Mapping[str, Path], *, json: boo
 
 
 def _next_step(run: "Run", sheet: Path) -> str:
-    """Return what to do with the table: fill it, and calibrate by it."""
+    """Return the instructions for the table: fill it in, then calibrate."""
     fill = f"fill {sheet.name}"
     if run.data.kind == "means":
         if run.file(run.data.file).resolve() == sheet.resolve():
             command = f"inercal measure {run.path}"
-            return f"{fill}, by hand or by {command}; next: inercal calibrate {run.path}"
-        fill += f", by hand or by inercal measure {sheet} --run {run.path}"
+            return f"{fill} by hand or with {command}; next: inercal calibrate {run.path}"
+        fill += f" by hand or with inercal measure {sheet} --run {run.path}"
     kinds = dict.fromkeys(axis.measures for axis in run.sensor.axes)
     stated = " and ".join(QUANTITIES[kind].sensor for kind in kinds)
     return (
@@ -167,7 +167,7 @@ def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
     notes = (
         "The named axis points up and reads +1 g.",
         "Turn slowly from rest to rest, on any path, and wait until the hand is at rest.",
-        "Keep the order: the gyros are calibrated by the turns between the rests.",
+        "Keep the order, because the gyros are calibrated from the turns between the rests.",
         "The uncertainties assume the stated noise, without tremor or drift.",
     )
     return _Plan(
@@ -224,7 +224,7 @@ def _path_plan(run: "Run") -> _Plan:
 
 
 def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan, dict[str, Path]]:
-    """Return the plan of a bench with a worksheet, and the files that were written."""
+    """Return the plan for a bench with a worksheet, and the files that were written."""
     from inercal.pipeline.design.worksheet import build_worksheet, run_sheet, worksheet_csv
     from inercal.report import write_worksheet
 
@@ -259,7 +259,7 @@ def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan
 
 
 def _output_files(out: Path, inputs: Sequence[Path], *, page: bool, force: bool) -> dict[str, Path]:
-    """Return the files to write: "sheet", and "page" if the worksheet has a page."""
+    """Return the output files: "sheet", and "page" if the worksheet has a page."""
     require_suffix(out, ".csv", "; the page is written next to it" * page)
     files = {"sheet": out} | ({"page": out.with_suffix(".html")} if page else {})
     check_outputs(dict.fromkeys(files.values(), WORKSHEET), inputs, force=force)
@@ -267,7 +267,7 @@ def _output_files(out: Path, inputs: Sequence[Path], *, page: bool, force: bool)
 
 
 def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
-    """Return a coefficient and its expected uncertainty for JSON, SI; null if not determined."""
+    """Return a coefficient's expected uncertainty for JSON, SI; null if not determined."""
     from inercal.physics.sensors import SI_UNITS
 
     std = expected.std if isfinite(expected.std) else None
@@ -289,6 +289,6 @@ def _print(run: "Run", plan: _Plan) -> None:
     print_table(
         ("coefficient", "meaning", ">U (k = 2)", "unit"),
         rows,
-        title=f"expected of {run.sensor.name}: {run.method.name}, {run.estimator}",
+        title=f"expected for {run.sensor.name}: {run.method.name}, {run.estimator}",
     )
     print_lines(plan.notes, "· ")

@@ -1,4 +1,4 @@
-"""`inercal qualify`: parameters of a bench from a measurement of their own."""
+"""`inercal qualify`: find parameters of a bench from a separate measurement."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _NOT_TO_BE_RELIED_ON = 3  # the exit status
 _SHOWN = {"rad": "″", "1": "ppm", "(m/s²)⁻¹": "ppm/g", "m": "mm", "m/s²": "m/s²", "s": "ms"}
-_LARGEST_CORRELATION = 0.05  # that is left out
+_LARGEST_CORRELATION = 0.05  # smallest correlation that is printed
 
 
 def run(
@@ -41,12 +41,12 @@ def run(
     withdraw: str | None = typer.Option(
         None,
         metavar="REASON",
-        help="Withdraw a qualification: mark the file, and list what used it.",
+        help="Withdraw a qualification: mark the file, and list the calibrations that used it.",
     ),
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
-    r"""Qualify a bench: find its parameters with their covariance, for \[bench] qualification."""
+    r"""Qualify a bench: find its parameters and their covariance for \[bench] qualification."""
     if drift and withdraw is not None:
         raise InputError("--drift and --withdraw exclude each other: give one", key="--drift")
     wanted = 2 if drift else 1
@@ -124,13 +124,13 @@ def _withdraw(file: Path, reason: str, address: str | None, json: bool) -> None:
 
 
 def _print_qualification(found: "Qualification") -> None:
-    """Print the parameters with U, their correlations, the tests and what was not seen."""
+    """Print the parameters with U, their correlations, the tests and undetectable effects."""
     import numpy as np
 
     from inercal.basics.units import format_value_and_uncertainty
     from inercal.benches.qualification.result import ANY_BENCH
 
-    place = "the place" if found.bench == ANY_BENCH else f"{found.bench} {found.bench_name}".strip()
+    place = "the site" if found.bench == ANY_BENCH else f"{found.bench} {found.bench_name}".strip()
     ends = f", valid until {found.valid_until}" if found.valid_until else ""
     print_line(f"{found.kind} of {place}, {found.date}{ends}: {found.method}")
     rows: list[tuple[str, ...]] = []
@@ -153,7 +153,7 @@ def _print_qualification(found: "Qualification") -> None:
         )
     lines += [f"inconsistent with the model: {one}" for one in found.suspects]
     lines += found.remarks
-    lines += [f"not seen: {one}" for one in found.unseen]
+    lines += [f"not detectable: {one}" for one in found.unseen]
     if found.expired_parameters(datetime.now(UTC).date()):
         lines.append(f"expired on {found.valid_until}")
     if found.withdrawn:
@@ -162,7 +162,7 @@ def _print_qualification(found: "Qualification") -> None:
 
 
 def _shown_unit(unit: str) -> tuple[str, float]:
-    """Return the unit that a parameter is printed in, and its size in SI."""
+    """Return the unit for printing a parameter, and its size in SI units."""
     from inercal.basics.units import si_factor
 
     shown = _SHOWN.get(unit, unit)
@@ -172,7 +172,7 @@ def _shown_unit(unit: str) -> tuple[str, float]:
 def _print_drift(
     earlier: "Qualification", later: "Qualification", found: "Sequence[ParameterDrift]"
 ) -> None:
-    """Print the difference of two qualifications, and the random walk between them."""
+    """Print the difference between two qualifications, and the random walk between them."""
     days = (later.date - earlier.date).days
     print_line(
         f"{later.kind} of {later.bench} {later.bench_name}: {format_count(days, 'day')} between"

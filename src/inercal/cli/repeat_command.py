@@ -1,4 +1,4 @@
-"""`inercal repeat`: several calibrations of one sensor, its mean and its next use."""
+"""`inercal repeat`: find a sensor's mean and next-use uncertainty from repeated calibrations."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -39,12 +39,12 @@ def run(
         "the person who mounts the sensor accounts for it (bench).",
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="Folder for the result and the calibration of the next use."
+        None, "--out", "-o", help="Folder for the result and the calibration for the next use."
     ),
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """State a sensor's mean over several calibrations and the uncertainty of its next use."""
+    """Find a sensor's mean over several calibrations, and the uncertainty for its next use."""
     from inercal.basics.documents import document_text
     from inercal.calibration.files import save
     from inercal.cli.session_inputs import read_sessions
@@ -73,7 +73,7 @@ def run(
 
 
 def _print_repeatability(found: "Repeatability") -> None:
-    """Print mean and next use of each coefficient, the scatter, and what was found."""
+    """Print the mean and next-use uncertainty of each coefficient, the scatter and the findings."""
     from inercal.basics.units import format_count, format_number, format_value_and_uncertainty
     from inercal.laboratory.repeatability.repeated_sessions import advice_lines
 

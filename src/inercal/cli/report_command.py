@@ -1,4 +1,4 @@
-"""`inercal report`: the HTML report of a run."""
+"""`inercal report`: write the HTML report of a run."""
 
 from pathlib import Path
 
@@ -21,15 +21,15 @@ def run(
     run_file: Path = typer.Argument(help="The run file (TOML)."),
     out: Path | None = typer.Option(None, "--out", "-o", help="The page to write."),
     for_customer: bool = typer.Option(
-        False, "--for-customer", help="Omit the keys of the run file and the next steps."
+        False, "--for-customer", help="Omit run-file keys and next steps."
     ),
     explain: Explain = False,
     strict: Strict = False,
     json: Json = False,
 ) -> None:
-    """Calibrate, and write only the HTML report.
+    """Calibrate a sensor, but write only the HTML report.
 
-    The exit status is 0, or 3 where the page is written but the result is not to be relied on.
+    The exit status is 0, or 3 if the page is written but the result should not be relied on.
     """
     from inercal.runfile import read
 

@@ -1,4 +1,4 @@
-"""`inercal reproduce`: recompute a source paper or a bundle, and judge it by the numbers."""
+"""`inercal reproduce`: recompute the results of a source paper or of a bundle."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,16 +37,16 @@ def run(
     scheduler: Scheduler = None,
     json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
 ) -> None:
-    """Recompute a source paper, and judge whether each of its claims holds; or a bundle.
+    """Recompute the claims of a source paper, or the calibration in a bundle.
 
-    Of a bundle the calibration is computed again from the data in it. The exit status is 3 where it
-    differs.
+    For a paper, each claim is judged as holding or not. For a bundle, the exit status is 3 if the
+    recomputed calibration differs.
     """
     if Path(name).suffix.lower() == ".zip":
         options = {"--out": out, "--trials": trials, "--seed": seed, "--workers": workers,
                    "--scheduler": scheduler}  # fmt: skip
         if given := [option for option, value in options.items() if value is not None]:
-            raise InputError(f"{', '.join(given)}: not possible with a bundle; leave it out")
+            raise InputError(f"{', '.join(given)}: not possible with a bundle; omit it")
         _reproduce_bundle(Path(name), json)
         return
     from inercal.basics.parallel import open_executor

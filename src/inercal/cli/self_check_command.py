@@ -1,4 +1,4 @@
-"""`inercal self-check`: each method on data whose answer is known, for a laboratory's records."""
+"""`inercal self-check`: check each method on data with known results."""
 
 from pathlib import Path
 
@@ -16,10 +16,10 @@ def run(
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder for the dated report."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object, and no report."),
 ) -> None:
-    """Check that each method still gives its known answers, and write a dated report.
+    """Check that each method still gives the known results, and write a dated report.
 
     Run it before the first use, and after each change of version, libraries or machine. It takes
-    about a minute. The exit status is 3 where a method fails.
+    about a minute. The exit status is 3 if a method fails.
     """
     from inercal.pipeline.self_check import report_text, self_check
 

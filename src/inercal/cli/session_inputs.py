@@ -1,4 +1,4 @@
-"""Sessions of a sensor for a verb: calibration files, a table of them, or those of a register."""
+"""Input of sessions for a verb: calibration files, a table of files, or a register."""
 
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -18,7 +18,7 @@ _FILE, _LEVELS = "file", ("day", "mount", "turn_on")  # columns of a table of se
 
 
 class Same(StrEnum):
-    """What all sessions have in common."""
+    """Conditions that all sessions may have in common."""
 
     DAY = "day"
     MOUNT = "mount"
@@ -38,13 +38,13 @@ SameOption = Annotated[
     list[Same] | None,
     typer.Option(
         "--same",
-        help="What all files have in common; otherwise each has its own day, mounting and turn-on.",
+        help="Condition common to all files; by default each has its own day, mount and turn-on.",
     ),
 ]
 
 
 class DatedSession(NamedTuple):
-    """A session, and when it was measured, ISO 8601; empty where nothing says so."""
+    """A session and its time of measurement in ISO 8601, which is empty if unknown."""
 
     session: "RepeatedSession"
     measured: str
@@ -62,11 +62,11 @@ def read_sessions(
     Raises
     ------
     InputError
-        Not one way of giving sessions, or sessions that cannot be read.
+        The sessions are given in no way or in several ways, or cannot be read.
     """
     require_single_source(files, table, sensor)
     if register is not None and sensor is None:
-        raise InputError("--register: name the sensor by --sensor", key="--register")
+        raise InputError("--register: name the sensor with --sensor", key="--register")
     if table is not None:
         return _of_table(table, same)
     if sensor is not None:
@@ -75,7 +75,7 @@ def read_sessions(
 
 
 def require_single_source(*ways: object) -> None:
-    """Refuse sessions that are given in no way, or in several.
+    """Raise an error unless the sessions are given in exactly one way.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def require_single_source(*ways: object) -> None:
 
 
 def measured_time(calibration: "Calibration") -> str:
-    """Return when a calibration was measured by its [job], else when it was made; UTC."""
+    """Return the time of measurement from [job], or else the time of calibration, in UTC."""
     text = calibration.job.get("measured") or calibration.provenance.get("created", "")
     try:
         time = datetime.fromisoformat(text)
@@ -97,7 +97,7 @@ def measured_time(calibration: "Calibration") -> str:
 
 
 def _labels(same: list[Same] | None, number: int, label: str) -> tuple[str, str, str]:
-    """Return day, mount and turn-on of a session of which nothing else is stated."""
+    """Return the default day, mount and turn-on for a session that states none."""
     day, mount, turn_on = ("same" if one in (same or []) else f"{number} {label}" for one in Same)
     return day, mount, turn_on
 
@@ -123,14 +123,14 @@ def _of_register(address: str | None, sensor: str, same: list[Same] | None) -> l
     for k, entry in enumerate(entries):
         day, mount, turn_on = _labels(same, k, f"#{entry.id}")
         if Same.DAY not in (same or []):
-            day = entry.measured[:10]  # of ISO 8601
+            day = entry.measured[:10]  # length of a day in ISO 8601
         one = RepeatedSession(f"#{entry.id}", entry.calibration, day, mount, turn_on)
         sessions.append(DatedSession(one, entry.measured))
     return sessions
 
 
 def _of_table(table: Path, same: list[Same] | None) -> tuple[list[DatedSession], list[Path]]:
-    """Return the sessions of a table, and its files."""
+    """Return the sessions listed in a table, and the files that were read."""
     from inercal.basics.small_files import csv_lines
     from inercal.calibration.files import load
     from inercal.laboratory.repeatability import RepeatedSession
@@ -158,7 +158,7 @@ def _of_table(table: Path, same: list[Same] | None) -> tuple[list[DatedSession],
 
 
 def _day_of(word: str) -> str:
-    """Return the day that a table states, ISO 8601; empty where it is another word."""
+    """Return a table's day in ISO 8601, or an empty text if it is another word."""
     try:
         return datetime.fromisoformat(word).date().isoformat()
     except ValueError:

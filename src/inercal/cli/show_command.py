@@ -1,4 +1,4 @@
-"""`inercal show`: what a file is, in a table."""
+"""`inercal show`: show the contents of a file."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ from inercal.cli.options import Explain, Json
 if TYPE_CHECKING:
     from inercal.runfile import Run
 
-_WIDTH = 120  # characters; a pipe has no width of its own
+_WIDTH = 120  # characters, for a pipe, which has no width of its own
 _EACH = {"position": "each position", "turn": "each turn", "dwell": "each dwell",
          "pass": "each pass", "mounting": "each mounting", "speed": "each speed"}  # fmt: skip
 _OTHER_KEYS = {"g": "gravity", **dict.fromkeys(("earth_up", "earth1", "earth2"), "latitude")}
@@ -68,7 +68,7 @@ def _show_calibration(file: Path, explain: bool, json: bool) -> None:
 
 
 def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
-    """Show the coefficients of a calibration at temperatures, with U = 2 u."""
+    """Show the coefficients of a calibration at given temperatures, with U = 2 u."""
     import numpy as np
 
     from inercal.basics.units import format_value_and_uncertainty
@@ -124,7 +124,7 @@ def _show_run_file(file: Path, json: bool) -> None:
         return
     table = make_table("run file", file.name)
     for fact in facts.items():
-        table.add_row(*fact)  # whole, however many coefficients there are
+        table.add_row(*fact)  # not truncated, even with many coefficients
     console = terminal(highlight=False)
     console.print(table, width=min(console.width, _WIDTH))
     if errors:
@@ -132,7 +132,7 @@ def _show_run_file(file: Path, json: bool) -> None:
 
 
 def _run_facts(run: "Run") -> dict[str, str]:
-    """Return what a run file states, after all checks."""
+    """Return the main facts in a checked run file, by name."""
     sensor = run.sensor
     facts = {
         "sensor": sensor.name,
@@ -148,7 +148,7 @@ def _run_facts(run: "Run") -> dict[str, str]:
 
 
 def _bench_errors(run: "Run") -> list[dict[str, Any]]:
-    """Return the errors of the bench that act and are not exactly known, SI, with their keys."""
+    """Return the relevant bench errors that are not exactly known, in SI units, with their keys."""
     from inercal.benches.key_declarations import declarations
 
     key_of = dict(_OTHER_KEYS)
@@ -172,18 +172,18 @@ def _bench_errors(run: "Run") -> list[dict[str, Any]]:
 
 
 def _acting_parameters(run: "Run") -> set[str]:
-    """Return the bench's parameters that act on the method's steps; all if the data state these."""
+    """Return the bench parameters that affect the steps; all if the data state the steps."""
     every = {one.name for one in run.bench.parameters}
     if run.kind.rows_of_table:
         return every
     try:
         return {one.name for one in run.bench.nuisances(run.steps, run.sensor).values()}
-    except InputError:  # the options of [method] allow no plan
+    except InputError:  # no plan is possible with the options in [method]
         return every
 
 
 def _print_bench_errors(errors: Sequence[Mapping[str, Any]]) -> None:
-    """Print the errors of a bench in a table: value and standard deviation in a usual unit."""
+    """Print a table of bench errors with value and standard deviation in customary units."""
     from inercal.basics.parameters import Parameter, display_unit
     from inercal.basics.units import format_value_and_uncertainty
 

@@ -1,4 +1,4 @@
-"""`inercal simulate`: simulate the run's plan, and write the recording that the run file names."""
+"""`inercal simulate`: simulate the recording for a run file's plan."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from inercal.cli.outputs import RECORDING, check_outputs
 
 def run(
     run_file: Path = typer.Argument(
-        help="The run file (TOML); \\[sensor.truth] has the true values."
+        help="The run file (TOML); \\[sensor.truth] contains the true values."
     ),
     out: Path | None = typer.Option(
         None,
@@ -20,11 +20,11 @@ def run(
         "-o",
         help="The recording to write (.csv, .npz, .parquet); by default \\[data] file.",
     ),
-    seed: int = typer.Option(0, min=0, help="Seed for the noise and the bench's errors."),
+    seed: int = typer.Option(0, min=0, help="Seed for the noise and for the errors of the bench."),
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Simulate the recording of the run's plan."""
+    """Simulate the plan of a run file, and write the recording."""
     from inercal.runfile import read
 
     plan = read(run_file)
@@ -43,7 +43,7 @@ def run(
     with progress_status(f"simulating {written}"):
         result = simulate_files(plan, seed)
         write_recordings(dict(zip(paths, result.values(), strict=True)))
-    assert plan.rate_hz is not None  # no simulation without
+    assert plan.rate_hz is not None  # needed for any simulation
     samples = result[plan.data.file].time.size
     seconds = (samples - 1) / plan.rate_hz
     if json:

@@ -1,4 +1,4 @@
-"""`inercal store`: the register of sensors, runs and calibrations."""
+"""`inercal store`: manage the register of sensors, runs and calibrations."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from inercal.calibration.comparison.run_to_run import RunToRun
     from inercal.laboratory.store import NoiseEntry, Register, SensorEntry
 
-_LISTED = 50  # calibrations or runs that a table lists, unless all are wanted
+_LISTED = 50  # calibrations or runs listed in a table by default
 app = typer.Typer(
     help="Keep sensors, runs and calibrations in a register, and follow their changes.",
     no_args_is_help=True,
@@ -28,7 +28,8 @@ app = typer.Typer(
 
 _Sensor = Annotated[str, typer.Argument(help="Its name.")]
 _All = Annotated[
-    bool, typer.Option("--all", help=f"All calibrations and runs, not only the newest {_LISTED}.")
+    bool,
+    typer.Option("--all", help=f"List all calibrations and runs, not only the newest {_LISTED}."),
 ]
 
 
@@ -41,7 +42,7 @@ def list_(
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
-    """List the sensors with the number of calibrations, the last date and who entered them."""
+    """List the sensors with the number of calibrations, the last date, and who entered them."""
     from inercal.cli import store_view
 
     with open_register(register, create=False) as opened:
@@ -71,7 +72,7 @@ def show(
     from inercal.cli import store_view
 
     with open_register(register, create=False) as opened:
-        # A sensor's name may be a number.
+        # The name of a sensor may be a number.
         is_name = any(one.name == what for one in opened.sensors())
         number = None if is_name else _parse_number(what)
         if number is not None:
@@ -108,7 +109,7 @@ def history(
     coefficients: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Coefficients to show in full: ax.k0, k0, bias, …; by default a summary of all."
+            help="Coefficients to show in full: ax.k0, k0, bias; by default a summary of all."
         ),
     ] = None,
     out: Annotated[
@@ -123,7 +124,7 @@ def history(
     ] = None,
     in_use: Annotated[
         float | None,
-        typer.Option(help="Percentage of time in use, to give the interval in hours, too."),
+        typer.Option(help="Percentage of time in use, to give the interval also in hours."),
     ] = None,
     like: Annotated[
         list[str] | None,
@@ -135,7 +136,7 @@ def history(
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
-    """Show how a sensor's coefficients change, and when it should be calibrated next."""
+    """Show how a sensor's coefficients change, and when the next calibration is due."""
     from inercal.cli import store_view
     from inercal.laboratory.store.recalibration import needs_pool, recalibration
     from inercal.laboratory.store.type_pool import type_pool
@@ -180,7 +181,7 @@ def history(
 def _print_noise_alone(
     sensor: "SensorEntry", noise: "Sequence[NoiseEntry]", out: Path | None, *, json: bool
 ) -> None:
-    """Print the noise over time of a sensor that was never calibrated, and write its page."""
+    """Print the noise history of a sensor that was never calibrated, and write its page."""
     from inercal.cli import store_view
 
     if out is not None:
@@ -203,7 +204,7 @@ def _print_noise_alone(
 @app.command()
 def diff(
     first: Annotated[str, typer.Argument(help="The number of a calibration, or a file.")],
-    second: Annotated[str, typer.Argument(help="A later one.")],
+    second: Annotated[str, typer.Argument(help="A later calibration: its number, or a file.")],
     repeatability: Annotated[
         Path | None,
         typer.Option(
@@ -234,7 +235,7 @@ def diff(
 def _run_to_run(
     compared: "Comparison", given: tuple[str, str], file: Path | None, register: str | None
 ) -> "RunToRun | None":
-    """Return a comparison against the scatter of a file, or of the register; None of too few."""
+    """Test a difference against the run-to-run scatter; None with too few calibrations."""
     from inercal.calibration.comparison.run_to_run import against_scatter, scatter_of_file
     from inercal.laboratory.store.run_scatter import run_scatter
 
@@ -256,11 +257,11 @@ def _run_to_run(
 @app.command("import")
 def import_(
     paths: Annotated[
-        list[Path], typer.Argument(help="Calibration files, and folders of runs on a bench.")
+        list[Path], typer.Argument(help="Calibration files, and folders of bench runs.")
     ],
     measured: Annotated[
         str | None,
-        typer.Option(help="Date of the measurement of one calibration, such as 2026-03-01."),
+        typer.Option(help="Date of measurement for a single calibration, such as 2026-03-01."),
     ] = None,
     by: Annotated[
         str | None,
@@ -269,10 +270,13 @@ def import_(
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
-    """Enter calibrations and runs; existing entries stay, --measured dates one without a date."""
+    """Enter calibrations and runs in the register; existing entries are kept.
+
+    A calibration without a date can be dated with --measured.
+    """
     if measured is not None and (len(paths) > 1 or paths[0].is_dir()):
         raise InputError(
-            "--measured is the date of a single calibration: give exactly one calibration file",
+            "--measured is the date for a single calibration: give exactly one calibration file",
             key="--measured",
         )
     entered: list[dict[str, Any]] = []
@@ -296,8 +300,8 @@ def import_(
 
 
 def _enter_path(opened: "Register", path: Path, measured: str | None) -> dict[str, Any]:
-    """Enter one path; return run and calibrations."""
-    # A register that is not there yet is created when the first entry is good.
+    """Enter one path in the register, and return its run and its calibrations."""
+    # A register that does not exist yet is created only when the first entry is valid.
     before = set(opened.calibration_numbers() if opened.exists else ())
     if not path.is_dir():
         numbers = (opened.enter_calibration(path, measured),)
@@ -326,7 +330,7 @@ def _entry_summary(
 
 
 def _entry_line(entered: dict[str, Any]) -> str:
-    """Return what of a path was entered, in a line."""
+    """Describe in one line which entries were made for a path."""
     parts = [] if entered["run"] is None else [f"run {entered['run']}"]
     parts += [
         f"calibration #{number}" + ("" if number in entered["new"] else " (existing)")
@@ -336,7 +340,7 @@ def _entry_line(entered: dict[str, Any]) -> str:
 
 
 def _print_dates(opened: "Register", entered: list[dict[str, Any]], measured: str | None) -> None:
-    """Say which date was stated, and which new calibrations have but that of their file."""
+    """Print the stated date, and the new calibrations that have only the date of their file."""
     if measured is not None:
         number = entered[0]["calibrations"][0]
         print(f"#{number} is dated {opened.calibration(number).measured[:10]}, as stated")
@@ -345,7 +349,7 @@ def _print_dates(opened: "Register", entered: list[dict[str, Any]], measured: st
     dated = [n for n in new if opened.calibration(n).measured_from == "created"]
     if dated:
         print(
-            f"{', '.join(f'#{n}' for n in dated)}: the date is that of the file; if the "
+            f"{', '.join(f'#{n}' for n in dated)}: dated by the file; if the "
             "measurement was on another day, import the file again with --measured DATE"
         )
 
@@ -357,7 +361,7 @@ def backup(
     register: RegisterOption = None,
     json: Json = False,
 ) -> None:
-    """Write the register with its certificates to one file."""
+    """Write the register, including its certificates, to one file."""
     from inercal.laboratory.store import backup_register
     from inercal.laboratory.store.address import resolve_address
 
@@ -390,18 +394,18 @@ def _print_rows(rows: dict[str, int], what: str, names: dict[str, str], json: bo
 
 
 def _limit(everything: bool, json: bool) -> int | None:
-    """Return how many entries a table lists; a program gets all."""
+    """Return the number of entries to list, or None for all; JSON output contains all."""
     return None if everything or json else _LISTED
 
 
 def _parse_number(what: str) -> int | None:
-    """Return the number of "#3" or "3"; None for any other text."""
+    """Return the number in "#3" or "3", or None for any other text."""
     digits = what.removeprefix("#")
     return int(digits) if digits.isascii() and digits.isdigit() and len(digits) < 10 else None
 
 
 def _load_calibration(what: str, register: str | None) -> "Calibration":
-    """Return the calibration with a number in the register, or of a file."""
+    """Return a calibration by its number in the register, or from a file."""
     from inercal.laboratory.store.document import make_document
 
     number = _parse_number(what)

@@ -48,7 +48,7 @@ _NOISE_NUMBERS = ("number", "first", "newest", "value", "U (k = 2)", "E_n")
 
 
 def print_sensors(entries: Sequence[SensorEntry]) -> None:
-    """Print sensors, one a row."""
+    """Print sensors, one per row."""
     _print(
         ("sensor", "axes", "calibrations", "last", "entered by", "on"),
         [
@@ -60,7 +60,7 @@ def print_sensors(entries: Sequence[SensorEntry]) -> None:
 
 
 def print_runs(entries: Sequence[RunEntry], limit: int | None = None) -> None:
-    """Print runs, one a row; a line says that `limit` may have left out earlier ones."""
+    """Print runs, one per row, with a note if earlier runs may be missing because of `limit`."""
     _print(
         ("run", "sensor", "bench", "begun", "state", "folder", "entered by"),
         [
@@ -79,7 +79,7 @@ def print_sensor(
     runs: Sequence[RunEntry],
     limit: int | None = None,
 ) -> None:
-    """Print a sensor, its calibrations and its runs; a line says what `limit` left out."""
+    """Print a sensor, its calibrations and its runs, with a note about those beyond `limit`."""
     print_line(
         f"{sensor.name}: {', '.join(sensor.axes)}; entered by {sensor.by} on {_date(sensor.at)}"
     )
@@ -128,7 +128,7 @@ def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
 
 
 def print_history(history: SensorHistory, *, detailed: bool) -> None:
-    """Print a history: a row of each coefficient, or of each calibration where `detailed`."""
+    """Print a history with a row per coefficient or, if `detailed`, per calibration."""
     first, last = (_date(history.entries[k].measured) for k in (0, -1))
     count = len(history.entries)
     until = f" to {last}" if count > 1 else ""
@@ -139,7 +139,7 @@ def print_history(history: SensorHistory, *, detailed: bool) -> None:
     else:
         _print(
             ("coefficient", "newest", "± U (k = 2)", "unit", "E_n", "± U of the mean",
-             "± U of the next use", "drift a year", "± U", "verdict"),
+             "± U of the next use", "drift per year", "± U", "verdict"),
             [
                 (one.name, *format_point(one, -1), one.unit,
                  format_en(float(one.normalised_errors[-1])), *format_bands(one),
@@ -162,7 +162,7 @@ def _print_trend(history: SensorHistory, trend: CoefficientTrend) -> None:
 
 
 def print_recalibration(found: Recalibration) -> None:
-    """Print the intervals of each coefficient in days, and the next date."""
+    """Print the calibration interval for each coefficient in days, and the next date."""
     if found.rows:
         heads, cells = interval_table(found)
         rows = zip(found.rows, cells, strict=True)
@@ -174,14 +174,14 @@ def print_recalibration(found: Recalibration) -> None:
 
 
 def print_newest_noise(entries: Sequence[NoiseEntry]) -> None:
-    """Print the newest value of each coefficient of the noise, with its date and U."""
+    """Print the newest value of each noise coefficient, with its date and U."""
     if entries:
         rows = newest_rows(noise_trends(tuple(entries)))
         print_table(number_heads(NEWEST_HEADS, _NOISE_NUMBERS), rows, title="noise", section=str)
 
 
 def print_noise_history(entries: Sequence[NoiseEntry]) -> None:
-    """Print the coefficients of the noise over time, and which changed."""
+    """Print the noise coefficients over time, and which of them changed."""
     if not entries:
         return
     first, last = (_date(one.measured) for one in (entries[0], entries[-1]))
@@ -205,7 +205,7 @@ def _print(heads: Sequence[str], rows: Sequence[Sequence[str]], **options: Any) 
 
 
 def entry_object(entry: SensorEntry | RunEntry | CalibrationEntry) -> dict[str, Any]:
-    """Return an entry, without the file of a calibration."""
+    """Return an entry for JSON, without the contents of a calibration file."""
     result = asdict(entry)
     result.pop("content", None)
     if isinstance(entry, RunEntry):
@@ -216,20 +216,23 @@ def entry_object(entry: SensorEntry | RunEntry | CalibrationEntry) -> dict[str, 
 def calibration_object(
     entry: CalibrationEntry, rows: Sequence[tuple[str, float, float, str]]
 ) -> dict[str, Any]:
-    """Return a calibration with its coefficients, and the content of its file.
+    """Return a calibration for JSON, with its coefficients and the contents of its file.
 
     Raises
     ------
     InputError
-        The register's text is not what was entered.
+        The text in the register differs from the text that was entered.
     """
-    _ = entry.calibration  # proves the text
+    _ = entry.calibration  # verifies the text
     listed = [{"name": n, "value": v, "std": s, "unit": u} for n, v, s, u in rows]
     return entry_object(entry) | {"coefficients": listed, "content": json.loads(entry.content)}
 
 
 def history_object(history: SensorHistory) -> dict[str, Any]:
-    """Return a history; slopes are per year of 365.25 days, `time` of a line belongs to `value`."""
+    """Return a history for JSON; slopes are per year of 365.25 days.
+
+    The `time` of a line belongs to its `value`.
+    """
     steps = zip(history.entries, history.joint_test, strict=True)
     return {
         "sensor": entry_object(history.sensor),
@@ -260,7 +263,7 @@ def _line_object(history: SensorHistory, line: CourseFit) -> dict[str, Any]:
 
 
 def _bands_object(trend: CoefficientTrend) -> dict[str, Any] | None:
-    """Return mean and both U at the newest calibration, and the courses compared."""
+    """Return the mean and both U at the newest calibration, and the trends that were compared."""
     course, courses = trend.course, trend.courses
     if course is None or courses is None:
         return None
@@ -302,7 +305,7 @@ def _trend_object(history: SensorHistory, trend: CoefficientTrend) -> dict[str, 
 
 
 def recalibration_object(found: Recalibration) -> dict[str, Any]:
-    """Return the next calibration; intervals are years of 365.25 days."""
+    """Return the next calibration for JSON; intervals are in years of 365.25 days."""
     return {
         "date": found.date,
         "years": found.years,
@@ -336,7 +339,7 @@ def recalibration_object(found: Recalibration) -> dict[str, Any]:
 
 
 def noise_object_list(entries: Sequence[NoiseEntry]) -> list[dict[str, Any]]:
-    """Return the entries for JSON, the oldest first, each with E_n against the one before."""
+    """Return noise entries for JSON, oldest first, each with E_n relative to the previous one."""
     errors = {
         (entry.id, trend.channel, trend.symbol): en
         for trend in noise_trends(tuple(entries))

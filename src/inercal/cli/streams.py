@@ -1,7 +1,7 @@
-"""Standard output and error that no reader, disk or encoding can break.
+"""Standard output and error that survive closed pipes, full disks and missing characters.
 
-A verb has written its files when it prints. A reader that closes the pipe, a full disk or a
-terminal that cannot show a character must not end it before its exit status is known.
+A verb prints after its files are written. A closed pipe, a full disk or a character that the
+terminal cannot show must not end the verb before its exit status is known.
 """
 
 import codecs
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TextIO
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
-# What a terminal shows instead of a character that its encoding has not.
+# Replacements for characters that the terminal's encoding lacks.
 _PLAIN = {
     "−": "-", "–": "-", "—": "-", "·": "*", "…": "...", "±": "+/-", "×": "x", "√": "sqrt",
     "°": "deg", "µ": "u", "μ": "u", "²": "2", "³": "3", "⁴": "4", "≤": "<=", "≥": ">=",
@@ -22,7 +22,7 @@ _PLAIN = {
 
 
 def _in_plain_characters(error: UnicodeError) -> tuple[str, int]:
-    """Return the replacement for characters that an encoding has not (a handler of `codecs`)."""
+    """Return the replacement for characters that an encoding lacks (a handler for `codecs`)."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     hidden = error.object[error.start : error.end]
@@ -33,7 +33,7 @@ codecs.register_error("inercal-plain", _in_plain_characters)
 
 
 class _LastingOutput(io.RawIOBase):
-    """A descriptor that accepts and discards bytes after an error, and keeps the error.
+    """A raw output that discards bytes after the first error, and stores this error.
 
     Parameters
     ----------
@@ -63,9 +63,9 @@ class _LastingOutput(io.RawIOBase):
 
 
 class StandardStreams:
-    """Standard output and error of the program, guarded.
+    """Standard output and error of the program, protected against write errors.
 
-    Streams that a test or another program has put in their place stay as they are.
+    Streams that a test or another program has replaced are not changed.
     """
 
     def __init__(self):
@@ -76,7 +76,7 @@ class StandardStreams:
             sys.stderr, _ = _guarded(sys.stderr, 2)
 
     def output_error(self) -> OSError | None:
-        """Return why standard output did not take all; None also where its reader had enough."""
+        """Return the write error on standard output, or None; a closed pipe is not an error."""
         if self._output is None:
             return None
         sys.stdout.flush()
@@ -85,7 +85,7 @@ class StandardStreams:
 
 
 def _guarded(stream: TextIO | None, descriptor: int) -> tuple[io.TextIOWrapper, _LastingOutput]:
-    """Return a stream on the same descriptor that lasts; where it was closed, one to nowhere."""
+    """Return a protected stream on the same descriptor, or one to nowhere if it was closed."""
     if stream is None:
         descriptor = os.open(os.devnull, os.O_WRONLY)
     else:

@@ -1,4 +1,4 @@
-"""The terminal: no text of a name, a note or a file is a command to it."""
+"""Terminal output in which no text from a name, a note or a file acts as a command."""
 
 import os
 from collections.abc import Iterable
@@ -8,13 +8,14 @@ from rich.segment import Segment
 
 from inercal.basics.visible_text import visible_text
 
-_FILE_WIDTH = 1000  # characters of a line in a file or a pipe
+_FILE_WIDTH = 1000  # characters per line in a file or a pipe
 
 
 def terminal(*, stderr: bool = False, highlight: bool = True) -> Console:
-    """Return a console of standard output or error that prints text as it is.
+    """Return a console on standard output or error that prints text literally.
 
-    Control characters are escaped, and "[red]" is no markup. What no terminal shows is not wrapped.
+    Control characters are escaped, and "[red]" is not markup. Output to a file or a pipe is not
+    wrapped.
     """
     console = Console(stderr=stderr, highlight=highlight, markup=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
@@ -29,7 +30,7 @@ class _VisibleText(RenderHook):
 
 
 class Visible:
-    """A renderable with visible text.
+    """A renderable whose control characters are replaced by visible text.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Estimation: least squares, score tests and uncertainty of arrays, without a word of sensors.
+"""Estimation on plain arrays, independent of sensors: least squares, score tests, uncertainty.
 
-The names below are loaded when they are first used: a run file is checked without them.
+The names below are loaded at their first use, because checking a run file does not need them.
 """
 
 from typing import TYPE_CHECKING

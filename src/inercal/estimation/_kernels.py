@@ -1,12 +1,12 @@
-"""Compiled normal equations of many small problems at once.
+"""Compiled kernels that solve the normal equations of many small problems at once.
 
-The trials lie side by side in the innermost axis ("lanes"), so that every operation of a textbook
-Cholesky factorisation becomes one vector operation over trials. `gauss_newton_steps` holds the
-dense oracle. Between kernels a symmetric matrix (k, k) is its lower triangle, row after row,
-(k (k + 1)/2,).
+The trials lie side by side along the innermost array dimension ("lanes"), so that every operation
+of a textbook Cholesky factorisation becomes one vector operation over trials. `gauss_newton_steps`
+contains the dense reference implementation. Kernels exchange a symmetric matrix (k, k) as its lower
+triangle, row after row, (k (k + 1)/2,).
 
-The number of lanes is an argument: were it a constant, the compiler would unroll the inner loops
-instead of vectorising them.
+The number of lanes is an argument, because the compiler would unroll the inner loops instead of
+vectorising them if it were a constant.
 """
 
 import numpy as np
@@ -14,22 +14,22 @@ import numpy as np
 from inercal.basics.arrays import Array, Bools
 from inercal.estimation.kernel_options import njit
 
-# Enough to fill the vector units; a block of 25 × 25 matrices still fits the second cache.
+# Enough to fill the vector units; a block of 25 × 25 matrices still fits in the L2 cache.
 LANES = 32
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def normal_equations(rows: Array, weight: Array, u: Array, lanes: int) -> tuple[Array, Array]:
-    """Return AᵀA, (trials, k (k + 1)/2), and Aᵀu, (trials, k), of each trial.
+    """Return AᵀA, (trials, k (k + 1)/2), and Aᵀu, (trials, k), for each trial.
 
     Parameters
     ----------
     rows, weight : (trials, m, k) and (trials, m) arrays
-        A is diag(weight) · rows; either may have one trial, shared by all.
+        A is diag(weight) · rows. Either array may have a single trial that all trials share.
     u : (trials, m) array
-        Whitened residual; it may have one trial.
+        Whitened residuals; the array may have a single trial.
     lanes : int
-        Trials worked on at once.
+        Number of trials processed at once.
     """
     trials, k = max(rows.shape[0], weight.shape[0]), rows.shape[2]
     normal, gradient = np.empty((trials, k * (k + 1) // 2)), np.empty((trials, k))
@@ -41,14 +41,15 @@ def normal_equations(rows: Array, weight: Array, u: Array, lanes: int) -> tuple[
         for n in range(rows.shape[1]):
             size[:] = 0.0
             for lane in range(lanes):
-                t = min(first + lane, trials - 1)  # spare lanes repeat the last trial
+                t = min(first + lane, trials - 1)  # unused lanes repeat the last trial
                 one, w = rows[min(t, rows.shape[0] - 1), n], weight[min(t, weight.shape[0] - 1), n]
                 s[lane] = u[min(t, u.shape[0] - 1), n]
                 for i in range(k):
                     z = w * one[i]
                     row[i, lane] = z
                     size[i] += abs(z)
-            # Most columns of a row are zero in all trials: an observation sees few parameters.
+            # Most columns of a row are zero in all trials, because an observation depends on few
+            # parameters.
             count = 0
             for i in range(k):
                 if size[i] > 0.0:
@@ -76,16 +77,16 @@ def normal_equations(rows: Array, weight: Array, u: Array, lanes: int) -> tuple[
 def _factorise_block(
     normal: Array, prior: Array, damping: Array, first: int, a: Array, d: Array, good: Bools
 ) -> None:
-    """Factorise one block of H = N + P, lanes from trial `first` on.
+    """Factorise one block of matrices H = N + P, which starts at trial `first`.
 
-    Afterwards a (k, k, lanes) holds L of D(H + λ diag H)D = L Lᵀ, with the inverse of its diagonal,
-    where d (k, lanes) is D = diag(H)^-½; `good` (lanes,) says which matrices were positive
-    definite.
+    On return, a (k, k, lanes) contains L from D(H + λ diag H)D = L Lᵀ, with the inverse of its
+    diagonal, d (k, lanes) contains D = diag(H)^-½, and `good` (lanes,) marks the positive definite
+    matrices.
     """
     k, lanes = d.shape
     s = np.empty(lanes)
     for lane in range(lanes):
-        # The spare lanes of the last block repeat the last trial.
+        # The unused lanes of the last block repeat the last trial.
         one, place = normal[min(first + lane, normal.shape[0] - 1)], 0
         for i in range(k):
             for j in range(i + 1):
@@ -113,7 +114,7 @@ def _factorise_block(
                     left[j, lane] = s[lane] * right[j, lane]
             else:
                 for lane in range(lanes):
-                    # The diagonal began at one: this is no more than rounding would leave.
+                    # The diagonal started at one, so a value this small is only rounding.
                     ok = s[lane] > 1e-14
                     good[lane] &= ok
                     left[j, lane] = 1.0 / np.sqrt(s[lane] if ok else 1.0)
@@ -123,27 +124,27 @@ def _factorise_block(
 def solve(
     normal: Array, prior: Array, gradient: Array, damping: Array, lanes: int
 ) -> tuple[Array, Array, Bools]:
-    """Solve (H + λ diag H) δ = g, H = N + P, for each trial.
+    """Solve (H + λ diag H) δ = g with H = N + P for each trial.
 
     Parameters
     ----------
     normal : (trials, k (k + 1)/2) array
-        N = AᵀA of the observations; it may have one trial, shared by all.
+        N = AᵀA of the observations; it may have a single trial that all trials share.
     prior : (k, k) array
-        P, symmetric.
+        P, the symmetric information matrix of the priors.
     gradient : (trials, k) array
-        g, of observations and priors.
+        g, from observations and priors.
     damping : (trials,) array
         λ.
     lanes : int
-        Trials worked on at once.
+        Number of trials processed at once.
 
     Returns
     -------
     step : (trials, k) array
         δ.
     predicted : (trials,) array
-        gᵀδ + λ δᵀ diag(H) δ: how far the linear model says that χ² falls.
+        Decrease of χ² predicted by the linear model, gᵀδ + λ δᵀ diag(H) δ.
     ok : (trials,) bool array
         False if the matrix is not positive definite.
     """
@@ -185,7 +186,7 @@ def solve(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def inverse(normal: Array, prior: Array, lanes: int) -> tuple[Array, Bools]:
-    """Return (N + P)⁻¹ (trials, k, k), and whether it exists (trials,); arguments as in `solve`."""
+    """Return (N + P)⁻¹ (trials, k, k) and whether it exists (trials,); arguments: see `solve`."""
     trials, k = normal.shape[0], prior.shape[0]
     result = np.empty((trials, k, k))
     ok, good = np.zeros(trials, np.bool_), np.empty(lanes, np.bool_)
@@ -193,7 +194,7 @@ def inverse(normal: Array, prior: Array, lanes: int) -> tuple[Array, Bools]:
     a, v, d = np.empty((k, k, lanes)), np.zeros((k, k, lanes)), np.empty((k, lanes))
     for first in range(0, trials, lanes):
         _factorise_block(normal, prior, damping, first, a, d, good)
-        # v[j, i] = (L⁻¹)ᵢⱼ: transposed, so that both sums below run along rows.
+        # v[j, i] = (L⁻¹)ᵢⱼ is transposed, so that both sums below run along rows.
         for j in range(k):
             column = v[j]
             for lane in range(lanes):

@@ -1,4 +1,4 @@
-"""The computation of score tests (`inercal.estimation.scores`), of several candidates at once."""
+"""Computation of score tests (`inercal.estimation.scores`) for several candidates at once."""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -9,13 +9,13 @@ from inercal.basics.arrays import Array
 from inercal.estimation.scores import Candidate, ExplainedResidual, ScoreTest, ScoreTestSet
 from inercal.estimation.singular_values import column_lengths, svd
 
-_ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
-_FEW_COLUMNS = 1000  # whose span is worked out
-_NUMBERS = 3_000_000  # in them, at most: they are kept together for it
-_BATCH_NUMBERS = 500_000  # in the columns of candidates that are worked out together
-_MANY = 5000  # rows, beyond which fewer dimensions stand for them
+_ROUNDING = 1e-12  # rounding error of a product of unit columns with a hundred thousand rows
+_FEW_COLUMNS = 1000  # most columns for which the span is computed
+_NUMBERS = 3_000_000  # most numbers in these columns, which are kept together
+_BATCH_NUMBERS = 500_000  # numbers in the candidate columns of one batch
+_MANY = 5000  # with more rows than this, they are reduced to fewer dimensions
 _VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not scored
-# Least share of a candidate's column that the fit leaves to the residuals
+# Smallest share of a candidate's column that must remain in the residuals
 _MIN_RESIDUAL_SHARE = 1e-6
 
 
@@ -26,22 +26,22 @@ def score_tests(
     to: Array | None = None,
     spanned: Collection[tuple[str, ...]] = (),
 ) -> ScoreTestSet:
-    """Return the score tests of candidates.
+    """Return the score tests of the candidates.
 
     Parameters
     ----------
     residual : (m,) array
-        Whitened, at the solution; rows of priors included.
+        Whitened residual at the solution, including the rows of the priors.
     jacobian : (m, p) array
-        ∂h/∂x of the same rows, whitened.
+        Whitened ∂h/∂x for the same rows.
     candidates : iterable of Candidate
-        With whitened rows, (m, k); zero in the rows of priors. Their `moved`, where it is given,
-        is of the parameters whose shift is wanted.
+        Candidates with whitened rows, (m, k), which are zero in the rows of priors. If `moved` is
+        given, it refers to the parameters whose shift is requested.
     to : (q, p) array, optional
-        From the p coordinates of `jacobian` to the parameters whose shift is wanted.
+        Matrix from the p coordinates of `jacobian` to the parameters whose shift is requested.
     spanned : collection of tuple of str
-        Components of the candidates that are not scored, because what is estimated does all that
-        they do.
+        Candidate components that are not scored, because the estimated parameters have exactly the
+        same effect.
     """
     dof = len(residual) - jacobian.shape[1]
     if len(residual) > _MANY and isinstance(candidates, Sequence):
@@ -59,7 +59,7 @@ def score_tests(
         columns = np.concatenate([one.rows for one in batch], axis=1) * np.concatenate(units)
         taken = q.T @ columns
         left = columns - q @ taken
-        left -= q @ (q.T @ left)  # once more: what is left may be a millionth of the column
+        left -= q @ (q.T @ left)  # repeated, because the remainder may be a millionth of the column
         start = 0
         for one, length, unit in zip(batch, lengths, units, strict=True):
             part = slice(start, start := start + unit.size)
@@ -77,13 +77,13 @@ def score_tests(
             columns_of += score.dof
             if columns_of <= few:
                 bases.append(u)
-    # Of very many columns the span is taken as large as it may be: the bound is valid, but wider.
+    # With very many columns the largest possible span is used: the bound is valid, but wider.
     span = _rank(bases) if columns_of <= few else min(columns_of, dof)
     return ScoreTestSet(tuple(result), span, float(residual @ residual), dof)
 
 
 def _batches(candidates: Iterable[Candidate]) -> Iterator[list[Candidate]]:
-    """Yield candidates in batches: one by one, each would read the directions of all rows anew."""
+    """Yield candidates in batches, so that the directions of all rows are read once per batch."""
     batch: list[Candidate] = []
     numbers = 0
     for one in candidates:
@@ -97,7 +97,7 @@ def _batches(candidates: Iterable[Candidate]) -> Iterator[list[Candidate]]:
 
 
 def _unit(candidate: Candidate, length: Array) -> Array:
-    """Return the sizes of the components by which their columns are scaled, (k,)."""
+    """Return the component sizes that scale the columns, (k,)."""
     if candidate.largest is not None:
         return candidate.largest
     return np.asarray(1 / np.where(length > 0, length, 1.0))
@@ -113,18 +113,19 @@ def _score_test(
     residual: Array,
     back: Array,
 ) -> tuple[ScoreTest, Array]:
-    """Return the test of one candidate, and a basis of what it leaves to the residuals, (m, k).
+    """Return one candidate's test and a basis of its effect on the residuals, (m, k).
 
     Parameters
     ----------
     one : Candidate
     length, unit : (k,) arrays
-        Lengths of its columns, and the sizes of its components that `columns` are of.
+        Lengths of the candidate's columns, and the component sizes for which `columns` were
+        computed.
     columns, taken, left : (m, k), (p, k) and (m, k) arrays
-        What these sizes add to the rows, the part that the fit absorbs, and what it leaves.
+        The effect of these sizes on the rows, the part that the fit absorbs, and the remainder.
     residual : (m,) array
     back : (q, p) array
-        From what is absorbed to shifts.
+        Matrix from the absorbed part to shifts of the estimate.
     """
     u, s, v = svd(left, full_matrices=False)
     longest = float(np.max(length * unit, initial=0.0))
@@ -134,7 +135,7 @@ def _score_test(
     u, s, v = u[:, :k], s[:k], v[:k]
     t = u.T @ residual
     size, sd = v.T @ (t / s), np.sqrt(np.sum((v.T / s) ** 2, axis=1))
-    # Of what is not shown: how far the largest plausible sizes would move the estimate.
+    # For undetectable effects: how far the largest plausible sizes would move the estimate.
     moves = size[:, None] if k else np.eye(len(unit))
     shifts = back @ (taken @ moves)
     if one.moved is not None:
@@ -165,7 +166,7 @@ def _score_test(
 def spanned_candidates(
     jacobian: Array, candidates: Iterable[Candidate]
 ) -> frozenset[tuple[str, ...]]:
-    """Return the components of the candidates whose columns lie in the span of a Jacobian's.
+    """Return the candidate components whose columns lie in the span of the Jacobian's columns.
 
     Parameters
     ----------
@@ -185,7 +186,7 @@ def spanned_candidates(
 def _rotate_rows(
     residual: Array, jacobian: Array, candidates: Sequence[Candidate]
 ) -> tuple[Array, Array, list[Candidate]]:
-    """Return the same in as many dimensions as there are columns, all products being kept."""
+    """Rotate the rows into as few dimensions as there are columns, which keeps all products."""
     column: dict[str, Array] = {}
     for one in candidates:
         column |= dict(zip(one.components, one.rows.T, strict=True))
@@ -200,17 +201,17 @@ def _rotate_rows(
 
 
 def rows_from_products(gram: Array, product: Array) -> tuple[Array, Array]:
-    """Return a residual (d,) and c columns (d, c) whose products are as given.
+    """Return a residual (d,) and c columns (d, c) that have the given products.
 
-    They are the coordinates of m whitened rows in an orthonormal basis of the d directions that
-    the columns span: no score needs more of the rows.
+    They are the coordinates of m whitened rows in an orthonormal basis of the d directions that the
+    columns span. The scores need no other information about the rows.
 
     Parameters
     ----------
     gram : (c, c) array
         Products of the columns with each other.
     product : (c,) array
-        Of the columns with the residual.
+        Products of the columns with the residual.
     """
     length = np.sqrt(np.diagonal(gram))
     length = np.where(length > 0, length, 1.0)
@@ -221,7 +222,7 @@ def rows_from_products(gram: Array, product: Array) -> tuple[Array, Array]:
 
 
 def _rank(spaces: Sequence[Array]) -> int:
-    """Return the dimension of the sum of spaces, each by an orthonormal basis (m, k)."""
+    """Return the dimension of the sum of spaces, each given by an orthonormal basis (m, k)."""
     columns = [space for space in spaces if space.shape[1]]
     if not columns:
         return 0

@@ -1,6 +1,6 @@
-"""Correlation of the noise of sections, and the variance of each section, from Haar contrasts.
+"""Noise correlation within sections, and the variance of each section, from Haar contrasts.
 
-`inercal.estimation.section_statistics` defines the contrasts and their variance on each level.
+`inercal.estimation.section_statistics` defines the contrasts and their variance at each level.
 
 Sources: Percival and Walden, Wavelet Methods for Time Series Analysis, Cambridge 2000, chapter 8
 (Haar variance of a process); Smyth 2004, Statistical Applications in Genetics 3, article 3,
@@ -20,46 +20,46 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 
-COARSE_LEVELS = 2  # levels that show a change; the finer ones show the noise
-SMALLEST_VARIANCE = 1e-6  # of the mean variance: sections that are exactly constant
-_LEVEL = 0.01  # of the likelihood ratio for a correlation
-# Of likelihood ratios against a memory that is long, and against all that are short.
+COARSE_LEVELS = 2  # levels that reveal a change; the finer levels show the noise
+SMALLEST_VARIANCE = 1e-6  # fraction of the mean variance; below it a section is constant
+_LEVEL = 0.01  # significance level of the likelihood ratio for a correlation
+# Significance levels to exclude a long memory, and to exclude all short ones.
 _EXCLUDED, _EXCLUDED_SHORT = 0.01, 0.05
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
-_TIMES = 14  # of τ
-_SHORT, _LONG = 1 / 9, 4.0  # times a section; it shows the latter as a random walk
-_LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ of that
-_SURE = 1e9  # degrees of freedom of a prior that all sections fit
+_TIMES = 14  # number of values of τ
+_SHORT, _LONG = 1 / 9, 4.0  # in section lengths; the latter looks like a random walk
+_LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ for the long memory
+_SURE = 1e9  # degrees of freedom of the prior if sections have equal variances
 
 
 class Contrasts(NamedTuple):
-    """Haar contrasts and the slope of one section of m channels, with the variance of a sample."""
+    """Haar contrasts, slope and sample variance of one section with m channels."""
 
     seconds: float
     samples: int
     levels: tuple[Array, ...]  # (2^(l − 1), m) each
     slope: Array  # (m,)
-    slope_per_trend: float  # of `slope`, for a trend of one per second
+    slope_per_trend: float  # value of `slope` for a trend of one per second
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseCorrelation:
-    """A Gauss–Markov process within the noise: ρ times its white part in density, and τ, s."""
+    """The Gauss–Markov part of noise: its density relative to the white part, ρ, and τ, s."""
 
     ratio: float = 0.0
     seconds: float = 1.0
 
     def contrast_variance_ratio(self, seconds: Array) -> Array:
-        """Return the variance of contrasts of blocks of h seconds over that of the white part."""
+        """Return the variance ratio, total to white, for contrasts of blocks of h seconds."""
         return _contrast_variance_ratio(np.array(self.ratio), np.array(self.seconds), seconds)
 
     def mean_variance_ratio(self, seconds: Array) -> Array:
-        """Return the variance of means over T seconds over that of the white part."""
+        """Return the variance ratio, total to white, for means over T seconds."""
         x = self.seconds / seconds
         return np.asarray(1 + self.ratio * (1 + x * np.expm1(-1 / x)))
 
     def batch_variance_ratio(self, seconds: Array, batches: int) -> Array:
-        """Return the scatter of a number of batch means in T seconds, over that of white noise."""
+        """Return the scatter of batch means in T seconds, divided by that of white noise."""
         own, whole = self.mean_variance_ratio(seconds / batches), self.mean_variance_ratio(seconds)
         return np.asarray((own - whole / batches) * batches / (batches - 1))
 
@@ -74,30 +74,30 @@ WHITE = NoiseCorrelation()
 
 
 def block_durations(seconds: float, levels: int) -> Array:
-    """Return the length of the blocks of levels 1, 2, …, (levels,) s."""
+    """Return the block lengths at levels 1, 2, …, (levels,) s."""
     return np.array([seconds / 2**place for place in range(1, levels + 1)])
 
 
 def contrast_powers(one: Contrasts, size: Array, used: NDArray[np.intp]) -> Array:
-    """Return the mean square of each level's contrasts over all channels, (levels,)."""
+    """Return the mean square of the contrasts at each level over all channels, (levels,)."""
     return np.array([float(np.mean((level[:, used] / size[used]) ** 2)) for level in one.levels])
 
 
 class SectionCorrelations(NamedTuple):
-    """The correlation of the noise of r sections.
+    """The noise correlation of r sections.
 
     Parameters
     ----------
     whole : NoiseCorrelation
-        Of all sections.
+        Correlation found from all sections.
     others : tuple of r NoiseCorrelation
-        Of all sections but each.
+        For each section, the correlation found from all the other sections.
     rise : float
-        Twice the rise of the logarithm of the likelihood above that of white noise, the smallest
-        of all sections but each; 0 without a correlation.
+        Twice the gain in log-likelihood over white noise, the smallest value when one section at a
+        time is left out; 0 without a correlation.
     long : bool
-        Whether the memory is no small part of a section, and one much longer than the sections is
-        not excluded: how far the noise wanders between them is then unknown.
+        Whether the correlation time is a large part of a section, and one much longer than the
+        sections cannot be excluded. The drift of the noise between sections is then unknown.
     """
 
     whole: NoiseCorrelation
@@ -107,7 +107,7 @@ class SectionCorrelations(NamedTuple):
 
 
 def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> SectionCorrelations:
-    """Return the correlation of sections from their `contrast_powers`."""
+    """Return the noise correlation of sections, estimated from their `contrast_powers`."""
     longest = max(one.seconds for one in sections)
     shortest = min(one.seconds / 2 ** len(one.levels) for one in sections)
     times: Array = np.geomspace(shortest / 4, longest / 2, _TIMES, dtype=np.float64)
@@ -147,7 +147,7 @@ def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> 
 def fine_variance(
     one: Contrasts, size: Array, used: NDArray[np.intp], correlation: NoiseCorrelation
 ) -> tuple[float, int]:
-    """Return the variance of the fine levels over all sections' scale, and its freedom."""
+    """Return the fine levels' variance relative to the common scale, and its degrees of freedom."""
     total, dof = 0.0, 0
     for place, level in enumerate(one.levels, 1):
         if place <= COARSE_LEVELS:
@@ -159,14 +159,14 @@ def fine_variance(
 
 
 def _log_variance(freedom: Array) -> Array:
-    """Return the variance of the logarithm of a variance of some degrees of freedom: trigamma."""
+    """Return the variance of the logarithm of an estimated variance: a trigamma function."""
     return np.array(
         [float(cast("float", scipy.special.polygamma(1, half))) for half in (freedom / 2).tolist()]
     )
 
 
 def _log_bias(freedom: Array) -> Array:
-    """Return the mean of the logarithm of a variance over its expectation."""
+    """Return the mean of the logarithm of an estimated variance divided by its expectation."""
     half: Array = freedom / 2
     return np.array(
         [float(cast("float", scipy.special.digamma(h))) for h in half.tolist()]
@@ -174,7 +174,7 @@ def _log_bias(freedom: Array) -> Array:
 
 
 def moderated_variances(found: Sequence[tuple[float, int]]) -> tuple[Array, Array]:
-    """Return moderated variances, (r,), and the degrees of freedom behind each."""
+    """Return the moderated variances, (r,), and the degrees of freedom of each."""
     own = np.array([variance for variance, _ in found])
     dof = np.array([count for _, count in found], dtype=np.float64)
     if len(own) < 3:

@@ -1,4 +1,4 @@
-"""The estimates and innovations of a sequential estimator, epoch by epoch."""
+"""The estimates and innovations of a sequential estimator at each epoch."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,13 @@ from inercal.estimation.lazy_value import LazyValue
 
 @dataclass(frozen=True, eq=False)
 class SmoothedStates:
-    """States that vary with time: their smoothed estimates from all epochs.
+    """Smoothed estimates, from all epochs, of states that vary with time.
 
     Parameters
     ----------
     names : tuple of r str
     value, std : (k, r) arrays
-        At the epochs of `FilterHistory.shown`.
+        Estimates and standard deviations at the epochs `FilterHistory.shown`.
     """
 
     names: tuple[str, ...]
@@ -24,26 +24,26 @@ class SmoothedStates:
 
 @dataclass(frozen=True, eq=False)
 class FilterHistory:
-    """The estimates of one filter over a run.
+    """The estimates and innovations of one filter over a run.
 
     Parameters
     ----------
     name : str
-        Of the filter.
+        Name of the filter.
     names : tuple of n str
-        Of the estimated states.
+        Names of the estimated states.
     time : (e,) array
-        s, of each epoch.
+        Time of each epoch, s.
     value, std : (k, n) arrays
         Estimates and standard deviations after the epochs `shown`.
     innovation : (e, q) array
         Observation minus prediction.
     nis : (e,) array
-        Normalised innovation squared of q components; its mean is q where the model holds.
+        Normalised innovation squared over q components; its mean is q if the model is right.
     smoothing : LazyValue of SmoothedStates or None
         None if no state is smoothed.
     shown : (k,) array of int or None
-        Epochs that estimates are kept of, evenly spaced and the last; None is each of them.
+        Epochs whose estimates are kept: evenly spaced ones and the last; None means all epochs.
     """
 
     name: str
@@ -63,5 +63,5 @@ class FilterHistory:
 
     @property
     def shown_time(self) -> Array:
-        """Times of the epochs that estimates are kept of, (k,) s."""
+        """Times of the epochs whose estimates are kept, (k,) s."""
         return self.time if self.shown is None else self.time[self.shown]

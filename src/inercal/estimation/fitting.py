@@ -1,7 +1,7 @@
-"""Least squares: the estimate of a problem, by the Jacobian of its rows.
+"""Least-squares estimates of problems that provide the Jacobian of their rows.
 
-`inercal.estimation.search` finds the minimum; a robust loss, of influence ψ = ρ′/2, enters its
-steps by iterated weights w = ψ/u.
+`inercal.estimation.search` finds the minimum. A robust loss with influence function ψ = ρ′/2 enters
+its steps through iterated weights w = ψ/u.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,30 +21,30 @@ from inercal.estimation.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet
 from inercal.estimation.search import Bools, merge, search
 from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProblem
 
-_PULLED = 6.0  # standard deviations of a prior, beyond which the fit contradicts it
-_MOST_KEPT = 5000  # observations whose rows stay with the estimate; tables of means have fewer
+_PULLED = 6.0  # deviation in prior standard deviations, beyond which the fit contradicts the prior
+_MOST_KEPT = 5000  # most observations whose rows the estimate keeps; tables of means have fewer
 
 
 @dataclass(frozen=True)
 class Cauchy:
-    """A loss that is logarithmic beyond the threshold: a far outlier has hardly any influence.
+    """The Cauchy loss, which grows logarithmically, so that far outliers have little influence.
 
-    The default threshold keeps 95 % of the efficiency of least squares where the noise is Gaussian
+    With the default threshold, the efficiency for Gaussian noise is 95 % of that of least squares
     (Holland and Welsch 1977, Communications in Statistics A6, 813–827, table 1).
     """
 
     threshold: float = 2.385
 
     def cost(self, u: Array) -> Array:
-        """Return ρ(u)."""
+        """Return the loss ρ(u)."""
         return self.threshold**2 * np.log1p((u / self.threshold) ** 2)
 
     def weight(self, u: Array) -> Array:
-        """Return w(u) = ψ(u)/u."""
+        """Return the weight w(u) = ψ(u)/u."""
         return 1 / (1 + (u / self.threshold) ** 2)
 
     def slope(self, u: Array) -> Array:
-        """Return ψ′(u)."""
+        """Return the derivative ψ′(u) of the influence function."""
         z = (u / self.threshold) ** 2
         return (1 - z) / (1 + z) ** 2
 
@@ -52,37 +52,38 @@ class Cauchy:
 def least_squares(
     problem: Problem, loss: Cauchy | None = None, max_iterations: int = 200
 ) -> Estimate:
-    """Solve a problem, or each trial of a problem.
+    """Solve a problem, or every trial of a problem, by least squares.
 
     Parameters
     ----------
     problem : Problem
-        Its start decides which directions count as observable.
+        The problem; its start values decide which directions count as observable.
     loss : Cauchy, optional
-        Robust loss on the whitened residuals of the observations (not of the priors); with
+        Robust loss on the whitened residuals of the observations (not of the priors). With
         correlated noise it acts on the decorrelated residuals.
     max_iterations : int, optional
-        Steps tried at most.
+        Largest number of steps to try.
 
     Returns
     -------
     Estimate
-        `converged` is False for a trial that did not reach a minimum. With a loss the covariance
+        `converged` is False for a trial that did not reach a minimum. With a loss, the covariance
         is the asymptotic one of an M-estimator (see `_robust_covariance`).
 
     Raises
     ------
     InputError
-        Shapes, noise or values that cannot be used.
+        Shapes, noise or values are invalid.
     NotObserved
-        Wanted parameters that neither data nor priors nor gauges determine, at the start or at
-        the solution.
+        Neither data nor priors nor gauges determine some wanted parameters, at the start or at the
+        solution.
     """
     system = WhitenedProblem(problem)
     structure = nullspace.observability(system, system.first)
     point, converged, iterations = search(LinearisedRows(system, loss), max_iterations)
     if converged[0]:
-        # An accident at the solution, such as a parameter of zero, may hide what the start shows.
+        # A coincidence at the solution, such as a parameter that is zero, may hide a direction that
+        # the start shows.
         at_solution = nullspace.observability(system, point)
         structure = min(structure, at_solution, key=lambda s: s.rank)
     return estimate_at_solution(system, point, structure, converged, iterations, loss)
@@ -96,7 +97,7 @@ def estimate_at_solution(
     iterations: NDArray[np.intp],
     loss: Cauchy | None = None,
 ) -> Estimate:
-    """Return the estimate at a solution, without the axis of trials if the problem has none."""
+    """Return the estimate at a solution, without a trials dimension if the problem has none."""
     if loss is None:
         covariance, exists = gauss_newton_steps.covariance(
             point.rows, point.weight, system.prior_rows
@@ -134,7 +135,7 @@ def estimate_at_solution(
 
 
 def _whitened_rows(system: WhitenedProblem, point: LinearisationPoint) -> WhitenedRows:
-    """Return the rows of the problem's one trial at a point."""
+    """Return the whitened rows of a single-trial problem at a point."""
     inverse, full = system.whitener(point.x)
 
     def whiten(rows: Array) -> Array:
@@ -150,10 +151,11 @@ def _whitened_rows(system: WhitenedProblem, point: LinearisationPoint) -> Whiten
 
 
 def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint) -> ScoreTestSet:
-    """Return the score tests of the problem's candidates at the solution of its one trial."""
+    """Return the score tests of the candidates at the solution of a single-trial problem."""
     jacobian, found = _whitened_candidates(system, point)
     residual = np.concatenate([point.whitened[0], point.prior[0]])
-    # What comes one by one is not kept together: of hundreds of rows it would not fit.
+    # Candidates that arrive one by one are not collected: with hundreds of rows they would not fit
+    # in memory.
     if not isinstance(found, Sequence):
         return score_tests(residual, jacobian, found, system.basis)
     return score_tests(
@@ -164,7 +166,7 @@ def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint)
 def _whitened_candidates(
     system: WhitenedProblem, point: LinearisationPoint
 ) -> tuple[Array, Iterable[Candidate]]:
-    """Return the Jacobian and the candidates at a point, both with rows of priors."""
+    """Return the whitened Jacobian and candidates at a point, both including the prior rows."""
     assert system.problem.candidates is not None
     width, left_out = len(system.prior_rows), system.problem.candidates(point.x[0])
     at = _whitened_rows(system, point)
@@ -188,11 +190,11 @@ def _whitened_candidates(
 def _spanned_at_statements(
     system: WhitenedProblem, point: LinearisationPoint
 ) -> frozenset[tuple[str, ...]]:
-    """Return the candidates within what is estimated, where the fit contradicts its priors.
+    """Return the candidates that duplicate estimated parameters, if the fit contradicts priors.
 
-    A misfit pulls nuisances far from their priors. There the derivatives differ from row to row, so
-    that a column in the span of the others, such as a scale common to all rows, seems to lie
-    outside it. Evaluated at the values that the priors state, the column lies in the span.
+    A misfit pulls nuisances far from their priors. At such values the derivatives differ from row
+    to row, so a column that lies in the span of the others, such as a scale common to all rows,
+    seems to lie outside it. When evaluated at the prior means, the column does lie in the span.
     """
     x, names = point.x.copy(), system.problem.names
     for prior in system.problem.priors:
@@ -207,7 +209,7 @@ def _spanned_at_statements(
 
 
 class LinearisedRows:
-    """The trials of a problem by their Jacobians, as `inercal.estimation.search` takes them."""
+    """Trials with explicit Jacobians, in the form that `inercal.estimation.search` needs."""
 
     def __init__(self, system: WhitenedProblem, loss: Cauchy | None = None):
         self._system, self._loss = system, loss
@@ -227,7 +229,7 @@ class LinearisedRows:
     def step(
         self, point: LinearisationPoint, damping: Array, active: Bools
     ) -> tuple[Array, Array, Bools]:
-        """Return moves as for `inercal.estimation.search.Trials`."""
+        """Return the moves; see `inercal.estimation.search.Trials`."""
         some = slice(None) if active.all() else np.flatnonzero(active)
         rows, weight = (a if len(a) == 1 else a[some] for a in (point.rows, point.weight))
         u = point.whitened[some]
@@ -242,22 +244,22 @@ class LinearisedRows:
     def tried(
         self, x: Array, point: LinearisationPoint, active: Bools
     ) -> tuple[LinearisationPoint, Array]:
-        """Return a point and its cost as for `inercal.estimation.search.Trials`."""
+        """Return a trial point and its cost; see `inercal.estimation.search.Trials`."""
         self._linearised = self._system.evaluate(x)
         tried = self._system.point(x, *self._linearised, self._whitener)
         return tried, self.cost(tried)
 
     def with_values(self, point: LinearisationPoint, x: Array, chosen: Bools) -> LinearisationPoint:
-        """Return the point as for `inercal.estimation.search.Trials`."""
+        """Return the point with some values replaced; see `inercal.estimation.search.Trials`."""
         return point._replace(x=np.where(chosen[:, None], x, point.x))
 
     def accepted(
         self, tried: LinearisationPoint, point: LinearisationPoint, chosen: Bools
     ) -> LinearisationPoint:
-        """Return the merged point as for `inercal.estimation.search.Trials`."""
+        """Return the merged point; see `inercal.estimation.search.Trials`."""
         system, x = self._system, tried.x
         x = x if chosen.all() else np.where(chosen[:, None], x, point.x)
-        # Where every trial stays at its point, so do its weights: a model beyond its fold is slow.
+        # If every trial stays at its point, keep the weights too: a model beyond its fold is slow.
         if not system.constant_noise and chosen.any():
             self._whitener = system.whitener(x)
             tried = system.point(x, *self._linearised, self._whitener)
@@ -267,17 +269,17 @@ class LinearisedRows:
 def _robust_covariance(
     system: WhitenedProblem, point: LinearisationPoint, loss: Cauchy
 ) -> tuple[Array, Bools]:
-    """Return the asymptotic covariance of an M-estimator (trials, k, k), and where it exists.
+    """Return the asymptotic M-estimator covariance (trials, k, k), and whether it exists.
 
-    K² H⁻¹ M H⁻¹ with N = AᵀA of the observations and P of the priors, H = mean(ψ′) N + P,
-    M = Σψ²/ν N + P and K = 1 + (k/m) var(ψ′)/mean(ψ′)²: without priors it is the first form in
-    Huber 1981, Robust Statistics, section 7.6. Priors are Gaussian and enter H and M whole.
+    It is K² H⁻¹ M H⁻¹ with N = AᵀA of the observations and P of the priors, H = mean(ψ′) N + P, M =
+    Σψ²/ν N + P and K = 1 + (k/m) var(ψ′)/mean(ψ′)²: without priors this is the first form in Huber
+    1981, Robust Statistics, section 7.6. Priors are Gaussian and enter H and M whole.
     """
     u, weight = point.whitened, point.weight
     slope = loss.slope(u)
     mean = np.mean(slope, axis=-1)
     pull = np.sum((loss.weight(u) * u) ** 2, axis=-1) / max(system.dof, 1)
-    # More outliers than good observations: the curvature is gone, and with it the formula.
+    # With more outliers than good observations there is no curvature, and the formula fails.
     usable = mean > 0.05
     mean = np.where(usable, mean, 1.0)
     inverse, ok = gauss_newton_steps.covariance(

@@ -1,11 +1,11 @@
-"""The damped normal equations, solved two ways.
+"""Two solvers for the damped normal equations.
 
 Each step δ minimises |u − A δ|² + |v − B δ|² + λ |D δ|², with whitened rows A of the observations,
 B of the priors, and D the root of the diagonal of AᵀA + BᵀB (Marquardt 1963), so that neither the
-damping nor the conditioning depends on units. A few trials go one by one through the QR
-factorisation of the rows, which keeps the accuracy of the rows themselves; many go together
-through the Cholesky factorisation of the normal equations, which is fast and is good for column-
-scaled conditions up to about 1e7 (Björck 1996, Numerical Methods for Least Squares Problems, 2.4).
+damping nor the conditioning depends on units. A few trials are solved one by one by QR
+factorisation of the rows, which keeps the accuracy of the rows. Many trials are solved together by
+Cholesky factorisation of the normal equations, which is fast and accurate enough for column-scaled
+condition numbers up to about 1e7 (Björck 1996, Numerical Methods for Least Squares Problems, 2.4).
 """
 
 from typing import NamedTuple
@@ -18,12 +18,12 @@ from inercal.estimation.singular_values import column_lengths
 
 Places = slice | NDArray[np.intp]
 
-# Below this many trials the compiled kernel is not worth loading.
+# With fewer trials than this, loading the compiled kernel is not worthwhile.
 QR_MAX_TRIALS = 8
 
 
 class GaussNewtonSteps(NamedTuple):
-    """Steps (trials, k), the fall of χ² the linear model predicts, and whether each exists."""
+    """Steps (trials, k), the predicted decreases of χ², and whether each step exists."""
 
     step: Array
     predicted: Array
@@ -38,11 +38,11 @@ def solve(
     Parameters
     ----------
     rows, weight : (trials, m, k) and (trials, m) arrays
-        A is diag(weight) · rows; either may have one trial, shared by all.
+        A is diag(weight) · rows. Either array may have a single trial that all trials share.
     u : (trials, m) array
         Whitened residual of the observations.
     prior_rows, v : (b, k) and (trials, b) arrays
-        The same of the priors.
+        Whitened rows and residuals of the priors.
     damping : (trials,) array
         λ.
     """
@@ -55,16 +55,16 @@ def solve(
 def solve_packed(
     normal: Array, gradient: Array, prior_rows: Array, v: Array, damping: Array
 ) -> GaussNewtonSteps:
-    """Return one step for each trial from its normal equations.
+    """Return one step for each trial, computed from its normal equations.
 
     Parameters
     ----------
     normal : (trials, k (k + 1)/2) array
-        Lower triangle of AᵀA, row after row; it may have one trial, shared by all.
+        Lower triangle of AᵀA, row after row; it may have a single trial that all trials share.
     gradient : (trials, k) array
         Aᵀu.
     prior_rows, v, damping
-        As for `solve`.
+        See `solve`.
     """
     from inercal.estimation import _kernels
 
@@ -84,10 +84,10 @@ def _normal_equations(rows: Array, weight: Array, u: Array) -> tuple[Array, Arra
 
 
 def covariance(rows: Array, weight: Array, prior_rows: Array) -> tuple[Array, Bools]:
-    """Return (AᵀA + BᵀB)⁻¹, (trials, k, k), and whether each exists (trials,).
+    """Return the covariance (AᵀA + BᵀB)⁻¹, (trials, k, k), and whether it exists (trials,).
 
-    Arguments as in `solve`; where all trials share rows and weights, so they do the result, which
-    then has one trial.
+    For the arguments see `solve`. If all trials share rows and weights, they also share the result,
+    which then has a single trial.
     """
     trials, k = max(len(rows), len(weight)), rows.shape[-1]
     if trials <= QR_MAX_TRIALS:
@@ -105,7 +105,7 @@ def covariance(rows: Array, weight: Array, prior_rows: Array) -> tuple[Array, Bo
 
 
 def covariance_packed(normal: Array, prior_rows: Array) -> tuple[Array, Bools]:
-    """Return the same from normal equations, as for `solve_packed`."""
+    """Return the covariance from normal equations; for the arguments see `solve_packed`."""
     from inercal.estimation import _kernels
 
     return _kernels.inverse(normal, prior_rows.T @ prior_rows, _kernels.LANES)
@@ -114,17 +114,19 @@ def covariance_packed(normal: Array, prior_rows: Array) -> tuple[Array, Bools]:
 def moves(
     step: GaussNewtonSteps, basis: Array | None, x: Array, some: Places
 ) -> tuple[Array, Array, Bools]:
-    """Return moves of x (trials, p), predicted falls (trials,) and which exist, zero elsewhere.
+    """Return moves of x (trials, p), predicted decreases of χ² (trials,), and which exist.
+
+    A move that does not exist is zero.
 
     Parameters
     ----------
     step : GaussNewtonSteps
-        Of some trials, in free coordinates.
+        Steps of some trials, in free coordinates.
     basis : (p, k) array, optional
-        From free coordinates to parameters; None is the identity.
+        Matrix from free coordinates to parameters; None means the identity.
     x : (trials, p) array
     some : slice or array of int
-        Places of these trials.
+        Indices of these trials.
     """
     move, predicted = np.zeros_like(x), np.zeros(len(x))
     ok = np.zeros(len(x), dtype=bool)
@@ -156,7 +158,7 @@ def _solve_by_qr(
             continue
         step = np.linalg.solve(triangle, q[: len(right)].T @ right)
         result.step[t] = step / size
-        # δᵀ(AᵀA + λD²)δ + λ δᵀD²δ: nothing here is lost to cancellation.
+        # δᵀ(AᵀA + λD²)δ + λ δᵀD²δ loses no accuracy to cancellation.
         result.predicted[t] = np.sum((triangle @ step) ** 2) + damping[t] * np.sum(step**2)
         result.ok[t] = True
     return result

@@ -1,19 +1,21 @@
-"""Tests of a filter's innovations by groups of epochs, where a sum of squares hides a small bias.
+"""Tests of a filter's innovations in groups of epochs, which reveal small biases.
 
-Divided by their standard deviations, the innovations of a filter whose model holds are independent
-and N(0, 1). Of a group of n epochs the sum over √n is N(0, 1) again, and a bias b of each grows to
-√n b there. Over g groups and m components::
+A sum of squares over all epochs can hide a small bias. If the filter's model is right, its
+innovations divided by their standard deviations are independent and N(0, 1). The sum over a group
+of n epochs divided by √n is again N(0, 1), but a bias b in each of them grows to √n b. For g groups
+and m components::
 
     means       Σ z²                                          χ² of m g degrees of freedom
     whiteness   (Σ z_i · z_i+1)² / Σ_odd |z_i−1 + z_i+1|²     χ² of one
 
 (Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and Navigation,
-section 5.4). The second is exact however few the groups are: given the even z, the sum of the
-products of neighbours is normal in the odd z, with the denominator as its variance. Over its mean
-variance, as usual, it exceeds the .001 quantile ten times too often where there are ten groups.
+section 5.4). The second test is exact for any number of groups: given the even z, the sum of the
+products of neighbours is normal in the odd z, with the denominator as its variance. If it is
+divided by its mean variance instead, as is usual, it exceeds the .001 quantile ten times too often
+with ten groups.
 
-Whitened residuals of a fit of Jacobian J and covariance C of its estimate, priors included, are not
-independent: sums A r over groups have the covariance A Aᵀ − (A J) C (A J)ᵀ.
+The whitened residuals of a fit are not independent. If J is the Jacobian and C the covariance of
+the estimate, including priors, sums A r over groups have the covariance A Aᵀ − (A J) C (A J)ᵀ.
 """
 
 import numpy as np
@@ -22,24 +24,24 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.estimation.scores import ModelTest
 
-_FEWEST = 8  # groups that a correlation is computed from
+_FEWEST = 8  # least number of groups for a correlation
 _LEFT = 1e-6  # least variance of a group's mean after the fit; below, the fit determines it
 
 
 def standardised_innovations(off: Array, s: Array) -> Array:
-    """Return innovations (e, m) over their standard deviations; NaN if none was observed."""
+    """Return innovations (e, m) divided by their standard deviations; NaN if none was observed."""
     return np.divide(off, np.sqrt(s), out=np.full(off.shape, np.nan), where=s > 0)
 
 
 def epoch_groups(time: Array, middle: Array, duration: Array) -> NDArray[np.int64]:
-    """Return for each epoch the number of the step that it is in, (e,); -1 for none.
+    """Return the index of the step that contains each epoch, (e,), or -1 if there is none.
 
     Parameters
     ----------
     time : (e,) array
-        s, of the epochs.
+        Times of the epochs, s.
     middle, duration : (r,) arrays
-        s, of the steps.
+        Middle time and duration of each step, s.
     """
     group = np.full(time.size, -1)
     for number, (centre, seconds) in enumerate(zip(middle, duration, strict=True)):
@@ -48,15 +50,15 @@ def epoch_groups(time: Array, middle: Array, duration: Array) -> NDArray[np.int6
 
 
 def group_innovations(standard: Array, group: NDArray[np.int64]) -> Array:
-    """Return z of each group, (g, m): the sum of its innovations over the root of their number.
+    """Return z for each group, (g, m): the sum of its n innovations divided by √n.
 
     Parameters
     ----------
     standard : (e, m) array
-        NaN if nothing was observed.
+        Standardised innovations; NaN if nothing was observed.
     group : (e,) array of int
-        Of each epoch, from 0 on; an epoch with a negative number is in no group. Groups without an
-        epoch are omitted.
+        Group of each epoch, counted from 0; a negative number means no group. Groups without epochs
+        are omitted.
     """
     kept = (group >= 0) & np.isfinite(standard).all(axis=1)
     at = group[kept]
@@ -66,12 +68,12 @@ def group_innovations(standard: Array, group: NDArray[np.int64]) -> Array:
 
 
 def mean_and_whiteness_tests(z: Array, means: str, whiteness: str) -> tuple[ModelTest, ...]:
-    """Return the tests of the groups' means, and of their correlation in the order of time.
+    """Return the tests of the groups' means and of the correlation between successive groups.
 
     Parameters
     ----------
     z : (g, m) array
-        As for `group_innovations`.
+        Group sums as returned by `group_innovations`.
     means, whiteness : str
         Names of the tests.
     """
@@ -87,16 +89,16 @@ def mean_and_whiteness_tests(z: Array, means: str, whiteness: str) -> tuple[Mode
 
 
 def residual_mean_test(z: Array, slope: Array, covariance: Array, means: str) -> ModelTest:
-    """Return the test of the means of a fit's residuals over groups.
+    """Return the test of the group means of a fit's residuals.
 
     Parameters
     ----------
     z : (k,) array
-        Sums over groups as for `group_innovations`, in any order.
+        Group sums as in `group_innovations`, in any order.
     slope : (k, p) array
-        The same sums of the whitened Jacobian.
+        The same group sums for the whitened Jacobian.
     covariance : (p, p) array
-        Of the estimate, by data and priors.
+        Covariance of the estimate from data and priors.
     means : str
         Name of the test.
     """

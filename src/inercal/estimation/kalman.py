@@ -1,28 +1,28 @@
-"""The two steps of a Kalman filter with few coupled states, and its smoother, compiled.
+"""Compiled kernels for a Kalman filter with few coupled states, and for its smoother.
 
-Of n states the first k have a dense transition; each of the others decays independently::
+The first k of the n states have a dense transition; each of the others decays independently::
 
     Φ = [ A      ]  (k rows)        P ← Φ P Φᵀ + Q
         [ 0 diag ]
 
-A filter of few states that many constants drive has this form: A P costs k n² where a dense
-product costs n³. Observations are processed one by one, P ← P − (P h)(P h)ᵀ / s, s = hᵀ P h + r,
-so that P stays symmetric to the last bit. Source: Bierman, Factorization Methods for Discrete
-Sequential Estimation (1977), chapters II.6 and V.
+A filter with a few dynamic states that are driven by many constants has this form: A P costs k n²
+operations, while a dense product costs n³. Observations are processed one by one, P ← P − (P h)(P
+h)ᵀ / s, s = hᵀ P h + r, so that P stays symmetric to the last bit. Source: Bierman, Factorization
+Methods for Discrete Sequential Estimation (1977), chapters II.6 and V.
 
-The fixed-interval smoother processes the same steps from the last to the first, with
-x̂_s = x̂ + P λ and P_s = P − P Λ P; λ and Λ are zero at the end, and before a step::
+The fixed-interval smoother processes the same steps from the last to the first, with x̂_s = x̂ + P
+λ and P_s = P − P Λ P. At the end λ and Λ are zero; going back over a step gives::
 
     update    λ ← λ + h (ν / s − kᵀ λ)    Λ ← (I − h kᵀ) Λ (I − k hᵀ) + h hᵀ / s
     predict   λ ← Φᵀ λ                    Λ ← Φᵀ Λ Φ
 
-ν the innovation, s its variance, k = P h / s. It gives what Rauch, Tung and Striebel (1965, AIAA
-Journal 3(8), 1445–1450) give, but inverts no covariance, which is nearly singular where constants
-have a large variance at the start. Only P λ is added to an estimate, so that the errors that the
-filter has fed back need no bookkeeping. The covariance of the states with a sum g of the states at
-the end is P μ, with
-μ = g there, μ ← (I − h kᵀ) μ before an update and Φᵀ μ before a prediction. Source: Bierman, Fixed
-interval smoothing with discrete measurements, International Journal of Control 18(1), 1973, 65–75.
+Here ν is the innovation, s its variance and k = P h / s. The results equal those of Rauch, Tung and
+Striebel (1965, AIAA Journal 3(8), 1445–1450), but no covariance is inverted. A covariance is nearly
+singular if constants have a large variance at the start. Only P λ is added to an estimate, so
+errors that the filter has fed back need no bookkeeping. The covariance of the states with a
+weighted sum of the final states, of weights g, is P μ. At the end μ = g; then μ ← (I − h kᵀ) μ
+before an update and μ ← Φᵀ μ before a prediction. Source: Bierman, Fixed interval smoothing with
+discrete measurements, International Journal of Control 18(1), 1973, 65–75.
 """
 
 from typing import NamedTuple
@@ -34,12 +34,12 @@ from inercal.estimation.kernel_options import kernel, kernel_step
 
 
 class FilterSteps(NamedTuple):
-    """The steps of a filter of n states at each of e epochs: a prediction, then m observations.
+    """Records of a filter's steps at each of e epochs: one prediction, then m observations.
 
-    A filter writes into row `epoch % len(s)`: if nobody asks for them one row is enough.
+    A filter writes to row `epoch % len(s)`, so a single row is enough if the records are not used.
     """
 
-    a: Array  # (e, k, n) and (e, n): Φ as `predict` takes it, since the epoch before
+    a: Array  # (e, k, n) and (e, n): Φ from the previous epoch, in the form that `predict` needs
     keep: Array
     h: Array  # (e, m, n)
     gain: Array  # (e, m, n), k
@@ -50,12 +50,12 @@ class FilterSteps(NamedTuple):
 
 
 def allocate_steps(epochs: int, n: int, k: int, m: int, wanted: Array) -> FilterSteps:
-    """Return arrays for the steps of a filter.
+    """Allocate the arrays for the steps of a filter.
 
     Parameters
     ----------
     epochs, n, k, m : int
-        e, states, driven states, observations.
+        Numbers of epochs, states, driven states and observations.
     wanted : (r, n) array
     """
     return FilterSteps(
@@ -71,7 +71,7 @@ def allocate_steps(epochs: int, n: int, k: int, m: int, wanted: Array) -> Filter
 
 
 class SmootherState(NamedTuple):
-    """What the smoother carries from the last epoch to the first, and its room to work."""
+    """The smoother's state, carried from the last epoch to the first, and its work arrays."""
 
     by: Array  # (n,), λ
     large: Array  # (n, n), Λ
@@ -81,13 +81,13 @@ class SmootherState(NamedTuple):
 
 
 def start_smoother(against: Array) -> SmootherState:
-    """Return the smoother's state after the last epoch.
+    """Return the initial state of the smoother, after the last epoch.
 
     Parameters
     ----------
     against : (r, n) array
-        Weights of sums of the states after the last epoch; variances are of the differences from
-        these sums.
+        Weights of sums of the states after the last epoch. The smoother's variances are those of
+        the differences from these sums.
     """
     n = against.shape[1]
     return SmootherState(
@@ -97,7 +97,7 @@ def start_smoother(against: Array) -> SmootherState:
 
 @kernel_step
 def weighted_rows(symmetric: Array, v: Array, out: Array) -> None:
-    """Write the product of a symmetric matrix and a vector, row by row: that vectorises."""
+    """Write the product of a symmetric matrix and a vector, row by row, which vectorises well."""
     for j in range(v.size):
         out[j] = 0.0
     for i in range(v.size):
@@ -109,22 +109,22 @@ def weighted_rows(symmetric: Array, v: Array, out: Array) -> None:
 
 @kernel
 def predict(p: Array, a: Array, keep: Array, driven: Array, drawn: Array, moved: Array) -> None:
-    """Carry the covariance to the next epoch, in place.
+    """Propagate the covariance to the next epoch, in place.
 
     Parameters
     ----------
     p : (n, n) array
-        Symmetric.
+        Covariance, symmetric.
     a : (k, n) array
         The first k rows of Φ.
     keep : (n,) array
-        Diagonal of Φ from state k on; 1 is a constant.
+        Diagonal of Φ from state k on; 1 means a constant.
     driven : (k, k) array
-        Q of the first k states.
+        Process noise Q of the first k states.
     drawn : (n,) array
         Diagonal of Q from state k on.
     moved : (k, n) array
-        Overwritten.
+        Work array, overwritten.
     """
     k, n = a.shape
     for i in range(k):
@@ -149,7 +149,7 @@ def predict(p: Array, a: Array, keep: Array, driven: Array, drawn: Array, moved:
 
 @kernel
 def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tuple[float, float]:
-    """Take one observation z = hᵀ x + noise of variance r, in place; return ν and its variance.
+    """Process the observation z = hᵀ x + noise, variance r; return ν and its variance.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tup
     h : (n,) array
     z, r : float
     gain : (n,) array
-        k is written there.
+        The gain k is written to this array.
     """
     n = x.size
     weighted_rows(p, h, gain)
@@ -170,7 +170,7 @@ def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tup
     for j in range(n):
         size = gain[j]
         for m in range(n):
-            p[j, m] -= size * gain[m] * per  # in this order symmetric to the last bit
+            p[j, m] -= size * gain[m] * per  # this order keeps the matrix symmetric to the last bit
     for j in range(n):
         gain[j] *= per
         x[j] += gain[j] * off
@@ -179,7 +179,7 @@ def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tup
 
 @kernel_step
 def store_covariance_rows(p: Array, steps: FilterSteps, row: int) -> None:
-    """Write wanted @ P to a row of the steps."""
+    """Write wanted @ P to one row of the step records."""
     for r in range(len(steps.wanted)):
         weighted_rows(p, steps.wanted[r], steps.rows[row, r])
 
@@ -193,21 +193,21 @@ def smooth_steps(
     added: Array,
     variance: Array,
 ) -> None:
-    """Carry the smoother back over epochs, in place.
+    """Run the smoother backwards over epochs, in place.
 
     Parameters
     ----------
     steps : FilterSteps
-        The last ones, or those before the ones that were smoothed.
+        The last epochs, or the epochs before those that were smoothed already.
     state : SmootherState
-        Changed in place.
+        State of the smoother, changed in place.
     last : (r,) array
-        Variance of each sum of `start_smoother` after the last epoch.
+        Variance after the last epoch of each sum given to `start_smoother`.
     shown : (q,) array of int
-        Epochs whose results are wanted, ascending.
+        Epochs whose results are requested, ascending.
     added, variance : (q, r) arrays
-        Written: corrections of the filter's estimates after these epochs of the sums
-        `steps.wanted`, and their variances.
+        Output arrays: corrections to the filter's estimates of the sums `steps.wanted` after these
+        epochs, and the smoothed variances.
     """
     by, large, back, moved, ahead = state
     r, n = back.shape
@@ -248,7 +248,7 @@ def smooth_steps(
 def _reverse_update(
     h: Array, gain: Array, off: float, s: float, by: Array, large: Array, moved: Array
 ) -> None:
-    """Carry λ and Λ back over an update, in place; `moved` is overwritten."""
+    """Propagate λ and Λ back over an update, in place; `moved` is overwritten."""
     n = h.size
     along, twice = off / s, 1 / s
     weighted_rows(large, gain, moved)
@@ -272,7 +272,7 @@ def _reverse_update(
 def _reverse_predict(
     a: Array, keep: Array, by: Array, large: Array, moved: Array, ahead: Array
 ) -> None:
-    """Carry λ and Λ back over a prediction, in place; `moved` and `ahead` are overwritten."""
+    """Propagate λ and Λ back over a prediction, in place; this overwrites `moved`, `ahead`."""
     k, n = a.shape
     _apply_transposed_transition(a, keep, by, moved)
     for i in range(n):
@@ -299,7 +299,7 @@ def _reverse_predict(
 
 @kernel_step
 def _apply_transposed_transition(a: Array, keep: Array, by: Array, moved: Array) -> None:
-    """Write Φᵀ λ instead of λ; `moved` is overwritten."""
+    """Replace λ by Φᵀ λ; `moved` is overwritten."""
     k, n = a.shape
     for i in range(n):
         moved[i] = keep[i] * by[i] if i >= k else 0.0

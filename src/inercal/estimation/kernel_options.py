@@ -1,9 +1,9 @@
-"""Decorators of kernels, such as those that compile sooner and call one another without overhead.
+"""Decorators for kernels, with variants that compile faster and call each other without overhead.
 
-A kernel of the latter allocates nothing, and so counts no references to arrays: its caller
-allocates what it works with. Only this module names options and parts of Numba that are not public;
-the version of Numba is limited for their sake. All kernels take `njit` from here, which also
-accepts kernels that another version of inercal has stored.
+A kernel of these variants allocates nothing, so it counts no references to arrays: its caller
+allocates the arrays that it uses. Only this module uses options and parts of Numba that are not
+public, and the allowed versions of Numba are limited because of them. All kernels use the `njit`
+defined here, which also accepts kernels cached by another version of inercal.
 """
 # Numba has no types.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
@@ -17,12 +17,12 @@ from numba.core import caching, event
 
 
 class _IndexOfKernels(caching.IndexDataCacheFile):
-    """An index that counts as empty where it names types that are now in another module."""
+    """A cache index that counts as empty if it refers to types that have since moved elsewhere."""
 
     def _load_index(self) -> dict[Any, str]:
         try:
             return super()._load_index()
-        except (ImportError, AttributeError):  # while unpickling, before it is compared
+        except (ImportError, AttributeError):  # while unpickling, before the comparison
             return {}
 
 
@@ -32,40 +32,41 @@ KERNEL_OPTIONS: dict[str, Any] = {
     "cache": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True,
 }  # fmt: skip
 INNER_OPTIONS: dict[str, Any] = {**KERNEL_OPTIONS, "no_cpython_wrapper": True}
-"""Of a function that only kernels call: a call from Python would end the process."""
+"""Options for a function that only kernels call: a call from Python would crash the process."""
 # Numba has no types for these options.
 _compile: Any = njit
 F = TypeVar("F", bound=Callable[..., object])
 
 
 def kernel(function: F) -> F:
-    """Compile a function that Python may call."""
+    """Compile a function that can be called from Python."""
     result: F = _compile(**KERNEL_OPTIONS, nogil=True)(function)
     return result
 
 
 def kernel_step(function: F) -> F:
-    """Compile a function that only kernels call: a call from Python would end the process.
+    """Compile a function that only kernels call; a call from Python would crash the process.
 
-    It has no wrapper for Python, which takes longer to compile than a function of many arrays.
+    It has no Python wrapper, because for many array arguments the wrapper takes longer to compile
+    than the function.
     """
     result: F = _compile(**INNER_OPTIONS)(function)
     return result
 
 
 def kernel_piece(function: F) -> F:
-    """Compile a function as a part of the kernels that call it, which is for one call in each.
+    """Compile a function inline in its calling kernels, each of which should call it once.
 
-    A call hands over each array of its tuples, hundreds of numbers.
+    An ordinary call would pass every array of its tuples, which is hundreds of numbers.
     """
     result: F = _compile(**INNER_OPTIONS, inline="always")(function)
     return result
 
 
 def kernel_value(function: F) -> F:
-    """Compile a small function of numbers as a part of the kernels that call it.
+    """Compile a small function of scalars inline in the kernels that call it.
 
-    So the compiler can keep what it returns, such as a tuple of nine numbers, in registers.
+    The compiler can then keep its result, such as a tuple of nine numbers, in registers.
     """
     result: F = _compile(**INNER_OPTIONS, forceinline=True)(function)
     return result
@@ -86,7 +87,7 @@ class _CompilationListener(event.Listener):
 
 @contextmanager
 def on_compilation(begun: Callable[[], None]) -> Generator[None]:
-    """Call a function when the first kernel of the block is compiled rather than loaded."""
+    """Call a function when the first kernel in the `with` block has to be compiled, not loaded."""
     listener = _CompilationListener(begun)
     event.register("numba:compile", listener)
     try:

@@ -1,4 +1,4 @@
-"""A value that is computed at its first use and then stored."""
+"""Values that are computed at their first use and then stored."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Generic, TypeVar
@@ -8,9 +8,9 @@ S = TypeVar("S")
 
 
 class LazyValue(Generic[T]):
-    """What a function returns, worked out at the first call.
+    """The return value of a function that runs only when the value is first requested.
 
-    The function is let go then, and all data that it holds.
+    The function and the data that it refers to are released afterwards.
     """
 
     def __init__(self, work: Callable[[], T]) -> None:
@@ -18,19 +18,19 @@ class LazyValue(Generic[T]):
         self._value: list[T] = []
 
     def __call__(self) -> T:
-        """Return the value."""
+        """Return the value, computing it at the first call."""
         if self._work is not None:
             self._value.append(self._work())
             self._work = None
         return self._value[0]
 
     def then(self, change: Callable[[T], S]) -> "LazyValue[S]":
-        """Return a function of the value, which is computed only when it is needed."""
+        """Return a lazy value that applies a function to this one when it is needed."""
         return LazyValue(lambda: change(self()))
 
 
 class LazyMapping(Mapping[str, S]):
-    """A mapping that a function returns, worked out when it is first read."""
+    """A mapping returned by a function that runs only when the mapping is first read."""
 
     def __init__(self, work: Callable[[], Mapping[str, S]]) -> None:
         self._content = LazyValue(work)

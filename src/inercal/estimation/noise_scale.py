@@ -1,14 +1,15 @@
-"""By what factor the noise of some observations was stated too large, or too small.
+"""The factor by which the noise of some observations was stated too large or too small.
 
-With the observations' noise s times as stated, priors and other observations unchanged, whitened
-residuals r of m observations with Jacobian A have, for restricted maximum likelihood::
+Assume that the noise of m observations is s times the stated noise, while priors and other
+observations are unchanged. For whitened residuals r and Jacobian A, restricted maximum likelihood
+then requires::
 
     |r(s)|²/s² = ν(s)        ν(s) = m − tr(C(s) AᵀA)/s²,   C(s) = (AᵀA/s² + M)⁻¹
 
-where M is the information of all else and r(s) are the residuals after the fit with this s. The
-stated noise over that found is 1/s. At s = 1 the sum of squares q = |r|² has the mean ν = tr T and
-the variance 2 tr T², T = 1 − A C Aᵀ; q tr T / tr T² is nearly χ² with (tr T)² / tr T² degrees of
-freedom. Where priors explain all residuals, nothing can be said, and ν is near 0.
+where M is the information from everything else and r(s) are the residuals after the fit with this
+s. The ratio of stated to found noise is 1/s. At s = 1 the sum of squares q = |r|² has the mean ν =
+tr T and the variance 2 tr T², T = 1 − A C Aᵀ; q tr T / tr T² is nearly χ² with (tr T)² / tr T²
+degrees of freedom. If priors explain all residuals, ν is near 0 and the noise cannot be judged.
 
 Sources: Patterson and Thompson 1971, Biometrika 58, 545–554 (restricted likelihood); Satterthwaite
 1946, Biometrics Bulletin 2, 110–114.
@@ -26,32 +27,32 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.estimation.singular_values import column_lengths
 
-_RANGE = float(np.log(1e4))  # of s, either way
-_EXACT = 1e-6  # of ln s
+_RANGE = float(np.log(1e4))  # s is between 1e-4 and 1e4
+_EXACT = 1e-6  # tolerance for ln s
 _FEWEST = 1.0  # degrees of freedom
 
 
 class WhitenedRows(NamedTuple):
-    """A problem linearised at its solution: m observations and b rows of priors, k coordinates."""
+    """A problem linearised at its solution: m observations, b prior rows and k coordinates."""
 
     residual: Array  # (m,)
     jacobian: Array  # (m, k)
     prior: Array  # (b,), of the priors
     prior_jacobian: Array  # (b, k)
-    whiten: Callable[[Array], Array]  # from changes of the observations, (m, q), to whitened ones
+    whiten: Callable[[Array], Array]  # whitens changes of the observations, (m, q)
 
     def effects(self, change: Array) -> tuple[Array, Array]:
-        """Return the effects of changes of the observations that the model does not contain.
+        """Return the effects of changes in the observations that the model does not include.
 
         Parameters
         ----------
         change : (m, q) array
-            Of the observations, in their units.
+            Changes of the observations, in their units.
 
         Returns
         -------
         shift : (k, q) array
-            Of the estimate, by the unit of each change.
+            Shift of the estimate per unit of each change.
         visibility : (q,) array
             Norm of the whitened residual that each change leaves.
         """
@@ -66,14 +67,14 @@ class WhitenedRows(NamedTuple):
 
 
 class NoiseScale(NamedTuple):
-    """Noise that was stated, over that found in the residuals.
+    """The ratio of the stated noise to the noise found in the residuals.
 
     Parameters
     ----------
     ratio : float
-        Stated standard deviation over that found.
+        Stated standard deviation divided by the one found.
     dof : float
-        Degrees of freedom that the residuals have for it.
+        Degrees of freedom of the residuals for this comparison.
     p_value : float
         Probability of residuals as small as these if the noise is as stated.
     """
@@ -86,7 +87,7 @@ class NoiseScale(NamedTuple):
 def noise_scale(
     rows: WhitenedRows, chosen: NDArray[np.bool_], level: float = 1.0
 ) -> NoiseScale | None:
-    """Return how the noise of some observations was stated.
+    """Compare the stated noise of some observations with the noise in their residuals.
 
     Parameters
     ----------
@@ -94,13 +95,14 @@ def noise_scale(
     chosen : (m,) array of bool
         The observations whose noise is judged together.
     level : float, optional
-        Probability of smaller residuals, above which nothing is looked for.
+        Significance level: the ratio is computed only if residuals this small are less probable
+        than this.
 
     Returns
     -------
     NoiseScale or None
-        None if the residuals of these observations do not depend on their noise, or are as large as
-        chance makes them at this level.
+        None if the residuals of these observations do not depend on their noise, or if their size
+        is plausible at this level.
     """
     size = column_lengths(np.concatenate([rows.jacobian, rows.prior_jacobian]))
     a, r = rows.jacobian[chosen] / size, rows.residual[chosen]

@@ -1,9 +1,9 @@
-"""What the data determine: rank, singular values, and the free directions in words.
+"""Observability analysis: rank, singular values, and undetermined directions in words.
 
-With the whitened Jacobian in units of each parameter's typical size, a singular value is the change
-of the observations, in standard deviations of the noise, by a move of one typical size. The
-nuisances are marginalised first, with their priors: their columns are projected out. Directions
-that change no row are then written in reduced row echelon form, which separates independent
+The whitened Jacobian is expressed in units of each parameter's typical size. A singular value is
+then the change of the observations, in noise standard deviations, for a move of one typical size.
+The nuisances are marginalised first, with their priors: their columns are projected out. Directions
+that do not change any row are then written in reduced row echelon form, which separates independent
 degeneracies.
 """
 
@@ -23,7 +23,7 @@ from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProb
 # Relative to the largest singular value. Rounding leaves about 1e-14; a direction with so small a
 # singular value is not usable on any bench.
 _NOTHING = 1e-10
-_TERMS = 6  # the most that words list of one direction
+_TERMS = 6  # most parameters that a direction in words lists
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class NullDirection:
     Parameters
     ----------
     weights : dict of str to float
-        How much of each parameter; the largest is one.
+        Weight of each parameter; the largest weight is one.
     words : str
-        For a person: "z.k0 + 0.98 z.k1 (in units of their typical size)".
+        Readable form: "z.k0 + 0.98 z.k1 (in units of their typical size)".
     """
 
     weights: dict[str, float]
@@ -43,7 +43,7 @@ class NullDirection:
 
 
 class Observability(NamedTuple):
-    """What is determined of the wanted parameters at one point."""
+    """The observability of the wanted parameters at one point."""
 
     rank: int
     singular_values: Array  # descending
@@ -52,14 +52,14 @@ class Observability(NamedTuple):
 
 
 def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observability:
-    """Return which directions the data determine at a point of the first trial.
+    """Return which directions the data determine at a point in the first trial.
 
     Priors on wanted parameters do not make a direction observed, but they may determine it.
 
     Raises
     ------
     NotObserved
-        A direction that neither the data nor a prior nor a gauge determines.
+        Neither the data nor a prior nor a gauge determines some direction.
     """
     seen = _observability(system, point, system.nuisance_rows)
     if seen.null_directions:
@@ -79,10 +79,11 @@ def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observa
 def _observability(
     system: WhitenedProblem, point: LinearisationPoint, prior_rows: Array
 ) -> Observability:
-    """Return the structure with these prior rows (b, p) and no others."""
+    """Return the observability with only these prior rows (b, p)."""
     problem, data = system.problem, point.weight[0][:, None] * point.rows[0]
     wanted = [problem.names.index(name) for name in problem.wanted]
-    # Coordinates of the free moves: those that move wanted parameters, by `left`, and the others.
+    # Coordinates of the free moves, split by `left` into those that move wanted parameters and the
+    # others.
     if system.basis is None:
         moves, left = np.eye(len(problem.names)), np.eye(len(wanted))
         rows = np.concatenate([data, prior_rows]) * problem.scale
@@ -95,10 +96,10 @@ def _observability(
         left, along, beside = left[:, :n], right[:n].T / size[:n], right[n:].T
 
     if len(rows) > rows.shape[1]:
-        # The triangle R of rows = Q R has the same null space and singular values.
+        # The triangular factor R in rows = Q R has the same null space and singular values.
         rows = np.linalg.qr(rows, mode="r")
     q, s, v = svd(rows @ beside)
-    # The rows of a wide prior are weak but real, so only rounding counts as nothing here.
+    # The rows of a wide prior are weak but not zero, so only rounding errors count as zero here.
     n = int(np.sum(s > 1e-14 * np.max(s, initial=0.0)))
     q, loose = q[:, :n], v[n:]
 
@@ -122,7 +123,7 @@ def _observability(
 
 
 def _name_null_directions(problem: Problem, x: Array, null: Array) -> list[NullDirection]:
-    """Return the null directions, rows (q, wanted): the known ones first, then the others."""
+    """Return the null directions as rows (q, wanted), the known ones first."""
     directions: list[NullDirection] = []
     wanted = [problem.names.index(name) for name in problem.wanted]
     for words, known in problem.known_nulls:
@@ -142,12 +143,12 @@ def _name_null_directions(problem: Problem, x: Array, null: Array) -> list[NullD
 
 
 def row_echelon_form(rows: Array) -> Array:
-    """Return the reduced row echelon form of independent rows, the largest weight of each one."""
+    """Return the reduced row echelon form of independent rows, scaled to largest weight 1."""
     if not len(rows):
         return rows
     rows = rows.copy()
     for i in range(len(rows)):
-        # Among equals the first parameter is the pivot, so that rounding does not choose.
+        # Among equal weights the first parameter is the pivot, so that rounding does not decide.
         size = np.max(np.abs(rows[i:]), axis=0)
         column = int(np.flatnonzero(size > 0.999 * np.max(size))[0])
         pivot = i + int(np.argmax(np.abs(rows[i:, column])))
@@ -162,7 +163,7 @@ def row_echelon_form(rows: Array) -> Array:
 
 
 def _direction(names: Sequence[str], weights: Array) -> NullDirection:
-    """Put a direction into words, its largest parameters only."""
+    """Describe a direction in words, using only its largest parameters."""
     chosen = {name: float(w) for name, w in zip(names, weights, strict=True) if w != 0}
     largest = sorted(chosen, key=lambda name: -abs(round(chosen[name], 9)))[:_TERMS]
     words = ""

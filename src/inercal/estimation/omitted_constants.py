@@ -1,22 +1,25 @@
-"""The effect on a Kalman filter's innovations of a constant that is not a state, compiled.
+"""Compiled kernels for the effect of omitted constants on a Kalman filter's innovations.
 
-Let the constant q add d q to the states at each epoch and c q to the observations. The filter's
-estimates are then biased by U q, and its innovations by S q (Friedland's separate bias)::
+Let a constant q that is not a filter state add d q to the states at each epoch and c q to the
+observations. The filter's estimates are then biased by U q, and its innovations by S q (Friedland's
+separate bias)::
 
     predict   U ← Φ U + d
     update    S = h·U + c        U ← U − k S
 
-with the filter's Φ, h and k (`kalman.FilterSteps`). U begins at zero, or with 1 in the row of a
-state whose value differs by q from its prior mean. The recursion includes all states of the filter
-and their priors, so S is the part that they cannot absorb. The innovations ν of variance s are
-therefore regressed on S alone, without a Jacobian of the states: for columns S of many constants
+with the filter's Φ, h and k (`kalman.FilterSteps`). U starts at zero, or with 1 in the row of a
+state whose value differs from its prior mean by q. The recursion includes all states of the filter
+and their priors, so S is the part that they cannot absorb. The innovations ν with variance s are
+therefore regressed only on S, without a Jacobian of the states. For the columns S of many
+constants, the sums
 
     G = Σ Sᵀ S / s        b = Σ Sᵀ ν / s
 
-are all that a score test needs, and −U at the end is the shift of the estimates per unit of each.
+are all that a score test needs. The final −U is the shift of the estimates per unit of each
+constant.
 
 Source: Friedland 1969, IEEE TAC 14(4), 359–367; Willsky and Jones 1976, IEEE TAC 21(1), 108–112
-(tests of innovations for constants that begin at a known time).
+(tests of innovations for constants that start at a known time).
 """
 
 from collections.abc import Iterable
@@ -28,11 +31,11 @@ from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kalman import FilterSteps
 from inercal.estimation.kernel_options import kernel
 
-_ROWS = 512  # whitened rows that are multiplied at once
+_ROWS = 512  # number of whitened rows multiplied at once
 
 
 class OmittedSums(NamedTuple):
-    """Sums over a run, for C constants and n states."""
+    """Sums over a run for C constants and n states."""
 
     gram: Array  # G, (C, C)
     product: Array  # b, (C,)
@@ -46,20 +49,20 @@ def omitted_constant_sums(
     row: int,
     tested: int | None = None,
 ) -> OmittedSums:
-    """Return the effect on the innovations of D constants driving states and B observed ones.
+    """Return the sums for D constants that drive states and B constants in the observations.
 
     Parameters
     ----------
     pieces : iterable of (steps, driven, seen)
-        One after the other: steps of e epochs, all kept, m observations each; driven, (e, r, D),
-        is d of the states from `at` on, not taken where nothing was observed; seen, (e, o, B), is c
-        of the observations from `row` on.
+        Successive pieces of the run: `steps` records e epochs with m observations each, all kept;
+        `driven`, (e, r, D), is d for the states from index `at` on, ignored where nothing was
+        observed; `seen`, (e, o, B), is c for the observations from index `row` on.
     start : (n, D + B) array
-        U before the first epoch.
+        The value of U before the first epoch.
     at : int
     row : int
     tested : int, optional
-        Observations of each epoch that count; all where it is left out.
+        Number of observations per epoch that are tested; by default all.
     """
     x = np.array(start, dtype=float, order="C")
     c = x.shape[1]
@@ -82,11 +85,11 @@ def _add_piece(
     tested: int | None,
     square: Array,
 ) -> None:
-    """Carry U, `x`, over the epochs of a piece and add the products of its rows, in place."""
+    """Propagate U, `x`, over the epochs of a piece and add the products of its rows, in place."""
     (epochs, k, _), c = steps.a.shape, x.shape[1]
-    # The innovations are one more column: they go into the products as the others do.
+    # The innovations are treated as one more column, so the products include them.
     rows = np.zeros((max(_ROWS, steps.s.shape[1]), c + 1))
-    # The kernel allocates nothing and multiplies no matrices: that takes long to compile.
+    # The kernel neither allocates nor multiplies matrices, because both take long to compile.
     work = np.zeros((k + 1, c))
     count = steps.s.shape[1] if tested is None else tested
     ends, epoch = np.zeros(2, np.int64), 0
@@ -119,9 +122,10 @@ def _whiten_rows(
     rows: Array,
     ends: Indices,
 ) -> None:
-    """Carry U, `x`, in place over epochs from `first` on; write whitened rows until they are full.
+    """Propagate U, `x`, in place from epoch `first`; write whitened rows until the buffer is full.
 
-    `ends` (2,) is where to go on and how many rows are written; `work`, (k + 1, c), is any.
+    `ends` (2,) receives the epoch at which to continue and the number of rows written; `work`, (k +
+    1, c), is scratch space.
     """
     k, n, r, d = a.shape[1], a.shape[2], driven.shape[1], driven.shape[2]
     o, c, m = seen.shape[1], x.shape[1], s.shape[1]

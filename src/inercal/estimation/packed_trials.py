@@ -1,4 +1,4 @@
-"""Trials by their normal equations, which a problem computes itself, without their Jacobians."""
+"""Trials given by normal equations, which the problem computes directly without Jacobians."""
 
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from inercal.estimation.whitened_problem import (
 
 
 class PackedPoint(NamedTuple):
-    """Normal equations at x, in free coordinates; all with the axis of trials."""
+    """Normal equations at x, in free coordinates; all arrays have a trials dimension."""
 
     x: Array  # (trials, p)
     residual: Array  # y − h(x), (trials, m)
@@ -33,18 +33,18 @@ class PackedPoint(NamedTuple):
 
 
 class PackedTrials:
-    """The trials of a problem as `inercal.estimation.search` takes them.
+    """The trials of a problem in the form that `inercal.estimation.search` needs.
 
     Parameters
     ----------
     problem : Problem
-        With `normal_equations`.
+        A problem with `normal_equations`.
     trials : int
 
     Raises
     ------
     InputError
-        A residual at the start that is not finite, or a noise there that is not positive.
+        At the start, a residual is not finite or a noise is not positive.
     """
 
     def __init__(self, problem: Problem, trials: int):
@@ -65,23 +65,23 @@ class PackedTrials:
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom."""
+        """Degrees of freedom of χ²."""
         fixed = 0 if self.basis is None else self.basis.shape[0] - self.basis.shape[1]
         return self.m + len(self._prior_rows) + fixed - len(self.problem.names)
 
     def _point(self, x: Array, which: NDArray[np.intp]) -> PackedPoint:
-        """Return the point of the trials at these places, at x of their own."""
+        """Return the point for the trials with these indices, at their own x."""
         found = self._of(x, which)
         if self.basis is not None:
             found = _in_free_coordinates(found, self.basis)
         return PackedPoint(x, *found, self._target[which] - x @ self._prior_full.T)
 
     def cost(self, point: PackedPoint) -> Array:
-        """Return the cost as for `inercal.estimation.search.Trials`."""
+        """Return the cost at a point; see `inercal.estimation.search.Trials`."""
         return _squares(point.whitened) + _squares(point.prior)
 
     def step(self, point: PackedPoint, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
-        """Return moves as for `inercal.estimation.search.Trials`."""
+        """Return the moves; see `inercal.estimation.search.Trials`."""
         some = slice(None) if active.all() else np.flatnonzero(active)
         step = gauss_newton_steps.solve_packed(
             point.normal[some],
@@ -93,7 +93,7 @@ class PackedTrials:
         return gauss_newton_steps.moves(step, self.basis, point.x, some)
 
     def tried(self, x: Array, point: PackedPoint, active: Bools) -> tuple[PackedPoint, Array]:
-        """Return a point and its cost as for `inercal.estimation.search.Trials`."""
+        """Return a trial point and its cost; see `inercal.estimation.search.Trials`."""
         which = np.flatnonzero(active)
         tried = self._point(x[which], which)
         if len(which) < len(active):
@@ -106,11 +106,11 @@ class PackedTrials:
         return tried, _squares(point.weight * tried.residual) + _squares(tried.prior)
 
     def with_values(self, point: PackedPoint, x: Array, chosen: Bools) -> PackedPoint:
-        """Return the point as for `inercal.estimation.search.Trials`."""
+        """Return the point with some values replaced; see `inercal.estimation.search.Trials`."""
         return point._replace(x=np.where(chosen[:, None], x, point.x))
 
     def accepted(self, tried: PackedPoint, point: PackedPoint, chosen: Bools) -> PackedPoint:
-        """Return the merged point as for `inercal.estimation.search.Trials`."""
+        """Return the merged point; see `inercal.estimation.search.Trials`."""
         return tried if chosen.all() else PackedPoint(*merge(chosen, tried, point))
 
     def estimate(
@@ -146,7 +146,7 @@ def _squares(u: Array) -> Array:
 
 
 def _in_free_coordinates(found: NormalEquations, basis: Array) -> NormalEquations:
-    """Return the equations of the moves t, x = x₀ + B t."""
+    """Transform the normal equations to the free coordinates t, where x = x₀ + B t."""
     (p, k), (trials, _) = basis.shape, found.normal.shape
     whole = np.zeros((trials, p, p))
     rows, columns = np.tril_indices(p)

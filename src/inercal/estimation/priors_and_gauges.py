@@ -1,9 +1,9 @@
-"""Knowledge other than observations: Gaussian priors and exact gauges.
+"""Knowledge from outside the observations: Gaussian priors and exact gauges.
 
-A prior N(μ, Σ) on some parameters enters as whitened rows L⁻¹(μ − x) with Σ = L Lᵀ: the same as
-having observed those parameters once. A gauge C x = d is exact: it fixes what no observation can
-(for example the orientation of a frame). The solver imposes it by moves within its null space,
-x = x₀ + Z t with C Z = 0, not by a large weight.
+A prior N(μ, Σ) on some parameters enters as whitened rows L⁻¹(μ − x) with Σ = L Lᵀ, as if those
+parameters had been observed once. A gauge C x = d is exact: it fixes properties that no observation
+can determine (for example the orientation of a frame). The solver imposes it by moving only within
+its null space, x = x₀ + Z t with C Z = 0, not by a large weight.
 """
 
 from collections.abc import Sequence
@@ -25,15 +25,15 @@ class Gaussian:
     names : tuple of str
         The k parameters.
     mean : (..., k) array
-        Their expected values, with the problem's leading axis of trials or without.
+        Their expected values, with or without the problem's leading trials dimension.
     covariance : (k, k) array
         Their covariance, positive definite.
 
     Raises
     ------
     InputError
-        A shape that does not fit, a value that is not finite, or a covariance that is not
-        symmetric and positive definite.
+        A shape does not fit, a value is not finite, or the covariance is not symmetric and positive
+        definite.
     """
 
     names: tuple[str, ...]
@@ -57,7 +57,7 @@ class Gaussian:
 
     @classmethod
     def independent(cls, names: Sequence[str], mean: ArrayLike, sd: ArrayLike) -> "Gaussian":
-        """Return a prior without correlations, from standard deviations (k,) or one for all."""
+        """Return an uncorrelated prior, from standard deviations (k,) or a common one."""
         k = len(names)
         means = np.asarray(mean, dtype=float)
         sds = np.broadcast_to(np.asarray(sd, dtype=float), (k,))
@@ -65,7 +65,7 @@ class Gaussian:
         return cls(tuple(names), means, np.diag(sds**2))
 
     def marginal(self, names: Sequence[str]) -> "Gaussian | None":
-        """Return the prior on those of its parameters that are in `names`, None if none is."""
+        """Return the prior restricted to the parameters in `names`, or None if there are none."""
         keep = [i for i, name in enumerate(self.names) if name in names]
         if not keep:
             return None
@@ -73,11 +73,11 @@ class Gaussian:
         return Gaussian(kept, self.mean[..., keep], self.covariance[np.ix_(keep, keep)])
 
     def of_trials(self, part: slice) -> "Gaussian":
-        """Return the prior of some trials; it is unchanged if all trials share it."""
+        """Return the prior for some of the trials, unchanged if all trials share it."""
         return self if self.mean.ndim == 1 else replace(self, mean=self.mean[part])
 
     def rows(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """Return the whitened rows L⁻¹ over all parameters `names`, (k, p), and L⁻¹ μ, (..., k)."""
+        """Return the whitened rows L⁻¹ for all parameters `names`, (k, p), and L⁻¹ μ, (..., k)."""
         inverse = np.linalg.inv(np.linalg.cholesky(self.covariance))
         rows = np.zeros((len(self.names), len(names)))
         rows[:, [names.index(name) for name in self.names]] = inverse
@@ -91,18 +91,18 @@ class Gauge:
     Parameters
     ----------
     words : str
-        What it fixes, for reports: "x is the triad's first axis".
+        Description of the constraint for reports, such as "x is the triad's first axis".
     names : tuple of str
         The k parameters.
     matrix : (q, k) array
-        C, of full row rank.
+        The matrix C, which has full row rank.
     value : (q,) array
-        d.
+        The right-hand side d.
 
     Raises
     ------
     InputError
-        A shape that does not fit, or rows that repeat one another.
+        A shape does not fit, or rows are linearly dependent.
     """
 
     words: str
@@ -127,27 +127,27 @@ class Gauge:
             )
 
     def rows(self, names: Sequence[str]) -> Array:
-        """Return C over all parameters `names`, (q, p)."""
+        """Return C with one column for each parameter in `names`, (q, p)."""
         rows = np.zeros((len(self.value), len(names)))
         rows[:, [names.index(name) for name in self.names]] = self.matrix
         return rows
 
 
 def cholesky(covariance: Array, what: str, names: tuple[str, ...] = ()) -> Array:
-    """Return L with L Lᵀ = covariance (..., m, m).
+    """Return the lower triangular Cholesky factor L, with L Lᵀ = covariance, (..., m, m).
 
     Parameters
     ----------
     covariance : (..., m, m) array
     what : str
-        The subject of the message of an error.
+        The subject of the error message.
     names : tuple of str
-        The parameters of the covariance, as data of an error.
+        The parameters of the covariance, which the error carries as data.
 
     Raises
     ------
     InputError
-        Not finite, not symmetric or not positive definite.
+        The covariance is not finite, not symmetric or not positive definite.
     """
 
     def refusal(fault: str) -> InputError:
@@ -157,7 +157,7 @@ def cholesky(covariance: Array, what: str, names: tuple[str, ...] = ()) -> Array
 
     if not np.all(np.isfinite(covariance)):
         raise refusal("finite")
-    # Judged on correlations: the parameters' units may lie many decades apart.
+    # Judged from correlations, because the parameters' units may differ by many decades.
     with np.errstate(invalid="ignore", divide="ignore"):
         sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         correlation = covariance / (sd[..., :, None] * sd[..., None, :])

@@ -1,8 +1,8 @@
-"""An estimation problem: parameters, observations and prior knowledge.
+"""Estimation problems: parameters, observations and prior knowledge.
 
-y = h(x) + noise, where x holds the wanted parameters and the nuisances. `linearise` gives the
-residual y − h(x) and the exact derivative ∂h/∂x. Everything may carry a leading axis of trials,
-which are separate problems of one structure.
+y = h(x) + noise, where x contains the wanted parameters and the nuisances. `linearise` returns the
+residual y − h(x) and the exact derivative ∂h/∂x. All arrays may have a leading trials dimension;
+trials are separate problems with the same structure.
 """
 
 from collections.abc import Callable, Iterable
@@ -22,7 +22,7 @@ Candidates = Callable[[Array], Iterable[Candidate]]
 
 
 class NormalEquations(NamedTuple):
-    """What a step needs of the observations of trials, linearised and whitened at one x each."""
+    """Normal equations of trials, linearised and whitened at one x each, for a solver step."""
 
     residual: Array  # y − h(x), (trials, m)
     weight: Array  # 1/sd of the observations, (trials, m); ones where they are correlated
@@ -37,28 +37,28 @@ KnownNull = tuple[str, Array | Callable[[Array], Array]]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Parameters, observations through `linearise`, their noise, priors and gauges.
+    """An estimation problem: parameters, observations, noise, priors and gauges.
 
     Parameters
     ----------
     names : tuple of str
-        The p parameters; their order is that of every vector.
+        The p parameters, in the order of every vector.
     start : (p,) or (trials, p) array
-        Where the search starts and where observability is determined: wanted parameters at nominal,
-        nuisances at their prior mean. Without an axis of trials it is the start of all.
+        Point at which the search starts and observability is determined: wanted parameters at
+        nominal, nuisances at their prior mean. Without a trials dimension, all trials start there.
     linearise : callable
-        x to the residual y − h(x), (..., m), and the Jacobian ∂h/∂x, (..., m, p). It is called
-        with x as `start` first, and then, where there are trials, for all of them, (trials, p). A
-        Jacobian that all trials share may stay (m, p).
+        Function of x that returns the residual y − h(x), (..., m), and the Jacobian ∂h/∂x, (..., m,
+        p). It is first called with x = `start`, and then, if there are trials, with all of them,
+        (trials, p). A Jacobian that all trials share may have the shape (m, p).
     noise : array or callable
-        Standard deviation of the observations, (m,) or (trials, m); with `correlated` their
-        covariance, (m, m) or (trials, m, m). Or a callable of x that returns it: the weights are
-        constant within a step and updated between steps. It is called after `linearise`, with the
-        same x.
+        Standard deviation of the observations, (m,) or (trials, m); with `correlated`, their
+        covariance, (m, m) or (trials, m, m). A callable of x that returns this is also allowed: the
+        weights are then constant within a step and updated between steps. It is called after
+        `linearise`, with the same x.
     scale : (p,) array
-        Typical size of each parameter, positive; it makes singular values free of units.
+        Typical size of each parameter, positive; it makes singular values dimensionless.
     priors : tuple of Gaussian
-        Independent priors; those that share a name multiply.
+        Independent priors; priors that share a name are multiplied.
     gauges : tuple of Gauge
         Exact constraints.
     wanted : tuple of str, optional
@@ -66,26 +66,29 @@ class Problem:
     observations : tuple of str, optional
         One label for each of the m observations.
     known_nulls : tuple of (words, direction)
-        Directions that a method knows to be unobservable in some plans, with their names: a vector
-        (p,) or vectors (k, p) in the parameters' units, or a callable of x (p,) giving them.
+        Directions that the method knows to be unobservable in some plans, with their names. A
+        direction is a vector (p,) or vectors (k, p) in the parameters' units, or a callable of x
+        (p,) that returns them.
     rounding : float
-        Relative error of χ² by the rounding of `linearise`; a smaller fall is not significant.
+        Relative error of χ² due to rounding in `linearise`; a smaller decrease is not significant.
     candidates : callable, optional
-        From the solution x (p,) to the parameters that the problem omits or takes as known, with
-        the derivatives of the observations, not whitened; each gets a score test. Called only for a
-        problem without trials.
+        Function of the solution x (p,) that returns candidates for score tests: parameters that the
+        problem omits or assumes known, with the derivatives of the observations, not whitened. It
+        is called only for a problem without trials.
     correlated : bool
-        Whether `noise` is a covariance: of as many trials as observations its shape cannot tell.
+        Whether `noise` is a covariance. Its shape is ambiguous if there are as many trials as
+        observations.
     normal_equations : callable, optional
-        The same model for many trials, in one pass and without an array of all derivatives: from x
-        (k, p) and the places of these k trials (k,) to their normal equations, with A the whitened
-        Jacobian and u the whitened residual. `least_squares_of_trials` takes it instead of
-        `linearise` and `noise`. A noise that depends on x is without correlations here.
+        The same model for many trials, in one pass and without an array of all derivatives. It is a
+        function of x (k, p) and of the indices of these k trials (k,) that returns their normal
+        equations, where A is the whitened Jacobian and u the whitened residual.
+        `least_squares_of_trials` uses it instead of `linearise` and `noise`. Noise that depends on
+        x must be uncorrelated here.
 
     Raises
     ------
     InputError
-        Shapes that do not fit, unknown names, values that are not finite or not positive.
+        Shapes do not fit, names are unknown, or values are not finite or not positive.
     """
 
     names: tuple[str, ...]
@@ -120,7 +123,7 @@ class Problem:
         if bad.any():
             unset = tuple(self.names[k] for k in np.flatnonzero(bad))
             raise InputError(
-                f"start: {', '.join(unset)} is not a finite number; give one",
+                f"start: {', '.join(unset)} is not finite; give a finite number",
                 key="start",
                 names=unset,
             )

@@ -1,22 +1,23 @@
-"""The noise that residuals show: variance beyond the stated noise, or a share of it.
+"""The noise estimated from residuals: variance in addition to the stated noise, or a share of it.
 
-Observations that scatter by more than their noise have errors that more samples do not average
-out: the means of two equal rests differ by more than their noise. Enlarging every variance by χ²/ν
-(Birge) leaves the longest observations with the largest weights; adding one variance v to all does
-not. v is the value at which χ² has its expectation::
+If observations scatter by more than their noise, they have errors that do not average out with more
+samples: the means of two identical rests then differ by more than their noise. Enlarging every
+variance by χ²/ν (Birge) would leave the longest observations with the largest weights. Adding the
+same variance v to all does not. v is chosen so that χ² equals its expectation::
 
     χ²(v) = ν
 
-Where observations scatter by less than their noise, the samples contain motion that averages out in
-the means: the wobble of a hand. Then only a share s ≤ 1 of the noise counts::
+If observations scatter by less than their noise, the samples contain motion that averages out in
+the means, such as hand tremor. Then only a share s ≤ 1 of the noise counts::
 
     χ²(s) = ν − 2        since the mean of 1/χ² with ν degrees of freedom is 1/(ν − 2)
 
-Variance is added where χ² exceeds its 95 % bound; a share is taken below its 1 % bound, and only of
-noise that was found in the samples. Stated noise is not reduced.
+Variance is added if χ² exceeds its 95 % bound. The noise is reduced to a share if χ² is below its 1
+% bound, but only if the noise was estimated from the samples. Stated noise is never reduced.
 
 Source: Paule and Mandel 1982, J. Research NBS 87, 377–385, equations 8 to 10, for v in a weighted
-mean; here for any linear model. χ² falls with v and with s, so there is one root or none.
+mean, applied here to any linear model. χ² decreases with v and with s, so there is at most one
+root.
 """
 
 # SciPy has no stubs.
@@ -33,22 +34,22 @@ from inercal.estimation.scores import chi2_tail_probability
 from inercal.estimation.singular_values import column_lengths
 
 _LEVEL = 0.95
-_CALM = 0.99  # a share taken by chance would state too little
-_FEW = 8  # degrees of freedom that cannot tell a share
-_LEAST = -20 * np.log(2.0)  # of the logarithm of a variance, beside the most
-_EXACT = 1e-7  # of the root
+_CALM = 0.99  # a share chosen by chance would understate the noise
+_FEW = 8  # degrees of freedom too few for a share
+_LEAST = -20 * np.log(2.0)  # lower bound of the logarithm of a variance, relative to the upper one
+_EXACT = 1e-7  # tolerance for the root
 
 
 class ScatterModel(NamedTuple):
-    """The scatter of a kind of readings: a share of their stated noise, plus added noise."""
+    """The scatter of one kind of readings: a share of their noise, plus added noise."""
 
-    share: float = 1.0  # of the variance
+    share: float = 1.0  # share of the variance
     excess: float = 0.0  # standard deviation of each component
 
     def of(self, noise: Array, fixed: Array | None = None) -> Array:
-        """Return the covariance with both, of `noise` (..., m, m).
+        """Return the covariance `noise` (..., m, m) with the share and the excess applied.
 
-        `fixed`: variances (..., m) that are part of the noise, and of which no share is taken.
+        `fixed` contains variances (..., m) that are part of the noise but are not reduced.
         """
         added = self.excess**2 * np.eye(noise.shape[-1])
         if fixed is not None and self.share != 1:
@@ -57,14 +58,14 @@ class ScatterModel(NamedTuple):
 
 
 def chi_squared(residual: Array, jacobian: Array, whiten: Callable[[Array], Array]) -> float:
-    """Return the least sum of squares of whitened residuals over moves of the parameters.
+    """Return the minimum over the parameters of the sum of squared whitened residuals.
 
     Parameters
     ----------
     residual : (m,) array
     jacobian : (m, p) array
     whiten : callable
-        From (m, k) to the same whitened.
+        Function that whitens an array (m, k).
     """
     both = whiten(np.column_stack([jacobian, residual]))
     both[:, :-1] /= column_lengths(both[:, :-1])
@@ -83,23 +84,24 @@ def fit_scatter(
     *,
     stated: bool = False,
 ) -> ScatterModel:
-    """Return how the observations scatter, by their residuals.
+    """Return the scatter of the observations, estimated from their residuals.
 
     Parameters
     ----------
     residual : (m,) array
-        At a solution.
+        Residuals at a solution.
     jacobian : (m, p) array
     whiten : callable
-        (spread, (m, k) array) to the array whitened by the noise with that spread.
+        Function of the spread and an array (m, k) that whitens the array for the noise with that
+        spread.
     dof : int
-        Degrees of freedom of the observations that are judged.
+        Degrees of freedom of the tested observations.
     other_chi2 : float
-        χ² of others among the rows.
+        χ² of the other observations in these rows.
     least : float
-        The share below which other noise of the same rows hides what it is.
+        Smallest share that can be estimated; below it, other noise in the same rows dominates.
     stated : bool
-        Whether the noise was stated rather than found in samples: no share is taken of it.
+        Whether the noise was stated, not estimated from samples. Stated noise is not reduced.
     """
     if dof < 1:
         return ScatterModel()
@@ -121,16 +123,17 @@ def fit_scatter(
 
 
 def leave_one_out_factors(rows: Array, noise_dof: float = np.inf) -> Array:
-    """Return factors on whitened rows by which each is judged by the others' scatter, (r,).
+    """Return factors, (r,), that rescale each whitened row according to the other rows' scatter.
 
-    One where the others do not scatter beyond their 95 % bound. Elsewhere a row's sum of squares
-    over theirs is F, and the factor gives it the χ² of the same p-value.
+    A factor is 1 if the scatter of the other rows is within its 95 % bound. Otherwise the ratio of
+    the row's sum of squares to theirs has an F distribution, and the factor converts it to the χ²
+    with the same p-value.
 
     Parameters
     ----------
     rows : (r, q) array
     noise_dof : float
-        Degrees of freedom behind the noise that whitened them.
+        Degrees of freedom of the noise estimate used for whitening.
     """
     r, q = rows.shape
     squares = np.sum(rows**2, axis=1)
@@ -151,7 +154,7 @@ def leave_one_out_factors(rows: Array, noise_dof: float = np.inf) -> Array:
 
 
 def _falling_root(falling: Callable[[float], float], high: float) -> float:
-    """Return where a function that is negative at `high` has its root, or high / 2²⁰ if lower."""
+    """Return the root of a falling function, negative at `high`, but at least high / 2²⁰."""
 
     def at(log: float) -> float:
         return falling(high * float(np.exp(log)))

@@ -1,9 +1,9 @@
-"""The result of an estimator: values, their covariance, and tests of the model.
+"""The results of an estimator: values, their covariance, and tests of the model.
 
-χ² counts the whitened residuals of the observations and of the priors; its degrees of freedom are
-observations + prior rows + gauge rows − parameters. Where χ² exceeds its 95 % bound, noise or model
-are worse than stated, and uncertainties are enlarged by the Birge ratio √(χ²/ν)
-(Birge 1932, Physical Review 40, 207–227).
+χ² is the sum over the whitened residuals of the observations and of the priors. Its degrees of
+freedom are observations + prior rows + gauge rows − parameters. If χ² exceeds its 95 % bound, noise
+or model are worse than stated, and uncertainties are enlarged by the Birge ratio √(χ²/ν) (Birge
+1932, Physical Review 40, 207–227).
 """
 # pyright: reportMissingTypeStubs=false
 
@@ -36,25 +36,25 @@ NO_ROWS: LazyValue[None] = LazyValue(lambda: None)
 
 @dataclass(frozen=True, eq=False)
 class ResidualGroup:
-    """Observations of one kind, with a χ² test only for this kind.
+    """Observations of one kind, with their own χ² test.
 
     Parameters
     ----------
     name, unit : str
-        Of the kind, and the SI unit of its residuals.
+        Name of the kind, and the SI unit of its residuals.
     labels : tuple of k str
-        One for each observation.
+        One label for each observation.
     residual : (k, q) array
-        q components each, in the unit.
+        Residuals with q components each, in `unit`.
     sd : (k, q) array
-        Standard deviations of the residuals as stated, `spread` included.
+        Stated standard deviations of the residuals, including `spread`.
     chi2, dof : float and int
-        By the noise as stated.
+        χ² and its degrees of freedom, for the stated noise.
     spread : ScatterModel
-        Share and excess of the noise by χ², in the unit of the residuals, or of the readings that
-        they are computed from.
+        Share and excess of the noise derived from χ², in the unit of the residuals or of the
+        readings from which they are computed.
     enlarged : bool
-        Whether the uncertainties that follow from the group were enlarged by its Birge ratio.
+        Whether the uncertainties derived from the group were enlarged by its Birge ratio.
     """
 
     name: str
@@ -74,13 +74,13 @@ class ResidualGroup:
 
     @property
     def scatter_ratio(self) -> float:
-        """Scatter of the residuals over the stated scatter, √(χ²/ν); 1 without dof."""
+        """Ratio of the residuals' scatter to the stated scatter, √(χ²/ν); 1 without dof."""
         return float((self.chi2 / self.dof) ** 0.5) if self.dof > 0 else 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """The solution of a problem, or of one problem for each trial.
+    """The solution of a problem, or the solutions of all trials of a problem.
 
     Parameters
     ----------
@@ -89,52 +89,56 @@ class Estimate:
     value : (..., p) array
         Estimates.
     covariance : (..., p, p) array
-        Their covariance as modelled, from the stated noise and priors; NaN if it does not exist.
+        Modelled covariance of the estimates, from the stated noise and priors; NaN if it does not
+        exist.
     chi2 : (...) array
-        Sum of squared whitened residuals; with a robust loss each counts as its limited pull ψ.
+        Sum of squared whitened residuals; with a robust loss, each residual is replaced by its
+        bounded influence ψ.
     dof : int
         Degrees of freedom of `chi2`.
     wanted : tuple of str
         The wanted parameters; the others are nuisances.
     rank : int
-        How many directions of the wanted parameters the data determine (first trial).
+        Number of directions of the wanted parameters that the data determine (first trial).
     singular_values : array
-        Of those directions, descending: noise standard deviations per typical size.
+        Singular values of those directions, descending, in noise standard deviations per typical
+        size.
     converged : (...) bool array
-        False if the search ended without a minimum: such a value must not be used.
+        False if the search ended without a minimum; such an estimate must not be used.
     iterations : (...) int array
-        Steps tried.
+        Number of steps tried.
     residual, whitened : (..., m) array
-        y − h(x) in the observations' units, and whitened (no robust weights); none of formulas and
-        of filters.
+        y − h(x) in the observations' units, and whitened (without robust weights); empty for closed
+        formulas and filters.
     observations : tuple of str
-        Their labels, or empty.
+        Labels of the observations, or empty.
     null_directions : tuple of NullDirection
-        Directions that the data do not determine, where the values come from priors.
+        Directions that the data do not determine, for which the values come from priors.
     weakest : NullDirection or None
-        The direction of the smallest singular value.
+        The direction with the smallest singular value.
     groups : tuple of ResidualGroup
-        Kinds of observations, where a method tests each kind separately. The covariance then
-        contains their excess, `chi2` is computed without it, and no Birge ratio is applied.
+        Kinds of observations, if the method tests each kind separately. The covariance then
+        includes their excess noise, `chi2` is computed without it, and no Birge ratio is applied.
     notes : tuple of str
-        Remarks of the method on the result.
+        The method's remarks on the result.
     courses : tuple of FilterHistory
-        Of sequential estimators, the estimates over the run (first trial).
+        For sequential estimators, the estimates over the run (first trial).
     tests : tuple of ModelTest
-        Tests of the model other than `chi2` or those of its groups (first trial).
+        Tests of the model in addition to `chi2` and the tests of its groups (first trial).
     scoring : LazyValue of ScoreTestSet
-        Returns the score tests, computed at the first call.
+        The score tests, computed at the first call.
     sensitivities : mapping of str to (..., p) array
-        ∂(estimates)/∂(stated value) of quantities whose uncertainty is in `covariance` but that are
-        no parameters: known and eliminated ones, or those that parts of an estimator share.
+        ∂(estimates)/∂(stated value) for quantities that are not parameters but whose uncertainty is
+        included in `covariance`: known or eliminated quantities, or quantities shared by parts of
+        an estimator.
     noise_dof : float
-        Degrees of freedom behind the noise of one channel; not finite where it is stated.
+        Degrees of freedom of the noise estimate of one channel; not finite if the noise is stated.
     noise_channels : int
-        Number of channels whose noise was found separately.
+        Number of channels whose noise was estimated separately.
     joint_priors : frozenset of str
-        Quantities known beforehand whose correlations the estimator has counted.
+        Previously known quantities whose correlations the estimator has included.
     rows : LazyValue of WhitenedRows or None
-        The problem linearised at the solution; None if it was not kept.
+        The problem linearised at the solution, or None if it was not kept.
     """
 
     names: tuple[str, ...]
@@ -172,7 +176,7 @@ class Estimate:
         singular_values: Array,
         notes: tuple[str, ...] = (),
     ) -> "Estimate":
-        """Return the result of closed formulas, (p,), which have no residuals to test."""
+        """Return an estimate from closed formulas, (p,), which have no residuals to test."""
         return cls(
             names=names,
             value=value,
@@ -189,7 +193,7 @@ class Estimate:
 
     @cached_property
     def score_tests(self) -> ScoreTestSet:
-        """Score tests of parameters that were not estimated; empty if there are trials."""
+        """Score tests of parameters that were not estimated; empty for a problem with trials."""
         return replace(self.scoring(), noise_dof=self.noise_dof)
 
     @property
@@ -199,7 +203,7 @@ class Estimate:
 
     @property
     def consistent(self) -> NDArray[np.bool_]:
-        """True if χ² is within its one-sided 95 % bound or, with groups, none has excess."""
+        """Whether χ² is within its one-sided 95 % bound or, with groups, no group has excess."""
         if self.groups:
             return np.array(all(group.spread.excess == 0 for group in self.groups))
         if not self.dof:
@@ -208,29 +212,29 @@ class Estimate:
 
     @property
     def birge(self) -> Array:
-        """Factor on the uncertainties, (...): 1 if consistent or excess was added, else √(χ²/ν)."""
+        """Factor on uncertainties, (...): √(χ²/ν), or 1 if consistent or excess was added."""
         if self.groups:
             return np.ones(np.shape(self.chi2))
         return np.where(self.consistent, 1.0, np.sqrt(self.chi2 / max(self.dof, 1)))
 
     @property
     def largest_birge_ratio(self) -> Array:
-        """Scatter of the residuals over the stated scatter, (...); 1 if it is not larger.
+        """Ratio of the residuals' scatter to the stated scatter, (...), at least 1.
 
-        The Birge ratio, or the largest ratio of a group whose uncertainties were enlarged by it or
-        by an excess.
+        This is the Birge ratio, or the largest ratio among the groups whose uncertainties were
+        enlarged by it or by an excess.
         """
         ratios = [one.scatter_ratio for one in self.groups if one.enlarged or one.spread.excess]
         return np.maximum(self.birge, max(ratios, default=1.0))
 
     @property
     def stated_covariance(self) -> Array:
-        """Covariance to state, (..., p, p): as modelled, times the square of the Birge ratio."""
+        """Covariance to report, (..., p, p): as modelled, times the squared Birge ratio."""
         return self.birge[..., None, None] ** 2 * self.covariance
 
     @property
     def std(self) -> Array:
-        """Standard uncertainties to state, (..., p)."""
+        """Standard uncertainties to report, (..., p)."""
         return np.sqrt(np.diagonal(self.stated_covariance, axis1=-2, axis2=-1))
 
     @property
@@ -241,20 +245,20 @@ class Estimate:
         return self.covariance / np.where(product > 0, product, 1.0)
 
     def sensitivity(self, name: str, sd: float) -> Array | None:
-        """Return ∂(estimates)/∂(stated value) of a quantity known beforehand, (..., p).
+        """Return ∂(estimates)/∂(stated value) for a previously known quantity, (..., p).
 
-        With a prior N(q₀, sd²) that is cov(estimates, q) / sd², by the covariance as modelled.
+        For a prior N(q₀, sd²) this is cov(estimates, q) / sd², from the modelled covariance.
 
         Parameters
         ----------
         name : str
         sd : float
-            Of the prior, positive.
+            Standard deviation of the prior, positive.
 
         Returns
         -------
         (..., p) array or None
-            None if the covariance does not count the quantity.
+            None if the covariance does not include the quantity.
         """
         if name in self.sensitivities:
             return self.sensitivities[name]
@@ -268,7 +272,7 @@ class Estimate:
         Raises
         ------
         InputError
-            A name that was not estimated.
+            A name is not among the estimated parameters.
         """
         unknown = tuple(name for name in names if name not in self.names)
         if unknown:
@@ -290,30 +294,30 @@ class Estimate:
 def with_prior_covariance(
     estimate: Estimate, names: Sequence[str], mean: Array, covariance: Array
 ) -> Estimate:
-    """Return the estimate with the joint prior of quantities that it treated as independent.
+    """Return the estimate with a joint prior for quantities that it treated as independent.
 
-    An estimator has the quantities b with the prior N(b₀, D), D diagonal but for those whose
-    correlations it counts (`Estimate.joint_priors`). Where their covariance is Σ, the difference of
-    information ΔΛ = Σ⁻¹ − D⁻¹ is added to its result::
+    An estimator uses quantities b with the prior N(b₀, D), where D is diagonal except for
+    quantities whose correlations it includes (`Estimate.joint_priors`). If their covariance is
+    actually Σ, the difference in information, ΔΛ = Σ⁻¹ − D⁻¹, is added to its result::
 
         M = ΔΛ (1 + P_bb ΔΛ)⁻¹,   x′ = x + P_xb M (b₀ − b),   P′ = P − P_xb M P_bx
         χ²′ = χ² + (b₀ − b)ᵀ M (b₀ − b),   ∂x′/∂b₀ = P′_xb Σ⁻¹
 
-    This is exact for a linear problem. A quantity that is no parameter of the estimate, but has a
-    sensitivity J = ∂x/∂b₀, counts as not determined by the data: P_xb = J D and P_bb = D, which
+    This is exact for a linear problem. A quantity that is not a parameter of the estimate but has a
+    sensitivity J = ∂x/∂b₀ is treated as not determined by the data: P_xb = J D and P_bb = D, which
     gives P′ = P + J (Σ − D) Jᵀ. Source: the update of a Gaussian by information (Bar-Shalom, Li &
     Kirubarajan 2001, 3.4.2).
 
     Parameters
     ----------
     estimate : Estimate
-        Its priors had the means and the variances of the joint prior, and the
+        The estimate, whose priors had the means and variances of the joint prior, and the
         covariances of its `joint_priors`.
     names : sequence of k str
-        Those that do not act on the estimate are left out.
+        Names of the quantities; those without effect on the estimate are ignored.
     mean : (k,) array
     covariance : (k, k) array
-        Positive definite.
+        Joint covariance, positive definite.
     """
     sd = np.sqrt(np.diagonal(covariance))
     columns = [estimate.sensitivity(name, s) for name, s in zip(names, sd, strict=True)]

@@ -1,23 +1,24 @@
-"""Score tests: which parameter that was not estimated would explain the residuals.
+"""Score tests, which show whether parameters that were not estimated explain the residuals.
 
-Let r be the whitened residual at the solution, observations and priors together, and J its
+Let r be the whitened residual at the solution, for observations and priors together, and J its
 Jacobian. A parameter δ that the problem omits adds c δ to the observations. The estimator absorbs
-the part of c in the span of the columns of J, and r contains the rest::
+the part of c that lies in the span of the columns of J, and r contains the rest::
 
     c' = (1 − J J⁺) c        t = c'·r / |c'|                 N(0, 1) where δ = 0
     δ̂ = c'·r / |c'|²         sd(δ̂) = 1 / |c'|
     shift of the estimate where δ is left out: J⁺ c δ̂
 
-A candidate with k components has t in its k directions, and |t|² is χ² with k degrees of freedom.
-η = |c' δ| is the visibility of δ: no test of these data has more power. Two candidates whose c' are
-parallel explain the residuals equally well: data of this kind cannot distinguish them.
+A candidate with k components has one t for each of its k directions, and |t|² is χ² with k degrees
+of freedom. η = |c' δ| is the visibility of δ: no test with these data has more power. Two
+candidates whose c' are parallel explain the residuals equally well: data of this kind cannot
+distinguish them.
 
-Many candidates are tested at once. They share the level so that each, for any k, has the same
-probability of detection at η = 6 (Bonferroni, weighted): with equal shares a candidate of nine
-directions would be detected far more rarely than one of a single direction. More than six
-directions get the share of six: twelve would take seven times as much from all others. Where the
-candidates span few dimensions, the χ² of that space is used instead (Scheffé), if it is less strict
-for a single direction.
+Many candidates are tested at once. The significance level is divided among them so that each, for
+any k, has the same probability of detection at η = 6 (weighted Bonferroni). With equal shares, a
+candidate with nine directions would be detected far more rarely than one with a single direction. A
+candidate with more than six directions gets the share for six, because twelve directions would take
+seven times as much from all others. If the candidates span only a few dimensions, the χ² of that
+space is used instead (Scheffé), provided that it is less strict for a single direction.
 
 Sources: Rao 1948, Mathematical Proceedings of the Cambridge Philosophical Society 44, 50–57 (score
 test); Scheffé 1953, Biometrika 40, 87–104 (all contrasts of a space); Rosenthal and Rubin 1983,
@@ -41,30 +42,30 @@ from inercal.estimation.lazy_value import LazyValue
 
 CandidateKind = Literal["coefficient", "bench", "row", "time"]
 
-SIGNIFICANCE_LEVEL = 0.01  # of all tests of one estimate together
-SCORE_TEST_SHARE = 0.8  # of the level, for the scores; the rest is for χ² and the method's tests
+SIGNIFICANCE_LEVEL = 0.01  # level of all tests of one estimate together
+SCORE_TEST_SHARE = 0.8  # for score tests; the rest is for χ² and the method's tests
 PARALLEL_COSINE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
-_ETA, _MISSED = 6.0, 0.05  # at which η all candidates are missed alike, with what probability
-_MOST = 6  # directions, for the share of the level
+_ETA, _MISSED = 6.0, 0.05  # η at which each candidate is missed with this probability
+_MOST = 6  # most directions counted for the share of the level
 _CONTRADICTION = 6.0  # standard deviations
-_HARDLY_VISIBLE = 1e-3  # of the effect of a candidate
-_LINEARISATION = 0.05  # relative error of what a score test explains: its size is of first order
+_HARDLY_VISIBLE = 1e-3  # visible fraction of an effect, below which it is hardly visible
+_LINEARISATION = 0.05  # relative error of the explained part, a first-order estimate
 
 
 def chi2_tail_probabilities(
     chi2: Array, dof: int, noise_dof: float = np.inf, channels: int = 1
 ) -> Array:
-    """Return the probability of a χ² at least as large if the model holds; 1 without dof.
+    """Return the probability of a χ² at least this large if the model is right; 1 without dof.
 
     Parameters
     ----------
     chi2 : (...) array
     dof : int
     noise_dof : float
-        Degrees of freedom ν behind the noise by which χ² was formed, of one channel.
+        Degrees of freedom ν of the noise estimate used for χ², for one channel.
     channels : int
-        Number of channels m whose noise was found separately. χ² is then a sum of m parts, whose
-        mean is that of F with ν, and whose scatter is that of F with m ν.
+        Number of channels m whose noise was estimated separately. χ² is then a sum of m parts: its
+        mean is that of F with ν degrees of freedom, and its scatter that of F with m ν.
     """
     if dof <= 0:
         return np.ones(np.shape(chi2))
@@ -78,24 +79,25 @@ def chi2_tail_probabilities(
 def chi2_tail_probability(
     chi2: float, dof: int, noise_dof: float = np.inf, channels: int = 1
 ) -> float:
-    """Return `chi2_tail_probabilities` of one χ²."""
+    """Return `chi2_tail_probabilities` for a single χ²."""
     return float(chi2_tail_probabilities(np.array(chi2), dof, noise_dof, channels))
 
 
 def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: float) -> float:
-    """Return the probability of a χ² as large as the one a candidate leaves; 1 without dof.
+    """Return the p-value of the χ² that remains after a candidate is explained; 1 without dof.
 
-    The size of a candidate is that of the first order, so that of a large cause some is left: a
-    noncentral χ² with a twentieth of the amplitude that was explained.
+    A candidate's size is a first-order estimate, so part of a large effect remains in the
+    residuals. The remainder is treated as a noncentral χ² with a twentieth of the explained
+    amplitude.
 
     Parameters
     ----------
     remaining, dof : float and int
-        χ² that the candidate leaves, and its degrees of freedom.
+        χ² that remains with the candidate, and its degrees of freedom.
     explained : float
-        By how much χ² falls.
+        Decrease of χ² due to the candidate.
     noise_dof : float
-        As for `chi2_tail_probability`.
+        See `chi2_tail_probability`.
     """
     if dof <= 0:
         return 1.0
@@ -106,13 +108,13 @@ def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: f
 
 
 class ModelTest(NamedTuple):
-    """One test of the model, with a statistic that is χ² with `dof` if the model is right."""
+    """One test of the model, whose statistic is χ² with `dof` if the model is right."""
 
     name: str
     statistic: float
     dof: int
 
-    __test__ = False  # pytest takes a class of this name for a test of its own
+    __test__ = False  # otherwise pytest would collect a class with this name
 
     @property
     def p_value(self) -> float:
@@ -122,31 +124,32 @@ class ModelTest(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A parameter, or parameters of one kind, that the problem left out or took as known.
+    """One or more parameters of one kind that the problem omits or assumes known.
 
     Parameters
     ----------
     name : str
-        What a report calls it: "k3", "ax.k3", "radius", "position x_p".
+        Name used in reports: "k3", "ax.k3", "radius", "position x_p".
     kind : "coefficient", "bench", "row" or "time"
-        Of the sensor, of the bench, one row of the data, or a change over the run.
+        A sensor coefficient, a property of the bench, one row of the data, or a change over the
+        run.
     components : tuple of k str
-        Full names of the parameters; one name is one column in all candidates.
+        Full names of the parameters; a name refers to the same column in all candidates.
     units : tuple of k str
-        SI.
+        SI units of the components.
     rows : (m, k) array
         ∂(observations)/∂(component).
     moved : (q, k) array, optional
-        By how much one unit of each component that is left out moves the estimate of each
-        parameter beyond what the Jacobian says: a filter has none.
+        Shift of each parameter's estimate per unit of each omitted component, in addition to the
+        shift that follows from the Jacobian; for filters, which have no Jacobian.
     largest : (k,) array, optional
-        The largest plausible size of each component. A direction whose η at that size is below 3
-        is not scored: what little the residuals show of it says nothing of its cause.
+        The largest plausible size of each component. A direction whose η at that size is below 3 is
+        not scored, because its effect on the residuals is too small to identify the cause.
     stated_sds : (k,) array, optional
-        The standard deviation of what is stated of each component, where that is a value; 0 if
-        it is stated as exact.
+        The stated standard deviation of each component, if its value is stated; 0 if it is stated
+        as exact.
     changes : tuple of Change
-        Keys of the run file that let the method estimate it, if known here.
+        Changes to run-file keys that make the method estimate the parameters, if known.
     """
 
     name: str
@@ -160,7 +163,7 @@ class Candidate:
     changes: tuple[Change, ...] = ()
 
     def without_zero_components(self) -> "Candidate":
-        """Return the candidate without the components that act on no observation."""
+        """Return the candidate without components that have no effect on the observations."""
         acting = np.flatnonzero(np.any(self.rows != 0.0, axis=0))
         if acting.size == len(self.components):
             return self
@@ -177,20 +180,20 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class ExplainedResidual:
-    """The part of a whitened residual that a candidate explains, (1 − Q Qᵀ) c for one column c.
+    """The part of a whitened residual explained by a candidate, (1 − Q Qᵀ) c for one column c.
 
-    Q are the directions of the estimate. The column and Qᵀc are stored
-    instead of their difference, because the column of a single row among thousands has few
-    elements, and the difference has one in every row.
+    The columns of Q span the directions of the estimate. The column and Qᵀc are stored instead of
+    their difference: the column for a single row among thousands has few nonzero elements, but the
+    difference is nonzero in every row.
 
     Parameters
     ----------
     indices : (n,) array of int
         The rows in which the column is not zero.
     column : (n,) array
-        The column there.
+        The column's values in these rows.
     projection : (p,) array
-        Qᵀ c.
+        The projection Qᵀ c.
     """
 
     indices: NDArray[np.intp]
@@ -198,7 +201,7 @@ class ExplainedResidual:
     projection: Array
 
     def product(self, other: "ExplainedResidual") -> float:
-        """Return the scalar product of the effects of two candidates."""
+        """Return the scalar product of two candidates' effects."""
         _, one, two = np.intersect1d(
             self.indices, other.indices, assume_unique=True, return_indices=True
         )
@@ -212,26 +215,26 @@ class ScoreTest:
     Parameters
     ----------
     name, kind, components, units
-        Of the candidate.
+        Attributes of the candidate.
     size, sd : (k,) array
-        The components' estimate if they were estimated, and its standard deviation, SI; NaN if
-        the data leave a combination of them open.
+        The estimate that the components would get, and its standard deviation, SI; NaN if the data
+        do not determine some combination of them.
     chi2 : float
-        By how much χ² would fall.
+        Decrease of χ² if the candidate were estimated.
     dof : int
-        Directions of the candidate that the data show, at most k; 0 if none.
+        Number of the candidate's directions that the data can detect, at most k; 0 if none.
     shift : (p,) array
-        By how much `size` moved the estimate of each parameter, SI. Where the data show nothing of
-        the candidate: by how much its largest plausible size would move it.
+        Shift of each parameter's estimate due to `size`, SI. If the data cannot detect the
+        candidate, this is the shift due to its largest plausible size.
     explained : ExplainedResidual
         The part of the whitened residual that the candidate explains.
     largest, stated_sds, changes
-        Of the candidate.
+        Attributes of the candidate.
     visible_share : float
         Largest share of the candidate's column that the fit leaves to the residuals.
     least_size : (k,) array, optional
-        The smallest sizes of the components that explain as much, SI; also of components that the
-        data leave open.
+        The smallest component sizes that explain as much, SI, including components that the data do
+        not determine.
     """
 
     name: str
@@ -252,14 +255,15 @@ class ScoreTest:
 
     @property
     def p_value(self) -> float:
-        """Probability of a drop of χ² at least this large if the candidate is zero."""
+        """Probability of a χ² decrease at least this large if the candidate is zero."""
         return chi2_tail_probability(self.chi2, self.dof)
 
     @property
     def is_implausible(self) -> bool:
-        """Whether a coefficient is larger than the largest plausible size, by more than 6 sd.
+        """Whether a coefficient exceeds the largest plausible size by more than 6 sd.
 
-        A statement may be wrong by anything: a mounting, by a mistyped angle.
+        Stated values are exempt, because they may be wrong by any amount, such as a mounting with a
+        mistyped angle.
         """
         if self.largest is None or self.kind != "coefficient":
             return False
@@ -268,9 +272,10 @@ class ScoreTest:
 
     @property
     def departure(self) -> float:
-        """The largest departure from a stated value, in its standard deviations; 0 for others.
+        """Largest deviation from a stated value, in its standard deviations; 0 if none.
 
-        Of what is stated as exact a sixth of the largest plausible size stands for the deviation.
+        For a value stated as exact, a sixth of the largest plausible size is used as its standard
+        deviation.
         """
         if self.stated_sds is None:
             return 0.0
@@ -280,22 +285,22 @@ class ScoreTest:
 
     @property
     def contradicts_statement(self) -> bool:
-        """Whether it departs from its stated value by more than 6 sd although it is hardly visible.
+        """Whether it deviates from its stated value by more than 6 sd but is hardly visible.
 
-        What is estimated takes up all but a thousandth of its effect: the residuals show something
-        else that resembles the rest of it.
+        The estimated parameters absorb all but a thousandth of its effect, so the residuals show
+        something else that resembles the remainder.
         """
         return self.departure > _CONTRADICTION and self.visible_share < _HARDLY_VISIBLE
 
     def cosine(self, other: "ScoreTest") -> float:
-        """Return |cos| of the angle between the effects of both; 0 if one has no effect."""
+        """Return |cos| of the angle between two candidates' effects; 0 if one has no effect."""
         lengths = float(np.sqrt(self.chi2 * other.chi2))
         return abs(self.explained.product(other.explained)) / lengths if lengths > 0 else 0.0
 
 
 @dataclass(frozen=True)
 class ScoreTestSet:
-    """All candidates of one estimate.
+    """The score tests of all candidates for one estimate.
 
     Parameters
     ----------
@@ -303,9 +308,9 @@ class ScoreTestSet:
     span : int
         Dimension of the space that the candidates span.
     chi2, dof : float and int
-        Of the whole whitened residual.
+        χ² and degrees of freedom of the whole whitened residual.
     noise_dof : float
-        Degrees of freedom behind the noise.
+        Degrees of freedom of the noise estimate.
     """
 
     scores: tuple[ScoreTest, ...] = ()
@@ -315,18 +320,19 @@ class ScoreTestSet:
     noise_dof: float = np.inf
 
     def with_shifts(self, change: Callable[[Array], Array]) -> "ScoreTestSet":
-        """Return the same with shifts of other parameters, which a function computes from these."""
+        """Return the set with shifts of other parameters, computed from these by a function."""
         scores = tuple(replace(one, shift=change(one.shift)) for one in self.scores)
         return replace(self, scores=scores)
 
     def adjusted(self, score: ScoreTest, p_value: float | None = None) -> float:
-        """Return the p-value of a score adjusted for all candidates together.
+        """Return the p-value of a score test, adjusted for testing all candidates together.
 
         Parameters
         ----------
         score : ScoreTest
         p_value : float, optional
-            Of the score alone by another distribution than `chi2_tail_probability`.
+            Unadjusted p-value of the score test, if its distribution is not that of
+            `chi2_tail_probability`.
         """
         if not score.dof:
             return 1.0
@@ -342,7 +348,7 @@ class ScoreTestSet:
 
     @cached_property
     def _scheffe_is_sharper(self) -> bool:
-        """Whether the space of all candidates is the less strict for a single direction."""
+        """Whether the Scheffé test is less strict than Bonferroni for a single direction."""
         level = SCORE_TEST_SHARE * SIGNIFICANCE_LEVEL
         return bool(
             scipy.special.chdtri(self.span, level)
@@ -352,7 +358,7 @@ class ScoreTestSet:
 
 @cache
 def _level_weight(dof: int) -> float:
-    """Return the p-value that a χ² of η = 6 exceeds but with the probability to miss it."""
+    """Return the p-value at which an effect with η = 6 is missed with the chosen probability."""
     dof = min(dof, _MOST)
     return float(scipy.special.chdtrc(dof, scipy.special.chndtrix(_MISSED, dof, _ETA**2)))
 

@@ -1,19 +1,19 @@
-"""The search for the minimum: Levenberg–Marquardt, for many trials at once.
+"""Levenberg–Marquardt search for the minimum, for many trials at once.
 
 Minimises  Σ ρ(uᵢ(x)) + Σ |L⁻¹(μ − x)|²  over x that satisfy the gauges, where u is the whitened
 residual and ρ = u² or a robust loss. Each step solves the equations of `gauss_newton_steps`
 (Marquardt 1963, SIAM J. 11, 431–441). Each trial has its own damping, acceptance and convergence;
 the damping follows the gain of the last step (Nielsen 1999, IMM-REP-1999-05). The search starts
-undamped, since calibrations are nearly linear.
+undamped, because calibrations are nearly linear.
 
-A trial has converged when the error that the next step would leave is negligible against the cost:
-with δ₀, δ the last two steps in standard deviations, δ²·max(δ²/δ₀², 10⁻⁵) < 10⁻¹⁵ cost + ε, ε the
-cost of rounding (δ² alone where weights are iterated); or when the step is below 10⁻¹² of every
-parameter or of its typical size. The bound 10⁻⁵ is for the residuals, which keep the rate of later
-steps above that of the first ones. The last step is still taken: where it is below 10⁻⁸ of a
-standard deviation, without computing residuals and derivatives again. Otherwise it is rejected only
-if it raises the cost and predicts a fall below rounding: where χ² is far below one, rounding is a
-large part of it.
+A trial has converged when the error that the next step would leave is negligible compared with the
+cost: with δ₀, δ the last two steps in standard deviations, δ²·max(δ²/δ₀², 10⁻⁵) < 10⁻¹⁵ cost + ε, ε
+the cost of rounding (only δ² if weights are iterated). It has also converged when the step is below
+10⁻¹² of every parameter or of its typical size. The bound 10⁻⁵ is needed because the residuals make
+later steps converge more slowly than the first ones. The last step is still taken. If it is below
+10⁻⁸ of a standard deviation, residuals and derivatives are not computed again. Otherwise it is
+rejected only if it raises the cost and predicts a decrease below rounding, because rounding is a
+large part of χ² if χ² is far below one.
 """
 
 from collections.abc import Iterable
@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array, Bools
 from inercal.estimation.problem import Problem
 
-# λ after the first rejected step, the least nonzero λ, and λ at which a search ends.
+# λ after the first rejected step, the smallest nonzero λ, and the λ at which a search ends.
 _FIRST, _LEAST, _MOST = 1e-2, 1e-12, 1e14
-_NEGLIGIBLE = 1e-16  # of a step, the square of its length in standard deviations
+_NEGLIGIBLE = 1e-16  # squared length of a step in standard deviations
 
 
 class Point(Protocol):
-    """A problem linearised at x (trials, p); a named tuple of arrays with the axis of trials."""
+    """A problem linearised at x (trials, p); a named tuple of arrays with a trials dimension."""
 
     @property
     def x(self) -> Array:
@@ -45,7 +45,7 @@ P = TypeVar("P", bound=Point)
 
 
 class Trials(Protocol[P]):
-    """Problems of one structure that are solved together."""
+    """Problems with the same structure that are solved together."""
 
     problem: Problem
     trials: int
@@ -53,12 +53,12 @@ class Trials(Protocol[P]):
 
     @property
     def first(self) -> P:
-        """The point where the search starts."""
+        """The point at which the search starts."""
         ...
 
     @property
     def reweighted(self) -> bool:
-        """Whether weights change from step to step."""
+        """Whether the weights change from step to step."""
         ...
 
     def cost(self, point: P) -> Array:
@@ -66,33 +66,33 @@ class Trials(Protocol[P]):
         ...
 
     def step(self, point: P, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
-        """Return moves of x (trials, p), predicted falls (trials,), which exist; of active ones."""
+        """Return moves of x (trials, p), predicted decreases and which exist, for active trials."""
         ...
 
     def tried(self, x: Array, point: P, active: Bools) -> tuple[P, Array]:
-        """Return the point at x, (trials, p), and its cost by the weights of `point`.
+        """Return the point at x, (trials, p), and its cost with the weights of `point`.
 
-        Trials that are not active stay where they are.
+        Trials that are not active keep their values.
         """
         ...
 
     def with_values(self, point: P, x: Array, chosen: Bools) -> P:
-        """Return the point with x, (trials, p), in the chosen trials, and the rest unchanged."""
+        """Return the point with x, (trials, p), replaced in the chosen trials."""
         ...
 
     def accepted(self, tried: P, point: P, chosen: Bools) -> P:
-        """Return the tried point, by its own weights, in the chosen trials, `point` in others."""
+        """Return a merged point: in the chosen trials the tried point, elsewhere `point`."""
         ...
 
 
 def search(system: Trials[P], max_iterations: int) -> tuple[P, Bools, NDArray[np.intp]]:
-    """Return the last point, which trials converged (trials,), and the steps tried (trials,).
+    """Return the final point, which trials converged (trials,), and the number of steps (trials,).
 
     Parameters
     ----------
     system : Trials
     max_iterations : int
-        Steps tried at most.
+        Largest number of steps to try.
     """
     trials = system.trials
     point = system.first
@@ -117,23 +117,25 @@ def search(system: Trials[P], max_iterations: int) -> tuple[P, Bools, NDArray[np
             if not active.any():
                 break
 
-        # By the weights of the old point: costs compare only under the same weights.
+        # Use the weights of the old point: costs are comparable only with the same weights.
         tried, cost_then = system.tried(point.x + move, point, active)
         fall = cost - cost_then
-        # Where the promise is no more than the rounding of the cost, so is the fall: no failure.
+        # If the predicted decrease is below the cost's rounding, so is the actual one: no failure.
         slack = system.problem.rounding * cost + _rounding_cost(system)
         gain = np.where(predicted > 1e3 * slack, fall / np.maximum(predicted, slack), 1.0)
-        # A point that is not finite falls by NaN, and so is refused.
+        # At a point that is not finite the decrease is NaN, so the point is rejected.
         accepted = ~active | (ok & (fall >= -slack) & (gain > 1e-3))
 
         point = system.accepted(tried, point, accepted)
         cost = system.cost(point)
-        # Weights that change slow the last steps down, so that the ratio of two promises too much.
+        # Changing weights slow the last steps down, so the ratio of two steps would be too
+        # optimistic.
         if not system.reweighted:
             previous = np.where(accepted & active, predicted, previous)
-        # A last step that promises less than rounding makes: the cost need not fall by it.
+        # If the last step predicts a decrease below rounding, the cost need not decrease.
         converged |= active & settled & (accepted | (predicted <= slack))
-        # Accepted: λ falls to a tenth at a full gain, and doubles at none. Refused: ever faster up.
+        # Accepted steps reduce λ to a tenth at full gain and double it at no gain. Rejected steps
+        # raise λ ever faster.
         less = damping * np.maximum(0.1, 1 - (2 * np.clip(gain, 0, 2) - 1) ** 3)
         less[less < _LEAST] = 0.0
         damping = np.where(accepted, less, np.maximum(damping * growth, _FIRST * (damping == 0)))
@@ -147,7 +149,7 @@ def search(system: Trials[P], max_iterations: int) -> tuple[P, Bools, NDArray[np
 def _has_converged(
     system: Trials[P], x: Array, move: Array, predicted: Array, previous: Array, cost: Array
 ) -> Bools:
-    """Return whether no error worth another step will be left after this one (trials,)."""
+    """Return whether the error left after this step is negligible (trials,)."""
     rate = np.maximum(predicted / np.maximum(previous, predicted + np.finfo(float).tiny), 1e-5)
     size = 1e-12 * np.maximum(np.abs(x), system.problem.scale)
     tiny = np.all(np.abs(move) <= size, axis=-1)
@@ -157,12 +159,12 @@ def _has_converged(
 
 
 def _rounding_cost(system: Trials[P]) -> float:
-    """Return the cost that rounding alone makes where the observations agree with the model."""
+    """Return the cost due to rounding if the observations agree exactly with the model."""
     return 1e-20 + system.m * system.problem.rounding**2
 
 
 def merge(chosen: Bools, new: Iterable[Array], old: Iterable[Array]) -> list[Array]:
-    """Return the new arrays in the chosen trials, the old ones in the others."""
+    """Return the new arrays for the chosen trials and the old ones for the others."""
     return [
         np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b)
         for a, b in zip(new, old, strict=True)

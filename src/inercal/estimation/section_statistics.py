@@ -1,31 +1,34 @@
-"""Tests of sections against themselves: changes, correlated noise, and a trend that all share.
+"""Tests within sections for changes, correlated noise and a common trend.
 
-A section of T seconds is cut into batches of equal length, and the batch means y into Haar
-contrasts: the first half against the second (level 1), each half's halves (level 2), and so on.
-With blocks of h = T/2^l seconds on either side and n_h samples in each::
+A section of T seconds is divided into batches of equal length. Haar contrasts compare the batch
+means y: the first half with the second (level 1), then the two halves of each half (level 2), and
+so on. With blocks of h = T/2^l seconds on either side and n_h samples in each::
 
     z = √(n_h/2) (ȳ_left − ȳ_right)
 
-White noise gives z the same variance on all levels. Noise that adds a first-order Gauss–Markov
-process of correlation time τ gives, with a = 1 − exp(−h/τ)::
+For white noise, z has the same variance at all levels. With an additional first-order Gauss–Markov
+process of correlation time τ, and a = 1 − exp(−h/τ), it is::
 
     var z = w (1 + ρ (1 − (τ/h) a − (τ/2h) a²))
 
-and the mean of the section the density w (1 + ρ (1 − (τ/T)(1 − exp(−T/τ)))), over the number of
-samples. ρ and τ are common to all sections, w is each section's own; they maximise the likelihood,
-and are kept where twice its logarithm rises by more than the 99 % bound, whichever section is left
-out: one disturbed section is no correlation. τ is at most T/2. Where likelihood ratios exclude all
-τ below T/9 and do not exclude a random walk (τ = 4 T), no statistic within sections tells how far
-the noise wanders from one to the next: the model, in which the noise of sections is independent, is
-rejected with the p-value of the correlation.
+and the variance of the section's mean is w (1 + ρ (1 − (τ/T)(1 − exp(−T/τ)))) divided by the number
+of samples. ρ and τ are common to all sections, and each section has its own w. They maximise the
+likelihood. They are accepted only if, whichever section is left out, twice the log-likelihood rises
+by more than the 99 % bound. A single disturbed section is thus not mistaken for a correlation. τ is
+at most T/2. If likelihood ratios exclude all τ below T/9 but do not exclude a random walk (τ = 4
+T), no statistic within sections shows how far the noise drifts from one section to the next. The
+model assumes that the noise of different sections is independent, so it is then rejected with the
+p-value of the correlation.
 
-* Change within a section: the contrast of its halves, and those of the halves' halves, against the
-  section's own scatter on the finer levels (F), by the correlation that the other sections show.
-* Burst within a section: the one or two largest contrasts of the finest level against the others.
-* Trend common to all sections that do not change: the mean of their slopes against the scatter of
-  the slopes and of the contrasts of levels 2 and 3.
-* Scatter of each section: its variance on the finer levels, drawn to that of all (empirical Bayes)
-  as far as sections of one variance would scatter.
+* Change within a section: an F test compares the contrast of its halves, and the contrasts within
+  each half, with the section's own scatter at the finer levels, given the correlation found in the
+  other sections.
+* Burst within a section: the one or two largest contrasts at the finest level are compared with the
+  others.
+* Trend common to all sections without changes: the mean of their slopes is compared with the
+  scatter of the slopes and of the contrasts at levels 2 and 3.
+* Scatter of each section: its variance at the finer levels is shrunk towards the common variance
+  (empirical Bayes), as far as sections with equal variances would scatter.
 
 Sources: Percival and Walden, Wavelet Methods for Time Series Analysis, Cambridge 2000, chapter 8
 (Haar variance of a process); Smyth 2004, Statistical Applications in Genetics 3, article 3,
@@ -60,37 +63,37 @@ from inercal.estimation.correlation import (
 from inercal.estimation.scores import ModelTest
 
 _BATCHES, _FEW_BATCHES, _FEW_SAMPLES = 16, 8, 64
-_OF_SLOPES = 3  # levels whose scatter is nearly that of slopes
-_LEVEL = 0.01  # of the tests within, below which a change is counted
+_OF_SLOPES = 3  # levels whose scatter is close to that of slopes
+_LEVEL = 0.01  # p-value of the tests within sections, below which a change counts
 _RAREST = 1e-290
-_ROUNDING = 16 * float(np.finfo(float).eps)  # of a reading
+_ROUNDING = 16 * float(np.finfo(float).eps)  # relative to a reading
 _COMMON = "drift common to all sections"
-_BEYOND = 0.05  # of the test of a common trend, below which the trend counts
+_BEYOND = 0.05  # p-value of the common-trend test, below which the trend counts
 _LONG = "noise slower than the sections"
 
 
 @dataclass(frozen=True, eq=False)
 class SectionStatistics:
-    """Noise, trends and disturbances of sections, from their samples.
+    """Noise, trends and disturbances of sections, found from their samples.
 
     Parameters
     ----------
     correlation : NoiseCorrelation
-        `WHITE` where none is significant.
+        Correlation of the noise; `WHITE` if it is not significant.
     scale : (r,) array
-        Variance of each section's noise over that of all.
+        Noise variance of each section divided by the common variance.
     trend, trend_sd : (m,) arrays
-        Per second, of the mean slope; NaN of fewer than three sections.
+        Mean slope and its standard deviation, per second; NaN for fewer than three sections.
     slope_sd : (m,) array
-        Of `Contrasts.slope` of one section; NaN of fewer than three sections.
+        Standard deviation of `Contrasts.slope` for one section; NaN for fewer than three sections.
     disturbance_variance : (r, m) array
-        Variance of each mean by a change or a burst that is found in its section: the square of
-        how far that moved the mean. Zero of all other sections.
+        Variance added to a mean because of a change or burst found in its section: the square of
+        the shift that it caused in the mean. Zero for all other sections.
     within, trend_test, long_test : ModelTest, optional
-        Of a change within a section, of a trend common to all, and of noise that may be slower
-        than the sections; the first two name the worst section or channel.
+        Tests for a change within a section, for a trend common to all sections, and for noise that
+        may be slower than the sections. The first two name the worst section or channel.
     shape : "change" or "burst"
-        Of the worst change within a section.
+        Shape of the worst change within a section.
     """
 
     correlation: NoiseCorrelation
@@ -106,17 +109,18 @@ class SectionStatistics:
 
     @property
     def tests(self) -> tuple[ModelTest, ...]:
-        """The tests that exist."""
+        """The tests that were made."""
         every = (self.within, self.trend_test, self.long_test)
         return tuple(test for test in every if test is not None)
 
     @property
     def significant_trend_sd(self) -> Array:
-        """Standard deviation of the channels' trends beyond the effect of noise, per second.
+        """Standard deviation of the channels' trends in excess of noise, per second.
 
-        Of all channels together, in units of what noise makes of each, by moments. Zero where their
-        test does not reject at 5 %, the level at which residuals enlarge uncertainties too: slopes
-        of short sections are known too badly for their chance size to count.
+        It is a moment estimate over all channels together, in units of each channel's noise effect.
+        It is zero if the trend test does not reject at 5 %, the level at which residuals also
+        enlarge uncertainties: slopes of short sections are too uncertain for random values to
+        count.
         """
         if self.trend_test is None or self.trend_test.p_value >= _BEYOND:
             return np.zeros(len(self.trend))
@@ -128,15 +132,15 @@ class SectionStatistics:
 
 
 def haar_contrasts(section: Array, seconds: float) -> Contrasts:
-    """Return the contrasts of the (n, m) samples of a section; n is 8 or more.
+    """Return the contrasts of a section's samples (n, m), n ≥ 8.
 
-    What is no larger than the rounding of the samples' numbers is zero: a section without noise
-    has no scatter by which anything could be judged.
+    Contrasts no larger than the floating-point rounding of the samples are set to zero, because a
+    section without noise has no scatter to compare with.
     """
     n = len(section)
     count = _BATCHES if n >= _FEW_SAMPLES else _FEW_BATCHES
     edges = np.arange(count) * n // count
-    off = section - section[0]  # exactly zero where nothing changes
+    off = section - section[0]  # exactly zero if nothing changes
     means = np.add.reduceat(off, edges, axis=0) / np.diff(edges, append=n)[:, None]
     rounding = _ROUNDING * np.abs(section).max(axis=0)
     means = np.where(np.ptp(means, axis=0) > rounding, means, 0.0)
@@ -166,25 +170,25 @@ def analyse_sections(
     *,
     coloured: bool = False,
 ) -> SectionStatistics:
-    """Judge sections of channels of one kind, whose noise has one shape.
+    """Analyse sections of channels of one kind, which have the same shape of noise.
 
     Parameters
     ----------
     sections : sequence of r Contrasts
-        Of m channels.
+        Contrasts of m channels.
     labels : sequence of r str
-        Of the sections.
+        Labels of the sections.
     names : sequence of m str
-        Of the channels.
+        Names of the channels.
     rounding : (m,) array, optional
-        Variance that coarse steps add to each mean.
+        Variance that coarse quantisation steps add to each mean.
     coloured : bool
-        The noise is known to have a slow part of any spectrum, such as flicker: each contrast and
-        slope is tested against those of its own length alone.
+        Whether the noise is known to have a slow part with any spectrum, such as flicker. Each
+        contrast and slope is then compared only with others of the same length.
     """
     r = len(sections)
     every = np.concatenate([level for one in sections for level in one.levels])
-    size = np.sqrt(np.mean(every**2, axis=0))  # the rms contrast of each channel, (m,)
+    size = np.sqrt(np.mean(every**2, axis=0))  # the rms contrast of each channel
     used = np.flatnonzero(size > 0)
     if not used.size or not r:
         unknown, none = np.full(len(names), np.nan), np.zeros((r, len(names)))
@@ -193,7 +197,7 @@ def analyse_sections(
         [contrast_powers(one, size, used) for one in sections], sections
     )
     fitted, others = correlations.whole, correlations.others
-    distinct = {id(found): found for found in (fitted, *others)}  # nearly all are one
+    distinct = {id(found): found for found in (fitted, *others)}  # nearly all are 1
     moderated = {
         key: moderated_variances([fine_variance(one, size, used, found) for one in sections])
         for key, found in distinct.items()
@@ -218,7 +222,7 @@ def analyse_sections(
     trend, sd, own, common = _trend(steady, names, size, used, None if coloured else fitted)
     scale = moderated[id(fitted)][0]
     test = model_test_from_p_value(name, len(seen) * worst.p)
-    # Slow noise that is stated is part of the model.
+    # Stated slow noise is part of the model.
     slow = correlations.long and not coloured
     return SectionStatistics(
         fitted,
@@ -235,7 +239,7 @@ def analyse_sections(
 
 
 class _DisturbanceTest(NamedTuple):
-    """One test within a section: its p-value, and what it would add to the mean's variance."""
+    """One test within a section: its p-value, and the variance to add to the mean if it rejects."""
 
     p: float
     section: int
@@ -245,11 +249,11 @@ class _DisturbanceTest(NamedTuple):
 
 
 class _ReferenceNoise(NamedTuple):
-    """By what a section is judged: the others' correlation, its own white part, and its freedom."""
+    """Reference for a section: the others' correlation, its own white noise, degrees of freedom."""
 
     label: str
     correlation: NoiseCorrelation
-    white: float  # over all sections' scale
+    white: float  # relative to the common scale
     dof: float
 
 
@@ -260,7 +264,7 @@ def _changes(
     used: NDArray[np.intp],
     steps: Array,
 ) -> list[_DisturbanceTest]:
-    """Return the tests of each section and channel for changes, by the section's own scatter."""
+    """Test each section and channel for changes, compared with the section's own scatter."""
     found: list[_DisturbanceTest] = []
     for r, (one, by) in enumerate(zip(sections, judged, strict=True)):
         coarse = one.levels[:COARSE_LEVELS]
@@ -280,7 +284,7 @@ def _changes(
 def _changes_by_other_sections(
     sections: Sequence[Contrasts], size: Array, used: NDArray[np.intp]
 ) -> list[_DisturbanceTest]:
-    """Return the same tests by the contrasts of the same level in the other sections."""
+    """Test for changes by comparison with contrasts at the same level in the other sections."""
     found: list[_DisturbanceTest] = []
     for place in range(COARSE_LEVELS):
         squares = np.stack(
@@ -300,16 +304,17 @@ def _changes_by_other_sections(
 
 
 def _change_variance(one: Contrasts, place: int, k: int) -> float:
-    """Return the square of how far a change of half a section, or of a quarter, moves its mean."""
+    """Return the squared shift of the mean due to a change in a half or quarter of a section."""
     return float(np.sum(one.levels[place][:, k] ** 2)) / 2**place / one.samples
 
 
 def _bursts(
     sections: Sequence[Contrasts], size: Array, used: NDArray[np.intp], steps: Array
 ) -> list[_DisturbanceTest]:
-    """Return the tests of each section and channel for one batch, or two, unlike the others.
+    """Test each section and channel for one or two batches that differ from the others.
 
-    The one or two largest of c contrasts against the others: F, times the number of choices.
+    An F test compares the one or two largest of c contrasts with the others; its p-value is
+    multiplied by the number of possible choices.
     """
     found: list[_DisturbanceTest] = []
     for r, one in enumerate(sections):
@@ -324,7 +329,7 @@ def _bursts(
                 largest = float(squares[:few].sum())
                 rest = float(squares[few:].mean()) + least
                 p = comb(c, few) * float(scipy.special.fdtrc(few, c - few, largest / few / rest))
-                # Neighbours may have gone the same way: their shifts add up.
+                # Neighbours may have moved in the same direction: their shifts add up.
                 found.append(_DisturbanceTest(p, r, k, "burst", few * largest / c / one.samples))
     return found
 
@@ -336,7 +341,7 @@ def _trend(
     used: NDArray[np.intp],
     correlation: NoiseCorrelation | None,
 ) -> tuple[Array, Array, Array, ModelTest | None]:
-    """Return the mean trend, its deviation and that of one slope, (m,) each, and its test."""
+    """Return the mean trend, its sd, the sd of one slope, (m,) each, and the trend test."""
     m, r = len(names), len(sections)
     if r < 3:
         return np.full(m, np.nan), np.full(m, np.nan), np.full(m, np.nan), None
@@ -345,7 +350,7 @@ def _trend(
     square = float(reach @ reach)
     mean = reach @ slope / square
     unit = np.where(size > 0, size, 1.0)
-    # The channels' slopes scatter alike in units of their noise, and as contrasts of halves do.
+    # In units of their noise, all channels' slopes scatter alike, and like contrasts of halves.
     left = ((slope - reach[:, None] * mean) / unit)[:, used]
     total, dof = float(np.sum(left**2)), left.size - used.size
     for one in sections if correlation is not None else ():
@@ -369,15 +374,15 @@ def _trend(
 def largest_change_test(
     change: Array, variance: Array, labels: Sequence[str], names: Sequence[str]
 ) -> ModelTest:
-    """Return the test of the section that differs most from another part of its run.
+    """Return the test for the section that differs most from another part of its run.
 
     Parameters
     ----------
     change : (r, k) array
     variance : (r,) array
-        Of each component.
+        Variance of each component.
     labels, names : sequence of r str
-        Of the sections, and of the channel that changes most in each.
+        Labels of the sections, and the name of the channel that changes most in each.
     """
     chi2 = np.sum(change**2, axis=1) / variance
     worst = int(np.argmax(chi2))
@@ -386,6 +391,6 @@ def largest_change_test(
 
 
 def model_test_from_p_value(name: str, p: float) -> ModelTest:
-    """Return a test of one degree of freedom with this p-value."""
+    """Return a test with one degree of freedom that has this p-value."""
     p = min(max(p, _RAREST), 1.0)
     return ModelTest(name, float(scipy.special.chdtri(1, p)), 1)

@@ -1,4 +1,4 @@
-"""Lengths of columns, and a singular value decomposition that always converges."""
+"""Column lengths, and a singular value decomposition that always converges."""
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 
@@ -10,7 +10,7 @@ from inercal.basics.arrays import Array
 
 
 def column_lengths(matrix: Array) -> Array:
-    """Return the length of each column of a matrix, (m, n), with 1 instead of zero."""
+    """Return the length of each column of a matrix, (m, n), with zeros replaced by 1."""
     size = np.linalg.norm(matrix, axis=0)
     return np.where(size > 0, size, 1.0)
 
@@ -18,9 +18,9 @@ def column_lengths(matrix: Array) -> Array:
 def svd(matrix: Array, *, full_matrices: bool = True) -> tuple[Array, Array, Array]:
     """Return U, s and Vᵀ of a finite matrix, (m, n).
 
-    LAPACK's divide and conquer (gesdd) fails on rare matrices that hold very small numbers; its
-    older algorithm (gesvd) is slower and does not. A single column needs neither: most candidates
-    of a score test have one component.
+    LAPACK's divide-and-conquer algorithm (gesdd) fails for rare matrices with very small numbers.
+    Its older algorithm (gesvd) is slower but does not fail. A single column needs neither, and most
+    candidates of a score test have one component.
     """
     if matrix.shape[1] == 1 and not full_matrices:
         length = float(np.linalg.norm(matrix))

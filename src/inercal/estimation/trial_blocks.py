@@ -1,4 +1,4 @@
-"""Least squares of many trials, in blocks, so that memory does not grow with their number."""
+"""Least squares for many trials, in blocks, so that memory does not grow with their number."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,11 +18,12 @@ from inercal.estimation.result import Estimate
 from inercal.estimation.search import search
 from inercal.estimation.whitened_problem import WhitenedProblem
 
-# No power of two: arrays of equal places modulo the size of a cache way would displace one another.
+# Not a power of two: arrays whose addresses are equal modulo the cache-way size would evict one
+# another.
 BLOCK_TRIALS = 2000
-_COMPARED = 16  # trials, of which the fits from two starts are compared
+_COMPARED = 16  # number of trials in which fits from two starts are compared
 _LEAST_BLOCK = 100  # trials
-_BLOCK_BYTES = 20e6  # of covariances and Jacobians: problems of many parameters have small blocks
+_BLOCK_BYTES = 20e6  # of covariances and Jacobians; many parameters mean small blocks
 _RESULTS = ("value", "covariance", "chi2", "residual", "whitened", "converged", "iterations")
 
 
@@ -33,26 +34,27 @@ def least_squares_of_trials(
     *,
     refined: Callable[[slice, Estimate], Problem | None] | None = None,
 ) -> Estimate:
-    """Solve the problem of each trial.
+    """Solve the problem for each trial, block by block.
 
     Parameters
     ----------
     trials : int
-        One or more.
+        Number of trials, 1 or more.
     problem_of : callable
-        From a slice to the problem of these trials, with their axis. All problems differ in numbers
-        alone, and the first trial decides which directions count as observable, as in
-        `least_squares`.
+        Function from a slice to the problem of these trials, with a trials dimension. The problems
+        differ only in numbers, and the first trial decides which directions count as observable, as
+        in `least_squares`.
     max_iterations : int, optional
-        Steps tried at most.
+        Largest number of steps to try.
     refined : callable, optional
-        From a slice and the estimate of these trials to the problem to solve next, such as with
-        another noise; its search begins at that estimate. None leaves the estimate as it is.
+        Function from a slice and the estimate of these trials to the next problem to solve, for
+        example with different noise. Its search starts at that estimate. None leaves the estimate
+        unchanged.
 
     Raises
     ------
     InputError, NotObserved
-        As `least_squares`.
+        See `least_squares`.
     """
     stages = _Stage(max_iterations), _Stage(max_iterations)
     next_problem = refined or _no_problem
@@ -76,18 +78,18 @@ def least_squares_of_trials(
         return solved
     whole = _with_room(solved, trials)
     _copy_results(solved, whole, first)
-    del solved  # a block at a time is in memory
+    del solved  # only one block at a time is in memory
     for part in others:
         _copy_results(solve(part), whole, part)
     return whole
 
 
 def _no_problem(part: slice, solved: Estimate) -> None:
-    """Leave an estimate as it is."""
+    """Return None, which leaves an estimate unchanged."""
 
 
 class _Stage:
-    """Solves problems of one structure, which the first trial decides, block by block."""
+    """A block-by-block solver for problems that share the structure of the first trial."""
 
     def __init__(self, max_iterations: int):
         self._max_iterations = max_iterations
@@ -95,15 +97,15 @@ class _Stage:
         self._start: Array | None = None
 
     def solve(self, part: slice, problem_of: Callable[[slice], Problem]) -> Estimate:
-        """Return the estimate of some trials; those of the first call begin with the first."""
+        """Return the estimate for some trials; the first call must start with the first trial."""
         if self._structure is not None:
             return self._solve_from_others(part, problem_of(part), self._structure)
         one = WhitenedProblem(problem_of(slice(0, 1)))
         structure = observability(one, one.first)
         solved = _solve_block(problem_of(part), part, structure, self._max_iterations)
         if solved.converged[0]:
-            # An accident at the solution, such as a parameter of zero, may hide what the start
-            # shows.
+            # A coincidence at the solution, such as a parameter that is zero, may hide what the
+            # start shows.
             x = solved.value[:1]
             at_solution = observability(one, one.point(x, *one.evaluate(x)))
             structure = min(structure, at_solution, key=lambda s: s.rank)
@@ -114,13 +116,13 @@ class _Stage:
     def _solve_from_others(
         self, part: slice, problem: Problem, structure: Observability
     ) -> Estimate:
-        """Return the estimate by a search from the mean of other trials, where it succeeds."""
+        """Return the estimate from a search that starts at other trials' mean, if it succeeds."""
         if self._start is not None:
             try:
                 solved = _solve_block(
                     replace(problem, start=self._start), part, structure, self._max_iterations
                 )
-            except InputError:  # it is not possible there, in some trial
+            except InputError:  # the model cannot be evaluated there in some trial
                 solved = None
             if solved is not None and solved.converged.all():
                 return solved
@@ -128,10 +130,10 @@ class _Stage:
 
 
 def _common_start(problem: Problem, solved: Estimate) -> Array | None:
-    """Return the mean solution if it fits some trials better than the start that all share.
+    """Return the mean solution if it fits some trials better than the common start.
 
-    Many sensors of one type, or one sensor with other noise in each trial, are nearer to one
-    another than to a perfect sensor. None if each trial has a start of its own.
+    Many sensors of one type, or one sensor with different noise in each trial, are closer to one
+    another than to a perfect sensor. The result is None if each trial has its own start.
     """
     if problem.normal_equations is None or problem.start.ndim > 1 or not solved.converged.all():
         return None
@@ -170,7 +172,7 @@ def _copy_results(solved: Estimate, whole: Estimate, part: slice) -> None:
 
 
 def _with_room(solved: Estimate, trials: int) -> Estimate:
-    """Return the estimate with arrays for the results of all trials."""
+    """Return the estimate with arrays large enough for the results of all trials."""
     arrays: dict[str, Any] = {}
     for name in _RESULTS:
         own = getattr(solved, name)
@@ -179,9 +181,9 @@ def _with_room(solved: Estimate, trials: int) -> Estimate:
 
 
 def _blocks(trials: int, one: WhitenedProblem) -> list[slice]:
-    """Return slices of nearly equal lengths: a short rest would be solved another way.
+    """Return slices of nearly equal lengths, because a short last block would use another solver.
 
-    The first is shorter, since the others begin at its solutions.
+    The first is shorter, because the others start at its solutions.
     """
     p = len(one.problem.names)
     most = min(BLOCK_TRIALS, max(_LEAST_BLOCK, int(_BLOCK_BYTES / (8 * p * (p + one.m)))))

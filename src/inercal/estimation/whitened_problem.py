@@ -1,8 +1,9 @@
-"""A problem in the form that solvers take: checked, whitened, priors as rows, gauges as a basis.
+"""A problem in the form needed by solvers: whitened, with priors as rows and gauges as a basis.
 
-The free coordinates t reach the parameters by x = x₀ + B t. Without gauges B is the identity;
-with gauges C x = d its columns span the null space of C (scaled), so every x is exact in C.
-Inside, everything carries the axis of trials; a problem without one has a single trial.
+The free coordinates t determine the parameters through x = x₀ + B t. Without gauges B is the
+identity. With gauges C x = d its columns span the null space of C (scaled), so every x satisfies
+the gauges exactly. Internally all arrays have a trials dimension; a problem without one has a
+single trial.
 """
 
 from collections.abc import Sequence
@@ -18,21 +19,22 @@ from inercal.estimation.singular_values import svd
 
 
 class LinearisationPoint(NamedTuple):
-    """The problem linearised at x, all with the axis of trials.
+    """The problem linearised at x; all arrays have a trials dimension.
 
-    Rows and weights that all trials share keep an axis of one, so that they are not copied.
+    Rows and weights that all trials share have length 1 in this dimension, so that they are not
+    copied.
     """
 
     x: Array  # (trials, p)
     residual: Array  # y − h(x), (trials, m)
-    rows: Array  # ∂h/∂t, (1 or trials, m, k), decorrelated where the noise is correlated
+    rows: Array  # ∂h/∂t, (1 or trials, m, k), decorrelated if the noise is correlated
     weight: Array  # factor that whitens each row, (1 or trials, m)
     whitened: Array  # whitened residual, (trials, m)
     prior: Array  # whitened μ − x, (trials, b)
 
 
 class Whitener(NamedTuple):
-    """1/sd, (1 or trials, m), or the inverse Cholesky factor, (1 or trials, m, m)."""
+    """Whitening: 1/sd, (1 or trials, m), or inverse Cholesky factors, (1 or trials, m, m)."""
 
     inverse: Array
     full: bool
@@ -44,12 +46,13 @@ class WhitenedProblem:
     Parameters
     ----------
     problem : Problem
-        It is linearised once, at its start, to check it and to learn m and the trials.
+        The problem. It is linearised once, at its start, to check it and to find m and the number
+        of trials.
 
     Raises
     ------
     InputError
-        Shapes, noise, gauges or values at the start that cannot be used.
+        Shapes, noise, gauges or values at the start are invalid.
     """
 
     def __init__(self, problem: Problem):
@@ -65,7 +68,7 @@ class WhitenedProblem:
         if any(len(lead) > 1 for lead in leads):
             raise InputError(
                 f"start, residual, Jacobian and priors have the leading shapes {leads}; give at "
-                "most one leading axis, that of trials"
+                "most one leading dimension, for the trials"
             )
         try:
             lead = np.broadcast_shapes(*leads)
@@ -99,14 +102,14 @@ class WhitenedProblem:
         self.first = self.point(
             self.start, *self._with_trials(residual, jacobian), self.first_whitener
         )
-        # Observability counts the priors of nuisances, not those of wanted parameters.
+        # Observability takes priors of nuisances into account, but not priors of wanted parameters.
         known = [prior.marginal(problem.nuisances) for prior in problem.priors]
         nuisance = [prior.rows(problem.names)[0] for prior in known if prior]
         self.nuisance_rows = np.concatenate([np.zeros((0, p)), *nuisance])
 
     @property
     def free(self) -> int:
-        """Number of free coordinates k = p − gauge rows."""
+        """Number of free coordinates, k = p − gauge rows."""
         return len(self.problem.names) if self.basis is None else self.basis.shape[1]
 
     @property
@@ -115,8 +118,8 @@ class WhitenedProblem:
         return not callable(self.problem.noise)
 
     def evaluate(self, x: Array) -> tuple[Array, Array]:
-        """Return residual (trials, m) and Jacobian (1 or trials, m, p) at x (trials, p)."""
-        # Far from the solution a model may overflow; the search rejects this point by its cost.
+        """Return the residual (trials, m) and Jacobian (1 or trials, m, p) at x (trials, p)."""
+        # Far from the solution a model may overflow; the search rejects such a point by its cost.
         with np.errstate(all="ignore"):
             residual, jacobian = self.problem.linearise(x[0] if self.single else x)
         return self._with_trials(residual, jacobian)
@@ -124,7 +127,7 @@ class WhitenedProblem:
     def point(
         self, x: Array, residual: Array, jacobian: Array, whitener: Whitener | None = None
     ) -> LinearisationPoint:
-        """Whiten a linearisation at x, by the noise that belongs to x unless another is given."""
+        """Whiten a linearisation at x, with the noise at x unless another whitening is given."""
         inverse, full = whitener or self.whitener(x)
         rows = jacobian if self.basis is None else jacobian @ self.basis
         if full:
@@ -132,13 +135,13 @@ class WhitenedProblem:
                 rows, weight = inverse @ rows, np.ones((1, self.m))
                 whitened = (inverse @ residual[..., None])[..., 0]
         else:
-            # The rows stay as they are: in a large batch another copy costs as much as the model.
+            # The rows are not copied: in a large batch a copy costs as much as the model.
             weight, whitened = inverse, inverse * residual
         prior = self.prior_target - x @ self.prior_full.T
         return LinearisationPoint(x, residual, rows, weight, whitened, prior)
 
     def whitener(self, x: Array) -> Whitener:
-        """Return the whitening at x (trials, p)."""
+        """Return the whitening for the noise at x (trials, p)."""
         if not callable(self.problem.noise):
             return self.first_whitener
         return self._whitener(self.problem.noise(x[0] if self.single else x))
@@ -163,27 +166,27 @@ class WhitenedProblem:
 
     def _noise_shape_error(self, noise: Array, expected: str) -> InputError:
         return InputError(
-            f"noise has shape {noise.shape}; expected {expected}, with no leading axis or one of "
-            f"1 or {self.trials}",
+            f"noise has shape {noise.shape}; expected {expected}, with no leading dimension, or "
+            f"with one of length 1 or {self.trials}",
             key="noise",
         )
 
 
 def prior_equations(problem: Problem, basis: Array | None) -> tuple[Array, Array, list[Array]]:
-    """Return the whitened rows of all priors, by x and by free coordinates, and their targets."""
+    """Return all priors' whitened rows, in x and in free coordinates, and their targets."""
     rows = [prior.rows(problem.names) for prior in problem.priors]
     full = np.concatenate([np.zeros((0, len(problem.names))), *(one for one, _ in rows)])
     return full, full if basis is None else full @ basis, [target for _, target in rows]
 
 
 def prior_targets(targets: Sequence[Array], trials: int) -> Array:
-    """Return the whitened means of all priors, (trials, b)."""
+    """Return the whitened prior means for all priors, (trials, b)."""
     whole = [np.broadcast_to(one, (trials, one.shape[-1])) for one in targets]
     return np.concatenate([np.zeros((trials, 0)), *whole], axis=-1)
 
 
 def require_finite(*values: Array) -> None:
-    """Refuse residuals or derivatives at the start that are not finite."""
+    """Raise an error if residuals or derivatives at the start are not finite."""
     if not all(np.isfinite(one).all() for one in values):
         raise InputError(
             "a residual or a derivative of the model is not finite at the start values; "
@@ -193,7 +196,7 @@ def require_finite(*values: Array) -> None:
 
 
 def noise_error(problem: Problem, bad: int) -> InputError:
-    """Return the refusal of the noise of an observation, by its place."""
+    """Return the error for the invalid noise of the observation with this index."""
     label = problem.observations[bad] if problem.observations else f"{bad}"
     return InputError(
         f"the standard deviation of observation {label} is not positive; give one above 0",
@@ -203,12 +206,12 @@ def noise_error(problem: Problem, bad: int) -> InputError:
 
 
 def gauge_basis(problem: Problem) -> tuple[Array | None, Array]:
-    """Return the basis B (p, k) of the moves that gauges leave, and the start moved onto them."""
+    """Return the basis B (p, k) of moves allowed by the gauges, and a start that satisfies them."""
     if not problem.gauges:
         return None, problem.start
     matrix = np.concatenate([gauge.rows(problem.names) for gauge in problem.gauges])
     value = np.concatenate([gauge.value for gauge in problem.gauges])
-    # Rows of C·scale, brought to length one, so that the rank does not depend on units.
+    # Rows of C·scale, normalised to length 1, so that the rank does not depend on units.
     scaled = matrix * problem.scale
     size = np.linalg.norm(scaled, axis=1)
     if not np.all(size > 0):

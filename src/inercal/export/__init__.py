@@ -1,8 +1,8 @@
-"""Calibrations written as files of other programs, devices and languages, and read from them.
+"""Export of calibrations to other programs, devices and languages, and import from them.
 
-`export_calibration` returns the text of a file with its error against the calibration; `TARGETS`
+`export_calibration` returns the text of a file and its error relative to the calibration; `TARGETS`
 lists the targets. A target is a module with `TARGET = Target(...)`
-(`inercal.export.target_definition`); another package registers one by the entry point
+(`inercal.export.target_definition`); another package can register one with the entry point
 `inercal.exports`.
 """
 
@@ -51,7 +51,7 @@ TARGETS: Registry[Target] = Registry(
 
 @dataclass(frozen=True)
 class Export:
-    """A calibration as the file of a target.
+    """A calibration exported as the file of a target.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ class Export:
     text : str
         The content of the file.
     costs : tuple of Cost
-        Errors against the calibration over its range, by kind of motion.
+        Errors relative to the calibration over its range, for each kind of motion.
     losses : tuple of Loss
-        What the target cannot hold.
+        Terms that the target cannot represent.
     header : tuple of str
-        The explanation in the file, line by line.
+        Lines of the explanation in the file.
     """
 
     target: Target
@@ -87,7 +87,7 @@ def export_calibration(
     source: str = "",
     name: str = "",
 ) -> Export:
-    """Return a calibration as the file of a target, with its error against the calibration.
+    """Export a calibration as the file of a target, with its error relative to the calibration.
 
     Parameters
     ----------
@@ -95,28 +95,28 @@ def export_calibration(
     to : str
         Name of the target, one of `TARGETS`.
     options : mapping of str to object, optional
-        Options of the target, by name.
+        Options for the target, by name.
     axes : str
-        The target's x, y and z along the body's axes, "x -y -z" from front-left-up to
-        front-right-down; the channels of the sensor turn with the axes.
+        The target's x, y and z in terms of the body's axes: "x -y -z" converts front-left-up to
+        front-right-down. The channels of the sensor are rotated with the axes.
     lossless : bool
-        Whether to refuse an export whose error exceeds U (k = 2) of the calibration, or is not
-        known because a quantity is not measured or its range is not stated.
+        Whether to reject an export whose error exceeds U (k = 2) of the calibration, or whose error
+        is unknown because a quantity is not measured or its range is not stated.
     refit : bool
         Whether scale factors, misalignments and biases are fitted over the range, for a target
-        that holds no nonlinear terms. Without `refit` the nonlinear terms are left out.
+        without nonlinear terms. Without `refit` the nonlinear terms are omitted.
     force, rate, temperature : (float, float), optional
-        Range of each axis, m/s², rad/s and K; those of the calibration's data by default.
+        Ranges of each axis, m/s², rad/s and K; by default those of the calibration's data.
     source : str
-        Name of the calibration file, for the explanation in the file.
+        Name of the calibration file, for the explanation in the exported file.
     name : str
-        For names in code; the sensor's name by default.
+        Name used in generated code; by default the sensor's name.
 
     Raises
     ------
     InputError
-        No such target, an option that is missing or wrong, a sensor that the target cannot take, or
-        an error that is above U or not known, with `lossless`.
+        There is no such target, an option is missing or invalid, the target cannot represent the
+        sensor, or, with `lossless`, the error exceeds U or is unknown.
     """
     target = TARGETS.find(to)
     resolved = resolve_options(target.name, target.options, options or {})
@@ -165,7 +165,7 @@ def export_calibration(
 
 
 def identifier(text: str) -> str:
-    """Return a name for code: letters, digits and underscores of a text, in small letters.
+    """Return a name for code, made of a text's letters, digits and underscores in lower case.
 
     >>> identifier("IMU-7 (left)")
     'imu_7_left'

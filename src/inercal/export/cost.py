@@ -1,8 +1,8 @@
-"""What an export loses: the correction of the target against `Calibration.correct`.
+"""Loss of accuracy in an export: the target's correction compared with `Calibration.correct`.
 
-Motions that fill the calibrated range are turned into output by the calibration's own model. The
-error is the motion by the target minus the motion by `correct`; U is the expanded uncertainty
-(k = 2) of the motion by `correct`, from the calibration's covariance::
+The calibration's own model converts motions that fill the calibrated range to output. The error is
+the motion found by the target minus the motion found by `correct`. U is the expanded uncertainty (k
+= 2) of the latter, from the calibration's covariance::
 
     u²(x) = J C Jᵀ,   J = −(∂y/∂x)⁻¹ ∂y/∂c
 """
@@ -27,22 +27,23 @@ from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.basis_functions import Basis
 
 _FLOAT32 = 2.0**-24
-_ROUNDINGS = 16  # of a target that computes in single precision: sums of some products
+_ROUNDINGS = 16  # relative rounding error of a single-precision target, which adds a few products
 
 
 @dataclass(frozen=True)
 class Cost:
-    """The error of the export in one kind of motion.
+    """The error of an export for one kind of motion.
 
     Parameters
     ----------
     measures : "f" or "w"
     largest, rms : float
-        Of the error's components over the range, m/s² or rad/s.
+        Largest and rms error of a component over the range, m/s² or rad/s.
     expanded : float
-        U (k = 2) of the correction where the error is largest.
+        U (k = 2) of the correction at the point where the error is largest.
     exceeds : bool
-        Whether the error of a component exceeds both its U and rounding somewhere in the range.
+        Whether the error of a component exceeds both its U and the rounding error somewhere in the
+        range.
     """
 
     measures: Measures
@@ -60,13 +61,13 @@ class Loss:
     ----------
     measures : "f" or "w"
     word : str
-        "misalignment".
+        Word for the terms, such as "misalignment".
     names : tuple of str
-        The coefficients.
+        Names of the coefficients.
     effect : float
-        The largest reading that they make over the range, m/s² or rad/s; NaN if it is unknown.
+        Their largest effect on a reading over the range, m/s² or rad/s; NaN if it is unknown.
     unknown : str
-        Why the effect is unknown; otherwise empty.
+        Reason why the effect is unknown; otherwise empty.
     """
 
     measures: Measures
@@ -76,7 +77,7 @@ class Loss:
     unknown: str = ""
 
     def effect_text(self, size: str = "") -> str:
-        """Return the effect in words; `size` is that of the effect, else it is in ASCII, SI."""
+        """Return the effect in words, with its `size` as given or else in SI units as ASCII."""
         if self.unknown:
             return f"effect unknown: {self.unknown}"
         size = size or f"{self.effect:.3g} {QUANTITIES[self.measures].ascii_unit}"
@@ -85,17 +86,17 @@ class Loss:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Motions over the range with their readings and corrections; rows agree.
+    """Motions over the range with their readings and corrections, row by row.
 
     Parameters
     ----------
     motion : Motion
     readings : (n, k) array
-        SI, of the target's channels.
+        Readings of the target's channels, SI.
     corrected : (n, k) array
-        Of `Calibration.correct`, in the target's axes.
+        Result of `Calibration.correct`, in the target's axes.
     dT : (n,) array
-        K from the reference.
+        Temperature difference from the reference, K.
     """
 
     motion: Motion
@@ -105,7 +106,7 @@ class Samples:
 
 
 def sample(model: ExportModel, ranges: Ranges) -> Samples:
-    """Return motions over the ranges, with readings and corrections by the calibration.
+    """Return motions over the ranges, with the calibration's readings and corrections.
 
     Raises
     ------
@@ -121,7 +122,7 @@ def sample(model: ExportModel, ranges: Ranges) -> Samples:
 def possible_samples(
     model: ExportModel, samples: Samples, possible: Callable[[Array], Array]
 ) -> Samples:
-    """Return samples whose readings are the nearest ones that the target accepts."""
+    """Return samples whose readings are rounded to values that the target accepts."""
     readings = possible(samples.readings)
     y = np.zeros((len(readings), len(model.sensor.axes)))
     for k, (_, triad) in enumerate(model.triads):
@@ -130,7 +131,7 @@ def possible_samples(
 
 
 def _corrected(model: ExportModel, motion: Motion, y: Array) -> Samples:
-    """Return samples of readings y, (n, m), in SI of the sensor's axes."""
+    """Return samples for readings y, (n, m), in SI, of the sensor's axes."""
     calibration, sensor = model.calibration, model.sensor
     output = sensor.to_output(y)
     dT = np.broadcast_to(np.asarray(motion.dT, dtype=float), y.shape[:1])
@@ -147,7 +148,7 @@ def _corrected(model: ExportModel, motion: Motion, y: Array) -> Samples:
 def costs(
     model: ExportModel, samples: Samples, correct: Callable[[Array, Array], Array]
 ) -> tuple[Cost, ...]:
-    """Return the error of a target's correction, by kind of motion."""
+    """Return the errors of a target's correction for each kind of motion."""
     error = correct(samples.readings, samples.dT) - samples.corrected
     expanded = _expanded(model, samples)
     found: list[Cost] = []
@@ -171,7 +172,7 @@ def costs(
 def losses(
     model: ExportModel, samples: Samples, target: Target, rendering: Rendering
 ) -> tuple[Loss, ...]:
-    """Return the terms of a calibration that a target cannot represent, and their effect."""
+    """Return the terms of a calibration that a target cannot represent, and their effects."""
     holds = target.holds if rendering.holds is None else rendering.holds
     sensor, values = model.sensor, model.calibration.values
     complete = sensor.forward(samples.motion, values)
@@ -205,7 +206,7 @@ def losses(
 
 
 def _unmeasured(sensor: Sensor, basis: Basis) -> str:
-    """Return the quantity of a term that no axis of the sensor measures; "" if there is none."""
+    """Return a quantity in a term that no axis of the sensor measures, or "" if none."""
     kinds = {axis.measures for axis in sensor.axes}
     if "f" not in kinds and basis.uses("fi", "fp", "fo", "si"):
         return "specific force"
@@ -215,7 +216,7 @@ def _unmeasured(sensor: Sensor, basis: Basis) -> str:
 
 
 def _expanded(model: ExportModel, samples: Samples) -> Array:
-    """Return U (k = 2) of what `correct` gives, (n, k), in the target's axes."""
+    """Return U (k = 2) of the result of `correct`, (n, k), in the target's axes."""
     calibration: Calibration = model.calibration
     kinds = [kind for kind, _ in model.triads]
     columns = [k for k in range(6) if ("f" if k < 3 else "w") in kinds]

@@ -1,4 +1,4 @@
-"""The explanation that every exported file holds, in ASCII: a device may have no other letters."""
+"""The explanation in every exported file, in ASCII because devices may support nothing else."""
 
 import textwrap
 import unicodedata
@@ -25,7 +25,7 @@ _ASCII = str.maketrans(
 
 
 def plain_text(text: str) -> str:
-    """Return a text as one line of ASCII that cannot end a comment.
+    """Return a text as one ASCII line that cannot end a comment.
 
     >>> plain_text("µg */ B²")
     'ug * / B^2'
@@ -49,14 +49,14 @@ def header_lines(
     source: str = "",
     refitted: bool = False,
 ) -> tuple[str, ...]:
-    """Return the explanation of a file.
+    """Return the lines of explanation for a file.
 
     Parameters
     ----------
     model, target, rendering, samples, ranges
     costs, losses : sequences of Cost and of Loss
     with_bias : sequence of Cost
-        Where the target estimates the bias.
+        Errors with the bias included, if the target estimates the bias itself.
     source : str
         Name of the calibration file; empty if there is none.
     refitted : bool
@@ -124,7 +124,7 @@ def _frame_text(model: ExportModel) -> str:
     names = [
         ("-" if row.sum() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in model.turn
     ]
-    return f"{text} with axes {' '.join(names)}; the channels are turned with them"
+    return f"{text} with axes {' '.join(names)}; the channels are rotated with them"
 
 
 def _loss_text(one: Loss) -> str:
@@ -163,7 +163,7 @@ def _celsius(model: ExportModel) -> float:
 
 
 def _check_text(model: ExportModel, rendering: Rendering, samples: Samples) -> str:
-    """Return a reading and its correction by the target."""
+    """Return text with a reading and the target's correction of it."""
     readings, dT = samples.readings[-1:], samples.dT[-1:]
     corrected = rendering.correct(readings, dT)[0]
     at = f" at {_celsius(model) + float(dT[0]):.6g} degC" if model.sensor.uses("dT") else ""

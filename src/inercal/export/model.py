@@ -1,11 +1,11 @@
-"""A calibration in the terms of a target: matrices and biases of triads, in the target's axes.
+"""A calibration as matrices and biases of triads, in the axes of an export target.
 
     y = M f + b + Σ b_k ΔT^k              accelerometers, m/s²
     y = G ω + A f + b + Σ b_k ΔT^k        gyros, rad/s
 
-y is a reading after the nominal readout, y = (output − offset)/scale. Where the target's axes are
-other than the body's, by a signed permutation S, vectors and channels turn together:
-M′ = S M Sᵀ, b′ = S b; G and A as M.
+y is a reading after the nominal readout, y = (output − offset)/scale. If the target's axes differ
+from the body's by a signed permutation S, vectors and channels are rotated together: M′ = S M Sᵀ,
+b′ = S b; G and A transform like M.
 """
 
 from collections.abc import Sequence
@@ -27,22 +27,22 @@ from inercal.physics.sensors import Readout, Sensor
 
 @dataclass(frozen=True, eq=False)
 class Triad:
-    """Three axes of one kind in the target's axes.
+    """Three sensor axes of one kind, expressed in the target's axes.
 
     Parameters
     ----------
     rows : tuple of 3 int
-        The sensor's axis of each channel of the target.
+        Index of the sensor axis for each channel of the target.
     signs : (3,) array
-        Sign of each channel against that axis.
+        Sign of each channel relative to that axis.
     matrix : (3, 3) array
-        Readings by the motion.
+        Matrix from the motion to readings.
     bias : (3,) array
-        m/s² or rad/s, at the reference temperature.
+        Bias at the reference temperature, m/s² or rad/s.
     bias_powers : (k, 3) array
         Coefficients of ΔT, ΔT², …, SI.
     scale, offset : (3,) arrays
-        Of the nominal readout, output units.
+        Nominal readout, in output units.
     unit : str
         Output unit.
     """
@@ -58,11 +58,11 @@ class Triad:
 
     @cached_property
     def correction(self) -> Array:
-        """Inverse of the matrix, (3, 3)."""
+        """The inverse of the matrix, (3, 3)."""
         return np.asarray(np.linalg.inv(self.matrix), dtype=float)
 
     def bias_at(self, dT: Array) -> Array:
-        """Return the bias, (n, 3), at temperatures dT, (n,), from the reference."""
+        """Return the bias, (n, 3), at temperature differences dT, (n,), from the reference."""
         total = np.broadcast_to(self.bias, (dT.size, 3)).copy()
         for power, coefficients in enumerate(self.bias_powers, start=1):
             total += dT[:, None] ** power * coefficients
@@ -71,13 +71,13 @@ class Triad:
 
 @dataclass(frozen=True, eq=False)
 class ExportModel:
-    """A calibration in the target's axes; see the module.
+    """A calibration in the axes of a target; see the module docstring.
 
     Parameters
     ----------
     calibration : Calibration
     turn : (3, 3) array
-        S, from body axes to the target's.
+        S, the rotation from body axes to the target's axes.
     accelerometer, gyro : Triad or None
     g_sensitivity : (3, 3) array
         A, (rad/s)/(m/s²).
@@ -96,7 +96,7 @@ class ExportModel:
 
     @cached_property
     def triads(self) -> tuple[tuple[Measures, Triad], ...]:
-        """The triads that there are, accelerometers first."""
+        """The available triads, accelerometers first."""
         found: list[tuple[Measures, Triad]] = []
         if self.accelerometer is not None:
             found.append(("f", self.accelerometer))
@@ -106,7 +106,7 @@ class ExportModel:
 
     @cached_property
     def matrix(self) -> Array:
-        """[M 0; A G] or the one block that there is, (n, n)."""
+        """The matrix [M 0; A G], or its only block if there is one triad, (n, n)."""
         blocks = [triad.matrix for _, triad in self.triads]
         joint = np.zeros((3 * len(blocks),) * 2)
         for k, block in enumerate(blocks):
@@ -117,24 +117,24 @@ class ExportModel:
 
     @cached_property
     def correction(self) -> Array:
-        """Inverse of `matrix`, (n, n): its lower left block is −G⁻¹ A M⁻¹."""
+        """The inverse of `matrix`, (n, n), whose lower left block is −G⁻¹ A M⁻¹."""
         return np.asarray(np.linalg.inv(self.matrix), dtype=float)
 
     def joined(self, what: Literal["bias", "scale", "offset"]) -> Array:
-        """Return a quantity of all channels, (n,)."""
+        """Return a quantity for all channels, (n,)."""
         return np.concatenate([getattr(triad, what) for _, triad in self.triads])
 
     def readings(self, output: Array) -> Array:
-        """Return readings in SI, (n, k), of the target's channels from the sensor's output."""
+        """Convert the sensor's output to readings of the target's channels in SI, (n, k)."""
         y = self.sensor.to_si(output)
         return np.concatenate([y[:, list(t.rows)] * t.signs for _, t in self.triads], axis=-1)
 
     def outputs(self, readings: Array) -> Array:
-        """Return the output, (n, k), of the target's channels for readings in SI."""
+        """Convert readings in SI to the output of the target's channels, (n, k)."""
         return self.joined("offset") + self.joined("scale") * readings
 
     def motion(self, motion: Motion) -> Array:
-        """Return f, then ω, (n, k), of the kinds that there are, in the target's axes."""
+        """Return f and ω, as far as the sensor measures them, in the target's axes, (n, k)."""
         parts = {"f": motion.f, "w": motion.w}
         return np.concatenate([parts[kind] @ self.turn.T for kind, _ in self.triads], axis=-1)
 
@@ -144,7 +144,7 @@ class ExportModel:
         Raises
         ------
         InputError
-            The sensor has none.
+            The sensor has no such triad.
         """
         for have, triad in self.triads:
             if have == kind:
@@ -159,21 +159,21 @@ class ExportModel:
 def export_model(
     calibration: Calibration, axes: str = "x y z", refit: tuple[Motion, Array] | None = None
 ) -> ExportModel:
-    """Return a calibration in the terms of a target.
+    """Convert a calibration to the matrices and axes of a target.
 
     Parameters
     ----------
     calibration : Calibration
     axes : str
-        The target's x, y and z along the body's axes: "x -y -z" takes front-left-up to
+        The target's x, y and z in terms of the body's axes: "x -y -z" converts front-left-up to
         front-right-down.
     refit : (Motion, (n, m) array), optional
-        Motions and their readings in SI, to which the linear terms are fitted by least squares.
+        Motions with their readings in SI, to which the linear terms are fitted by least squares.
 
     Raises
     ------
     InputError
-        `axes` is no right-handed choice, or there are not three accelerometers or three gyros.
+        `axes` is not right-handed, or there are not three accelerometers or three gyros.
     """
     if calibration.sensor.form == "tilted" and set(_kinds(calibration.sensor)) <= LINEAR:
         calibration = calibration.in_form("reference")
@@ -209,7 +209,7 @@ def export_model(
 def _turned_rows(
     sensor: Sensor, kind: str, rows: Sequence[int], turn: Array
 ) -> tuple[tuple[int, ...], tuple[Readout, ...]]:
-    """Return the sensor's axis of each channel of the target, and its readout."""
+    """Return the sensor axis and the readout for each channel of the target."""
     if len(rows) != 3:
         raise InputError(
             f"sensor {sensor.name} has {len(rows)} {QUANTITIES[kind].sensors}; an export needs "
@@ -228,12 +228,12 @@ def _turned_rows(
 
 
 def parse_axes(text: str) -> Array:
-    """Return S, (3, 3), of axes such as "x -y -z".
+    """Return the signed permutation S, (3, 3), for axes such as "x -y -z".
 
     Raises
     ------
     InputError
-        Not three different axes, or a left-handed choice.
+        The axes are not three different ones, or they are left-handed.
     """
     words = text.replace(",", " ").split()
     plain = [word.lstrip("+-") for word in words]
@@ -259,7 +259,7 @@ def _linear_part(calibration: Calibration) -> tuple[Array, Array]:
     sensor = calibration.sensor
     kept = [kind in LINEAR for kind in _kinds(sensor)]
     c = np.where(kept, calibration.values, 0.0)
-    # A linear model needs no sign or temperature, and is exact in differences of unit motions.
+    # A linear model has no sign or temperature terms, so differences of unit motions are exact.
     sensor = replace(sensor, coefficients=tuple(np.array(sensor.coefficients)[kept].tolist()))
     sensed = np.concatenate([np.zeros((1, 6)), np.eye(6)])
     y = sensor.forward(Motion(sensed[:, :3], sensed[:, 3:]), c[kept])
@@ -267,7 +267,7 @@ def _linear_part(calibration: Calibration) -> tuple[Array, Array]:
 
 
 def _fitted(calibration: Calibration, motion: Motion, readings: Array) -> tuple[Array, Array]:
-    """Return slope (m, 6) and bias (m,) of the least-squares fit that is linear in f and ω."""
+    """Return slope (m, 6) and bias (m,) from a least-squares fit that is linear in f and ω."""
     n = readings.shape[0]
     sensed = [np.broadcast_to(v, (n, 3)) for v in (motion.f, motion.w)]
     columns = np.concatenate([*sensed, np.ones((n, 1))], axis=1)
@@ -281,7 +281,7 @@ def _fitted(calibration: Calibration, motion: Motion, readings: Array) -> tuple[
 
 
 def _bias_powers(calibration: Calibration) -> Array:
-    """Return the coefficients of ΔT, ΔT², … of each axis, (k, m)."""
+    """Return the bias coefficients of ΔT, ΔT², … for each axis, (k, m)."""
     sensor = calibration.sensor
     kinds = kinds_of(sensor)
     highest = max((order for _, kind, order in kinds if kind == "bias_temperature"), default=0)

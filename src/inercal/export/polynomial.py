@@ -1,11 +1,11 @@
-"""Corrections as code: the matrix, the nonlinear and temperature terms, and the number of passes.
+"""Corrections as code: matrix, nonlinear and temperature terms, and number of passes.
 
 With y = M x + b + n(x, ΔT), in the sensor's own output units s y + o, the motion x is the limit of
 
-    x ← C (output − o − s n(x, ΔT)),   C = M⁻¹/s,   beginning with n = 0
+    x ← C (output − o − s n(x, ΔT)),   C = M⁻¹/s,   starting with n = 0
 
-The number of passes that the calibrated range needs is written as a constant, so that a device
-tests no convergence. n is written out from the declarations of the basis functions.
+The number of passes needed over the calibrated range is written as a constant, so that a device
+need not test convergence. n is generated from the declarations of the basis functions.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +26,7 @@ from inercal.export.term_kinds import DERIVATIVES, LINEAR, kinds_of
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
 
-_SETTLED = 1e-10  # of the range, between two passes
+_SETTLED = 1e-10  # largest change between two passes, relative to the range
 _MAX_PASSES = 30
 _PARALLEL = 1e-12
 _COMPONENTS = {"fi": 0, "fp": 1, "fo": 2, "wi": 0, "wp": 1, "wo": 2}
@@ -34,16 +34,16 @@ _COMPONENTS = {"fi": 0, "fp": 1, "fo": 2, "wi": 0, "wp": 1, "wo": 2}
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a language writes numbers, products, and the parts of the motion.
+    """The notation of a language for numbers, products and motion components.
 
     Parameters
     ----------
     number : callable
-        float -> text.
+        Function float -> text.
     component : str
-        Component of the motion, with {} for its index.
+        Expression for a motion component, with {} for its index.
     sign : str
-        Sign of a variable, with {0} for its name.
+        Expression for the sign of a variable, with {0} for its name.
     times : str
     first : int
         The first index of the language.
@@ -64,7 +64,7 @@ class CodeModel:
     ----------
     model : ExportModel
     limits : (float, float) or None
-        °C, between which temperatures are clipped; None if no range is stated.
+        Limits to which temperatures are clipped, °C; None if no range is stated.
     passes : int
         Number of passes; 0 for a linear model.
     """
@@ -75,12 +75,12 @@ class CodeModel:
 
     @cached_property
     def matrix(self) -> Array:
-        """C, (n, n), by output units."""
+        """The matrix C, (n, n), per output unit."""
         return self.model.correction / self.model.joined("scale")
 
     @cached_property
     def offset(self) -> Array:
-        """The output at rest, o + s b, (n,)."""
+        """The output without motion, o + s b, (n,)."""
         return self.model.outputs(self.model.joined("bias"))
 
     @property
@@ -90,18 +90,18 @@ class CodeModel:
 
     @property
     def reference(self) -> float:
-        """Reference temperature, °C."""
+        """The reference temperature, °C."""
         return self.model.sensor.reference_temperature - ZERO_CELSIUS
 
     def correct(self, readings: Array, dT: Array, digits: type[Any] = np.float64) -> Array:
-        """Return the motion, (n, k), of readings in SI as the code computes it.
+        """Return the motion, (n, k), that the code computes from readings in SI.
 
         Parameters
         ----------
         readings : (n, k) array
         dT : (n,) array
         digits : type
-            numpy.float32 or numpy.float64, of numbers and constants.
+            Number type of variables and constants, numpy.float32 or numpy.float64.
         """
         output = self.model.outputs(readings).astype(digits)
         matrix, offset = self.matrix.astype(digits), self.offset.astype(digits)
@@ -116,7 +116,7 @@ class CodeModel:
 
 
 def code_model(request: Request) -> CodeModel:
-    """Return the correction of a calibration as code.
+    """Return a calibration's correction as code.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def code_model(request: Request) -> CodeModel:
 
 
 def nonlinear(model: ExportModel, x: Array, dT: Array) -> Array:
-    """Return n(x, ΔT), SI, (n, k), of the target's channels at a motion (n, k)."""
+    """Return n(x, ΔT), SI, (n, k), for the target's channels at a motion (n, k)."""
     parts = {kind: x[:, 3 * k : 3 * k + 3] @ model.turn for k, (kind, _) in enumerate(model.triads)}
     zero = np.zeros((1, 3))
     motion = Motion(parts.get("f", zero), parts.get("w", zero), zero, dT)
@@ -164,9 +164,9 @@ def nonlinear(model: ExportModel, x: Array, dT: Array) -> Array:
 
 
 def statements(model: ExportModel, dialect: Dialect) -> tuple[dict[str, str], list[str]]:
-    """Return auxiliary variables by name, and the expression of s n for each channel, "" for 0.
+    """Return auxiliary variables by name, and each channel's expression for s n, "" for 0.
 
-    `dT` is the temperature from the reference, K.
+    `dT` is the temperature difference from the reference, K.
     """
     sensor = model.sensor
     names = _nonlinear_names(model)
@@ -175,7 +175,7 @@ def statements(model: ExportModel, dialect: Dialect) -> tuple[dict[str, str], li
     lines: list[str] = []
     scales = model.joined("scale")
     channel = 0
-    # Where the components of each kind of motion begin; one that is not measured is 0.
+    # Start index of each kind of motion; motion that is not measured is 0.
     starts = {kind: dialect.first + 3 * k for k, (kind, _) in enumerate(model.triads)}
     for _, triad in model.triads:
         for row, sign in zip(triad.rows, triad.signs.tolist(), strict=True):
@@ -204,7 +204,7 @@ def _variable(
     starts: Mapping[str, int],
     made: dict[str, str],
 ) -> str:
-    """Return the variable of a component of the motion along an axis, added to `made` once."""
+    """Return the variable for a motion component along an axis; add it to `made` once."""
     if component == "dT":
         return "dT"
     if component in ("si", "swi"):
@@ -213,7 +213,7 @@ def _variable(
         made.setdefault(f"sign_{along}", dialect.sign.format(along))
         return f"sign_{along}"
     kind, k = component[0], _COMPONENTS[component]
-    # Only the input axis of the own kind is tilted by the misalignments.
+    # Misalignments tilt only the input axis of the same kind of sensor.
     vector = directions[k if kind == measures or k else 3]
     parts = np.flatnonzero(np.abs(vector) > _PARALLEL).tolist()
     for j in parts:
@@ -231,7 +231,7 @@ def _variable(
 
 
 def _directions(model: ExportModel, row: int) -> Array:
-    """Return I (tilted as in the tilted form), P, O and the nominal I, (4, 3), in target axes."""
+    """Return I (tilted as in the tilted form), P, O and nominal I, (4, 3), in target axes."""
     sensor = model.sensor
     axis = sensor.axes[row]
     frame = axis.frame
@@ -245,7 +245,7 @@ def _directions(model: ExportModel, row: int) -> Array:
 
 
 def _held(model: ExportModel) -> Sensor:
-    """Return the sensor with the terms that code holds."""
+    """Return the sensor with only the terms that code supports."""
     kept = tuple(
         name
         for name, (_, kind, _) in zip(

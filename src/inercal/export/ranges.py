@@ -1,4 +1,4 @@
-"""The ranges over which an export is compared with its calibration, and motions that fill them."""
+"""The ranges in which an export is compared with its calibration, and motions that fill them."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -20,14 +20,14 @@ _SEED = 20261
 
 @dataclass(frozen=True)
 class Ranges:
-    """Ranges per axis; `assumed` names those that neither the calibration nor the user states.
+    """Ranges per axis; `assumed` lists those stated neither in the calibration nor by the user.
 
     Parameters
     ----------
     force, rate : (float, float)
-        m/s² and rad/s.
+        Ranges of force and rate, m/s² and rad/s.
     temperature : (float, float) or None
-        K; None if the calibration states none.
+        Range of temperature, K; None if the calibration states none.
     assumed : tuple of str
     """
 
@@ -44,19 +44,19 @@ def calibrated_ranges(
     rate: Range | None = None,
     temperature: Range | None = None,
 ) -> Ranges:
-    """Return the stated ranges, or else those of the calibration's data, or ±1 g and ±1 rad/s.
+    """Return the stated ranges, those of the calibration's data, or ±1 g and ±1 rad/s.
 
     Parameters
     ----------
     calibration : Calibration
     force, rate, temperature : (float, float), optional
-        m/s², rad/s, K; they replace the ranges of the data.
+        Stated ranges, m/s², rad/s and K, which replace those of the data.
 
     Raises
     ------
     InputError
-        A range whose upper end is not above its lower end, or temperatures beyond those of the
-        calibration where its model depends on them.
+        The upper end of a range is not above its lower end, or the model depends on temperature and
+        the stated temperatures are outside those of the calibration.
     """
     known = {} if calibration.validity is None else calibration.validity.ranges
     for name, stated in (("force", force), ("rate", rate), ("temperature", temperature)):
@@ -75,7 +75,8 @@ def calibrated_ranges(
             "give a temperature within",
         )
     kinds = {axis.measures for axis in calibration.sensor.axes}
-    # Of gyros the range of specific force is not assumed: on a rate table they sense gravity.
+    # A sensor with only gyros gets no note on an assumed range of specific force, because on a rate
+    # table it senses gravity.
     assumed = [n for n, k in (("force", "f"), ("rate", "w")) if k in kinds and n not in known]
     return Ranges(
         known.get("force", (-G0, G0)),
@@ -86,7 +87,7 @@ def calibrated_ranges(
 
 
 def sample_motions(calibration: Calibration, ranges: Ranges) -> Motion:
-    """Return motions that fill the ranges: all corners, and 10⁴ random ones.
+    """Return motions that fill the ranges: all corners and 10⁴ random motions.
 
     Kinds of motion that the sensor does not measure are zero.
     """
@@ -108,21 +109,21 @@ def sample_motions(calibration: Calibration, ranges: Ranges) -> Motion:
 def temperature_limits(
     ranges: Ranges, target: str, lowest: float | None = None, highest: float | None = None
 ) -> Range:
-    """Return the temperatures between which an export corrects, °C.
+    """Return the temperature limits of an export's correction, °C.
 
     Parameters
     ----------
     ranges : Ranges
     target : str
-        For the message.
+        Name of the target for messages.
     lowest, highest : float, optional
-        °C, as the user states them.
+        Limits stated by the user, °C.
 
     Raises
     ------
     InputError
-        Neither the calibration nor the user states them, or the user states others than those of
-        the calibration.
+        Neither the calibration nor the user states limits, or the user's limits are outside those
+        of the calibration.
     """
     known = ranges.temperature
     low = lowest if known is None or lowest is not None else known[0] - ZERO_CELSIUS

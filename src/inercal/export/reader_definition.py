@@ -1,4 +1,4 @@
-"""What a file of another program states of a sensor."""
+"""Data structures for sensor calibrations stated in files of other programs."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -17,20 +17,20 @@ REFERENCE = Sensor("", ()).reference_temperature
 
 @dataclass(frozen=True, eq=False)
 class StatedTriad:
-    """What a file states of three axes; None if it states nothing.
+    """Values that a file states for three axes; None if a value is not stated.
 
     Parameters
     ----------
     matrix : (3, 3) array or None
-        Readings by the motion.
+        Matrix from the motion to readings.
     scale : (3,) array or None
-        The same on the axes, where nothing is stated across them.
+        Diagonal of this matrix, if the file states no cross-axis elements.
     bias : (3,) array or None
         Reading without motion, at the reference temperature.
     bias_powers : (k, 3) array
-        Coefficients of the temperature from the reference, its square, …, SI.
+        Coefficients of the temperature difference from the reference, its square, …, SI.
     sensitivity : (3, 3) array or None
-        Of gyros, (rad/s)/(m/s²) or output units per m/s².
+        Acceleration sensitivity of gyros, (rad/s)/(m/s²) or output units per m/s².
     """
 
     matrix: Array | None = None
@@ -42,21 +42,21 @@ class StatedTriad:
 
 @dataclass(frozen=True, eq=False)
 class StatedCalibration:
-    """What a file states of a sensor.
+    """The calibration of a sensor as stated in a file.
 
     Parameters
     ----------
     accelerometer, gyro : StatedTriad or None
     frame : Frame
-        Of the misalignments.
+        Frame of the misalignments.
     own_frame : bool
-        Whether the frame is one that the program chose by the accelerometers' axes.
+        Whether the program defines the frame by the accelerometers' axes.
     output : bool
-        Whether readings are the sensor's own output, not SI.
+        Whether readings are in the sensor's own output units instead of SI.
     units : (str, str) or None
-        Units of the output of accelerometers and gyros, where the file states them.
+        Output units of accelerometers and gyros, if the file states them.
     reference_temperature : float
-        K.
+        Reference temperature, K.
     notes : tuple of str
     """
 
@@ -72,13 +72,13 @@ class StatedCalibration:
 
 @dataclass(frozen=True)
 class CalibrationReader:
-    """A format of calibrations of another program.
+    """The reader for a calibration format of another program.
 
     Parameters
     ----------
     name, meaning : str
     read : callable
-        (text, options) -> StatedCalibration.
+        Function (text, options) -> StatedCalibration.
     options : tuple of TargetOption
     """
 
@@ -91,17 +91,17 @@ class CalibrationReader:
 def parameter_calibration(
     program: str, triads: Mapping[str, StatedTriad], references: set[float], parameter: str
 ) -> StatedCalibration:
-    """Return the calibration that the parameters of a flight controller state.
+    """Return the calibration stated by the parameters of a flight controller.
 
     Parameters
     ----------
     program : str
-        Its name, for the note.
+        Name of the program, for the note.
     triads : mapping of "f" or "w" to StatedTriad
     references : set of float
         Reference temperatures of the triads that have one, K.
     parameter : str
-        Name of the parameter of the reference temperature.
+        Name of the reference temperature's parameter.
 
     Raises
     ------

@@ -1,14 +1,14 @@
-"""Calibrations that other programs made, read into a `Calibration` without covariance.
+"""Import of calibrations made by other programs as a `Calibration` without covariance.
 
-Their files state no uncertainties: the covariance is zero, a note states it, and `inercal compare`
-compares differences with the U of only the other calibration. Each format is a module with
-`READER = CalibrationReader(...)`; a package of its own registers one by the entry point
+Such files state no uncertainties, so the covariance is zero, a note states this, and
+`inercal compare` compares differences only with the U of the other calibration. Each format is a
+module with `READER = CalibrationReader(...)`; other packages can register one with the entry point
 `inercal.calibration_readers`.
 
-Coefficients of matrices and biases are the inverse of `inercal.export.model`: an axis with I, P, O
-reads f_I (1 + k1) + δ_O f_P − δ_P f_O + k0 (reference form), so that with row r of the matrix
-k1 = r·I − 1, δ_O = r·P, δ_P = −r·O; the same for gyros, and with row r of A g_i = r·I, g_p = r·P,
-g_o = r·O.
+The conversion from matrices and biases to coefficients is the inverse of `inercal.export.model`. An
+axis with directions I, P, O reads f_I (1 + k1) + δ_O f_P − δ_P f_O + k0 (reference form). With row
+r of the matrix this gives k1 = r·I − 1, δ_O = r·P and δ_P = −r·O. Gyros are treated in the same
+way, and row r of A gives g_i = r·I, g_p = r·P and g_o = r·O.
 """
 
 import hashlib
@@ -41,7 +41,7 @@ READERS: Registry[CalibrationReader] = Registry(
         for name in ("imu_tk", "imucal", "kalibr", "px4", "ardupilot")
     },
 )
-_LARGEST = 4 << 20  # bytes: parameters of a flight controller are 100 kilobytes
+_LARGEST = 4 << 20  # bytes; the parameters of a flight controller take about 100 kilobytes
 WITHOUT_COVARIANCE = "imported without covariance, so its uncertainties are not known"
 _LARGEST_SCALE_ERROR = 0.5
 
@@ -54,7 +54,7 @@ def import_calibration(
     options: Mapping[str, Any] | None = None,
     name: str = "",
 ) -> Calibration:
-    """Return the calibration of a file that another program made.
+    """Import a calibration from a file made by another program.
 
     Parameters
     ----------
@@ -62,22 +62,22 @@ def import_calibration(
     of : str
         Name of the format, one of `READERS`.
     like : Calibration, optional
-        A calibration of the same sensor: its axes with their names and readouts are taken, so that
-        both can be compared. Otherwise axes are ax, ay, az, gx, gy, gz with readings in SI.
+        A calibration of the same sensor, whose axes, names and readouts are used so that the two
+        can be compared. By default the axes are ax, ay, az, gx, gy, gz with readings in SI.
     options : mapping of str to object, optional
-        What the format takes, by name.
+        Options for the format, by name.
     name : str
-        Of the sensor; by default that of `like`, else that of the file.
+        Name of the sensor; by default that of `like`, or else that of the file.
 
     Returns
     -------
     Calibration
-        With a covariance of zero.
+        The calibration, with a covariance of zero.
 
     Raises
     ------
     InputError
-        No such format, a file that is none of this format, or a sensor that does not fit.
+        There is no such format, the file does not have this format, or the sensor does not match.
     """
     reader = READERS.find(of)
     resolved = resolve_options(reader.name, reader.options, options or {})
@@ -106,9 +106,9 @@ def import_calibration(
 def _build_calibration(
     stated: StatedCalibration, like: Calibration | None, name: str, estimator: str
 ) -> Calibration:
-    """Return the calibration of what a file states, with a covariance of zero.
+    """Return a calibration with the values stated in a file and zero covariance.
 
-    `like` gives axes and readouts, `estimator` is the format.
+    `like` provides axes and readouts, and `estimator` is the name of the format.
     """
     axes: list[Axis] = []
     values: dict[str, float] = {}
@@ -152,15 +152,15 @@ def _axes(stated: StatedCalibration, like: Calibration | None, kind: Measures) -
 
 
 def _nominal_axes(stated: StatedCalibration, kind: Measures) -> list[Axis]:
-    """Return axes x, y, z with readings in the unit of the file, or in SI."""
+    """Return axes x, y, z with readings in the file's unit, or in SI."""
     like = QUANTITIES[kind].ascii_unit
     unit = like if stated.units is None else stated.units["fw".index(kind)]
     try:
         readout = Readout(1 / si_factor(unit, like=like), 0.0, unit)
     except InputError:
         raise InputError(
-            f"the {QUANTITIES[kind].sensors} read {unit!r}, which is no unit: give a "
-            "calibration of the same sensor by --like, with its nominal readout",
+            f"the {QUANTITIES[kind].sensors} read {unit!r}, which is not a unit: give a "
+            "calibration of the same sensor with --like, which has its nominal readout",
             key="--like",
         ) from None
     return [replace(axis, readout=readout) for axis in imu().axes if axis.measures == kind]
@@ -169,7 +169,7 @@ def _nominal_axes(stated: StatedCalibration, kind: Measures) -> list[Axis]:
 def _coefficients(
     triad: StatedTriad, row: int, axis: Axis, kind: Measures, *, output: bool
 ) -> dict[str, float]:
-    """Return the coefficients of an axis by full name, SI."""
+    """Return the coefficients of an axis, SI, by full name."""
     readout = axis.readout
     scale, offset = (readout.scale, readout.offset) if output else (1.0, 0.0)
     bias_name, scale_name = QUANTITIES[kind].bias, QUANTITIES[kind].scale
@@ -205,14 +205,14 @@ def _require_nominal(values: dict[str, float], like: Calibration | None) -> None
         )
         raise InputError(
             f"the scale factor of {CoefficientName(far[0]).axis} is {1 + values[far[0]]:.3g} of "
-            f"nominal; give a calibration by --like with the nominal readout {what}",
+            f"nominal; give a calibration with --like that has the nominal readout {what}",
             key="--like",
             names=tuple(far),
         )
 
 
 def _temperature_name(kind: Measures, order: int) -> str:
-    """Return the term of a power of temperature."""
+    """Return the name of the term for a power of temperature."""
     for term in TABLES[kind]:
         if term_kind(kind, term) == "bias_temperature" and temperature_order(term) == order:
             return term.name

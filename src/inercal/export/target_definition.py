@@ -1,4 +1,4 @@
-"""What a target of `inercal export` declares, as data, and what it returns."""
+"""The declaration of a target for `inercal export`, and the data that it returns."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -17,20 +17,20 @@ _WORDS: dict[type, str] = {int: "a whole number", float: "a number", str: "a tex
 
 @dataclass(frozen=True)
 class TargetOption:
-    """An option of a target or of a format to import.
+    """An option of an export target or of an import format.
 
     Parameters
     ----------
     name, meaning : str
     default : object
-        None if it need not be stated and has no default.
+        Default value; None if the option is not needed and has no default.
     required : bool
     kind : type
-        int, float or str; a text becomes one.
+        int, float or str, to which text is converted.
     like : str
-        A unit of the dimension of a quantity ("0.8 mg"), which becomes a float in SI.
+        A unit with the dimension of the quantity ("0.8 mg"), which is converted to a float in SI.
     choices : tuple of str
-        The possible words.
+        The permitted words.
     """
 
     name: str
@@ -45,7 +45,7 @@ class TargetOption:
 def resolve_options(
     of: str, options: Sequence[TargetOption], stated: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the value of every option of a target, or of a format to import.
+    """Return the value of every option of an export target or import format.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ def resolve_options(
         Name of the target or of the format.
     options : sequence of TargetOption
     stated : mapping of str to object
-        Texts or values by name.
+        Stated texts or values, by name.
 
     Raises
     ------
     InputError
-        An unknown option, a missing one, or a value that the option does not take.
+        An option is unknown or missing, or a value is not permitted.
     """
     known = {one.name: one for one in options}
     for name in stated:
@@ -107,20 +107,20 @@ def _value(option: TargetOption, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Request:
-    """A calibration to write for a target.
+    """A request to write a calibration for a target.
 
     Parameters
     ----------
     model : ExportModel
     ranges : Ranges
     options : mapping of str to object
-        Every option of the target, as declared.
+        Values of all options that the target declares.
     name : str
-        An identifier (letters, digits, _) for names in code.
+        An identifier (letters, digits, _) for generated code.
     check_reading : (1, k) array
         A reading in SI within the ranges, whose correction the file can state as a check.
     check_dT : (1,) array
-        Its temperature, K from the reference.
+        Temperature difference of this reading from the reference, K.
     """
 
     model: ExportModel
@@ -138,24 +138,26 @@ class Rendering:
     Parameters
     ----------
     correct : callable
-        (readings (n, k) in SI, dT (n,)) -> motion (n, k): what the target computes, from the
-        numbers as written. Channels and motion are those of `ExportModel`.
+        Function (readings (n, k) in SI, dT (n,)) -> motion (n, k) that repeats the target's
+        computation with the numbers as written. Channels and motion are those of `ExportModel`.
     write : callable
-        Lines of explanation, ASCII -> the content of the file.
+        Function: lines of explanation, ASCII -> content of the file.
     formula : tuple of str
-        What the target computes, in ASCII.
+        The formula that the target computes, in ASCII.
     reads : str
-        What the formula takes: "readings in m/s^2 and rad/s".
+        Input of the formula: "readings in m/s^2 and rad/s".
     remarks : tuple of str
-        What the user must set or know to use the file.
+        Settings and facts that the user must know to use the file.
     correct_with_bias : callable or None
-        As `correct`, where the target estimates the bias itself and the file has none.
+        Like `correct`, but with the bias, if the target estimates the bias itself and the file
+        contains none.
     takes_output : bool
-        Whether the formula takes the sensor's own output, not SI.
+        Whether the input of the formula is the sensor's own output instead of SI.
     possible : callable or None
-        Readings (n, k) in SI -> the nearest readings in whole counts, if the target takes counts.
+        Function: readings (n, k) in SI -> nearest readings in whole counts, if the target uses
+        counts.
     holds : mapping of "f" or "w" to set of TermKind, or None
-        The terms of this file, where its options leave out some that the target can hold.
+        The terms in this file, if its options omit some that the target can represent.
     """
 
     correct: Callable[[Array, Array], Array]
@@ -171,22 +173,22 @@ class Rendering:
 
 @dataclass(frozen=True)
 class Target:
-    """A program, device or language that a calibration is written for.
+    """A program, device or language for which calibrations are written.
 
     Parameters
     ----------
     name, meaning : str
     suffix : str
-        Of the file, ".params".
+        Suffix of the file, such as ".params".
     holds : mapping of "f" or "w" to set of TermKind
-        The terms of accelerometers and gyros that it can apply; a kind that is absent is not taken.
+        The terms of accelerometers and gyros that it can apply; a missing kind is not supported.
     render : callable
-        Request -> Rendering.
+        Function Request -> Rendering.
     options : tuple of TargetOption
     temperature_order : int
-        The highest power of temperature of a bias that it can apply.
+        The highest power of temperature that it can apply to a bias.
     named_by_function : bool
-        Whether the language finds the function by the name of its file, NAME_correct.
+        Whether the language finds the function by its file name, NAME_correct.
     """
 
     name: str
@@ -200,6 +202,6 @@ class Target:
 
     @property
     def file_suffix(self) -> str:
-        """The end of the name of a file, ".px4.params"; of target csv ".csv"."""
+        """The suffix of a file name, such as ".px4.params", or ".csv" for target csv."""
         own = f".{self.name}"
         return own if own == self.suffix else f"{own}{self.suffix}"

@@ -1,4 +1,4 @@
-"""The kind of each coefficient for a target, from the declaration of its basis function.
+"""The kind of each coefficient for export targets, derived from its basis function.
 
 | kind | basis function |
 |---|---|
@@ -6,7 +6,7 @@
 | scale | along the input axis, once |
 | misalignment | across the input axis, once |
 | g | of a gyro: specific force, once |
-| bias_temperature | powers of only the temperature |
+| bias_temperature | powers of temperature only |
 | polynomial | other products of force, rate, their signs and temperature |
 | angular_acceleration | with a component of the angular acceleration |
 | temperature_rate | with the rate of the temperature |
@@ -30,7 +30,7 @@ TermKind = Literal[
     "temperature_rate",
 ]
 LINEAR: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment", "g"})
-# Derivatives, which no reading of the sensor gives: no target holds them.
+# Derivatives are not part of any sensor reading, so no target supports them.
 DERIVATIVES: dict[TermKind, str] = {
     "angular_acceleration": "angular acceleration",
     "temperature_rate": "temperature rate",
@@ -48,7 +48,7 @@ WORDS: dict[TermKind, str] = {
 
 
 def term_kind(measures: Measures, term: ErrorTerm) -> TermKind:
-    """Return the kind of a term of an accelerometer ("f") or of a gyro ("w")."""
+    """Return the kind of a term for an accelerometer ("f") or a gyro ("w")."""
     products = [product.components for product in term.basis.products]
     used = {name for product in products for name in product}
     if used & {"ai", "ap", "ao"}:
@@ -69,12 +69,12 @@ def term_kind(measures: Measures, term: ErrorTerm) -> TermKind:
 
 
 def temperature_order(term: ErrorTerm) -> int:
-    """Return the power of the temperature in a term of kind "bias_temperature"."""
+    """Return the power of temperature in a term of kind "bias_temperature"."""
     return term.basis.degree("dT")
 
 
 def kinds_of(sensor: Sensor) -> tuple[tuple[Measures, TermKind, int], ...]:
-    """Return the quantity, kind and power of temperature of each coefficient."""
+    """Return the quantity, kind and power of temperature for each coefficient."""
     measures: dict[str, Measures] = {axis.name: axis.measures for axis in sensor.axes}
     found: list[tuple[Measures, TermKind, int]] = []
     for full in sensor.coefficients:

@@ -1,1 +1,1 @@
-"""Fleets: the sensors of a production line calibrated in batches, and what they have in common."""
+"""Fleets: batch calibration of the sensors of a production line, and statistics over them."""

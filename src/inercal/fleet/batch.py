@@ -1,4 +1,4 @@
-"""A batch of sensors, which is the task of a worker; a sensor that fails does not end the batch."""
+"""Calibration of a batch of sensors by a worker; a failed sensor does not end the batch."""
 
 import re
 import traceback
@@ -19,7 +19,7 @@ from inercal.fleet.line import GROUPS, Line, SensorRow
 from inercal.fleet.recordings import Version, is_address, local_copy
 from inercal.recordings.io.column_table import file_sha256
 
-_ONE_LINE = 500  # characters of an error
+_ONE_LINE = 500  # characters of an error message
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class Work:
     ----------
     row : SensorRow
     digest : str
-        Digest of its run file (`Line.digest`).
+        Digest of the sensor's run file (`Line.digest`).
     version : Version
-        Version of its recording.
+        Version of the sensor's recording.
     arrived : bool
-        Whether a station took the recording.
+        Whether the recording arrived at a station.
     """
 
     row: SensorRow
@@ -45,12 +45,12 @@ class Work:
 
 @dataclass(frozen=True)
 class BatchDone:
-    """What a worker returns, which is counts, not coefficients.
+    """The counts that a worker returns for a batch; coefficients are not included.
 
     Parameters
     ----------
     done, failed : int
-        Sensors.
+        Number of sensors that were calibrated, and that failed.
     seconds : tuple of float
         Wall time of each sensor.
     """
@@ -61,14 +61,16 @@ class BatchDone:
 
 
 def compute_batch(line: Line, out: results.ResultWriter, work: Sequence[Work]) -> BatchDone:
-    """Calibrate sensors and write their rows as one part; each sensor is a step of the task.
+    """Calibrate a batch of sensors and write their rows as one part.
+
+    Each sensor is a step of the task.
 
     Parameters
     ----------
     line : Line
-        The line, which need not have their rows.
+        The line; its rows are not needed.
     out : ResultWriter
-        Of the results.
+        Writer for the results.
     work : sequence of Work
 
     Raises
@@ -89,11 +91,11 @@ def compute_batch(line: Line, out: results.ResultWriter, work: Sequence[Work]) -
 
 
 def result_row(line: Line, work: Work) -> dict[str, Any]:
-    """Return the row of a sensor, calibrated or failed."""
+    """Calibrate a sensor and return its row, even if the calibration fails."""
     begin = process_time()
     try:
         found, recording = _calibrate(line, work)
-    except Exception as error:  # of any sort: it is this sensor's alone
+    except Exception as error:  # any error, because it concerns only this sensor
         text = " ".join(str(error).split()) or type(error).__name__
         kept = "" if isinstance(error, InercalError) else traceback.format_exc()
         return failed_row(line.folder, work, text, type(error).__name__, kept)
@@ -109,12 +111,12 @@ def failed_row(
     trace: str = "",
     status: str = results.FAILED,
 ) -> dict[str, Any]:
-    """Return the row of a sensor without a result."""
+    """Return the row for a sensor without a result."""
     digest = ""
     if not is_address(work.row.recording):
-        with suppress(OSError):  # the error says so
+        with suppress(OSError):  # already stated in the error
             digest = file_sha256(folder / work.row.recording)
-    # One line, without the folder that is the same in all.
+    # One line, without the folder, which is the same for all sensors.
     text = re.sub(rf"(?<![\w/.]){re.escape(f'{folder}/')}", "", error)[:_ONE_LINE]
     return _common(work, digest) | {
         "status": status,
@@ -144,8 +146,8 @@ def _common(work: Work, recording_sha256: str) -> dict[str, Any]:
 
 
 def _calibrate(line: Line, work: Work) -> tuple[dict[str, Any], str]:
-    """Return the result's columns, and the hash of the recording."""
-    # Methods and kernels load in the worker, not where work is handed out.
+    """Return the columns of the result, and the hash of the recording."""
+    # Methods and kernels are loaded in the worker, not in the process that distributes the work.
     from inercal.calibration.files import calibration_object, canonical_text
     from inercal.pipeline import calibrate
 

@@ -1,4 +1,4 @@
-"""Calibrates a line in batches, skipping finished sensors and recording failures as rows."""
+"""Calibration of a line in batches, which skips finished sensors and records failures as rows."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,27 +18,27 @@ from inercal.fleet.recordings import ABSENT
 from inercal.fleet.results import ResultWriter
 from inercal.fleet.time_limit import TimeLimit
 
-TASK_SECONDS = 2.0  # of a batch: its overhead is then small, and little is lost with a worker
+TASK_SECONDS = 2.0  # s per batch: little overhead, and little is lost if a worker dies
 _MOST_IN_BATCH = 200
-_WINDOW = 4  # batches a worker that are handed out
-_MOST_EARLY = 3  # sensors that are stopped before others are known
-SUMMARY = "_fleet.json"  # readers of datasets leave such names out
+_WINDOW = 4  # batches per worker in progress
+_MOST_EARLY = 3  # sensors that may be stopped before other times are known
+SUMMARY = "_fleet.json"  # dataset readers ignore such names
 
 
 @dataclass
 class Counts:
-    """Number of sensors of a line by status.
+    """Number of sensors in a line by status.
 
     Parameters
     ----------
     sensors : int
-        In the table.
+        Sensors in the table.
     kept, kept_failed : int
-        Sensors that already had a result, and how many of these have no calibration.
+        Sensors that already had a result, and the number of these without a calibration.
     done, failed, lost : int
-        Sensors calibrated now, refused now, and those whose worker died.
+        Sensors that were calibrated now, that failed now, and whose worker died.
     tasks : int
-        Batches.
+        Number of batches.
     """
 
     sensors: int
@@ -51,7 +51,7 @@ class Counts:
 
     @property
     def settled(self) -> int:
-        """Number of sensors that need no more work."""
+        """Return the number of sensors that need no more work."""
         return self.kept + self.done + self.failed + self.lost
 
 
@@ -71,18 +71,17 @@ def calibrate_line(
     ----------
     line : Line
     executor : TolerantExecutor
-        Computes the batches, four times as many at once as it has workers; it is not closed.
+        Executor for the batches. It gets four batches per worker at a time, and it is not closed.
     out : Path, optional
-        Folder of the results; by default `fleet` in the line's folder.
+        Folder for the results; by default `fleet` in the line's folder.
     batch : int, optional
         Number of sensors in a batch; by default as many as take about two seconds.
     retry_failed : bool
-        Whether to try sensors again that failed with the same recording and run file.
+        Whether to retry sensors that failed with the same recording and run file.
     timeout : float, optional
-        The time limit of a sensor, s; by default that of `TimeLimit`. A `SerialExecutor` has no
-        limit.
+        Time limit for a sensor, s; by default that of `TimeLimit`. A `SerialExecutor` has no limit.
     progress : callable, optional
-        Called after each batch.
+        Function called after each batch.
 
     Raises
     ------
@@ -121,7 +120,7 @@ _Refused = tuple[Work, InercalError]
 def _pending(
     line: Line, folder: Path, retry_failed: bool, counts: Counts
 ) -> tuple[list[Work], list[_Refused], int]:
-    """Return the sensors to calibrate, those without a recording, and the latest generation."""
+    """Return the sensors to calibrate, those without a recording, and the newest generation."""
     now = line_inputs(line)
     found = latest_results(line, folder, (), now).to_pylist()
     counting: dict[str, str] = {row["id"]: row["status"] for row in found if not row[OUTDATED]}
@@ -140,7 +139,7 @@ def _pending(
 
 
 def _refuse_wrong_run_files(line: Line, todo: list[Work], refused: list[_Refused]) -> None:
-    """Check each run file that differs by more than sensor and recording, before any work.
+    """Check, before any work, each run file that differs by more than sensor and recording.
 
     Sensors whose run file is wrong are moved to `refused`.
 
@@ -174,24 +173,24 @@ _Compute = Callable[[Line, ResultWriter, Sequence[Work]], BatchDone]
 
 
 class Scheduling:
-    """Hands out batches and takes results back, with few batches in progress.
+    """Scheduler that distributes batches and collects results, with few batches in progress.
 
     Parameters
     ----------
     line : Line
     out : ResultWriter
-        Of the results.
+        Writer for the results.
     executor : TolerantExecutor
     batch : int or None
         Number of sensors in a batch; None for as many as take two seconds.
     counts : Counts
-        Counts of the line, which are kept up to date.
+        Counts for the line, which are updated.
     progress : callable or None
-        Called with the counts after each batch.
+        Function called with the counts after each batch.
     compute : callable
-        Computes a batch from the line without its rows, `out` and the work.
+        Function that computes a batch from the line without rows, `out` and the work.
     limit : TimeLimit
-        Time limit of a sensor.
+        Time limit for a sensor.
     """
 
     def __init__(
@@ -227,14 +226,14 @@ class Scheduling:
             self._hand_out(waiting)
 
     def _longest(self, index: int, step: int) -> float:
-        """Return the longest time of a sensor of a batch, s."""
+        """Return the time limit for the slowest sensor in a batch, s."""
         work, stopped = self._under_way[index][step], self._stopped_early
         others = self._counts.sensors - self._counts.settled > 1
         early = others and work.row.id not in stopped and len(stopped) < _MOST_EARLY
         return self._limit.seconds(work.version.size, early=early)
 
     def _size(self) -> int:
-        """Return how many sensors take two seconds; one, until that is known."""
+        """Return the number of sensors that take two seconds, or one while this is not known."""
         if self._batch is not None:
             return self._batch
         if not self._measured:
@@ -242,7 +241,7 @@ class Scheduling:
         return round(min(max(TASK_SECONDS * self._measured / self._seconds, 1), _MOST_IN_BATCH))
 
     def _hand_out(self, waiting: Iterator[Work]) -> None:
-        # Until a batch has come back, each worker has one: how long they take is not known.
+        # Until a batch has finished, each worker gets one, because the time per batch is not known.
         known = bool(self._measured or self._batch)
         window = self._workers * (_WINDOW if known else 1)
         while len(self._under_way) < window:
@@ -275,7 +274,7 @@ class Scheduling:
             self._limit.note([one.version.size for one in work], done.seconds)
 
     def _answer_loss(self, work: Sequence[Work], error: WorkerLost) -> None:
-        """Send the sensors of a lost batch again one by one; one that is alone is the cause."""
+        """Resubmit the sensors of a lost batch one by one, or record a single sensor as lost."""
         if len(work) > 1:
             for one in work:
                 self._submit([one])
@@ -283,7 +282,7 @@ class Scheduling:
         self._lose(work[0], str(error), error)
 
     def _answer_excess(self, work: Sequence[Work], error: TimeExceeded) -> None:
-        """Name the sensor that took too long, and send the others of its batch again."""
+        """Record the sensor that took too long, and resubmit the others in its batch."""
         late = work[error.step]
         if others := [one for one in work if one is not late]:
             self._submit(others)

@@ -1,12 +1,12 @@
-"""Trends and differences over a fleet: contrasts aᵀy whose variance takes lots into account.
+"""Trends and differences in a fleet: contrasts aᵀy whose variance takes lots into account.
 
-Sensors of one lot are similar, so their number overstates the information::
+Sensors in one lot are similar, so their number overstates the information::
 
     var aᵀy = Σ a_i² (u_i² + σ²) + σ_L² Σ_lots (Σ_i∈lot a_i)²
 
-They are tested with Student's distribution, with the degrees of freedom of both scatters by Welch
-and Satterthwaite. The share of false ones among all contrasts of a fleet is limited
-(`false_discovery_selection`).
+Contrasts are tested with Student's distribution, with degrees of freedom for both scatters
+according to Welch and Satterthwaite. The expected share of false positives among the significant
+contrasts of a fleet is limited (`false_discovery_selection`).
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -22,22 +22,22 @@ from inercal.estimation.uncertainty.components import Components
 from inercal.estimation.uncertainty.robust import FALSE_DISCOVERIES, false_discovery_selection
 from inercal.fleet.population import Grouping
 
-_LEAST_SENSORS = 3  # of a station, for a difference
+_LEAST_SENSORS = 3  # sensors needed at a station for a difference
 
 
 @dataclass(frozen=True)
 class Contrast:
-    """A trend or a difference of one coefficient, SI.
+    """A trend or a station difference in one coefficient, in SI units.
 
     Parameters
     ----------
     coefficient, of : str
         `of` is "serial order", "time" or a station.
     value, std : float
-        Over the whole range of serial order or time, or against all other stations.
+        Change over the whole range of serial order or time, or difference from all other stations.
     p_value : float
     significant : bool
-        Whether it is one of those whose share of false ones is limited.
+        Whether the contrast is significant at the limited false discovery rate.
     """
 
     coefficient: str
@@ -59,13 +59,13 @@ def trend(
     name : str
         Name of `at`.
     at : (n,) array
-        Serial order or time; rows where it is not a number are ignored.
+        Serial order or time; rows with NaN are ignored.
     names : sequence of str
-        Coefficients, p.
+        Names of the p coefficients.
     value, std : (n, p) arrays
     lots : Grouping
     components : sequence of Components
-        Of each coefficient.
+        Variance components for each coefficient.
     """
     known = np.isfinite(at)
     off = np.where(known, at - np.mean(at[known]), 0.0) if known.any() else np.zeros(at.shape)
@@ -80,7 +80,7 @@ def station_differences(
     stations: Grouping, names: Sequence[str], value: Array, std: Array, lots: Grouping,
     components: Sequence[Components],
 ) -> list[Contrast]:  # fmt: skip
-    """Return the mean of each station minus the mean of the sensors of all others."""
+    """Return the mean of each station minus the mean over the sensors of all other stations."""
     found: list[Contrast] = []
     for k, station in enumerate(stations.names):
         own = stations.places == k
@@ -92,7 +92,7 @@ def station_differences(
 
 
 def marked(contrasts: Sequence[Contrast], rate: float = FALSE_DISCOVERIES) -> list[Contrast]:
-    """Return the contrasts, with those marked that are significant among all."""
+    """Return the contrasts with the significant ones marked, at a false discovery rate."""
     tails = np.array([one.p_value for one in contrasts])
     chosen = set(false_discovery_selection(tails, rate).tolist()) if contrasts else set[int]()
     return [replace(one, significant=k in chosen) for k, one in enumerate(contrasts)]

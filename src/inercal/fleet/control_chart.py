@@ -1,10 +1,10 @@
-"""Control charts of each bench: χ²/ν of the residuals over time, station by station.
+"""Control charts for each station: χ²/ν of the residuals over time.
 
-The residuals do not depend on the sensors' coefficients, so their scatter shows the table, the
-fixture and the noise. A point is the sum of χ² divided by the sum of ν of consecutive runs. With
-the limits about the median of all runs, the probability that any point of the charts is beyond them
-is 0.27 %. A fleet whose stated noise is too large throughout is in control; its centre is then not
-1.
+The residuals do not depend on the sensors' coefficients, so their scatter shows errors of the
+table, the fixture and the noise. A point is the sum of χ² divided by the sum of ν over consecutive
+runs. The limits are placed around the median of all runs so that the probability of any point
+beyond them is 0.27 %. If the stated noise is too large for all sensors, the fleet is still in
+control, but the centre is not 1.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -17,20 +17,20 @@ import scipy
 from inercal.basics.arrays import Array
 from inercal.fleet.population import Indices, Population
 
-LEVEL = 0.0027  # of all points together: that of ±3 σ
-_POINTS = 100  # of a station
+LEVEL = 0.0027  # for all points together, as for ±3 σ
+_POINTS = 100  # largest number of points for a station
 
 
 @dataclass(frozen=True)
 class ControlChart:
-    """The chart of one station.
+    """The control chart for one station.
 
     Parameters
     ----------
     station : str
     at : (m,) array
-        Mean time of the runs of each point, days since 1970, or their number in serial order if no
-        time is stated.
+        Mean time of the runs in each point, days since 1970, or their serial number if no time is
+        stated.
     ratio, low, high : (m,) arrays
         χ²/ν and its limits.
     runs : int
@@ -45,12 +45,12 @@ class ControlChart:
 
     @property
     def beyond(self) -> int:
-        """The number of points beyond the limits."""
+        """Return the number of points beyond the limits."""
         return int(np.sum((self.ratio < self.low) | (self.ratio > self.high)))
 
 
 def control_charts(population: Population) -> tuple[float, list[ControlChart]]:
-    """Return the centre of the charts and the chart of each station whose runs have χ²."""
+    """Return the centre of the charts, and a chart for each station whose runs have χ²."""
     timed = bool(np.isfinite(population.days).all())
     at = population.days if timed else np.arange(len(population.ids), dtype=float)
     judged = np.isfinite(population.chi2) & (population.dof > 0)

@@ -1,4 +1,4 @@
-"""Exports the results of a fleet: one table with a row per sensor, or one file per sensor."""
+"""Export of fleet results: one table with a row per sensor, or one file per sensor."""
 
 import csv
 import math
@@ -29,16 +29,16 @@ SUFFIXES = (".csv", ".parquet")
 def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
     """Write the results of a line as a CSV or Parquet table.
 
-    Returns for each sensor why its result is outdated, as in the table; empty if it is not.
+    Return the reason why each sensor's result is outdated, as in the table; empty if it is not.
 
     Parameters
     ----------
     line : Line
-        Only its sensors are written.
+        The line; only its sensors are written.
     folder : Path
-        Of the parts.
+        Folder with the parts.
     path : Path
-        The suffix determines the format.
+        File to write; its suffix determines the format.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
     rows = latest_results(line, folder, columns).to_pylist()
     if not rows:
         raise InputError(f"{folder} contains no results; calibrate the line first", file=folder)
-    # One sensor of each set of coefficients says their units.
+    # One sensor for each set of coefficients provides their units.
     sets = {row["coefficients"]: by_id[row["id"]] for row in rows if row["coefficients"]}
     units: dict[str, tuple[str, float]] = {}
     for names, one in sets.items():
@@ -74,7 +74,7 @@ def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
 
 
 def _cell(value: Any) -> Any:
-    """Return a cell of a CSV file: empty for not a number, a text that is no formula."""
+    """Return a cell for a CSV file: NaN becomes empty, and no text can act as a formula."""
     if isinstance(value, str):
         return spreadsheet_cell(value)
     return "" if value is None or value != value else value
@@ -86,7 +86,7 @@ def _wide_row(
     wide: dict[str, Any] = {name: row[name] for name in COLUMNS}
     if not row["arrived"]:
         wide[RECORDING] = sensor.recording
-    # As the table is now: a column that no result depends on may have changed since.
+    # The current table is used, because columns that no result depends on may have changed.
     wide |= sensor.columns
     names: Sequence[str] = (row["coefficients"] or "").split()
     values = dict(zip(names, zip(row["value"] or (), row["std"] or (), strict=True), strict=True))
@@ -98,18 +98,18 @@ def _wide_row(
 
 
 class FleetExport(NamedTuple):
-    """The files of a fleet for a target.
+    """The files exported from a fleet for a target.
 
     Parameters
     ----------
     files : tuple of Path
         The files that were written.
     without : mapping of str to str
-        Why a sensor has no file, by id.
+        Reasons why sensors have no file, by id.
     unreliable : tuple of str
-        Ids of the sensors with a file whose calibration is not to be relied on.
+        Ids of the sensors with a file whose calibration should not be relied on.
     outdated : mapping of str to str
-        Why the result of a sensor with a file is outdated, as the file says, by id.
+        Reasons why exported results are outdated, as stated in the files, by id.
     """
 
     files: tuple[Path, ...]
@@ -130,22 +130,22 @@ def export_files(
     lossless: bool = False,
     force: bool = False,
 ) -> FleetExport:
-    """Write the calibration of each sensor as the file of a target, `ID.TARGET` and its suffix.
+    """Write each sensor's calibration as a file for a target, named `ID.TARGET` plus suffix.
 
     Parameters
     ----------
     line : Line
-        Its sensors are written, except those without a calibration.
+        The line, whose sensors are written, except those without a calibration.
     folder : Path
-        Of the parts.
+        Folder with the parts.
     out : Path
-        Folder of the files.
+        Folder for the files.
     to : str
         Name of the target.
     options, axes, lossless
-        As for `export_calibration`; they apply to all sensors.
+        As in `export_calibration`; they apply to all sensors.
     columns : mapping of str to str, optional
-        Columns of the table of sensors by option of the target, such as the device id of each.
+        Columns in the table of sensors that give an option of the target, such as the device id.
     force : bool
         Whether to overwrite files.
 
@@ -153,7 +153,7 @@ def export_files(
     ------
     InputError
         There are no results, a column is missing or empty, a file already exists, or the target
-        refuses a sensor, which the message names. Then no file is written.
+        cannot represent a sensor, which the message names. In these cases no file is written.
     """
     from inercal.export import TARGETS, export_calibration
 
@@ -206,7 +206,7 @@ def export_files(
 
 
 def sensor_calibration(line: Line, folder: Path, name: str) -> Calibration:
-    """Return the calibration of a sensor; if it is outdated, its provenance says why.
+    """Return the calibration of a sensor; its provenance states whether it is outdated, and why.
 
     Raises
     ------

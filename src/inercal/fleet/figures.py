@@ -1,4 +1,4 @@
-"""Figures over a fleet: histograms, running quantiles and control charts.
+"""Figures for a fleet: histograms, running quantiles and control charts.
 
 Their size does not grow with the number of sensors.
 """
@@ -23,11 +23,11 @@ from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 
 _HEIGHT, _BELOW = 1.25, 0.42  # inches
 _BINS, _FEWEST_BINS, _POINTS = 60, 8, 100
-_FEW = 500  # sensors that are drawn as points
-_TAILS = 0.001  # of the sensors, beyond a histogram's range to each side
-_NEAR = 2.0  # of the range's width: limits so near are in the figure
+_FEW = 500  # largest number of sensors drawn as points
+_TAILS = 0.001  # share of sensors outside a histogram's range, on each side
+_NEAR = 2.0  # fraction of the range's width; limits closer than this are shown
 _BANDS = (5, 25, 50, 75, 95)  # percent
-_LAST_TICK = 0.96  # of the axis: a number further right would be cut
+_LAST_TICK = 0.96  # fraction of the axis; a number farther right would be cut off
 _LEAST_TIME = 0.5  # days
 
 
@@ -35,15 +35,15 @@ _LEAST_TIME = 0.5  # days
 def distribution_figure(
     found: FleetStatistics, chosen: Sequence[CoefficientStatistics], name: str
 ) -> Markup:
-    """Return a histogram of each coefficient and its quantiles over the serial order.
+    """Return a figure with each coefficient's histogram and its quantiles in serial order.
 
     Parameters
     ----------
     found : FleetStatistics
     chosen : sequence of CoefficientStatistics
-        The rows of the figure.
+        Coefficients, one per row of the figure.
     name : str
-        Name of the figure; each figure of a page needs a different one.
+        Name of the figure; each figure on a page needs a different one.
     """
     below = [_BELOW] * len(chosen)
     figure, rows = drawing.panels(_HEIGHT, below, 2)
@@ -83,7 +83,7 @@ def _bins(n: int) -> int:
 
 
 def _draw_normal(axes: Axes, n: int, mean: float, sd: float) -> None:
-    """Draw the normal distribution of the truth over a histogram of n values."""
+    """Draw the normal distribution of the true values over a histogram of n values."""
     low, high = axes.get_xlim()
     if sd <= 0:
         return
@@ -102,7 +102,7 @@ def _draw_quantiles(axes: Axes, value: Array, limits: Sequence[float]) -> None:
     axes.fill_between(at, table[0], table[4], color=BAND, lw=0)
     axes.fill_between(at, table[1], table[3], color=FAINT, lw=0)
     axes.plot(at, table[2], color=INK, lw=1.0)
-    # A point full of outliers would flatten all others.
+    # A point dominated by outliers would flatten all others.
     low, high = np.percentile(table[0], 2), np.percentile(table[4], 98)
     width = float(high - low) or 1.0
     near = [x for x in limits if low - _NEAR * width < x < high + _NEAR * width]
@@ -117,7 +117,7 @@ def _draw_quantiles(axes: Axes, value: Array, limits: Sequence[float]) -> None:
 
 @drawing.style
 def control_figure(centre: float, charts: Sequence[ControlChart], name: str, timed: bool) -> Markup:
-    """Return the control chart of each station, one panel each.
+    """Return the figure of the control charts, with one panel for each station.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""States what the statistics of a fleet say, in sentences and as a JSON object."""
+"""Conclusions from the statistics of a fleet, as sentences and as a JSON object."""
 
 from collections.abc import Sequence
 from math import inf, isfinite, isnan
@@ -13,11 +13,11 @@ from inercal.fleet.statistics import (
     RuleYield,
 )
 
-_NAMED = 8  # of each finding that are listed
+_NAMED = 8  # names listed for each finding
 
 
 def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
-    """Return a summary of the statistics, and lines about what needs attention."""
+    """Return a summary of the statistics, and lines about results that need attention."""
     population = found.population
     count = format_count(len(population.ids), "sensor")
     if found.yields:
@@ -59,7 +59,7 @@ def _findings(found: FleetStatistics) -> list[str]:
     if hidden:
         texts.append(
             "these coefficients scatter less than their uncertainties explain, so either u is "
-            f"stated too large or it hides the scatter in truth: {', '.join(hidden)}"
+            f"stated too large or it hides the true scatter: {', '.join(hidden)}"
         )
     poor = [one.name for one in found.coefficients if one.observed and one.observed.high < 1]
     if poor:
@@ -68,12 +68,12 @@ def _findings(found: FleetStatistics) -> list[str]:
 
 
 def rule_text(one: RuleYield) -> str:
-    """Return a decision rule in words."""
+    """Describe a decision rule."""
     return "simple" if one.rule.name == "simple" else f"guarded, w = {one.rule.factor:g} U"
 
 
 def statistics_object(found: FleetStatistics) -> dict[str, object]:
-    """Return the statistics as a JSON object, SI."""
+    """Return the statistics as a JSON object, in SI units."""
     population = found.population
     return {
         "sensors": len(population.ids),

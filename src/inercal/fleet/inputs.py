@@ -1,7 +1,6 @@
-"""Compares what a sensor would be calibrated from now with what its existing result used.
+"""Comparison of a sensor's current inputs with those of its existing result.
 
-No clock is used, because two computers may disagree about the time, and one whose clock was set
-back has results from the future.
+No clock is used, because two computers may disagree about the time, and a clock may be set back.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +19,7 @@ from inercal.fleet.recordings import ABSENT, Version, is_address, version_of
 from inercal.recordings.io.column_table import file_sha256
 
 INSTALLED = version("inercal")
-_REQUESTS = 16  # to a store at once: each takes some 50 ms, and a sensor needs one
+_REQUESTS = 16  # simultaneous requests to a store; each takes about 50 ms, and a sensor needs one
 
 
 @dataclass(frozen=True)
@@ -30,12 +29,12 @@ class SensorInputs:
     Parameters
     ----------
     folder : Path
-        Of the line.
+        Folder of the line.
     row : SensorRow
     digest : str
-        Of its run file (`Line.digest`).
+        Digest of the sensor's run file (`Line.digest`).
     found : Version or InputError
-        Version of its recording, or the reason why there is none.
+        Version of the recording, or the error if there is none.
     """
 
     folder: Path
@@ -45,19 +44,19 @@ class SensorInputs:
 
     @cached_property
     def recording_sha256(self) -> str:
-        """SHA-256 of the recording; empty if it is in a store or cannot be read."""
+        """Return the SHA-256 hash of the recording, or "" if it is in a store or unreadable."""
         if not is_address(self.row.recording):
             with suppress(OSError):
                 return file_sha256(self.folder / self.row.recording)
         return ""
 
     def difference(self, result: Mapping[str, Any]) -> str:
-        """Return in words why a calibration now may give another result; empty if it would not.
+        """Describe why a new calibration may give another result; empty if it would not.
 
         Parameters
         ----------
         result : mapping of str to object
-            A row of the results with the columns of `COMPARED`.
+            A row of the results with the columns in `COMPARED`.
         """
         if result["sections_sha256"] != self.digest:
             return "the run file or a file that it names has changed since then"
@@ -68,7 +67,7 @@ class SensorInputs:
             return "" if stated == ABSENT else "its recording cannot be found"
         if self.found == stated:
             return ""
-        # Copied or touched: the content counts.
+        # The file was copied or touched, so its content decides.
         if self.recording_sha256 and self.recording_sha256 == result["recording_sha256"]:
             return ""
         return "its recording has changed since then"
@@ -80,7 +79,7 @@ COMPARED = (
 
 
 def sensor_inputs(line: Line, row: SensorRow) -> SensorInputs:
-    """Return what a sensor would be calibrated from now."""
+    """Return the inputs from which a sensor would be calibrated now."""
     try:
         found = version_of(line.folder, row.recording)
     except InputError as error:
@@ -89,7 +88,7 @@ def sensor_inputs(line: Line, row: SensorRow) -> SensorInputs:
 
 
 def line_inputs(line: Line) -> dict[str, SensorInputs]:
-    """Return what each sensor of a line would be calibrated from now, by its id."""
+    """Return the inputs from which each sensor of a line would be calibrated now, by id."""
     return {one.row.id: one for one in _each(line, line.rows)}
 
 
@@ -102,7 +101,7 @@ def _each(line: Line, rows: Sequence[SensorRow]) -> Iterator[SensorInputs]:
 
 
 def result_difference(line: Line, now: SensorInputs, result: Mapping[str, Any]) -> str:
-    """Return why calibrating a sensor now may give a result that differs from the existing one.
+    """Describe why calibrating a sensor now may give another result; empty if it would not.
 
     The recording named in the table is used or, if there is none, one that arrived at a station.
 
@@ -110,9 +109,9 @@ def result_difference(line: Line, now: SensorInputs, result: Mapping[str, Any]) 
     ----------
     line : Line
     now : SensorInputs
-        Of the sensor by the table.
+        Current inputs of the sensor according to the table.
     result : mapping of str to object
-        A row of the results with the columns of `COMPARED`.
+        A row of the results with the columns in `COMPARED`.
     """
     if result["arrived"] and isinstance(now.found, InputError):
         now = sensor_inputs(line, replace(now.row, recording=result["recording"]))

@@ -1,8 +1,8 @@
-"""Selects the result of each sensor that is valid for its present run file and recording.
+"""Selection of the valid result for each sensor.
 
-If a sensor has several results, one from the present run file and recording is preferred, then a
-calibration over a failure, then the latest generation. A result that may differ from a calibration
-now is marked with the reason.
+If a sensor has several results, a result from the current run file and recording is preferred, then
+a calibration over a failure, then the latest generation. A result is marked as outdated, with the
+reason, if a new calibration may differ from it.
 """
 
 import json
@@ -18,12 +18,12 @@ from inercal.fleet.inputs import COMPARED, SensorInputs, line_inputs, result_dif
 from inercal.fleet.line import Line
 from inercal.fleet.results import DONE, Table, part_paths, read_part, schema
 
-if TYPE_CHECKING:  # only what enters results needs a register
+if TYPE_CHECKING:  # only `enter_results` needs a register
     from inercal.laboratory.store import Register
 
 _ENTERED = ("status", "calibration", "measured")
 _COUNTED_BY = ("id", "status", "generation", *COMPARED)
-_NAMES = 3  # of outdated sensors that are listed
+_NAMES = 3  # number of outdated sensors that are listed
 
 
 def latest_results(
@@ -32,19 +32,20 @@ def latest_results(
     columns: Iterable[str] | None = None,
     now: Mapping[str, SensorInputs] | None = None,
 ) -> Table:
-    """Return the valid result of each sensor of a line, sorted by id, with the column `OUTDATED`.
+    """Return the valid result for each sensor of a line, sorted by id.
 
-    That column says why a calibration now may give another result; it is empty if it would not.
+    The column `OUTDATED` states why a new calibration may give another result; it is empty if it
+    would not.
 
     Parameters
     ----------
     line : Line
     folder : Path
-        Of the parts; it need not exist.
+        Folder with the parts; it need not exist.
     columns : iterable of str, optional
-        Only these columns and those that decide which result is valid.
+        Columns to read, in addition to those that decide which result is valid.
     now : mapping of str to SensorInputs, optional
-        As returned by `line_inputs`, if it is known.
+        Result of `line_inputs`, if it is already known.
 
     Raises
     ------
@@ -67,16 +68,16 @@ def latest_results(
 def latest_rows_by_part(
     line: Line, folder: Path, columns: Iterable[str]
 ) -> Iterator[list[dict[str, Any]]]:
-    """Yield the valid results part by part, needing only the memory of one part.
+    """Yield the valid results part by part, with only one part in memory.
 
     Parameters
     ----------
     line : Line
-        Only its sensors are returned.
+        The line; only its sensors are returned.
     folder : Path
-        Of the parts.
+        Folder with the parts.
     columns : iterable of str
-        Of the rows, in addition to `id` and `OUTDATED`.
+        Columns of the rows, in addition to `id` and `OUTDATED`.
 
     Raises
     ------
@@ -100,7 +101,7 @@ def outdated_lines(reasons: Mapping[str, str]) -> list[str]:
     Parameters
     ----------
     reasons : mapping of str to str
-        By id of the sensor; empty for a result that is not outdated.
+        Reasons by sensor id; empty for a result that is not outdated.
     """
     texts: list[str] = []
     for reason, count in Counter(filter(None, reasons.values())).items():
@@ -113,7 +114,7 @@ def outdated_lines(reasons: Mapping[str, str]) -> list[str]:
 def _counting_rows(
     line: Line, tables: Iterable[Table], now: Mapping[str, SensorInputs]
 ) -> list[dict[int, str]]:
-    """Return the rows of each table that count, with the reasons why they are outdated."""
+    """Return the valid rows in each table, with the reasons why they are outdated."""
     best: dict[str, tuple[tuple[bool, bool, int], int, int, str]] = {}
     number = 0
     for part, table in enumerate(tables):
@@ -136,23 +137,24 @@ def _counting_rows(
 def enter_results(
     line: Line, folder: Path, register: "Register", progress: Callable[[int], None] | None = None
 ) -> int:
-    """Enter the calibrations of a fleet that the register lacks; return how many it has now.
+    """Enter missing calibrations of a fleet in the register, and return their total number.
 
-    Each part is one transaction and the only one in memory. Outdated results are not entered.
+    Each part is entered in one transaction, with only this part in memory. Outdated results are not
+    entered.
 
     Parameters
     ----------
     line : Line
     folder : Path
-        Of the parts.
+        Folder with the parts.
     register : Register
     progress : callable, optional
-        Called with the number of calibrations in the register.
+        Function called with the number of calibrations in the register.
 
     Raises
     ------
     InputError
-        The register cannot be written. What was entered stays and is not entered again.
+        The register cannot be written. Existing entries are kept and are not entered again.
     """
     done = 0
     for rows in latest_rows_by_part(line, folder, _ENTERED):

@@ -2,11 +2,12 @@
 
 ::
 
-    line/  run.toml         a run file; "{lot}" in a text stands for column lot of the table
+    line/  run.toml         a run file; "{lot}" in a text is replaced by the column lot
            sensors.csv      id, recording, and further columns; or sensors.parquet
-           recordings/…     what the column recording names: paths, or addresses such as s3://…
+           recordings/…     the recordings: paths, or addresses such as s3://…
 
-A column whose name has a dot, such as `bench.gravity`, is the value of that key for its sensor.
+A column whose name contains a dot, such as `bench.gravity`, gives the value of that key for each
+sensor.
 """
 
 import json
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 TEMPLATE, TABLES = "run.toml", ("sensors.csv", "sensors.parquet")
 ID, RECORDING = "id", "recording"
-BARCODE = "barcode"  # by which a station finds the sensor
+BARCODE = "barcode"  # column by which a station finds the sensor
 MEASURED = "measured"
 GROUPS = ("lot", "station", MEASURED)  # columns by which results are compared
 _NEEDED = (ID, RECORDING)
@@ -43,16 +44,16 @@ _LARGEST_TABLE = 1 << 30  # bytes
 
 @dataclass(frozen=True)
 class SensorRow:
-    """A line of the table of sensors.
+    """A row in the table of sensors.
 
     Parameters
     ----------
     id : str
-        Name of the sensor, once in the table.
+        Name of the sensor, which occurs only once in the table.
     recording : str
-        Its recording: a path relative to the line's folder, or an address.
+        Recording of the sensor: a path relative to the line's folder, or an address.
     columns : mapping of str to str
-        The further columns.
+        The other columns, by name.
     """
 
     id: str
@@ -62,13 +63,13 @@ class SensorRow:
 
 @dataclass(frozen=True)
 class Line:
-    """A line, read and checked.
+    """A production line after reading and checking.
 
     Parameters
     ----------
     folder : Path
     template : mapping
-        The sections of its template run file.
+        The sections of the template run file.
     rows : tuple of SensorRow
     """
 
@@ -78,40 +79,42 @@ class Line:
 
     @property
     def path(self) -> Path:
-        """The template."""
+        """Return the path of the template."""
         return self.folder / TEMPLATE
 
     @cached_property
     def placeholders(self) -> frozenset[str]:
-        """The columns that the template names."""
+        """Return the columns that the template uses as placeholders."""
         return frozenset(name for name, _ in _PLACEHOLDER.findall(self._template_text))
 
     def run(self, row: SensorRow, digest: str | None = None) -> "Run":
-        """Return the run of a sensor, checked.
+        """Build and check the run for a sensor.
 
         Parameters
         ----------
         row : SensorRow
         digest : str, optional
-            Digest of its run file, if it is known.
+            Digest of the sensor's run file, if it is already known.
 
         Raises
         ------
         InputError
-            As for `inercal.runfile.read`, or a cell is not possible for its key.
+            As in `inercal.runfile.read`, or the value of a cell is not possible for its key.
         """
-        from inercal.runfile import from_sections  # methods load where work is done
+        from inercal.runfile import (
+            from_sections,
+        )  # imported here, so that methods load only in the worker
 
         return from_sections(self.path, self.sections(row), digest or self.digest(row))
 
     def digest(self, row: SensorRow) -> str:
-        """Return the SHA-256 of the template, the cells that fill it, and the files that it names.
+        """Return the SHA-256 hash of the template, the cells used in it and the files it names.
 
-        A column that neither the template nor the results use changes nothing.
+        Columns that are used neither in the template nor in the results do not affect the hash.
         """
         hashed = self._template_hash.copy()
         used = [f"{name}={row.columns[name]}" for name in self._kept if row.columns.get(name)]
-        # What is at the recording's place is told by its own hash.
+        # The recording itself has its own hash.
         place = row.recording if RECORDING in self.placeholders else ""
         values = {ID: row.id, RECORDING: row.recording, **row.columns}
         texts = [_PLACEHOLDER.sub(lambda one: values[one[1]], text) for text in self._varying]
@@ -121,23 +124,23 @@ class Line:
         return hashed.hexdigest()
 
     def shape(self, row: SensorRow) -> tuple[str, ...]:
-        """Return the cells of a row that make run files differ beyond sensor and recording."""
+        """Return the cells by which run files differ, apart from sensor and recording."""
         return tuple(row.columns.get(name, "") for name in self._used)
 
     @cached_property
     def _template_text(self) -> str:
-        # TOML has dates, which JSON has not.
+        # TOML has dates, but JSON does not.
         return json.dumps(self.template, sort_keys=True, ensure_ascii=False, default=str)
 
     @cached_property
     def _template_hash(self) -> Any:
-        # Files that are the same for all sensors are read once.
+        # Files that are the same for all sensors are read only once.
         named = file_digests(self.folder, texts_of(self.template))
         return sha256("\0".join((self._template_text, *named)).encode())
 
     @cached_property
     def _varying(self) -> tuple[str, ...]:
-        """The texts of the template that differ from sensor to sensor."""
+        """Return the texts in the template that differ from sensor to sensor."""
         return tuple(text for text in texts_of(self.template) if _PLACEHOLDER.search(text))
 
     @cached_property
@@ -150,25 +153,27 @@ class Line:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The further columns of the table."""
+        """Return the names of the other columns of the table."""
         return tuple(self.rows[0].columns) if self.rows else ()
 
     def sections(self, row: SensorRow) -> dict[str, Any]:
-        """Return the sections of a sensor's run file, with values (not text) substituted.
+        """Return the sections of a sensor's run file, with placeholders replaced by values.
 
-        The sensor's name is its id and [data] file its recording, unless the template states them
-        by placeholders.
+        The sensor's name is its id, and [data] file is its recording, unless the template states
+        them with placeholders.
 
         Raises
         ------
         InputError
-            A column overrides a key below a value that is not a section.
+            A column refers to a key in a section, but the template has a value there.
         """
         values = {ID: row.id, RECORDING: row.recording, **row.columns}
         filled = cast(dict[str, Any], _fill(self.template, values))
         for section, key, value in (("sensor", "name", row.id), ("data", "file", row.recording)):
             stated: object = filled.setdefault(section, {})
-            if isinstance(stated, dict):  # what is no section is refused with the run file
+            if isinstance(
+                stated, dict
+            ):  # a value that is not a section causes an error when the run file is checked
                 cast(dict[str, Any], stated).setdefault(key, value)
         for name, text in row.columns.items():
             if "." in name and text:
@@ -232,8 +237,8 @@ def _read_rows(path: Path) -> list[SensorRow]:
             raise InputError(f"{path}: {where}: column {empty} is empty", file=path, names=(empty,))
         if name in seen:
             raise InputError(
-                f"{path}: {where}: id {name!r} is already that of {seen[name]}; each sensor "
-                "has one line",
+                f"{path}: {where}: id {name!r} is already used in {seen[name]}; each sensor "
+                "has one row",
                 file=path,
                 names=(name,),
             )
@@ -242,7 +247,7 @@ def _read_rows(path: Path) -> list[SensorRow]:
         code = cells.get(BARCODE, "")
         if code and (other := codes.setdefault(code, where)) != where:
             raise InputError(
-                f"{path}: {where}: barcode {code!r} is already that of {other}; give each its own",
+                f"{path}: {where}: barcode {code!r} is already used in {other}; give each its own",
                 file=path,
                 names=(BARCODE,),
             )
@@ -273,7 +278,7 @@ def _parquet_lines(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
 
 
 def _parquet_texts(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Return the names of the columns of a Parquet file, and their cells as text."""
+    """Return the column names of a Parquet file, and its cells as text."""
     pq: Any = import_module("pyarrow.parquet")
     table = pq.read_table(path, use_threads=False)
     cells = (column.to_pylist() for column in table.columns)
@@ -281,7 +286,7 @@ def _parquet_texts(path: Path) -> tuple[list[str], list[list[str]]]:
 
 
 def _fill(value: object, columns: Mapping[str, str]) -> object:
-    """Return a value of the template with the columns in the place of placeholders."""
+    """Return a value from the template with its placeholders replaced by the columns."""
     if isinstance(value, dict):
         content = cast(dict[str, object], value)
         return {key: _fill(one, columns) for key, one in content.items()}
@@ -307,20 +312,20 @@ def _number(text: str, column: str) -> float | int:
 
 
 def file_digests(folder: Path, texts: Iterable[str], leave_out: str = "") -> list[str]:
-    """Return the name and SHA-256 of each file in a folder that one of the texts names.
+    """Return the names and SHA-256 hashes of the files in a folder that are named in texts.
 
     Parameters
     ----------
     folder : Path
     texts : iterable of str
-        Texts of a run file.
+        Texts in a run file.
     leave_out : str, optional
-        A name to leave out.
+        A file name to omit.
     """
     found: list[str] = []
     for text in dict.fromkeys(texts):
         if text and text != leave_out and is_file(folder / text):
-            with suppress(OSError):  # who reads it for a calibration says so
+            with suppress(OSError):  # reported when the file is read for a calibration
                 found.append(f"{text}={file_sha256(folder / text)}")
     return found
 

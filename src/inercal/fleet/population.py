@@ -1,4 +1,4 @@
-"""The calibrated sensors of a line as arrays, with only the columns that statistics need."""
+"""The calibrated sensors of a line as arrays, for the statistics."""
 
 import json
 from collections import Counter
@@ -32,7 +32,7 @@ _DAY = 86_400.0  # s
 
 @dataclass(frozen=True)
 class Grouping:
-    """Assigns each sensor to a group.
+    """Assignment of each sensor to a group.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Grouping:
 
     @property
     def several(self) -> bool:
-        """Whether there is more than one group."""
+        """Return whether there is more than one group."""
         return len(self.names) > 1
 
 
@@ -59,24 +59,24 @@ class Population:
     ----------
     ids : tuple of str
     names : tuple of str
-        Coefficients, p.
+        Names of the p coefficients.
     terms : tuple of ErrorTerm
-        Of each coefficient, with unit.
+        Error term of each coefficient, with its unit.
     value, std : (n, p) arrays
-        SI.
+        Values and standard uncertainties in SI units.
     lots, stations : Grouping
     days : (n,) array
         Time of the measurement, days since 1970; not a number if it is not stated.
     chi2, dof : (n,) arrays
     χ² of the residuals and its degrees of freedom.
     specification : Specification or None
-        That of the template; None if the limits differ from sensor to sensor.
+        Specification in the template; None if the limits differ from sensor to sensor.
     judged : (DecisionRule, mapping of str to int) or None
         If limits differ: the rule of the first sensor, and the number of sensors by result.
     left_out : mapping of str to int
-        Sensors that are not in the arrays, by reason.
+        Number of sensors that are not included in the arrays, by reason.
     outdated : int
-        Number of results that differ from what a calibration now may give.
+        Number of results that may differ from a new calibration.
     """
 
     ids: tuple[str, ...]
@@ -102,12 +102,12 @@ def read_population(line: Line, folder: Path) -> Population:
     ----------
     line : Line
     folder : Path
-        Of the parts.
+        Folder with the parts.
 
     Raises
     ------
     InputError
-        There are no results, or no calibrated sensor.
+        There are no results, or no sensor has a calibration.
     """
     table = latest_results(line, folder, _COLUMNS)
     place = {row.id: k for k, row in enumerate(line.rows)}
@@ -129,7 +129,7 @@ def read_population(line: Line, folder: Path) -> Population:
     table = table.take(rows)
     names = tuple(usual.split())
     run = line.run(line.rows[0])
-    # The template may have changed since: it need not estimate what the results hold.
+    # The template may have changed since then, and may estimate other coefficients.
     sensor = run.sensor.with_coefficients(*names)
     specification, judged = run.specification, None
     if specification is not None and _limits_differ(line):
@@ -169,7 +169,7 @@ def _left_out(
 
 
 def _limits_differ(line: Line) -> bool:
-    """Return whether the table of sensors has values for [specification]."""
+    """Return whether the table of sensors contains values for [specification]."""
     stated = json.dumps(line.template.get("specification", {}))
     columns = line.rows[0].columns
     return any(f"{{{name}" in stated for name in line.placeholders) or any(

@@ -1,4 +1,4 @@
-"""Recordings of a fleet: files in a folder, or objects in a store by their address."""
+"""Recordings of a fleet, which are files in a folder or objects in a store."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -13,23 +13,24 @@ from inercal.basics.errors import InputError, require_extra
 
 @dataclass(frozen=True)
 class Version:
-    """Tells whether a recording has changed, without reading it.
+    """Version of a recording, which shows changes without reading the recording.
 
     Parameters
     ----------
     size : int
-        Bytes.
+        Size in bytes.
     mark : str
-        Times of the last change of content and of attributes (only compared for equality), or the
-        store's tag of the content. The attributes are needed because loggers without a clock give
-        equal times of content; a copy that keeps them still has another time of attributes.
+        Times of the last change to the content and to the attributes, or the store's content tag.
+        They are compared only for equality. The attributes are needed because loggers without a
+        clock write equal content times; even a copy that keeps the content time has a new attribute
+        time.
     """
 
     size: int
     mark: str
 
 
-ABSENT = Version(0, "")  # of a recording that is not there
+ABSENT = Version(0, "")  # version of a missing recording
 
 
 def is_address(recording: str) -> bool:
@@ -38,7 +39,7 @@ def is_address(recording: str) -> bool:
 
 
 def version_of(folder: Path, recording: str) -> Version:
-    """Return size and time of a recording.
+    """Return the version of a recording from its size and time.
 
     Raises
     ------
@@ -63,7 +64,7 @@ def version_of(folder: Path, recording: str) -> Version:
 
 @contextmanager
 def local_copy(recording: str) -> Generator[Path]:
-    """Yield the path of a copy of an object; the copy is removed afterwards.
+    """Yield the path of a local copy of an object; the copy is removed afterwards.
 
     Raises
     ------
@@ -88,7 +89,9 @@ def _store(address: str) -> tuple[Any, str]:
     except ImportError:
         scheme = address.split("://")[0]
         extra = {"s3": "s3"}.get(scheme)
-        how = f"pip install 'inercal[{extra}]'" if extra else f"install fsspec's driver of {scheme}"
+        how = (
+            f"pip install 'inercal[{extra}]'" if extra else f"install fsspec's driver for {scheme}"
+        )
         raise InputError(f"{address}: {how}", file=address) from None
     except ValueError as error:
         raise InputError(f"{address}: {error}", file=address) from None

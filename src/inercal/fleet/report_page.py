@@ -1,4 +1,4 @@
-"""The page of a fleet's statistics."""
+"""HTML page with the statistics of a fleet."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,14 +25,14 @@ from inercal.fleet.statistics import (
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 
-_LISTED = 30  # outliers, lots and stations of a table
-_CHARTS = 12  # stations with a chart
+_LISTED = 30  # outliers, lots and stations in a table
+_CHARTS = 12  # number of stations with a chart
 _BELOW_U = "below u"
 
 
 @dataclass(frozen=True)
 class PrintedTable:
-    """A table of heads and rows of cells; the first cell of a row is its name."""
+    """A table with headings and rows of cells; the first cell in a row is its name."""
 
     heads: tuple[str, ...]
     rows: list[tuple[str, ...]]
@@ -40,7 +40,9 @@ class PrintedTable:
 
 
 def write_fleet_report(found: FleetStatistics, path: Path, line: str) -> Path:
-    """Write the page completely or not at all, and return its path.
+    """Write the page with a fleet's statistics, and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
@@ -58,7 +60,7 @@ def write_fleet_report(found: FleetStatistics, path: Path, line: str) -> Path:
 
 
 def fleet_page(found: FleetStatistics, line: str) -> str:
-    """Return the page, HTML."""
+    """Return the page as HTML."""
     population = found.population
     limited = [one for one in found.coefficients if one.limits is not None]
     shown = sorted(found.charts, key=lambda one: -one.beyond)[:_CHARTS]
@@ -111,7 +113,7 @@ def _under(found: FleetStatistics) -> str:
 
 
 def _number(value: float, digits: int = 4) -> str:
-    """Return a number of so many significant digits, without a power of ten below a million."""
+    """Format a number with some significant digits, and with an exponent only from a million."""
     return "" if isnan(value) else typeset_minus(f"{float(f'{value:.{digits}g}'):g}")
 
 
@@ -218,7 +220,7 @@ def _tail(one: Contrast) -> tuple[float, float]:
 
 
 def _group_table(found: FleetStatistics, groups: Sequence[GroupStatistics]) -> PrintedTable:
-    """Return each group with its coefficient farthest from the fleet, in order of that distance."""
+    """Return the table of groups, each with its coefficient farthest from the fleet."""
     names, terms = found.population.names, found.population.terms
     whole = [one.summary for one in found.coefficients]
     ranked: list[tuple[float, tuple[str, ...]]] = []

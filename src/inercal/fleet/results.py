@@ -1,12 +1,12 @@
-"""Results of a fleet: a dataset of Parquet parts, each written once and named by its content.
+"""Results of a fleet: a dataset of Parquet parts, each written once and named after its content.
 
-A row stands for one sensor, calibrated or not. Its key is the hash of its recording, of its filled
-run file and of the version of inercal. A fleet has no other state: a part that exists is done, and
-one that does not exist is still to do.
+Each row represents one sensor, calibrated or not. Its key is a hash of its recording, its completed
+run file and the version of inercal. A fleet has no other state: sensors in an existing part are
+done, and all others remain to be calibrated.
 
-Rows are numbered by generations: each run and each recording at a station takes the next number of
-the folder, `_generation-N`. `inercal.fleet.latest` decides which of several rows of one sensor is
-valid.
+Rows are numbered by generations: each run, and each recording at a station, takes the next number
+in the folder, `_generation-N`. If a sensor has several rows, `inercal.fleet.latest` decides which
+one is valid.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,17 +27,17 @@ Table = Any  # pyarrow.Table, which is untyped
 FOLDER = "fleet"
 DONE, FAILED, LOST = "done", "failed", "lost"
 _PART = "part-"
-_NUMBER = "_generation-"  # readers of datasets leave such names out
+_NUMBER = "_generation-"  # dataset readers ignore such names
 
 
 def schema() -> Any:
-    """Return the columns of a part.
+    """Return the schema of a part.
 
     `status` is "done", "failed" or "lost"; `conformity` is the result of [specification], if any;
-    `coefficients` are names with spaces between them, in the order of `value`, `std` (SI) and of
-    the rows of `covariance`, the lower triangle row by row; `table` contains the further columns of
-    the table of sensors; `calibration` is the calibration file; `arrived` means that a station took
-    the recording, which may not be where the table says.
+    `coefficients` contains names separated by spaces, in the order of `value`, `std` (SI) and of
+    the rows of `covariance`, which is the lower triangle row by row; `table` contains the other
+    columns of the table of sensors; `calibration` is the calibration file; `arrived` means that the
+    recording arrived at a station and may be elsewhere than stated in the table.
     """
     pa = _arrow()
     text, real = pa.string(), pa.float64()
@@ -73,7 +73,7 @@ def lower_triangle(matrix: Array) -> list[float]:
 
 
 def from_lower_triangle(values: Sequence[float]) -> Array:
-    """Return the symmetric matrix (p, p) of its lower triangle."""
+    """Return the symmetric matrix (p, p) with this lower triangle."""
     p = round((np.sqrt(8 * len(values) + 1) - 1) / 2)
     matrix = np.zeros((p, p))
     matrix[np.tril_indices(p)] = values
@@ -82,21 +82,23 @@ def from_lower_triangle(values: Sequence[float]) -> Array:
 
 @dataclass(frozen=True)
 class ResultWriter:
-    """Writes the results of one run, which all have the same generation.
+    """Writer for the results of one run, which all have the same generation.
 
     Parameters
     ----------
     folder : Path
-        Of the parts.
+        Folder with the parts.
     generation : int
-        A number larger than those of all results that existed when it was taken.
+        A number that is larger than those of all results that existed before.
     """
 
     folder: Path
     generation: int
 
     def write(self, rows: Sequence[Mapping[str, Any]]) -> Path:
-        """Write rows as one part, completely or not at all; the same rows have the same name.
+        """Write rows as one part, completely or not at all.
+
+        The file name depends only on the rows.
 
         Raises
         ------
@@ -114,14 +116,14 @@ class ResultWriter:
 
 
 def open_writer(folder: Path, above: int = 0) -> ResultWriter:
-    """Return the writer of a folder's next generation, which no other process can get.
+    """Return a writer for a folder's next generation, which no other process can use.
 
     Parameters
     ----------
     folder : Path
         Folder of the parts; it is created if it does not exist.
     above : int
-        The latest generation of its results that the caller knows.
+        The latest generation that the caller knows.
 
     Raises
     ------
@@ -133,7 +135,7 @@ def open_writer(folder: Path, above: int = 0) -> ResultWriter:
     try:
         while True:
             (folder / f"{_NUMBER}{number}").touch(exist_ok=False)
-            # Another process may have taken this number and later ones, and removed it.
+            # Another process may have used this number and later ones, and removed the file.
             if (largest := max(_taken_numbers(folder))) == number:
                 break
             (folder / f"{_NUMBER}{number}").unlink(missing_ok=True)
@@ -159,9 +161,9 @@ def part_paths(folder: Path) -> list[Path]:
 
 
 def read_part(path: Path, columns: Sequence[str] | None) -> Table:
-    """Return a part with all columns, or only those that are named.
+    """Read a part with all columns, or with only the named columns.
 
-    Columns that a part of an earlier version lacks are null.
+    Columns that are missing in a part from an earlier version are null.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A station of a line, which calibrates each recording as soon as it arrives in a folder."""
+"""A station in a line, which calibrates each recording as soon as it arrives in a folder."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
@@ -23,17 +23,18 @@ _HIDDEN = (".", "~")
 
 @dataclass(frozen=True)
 class StationResult:
-    """What a station reports about a recording.
+    """The result for a recording at a station.
 
     Parameters
     ----------
     id : str
-        Id of its sensor.
+        Id of the sensor.
     passed : bool
         Whether the result is reliable and passes every limit of [specification]; a conditional
         pass does not count.
     reason : str
-        The verdict in a word and the worst limit that was not passed, or why there is no result.
+        The verdict in one word and the worst limit that was not met, or the reason why there is no
+        result.
     """
 
     id: str
@@ -42,7 +43,7 @@ class StationResult:
 
 
 class KnownFile(NamedTuple):
-    """A file that has arrived: its version, and the SHA-256 of its content."""
+    """A file that has arrived, with its version and the SHA-256 hash of its content."""
 
     version: Version
     sha256: str
@@ -55,22 +56,22 @@ def arriving_files(
     suffixes: Collection[str] = (),
     say: Callable[[str], None] = print,
 ) -> Iterator[Path]:
-    """Yield each file of a folder once it is complete, with equal size and time at two polls.
+    """Yield each file in a folder when it is complete (same size and time at two polls).
 
-    Files that exist at the first poll also arrive, except known ones. Files may disappear, and so
-    may the folder; the function waits until the folder is back.
+    Files that exist at the first poll are also yielded, except known ones. Files may disappear, and
+    so may the folder; the function then waits until the folder is back.
 
     Parameters
     ----------
     folder : Path
     poll : callable
-        Waits for the next poll; returns false to stop.
+        Function that waits for the next poll, and returns false to stop.
     known : mapping of str to KnownFile, optional
-        Files by path that do not arrive again unless their content changes.
+        Known files by path, which are yielded again only if their content changes.
     suffixes : collection of str
-        Suffixes of recordings; empty for any file.
+        Suffixes of recordings; empty to accept any file.
     say : callable
-        Called once when the folder disappears, and once when it is back.
+        Function called with a message when the folder disappears and when it is back.
     """
     before: dict[Path, Version] = {}
     taken: dict[str, KnownFile] = dict(known or {})
@@ -95,7 +96,7 @@ def arriving_files(
             try:
                 taken[place] = KnownFile(version, file_sha256(path))
             except OSError:
-                continue  # it has vanished
+                continue  # the file has vanished
             if last is None or last.sha256 != taken[place].sha256:
                 yield path
         before = now
@@ -104,13 +105,13 @@ def arriving_files(
 
 
 def _present_files(folder: Path, suffixes: Collection[str]) -> dict[Path, Version] | None:
-    """Return the versions of the recordings in a folder; None if it cannot be read."""
+    """Return the versions of the recordings in a folder, or None if it cannot be read."""
     found: dict[Path, Version] = {}
     try:
         for path in sorted(folder.iterdir()):
             if path.name.startswith(_HIDDEN) or (suffixes and path.suffix not in suffixes):
                 continue
-            with suppress(InputError):  # it has vanished since
+            with suppress(InputError):  # the file has vanished since
                 if path.is_file():
                     found[path] = version_of(folder, path.name)
     except OSError:
@@ -127,20 +128,20 @@ def calibrate_arrival(
 ) -> StationResult:
     """Calibrate a recording that arrived, and store its row.
 
-    Its sensor is the row whose column `barcode` or id is the file's name without suffix, or whose
-    recording it is. A recording without a row is not calibrated, because its lot and bench are
-    unknown.
+    The sensor is found by the file name without suffix in the column `barcode` or `id`, or by the
+    path of its recording. A recording without a row is not calibrated, because its lot and bench
+    are unknown.
 
     Parameters
     ----------
     line : Line
     path : Path
     out : Path
-        Folder of the results.
+        Folder for the results.
     executor : TolerantExecutor, optional
-        Where to calibrate it; by default in this process.
+        Executor for the calibration; by default it runs in this process.
     limit : TimeLimit, optional
-        Time limit of the recordings of a station.
+        Time limit for recordings at the station.
 
     Raises
     ------
@@ -155,7 +156,7 @@ def calibrate_arrival(
         version = version_of(line.folder, row.recording)
     except InputError as error:
         return StationResult(row.id, False, str(error))
-    line = replace(line)  # the files that it names may have changed since it was read
+    line = replace(line)  # the files that the line names may have changed since it was read
     work = Work(row, line.digest(row), version, arrived=True)
     found = _result_within(limit or TimeLimit(), executor or SerialExecutor(), line, work)
     results.open_writer(out).write([found])
@@ -172,7 +173,7 @@ def calibrate_arrival(
 def _result_within(
     limit: TimeLimit, executor: TolerantExecutor, line: Line, work: Work
 ) -> dict[str, Any]:
-    """Return the row of a sensor, which is lost where it kills its process or takes too long."""
+    """Return the row for a sensor; it is "lost" if its process dies or takes too long."""
     size = work.version.size
     executor.limit = lambda _index, _step: limit.seconds(size)
     executor.submit(result_row, replace(line, rows=()), work)
@@ -189,7 +190,7 @@ def _result_within(
 
 
 def find_row(line: Line, path: Path) -> SensorRow | None:
-    """Return the row of a recording that arrived, with its path; None if it has no row."""
+    """Return the row for an arrived recording, with its path, or None if there is no row."""
     place = path.resolve()
     for row in line.rows:
         if (line.folder / row.recording).resolve() == place:
@@ -201,7 +202,7 @@ def find_row(line: Line, path: Path) -> SensorRow | None:
 
 
 def known_files(line: Line, out: Path) -> dict[str, KnownFile]:
-    """Return, by path, the recordings that have a result for their present content and run file."""
+    """Return the recordings that have a result for their current content and run file, by path."""
     by_id = {row.id: row for row in line.rows}
     known: dict[str, KnownFile] = {}
     for part in results.part_paths(out):

@@ -1,18 +1,19 @@
-"""Statistics over the sensors of a line: their true scatter, and whether they are within limits.
+"""Statistics over the sensors of a line: their true scatter, capability and yield.
 
-The scatter of the values includes the uncertainty of each. The standard deviation in truth is
-√(sd² − mean u²); the components between and within lots are those of
+The scatter of the values includes their uncertainties. The standard deviation of the true values is
+√(sd² − mean u²); the components between and within lots are those in
 `inercal.estimation.uncertainty.components`. The capability of a process with the limits T_L and T_U
 is
 
     C_pk = min(T_U − μ, μ − T_L) / 3σ,   its interval C_pk ± 1.96 √(1/9n + C_pk²/(2n − 2))
 
-(Bissell 1990, Applied Statistics 39, 331–340): observed with the sd of the values, in truth with
-the sd in truth. Outliers are left out of means, scatter, capability, trends and differences, but
-not of medians, quantiles and the yield.
+(Bissell 1990, Applied Statistics 39, 331–340): the observed capability uses the sd of the values,
+and the true capability uses the sd of the true values. Outliers are excluded from means, scatter,
+capability, trends and differences, but not from medians, quantiles and the yield.
 
-u includes errors of the bench that sensors have in common. These do not scatter the sensors, so if
-they dominate, the scatter in truth is larger than stated, and u of a mean is never below theirs.
+u includes errors of the bench that are common to all sensors. These errors do not scatter the
+values, so if they dominate, the true scatter is larger than stated, and u of a mean is never below
+theirs.
 """
 
 from dataclasses import dataclass
@@ -41,7 +42,7 @@ TRENDS = ("serial order", "time")
 
 
 class Capability(NamedTuple):
-    """C_pk with the limits of its 95 % interval."""
+    """C_pk and the limits of its 95 % interval."""
 
     value: float
     low: float
@@ -50,20 +51,20 @@ class Capability(NamedTuple):
 
 @dataclass(frozen=True)
 class Summary:
-    """One coefficient over several sensors, SI.
+    """Summary of one coefficient over several sensors, in SI units.
 
     Parameters
     ----------
     n : int
-        Sensors.
+        Number of sensors.
     median, robust_sd : float
-    Over all sensors.
+    Median and robust standard deviation over all sensors.
     mean, sd : float
-        Without outliers.
+        Mean and standard deviation without outliers.
     mean_u : float
         Root of the mean square of the standard uncertainties.
     truth_sd : float
-        √(sd² − mean u²); not a number if the values scatter less than their uncertainties.
+        √(sd² − mean u²); NaN if the values scatter less than their uncertainties.
     """
 
     n: int
@@ -77,19 +78,19 @@ class Summary:
 
 @dataclass(frozen=True)
 class CoefficientStatistics:
-    """One coefficient over the fleet, SI.
+    """Statistics of one coefficient over the fleet, in SI units.
 
     Parameters
     ----------
     name : str
     summary : Summary
     quantiles : tuple of float
-        Of `QUANTILES`.
+        Values at the probabilities in `QUANTILES`.
     components : Components
     limits : (float, float) or None
         Limits in [specification].
     observed, truth : Capability or None
-        None without limits or without scatter.
+        Observed and true capability; None without limits or without scatter.
     """
 
     name: str
@@ -103,7 +104,7 @@ class CoefficientStatistics:
 
 @dataclass(frozen=True)
 class GroupStatistics:
-    """A lot or a station with its sensors and a summary of each coefficient."""
+    """A lot or a station, with the number of its sensors and a summary of each coefficient."""
 
     name: str
     summaries: tuple[Summary, ...]
@@ -121,14 +122,14 @@ class Outlier:
 
 @dataclass(frozen=True)
 class RuleYield:
-    """Number of sensors by their result under a decision rule."""
+    """Number of sensors with each result under a decision rule."""
 
     rule: DecisionRule
     counts: dict[str, int]
 
     @property
     def share(self) -> float:
-        """Share of the sensors that pass."""
+        """Return the share of the sensors that pass."""
         return self.counts["pass"] / max(sum(self.counts.values()), 1)
 
 
@@ -141,17 +142,17 @@ class FleetStatistics:
     population : Population
     coefficients : tuple of CoefficientStatistics
     lots, stations : tuple of GroupStatistics
-        Empty if there is only one.
+        Statistics of each lot and station; empty if there is only one.
     outliers : tuple of Outlier
-        The farthest first.
+        Outliers, the farthest first.
     outliers_searched : bool
         Whether there were enough sensors for the search.
     outliers_by_chance : float
-        How many would be listed, on average, if no sensor differed from the others.
+        Number that would be listed, on average, if no sensor differed from the others.
     contrasts : tuple of Contrast
-        Trends over serial order and time, and differences of stations.
+        Trends over serial order and time, and differences between stations.
     yields : tuple of RuleYield
-        Empty without limits.
+        Yield under each decision rule; empty without limits.
     centre : float
         Centre of the control charts.
     charts : tuple of ControlChart
@@ -176,7 +177,7 @@ def fleet_statistics(population: Population) -> FleetStatistics:
     Raises
     ------
     InputError
-        No lot has two sensors.
+        No lot has two or more sensors.
     """
     n = len(population.ids)
     searched = n >= LEAST_ROWS
@@ -221,7 +222,7 @@ def fleet_statistics(population: Population) -> FleetStatistics:
 def capability(
     mean: float, sd: float, n: int, limits: tuple[float, float] | None
 ) -> Capability | None:
-    """Return C_pk with its interval; None without limits or scatter."""
+    """Return C_pk with its interval, or None without limits or scatter."""
     if limits is None or not sd > 0 or n < 2:
         return None
     value = min(limits[1] - mean, mean - limits[0]) / (3 * sd)
@@ -244,7 +245,7 @@ def _coefficient(
 
 
 def _summaries(value: Array, std: Array, good: Mask) -> list[Summary]:
-    """Return the summary of each column; means and scatter are of the rows in `good`."""
+    """Return a summary of each column; means and scatter use only the rows in `good`."""
     kept, u = value[good], std[good]
     if len(kept) < 2:
         kept, u = value, std
@@ -275,7 +276,7 @@ def _groups(population: Population, grouping: Grouping, good: Mask) -> tuple[Gro
 
 
 def _rows_of(grouping: Grouping, good: Mask) -> Grouping:
-    """Return the grouping of some rows; groups that they leave empty are gone."""
+    """Return the grouping for some rows, without groups that become empty."""
     places = grouping.places[good]
     used = np.bincount(places, minlength=len(grouping.names)) > 0
     names = tuple(name for name, one in zip(grouping.names, used.tolist(), strict=True) if one)
@@ -283,13 +284,13 @@ def _rows_of(grouping: Grouping, good: Mask) -> Grouping:
 
 
 def _components(value: Array, std: Array, lots: Grouping) -> list[Components]:
-    # Lots of one sensor each say nothing of the scatter within a lot.
+    # Lots with one sensor each provide no information on the scatter within a lot.
     places = lots.places if len(value) > len(lots.names) else None
     return [variance_components(value[:, k], std[:, k], places) for k in range(value.shape[1])]
 
 
 def _outliers(population: Population) -> tuple[Indices, tuple[Outlier, ...]]:
-    """Return the rows of the outliers, and their names."""
+    """Return the row indices of the outliers, and the outliers themselves."""
     spread = robust_scale(population.value) ** 2
     excess = np.maximum(spread - np.median(population.std, axis=0) ** 2, 0.0)
     scale = np.sqrt(population.std**2 + excess)
@@ -309,7 +310,7 @@ def _outliers(population: Population) -> tuple[Indices, tuple[Outlier, ...]]:
 
 
 def _yields(population: Population) -> list[RuleYield]:
-    """Return the results under the template's rule and under the others in use."""
+    """Return the yields under the template's decision rule and under the other common rules."""
     if population.judged is not None:
         return [RuleYield(*population.judged)]
     specification = population.specification

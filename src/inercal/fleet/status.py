@@ -1,4 +1,4 @@
-"""The progress of a line: sensors by status and grade, and why some have no result."""
+"""Progress of a line: sensors by status and grade, and reasons for missing results."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
 
-_NAMES = 1000  # of sensors with one reason that are listed
+_NAMES = 1000  # sensors listed for each reason
 
 
 @dataclass(frozen=True)
@@ -22,14 +22,14 @@ class LineStatus:
     Parameters
     ----------
     counts : mapping of str to int
-        Number of sensors by status, in words.
+        Number of sensors by status.
     reasons : sequence of (str, sequence of str)
-        Each reason why sensors have no result, most common first, with their ids.
+        Reasons why sensors have no result, most common first, with the sensors' ids.
     conformity : mapping of str to int
-        Number of sensors by the result of [specification], from pass to fail; empty without limits.
-        Unreliable results are not judged.
+        Number of sensors by result against [specification], from pass to fail; empty without
+        limits. Unreliable results are not included.
     outdated : mapping of str to str
-        Why a calibration now may give another result, by sensor id.
+        Reasons why a new calibration may give another result, by sensor id.
     """
 
     counts: Mapping[str, int]
@@ -55,7 +55,7 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
     ----------
     line : Line
     out : Path, optional
-        Folder of the results; by default `fleet` in the line's folder.
+        Folder with the results; by default `fleet` in the line's folder.
     """
     folder = line.folder / results.FOLDER if out is None else out
     columns = ("error", "grade", "conformity")
@@ -89,6 +89,6 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
 
 
 def _common_reason(row: Mapping[str, Any]) -> str:
-    """Return the reason without what names the sensor, so that equal reasons are one."""
+    """Return the reason without names of the sensor, so that equal reasons can be combined."""
     text = str(row["error"]).replace(row["recording"], "…")
     return text.replace(row["id"], "…")

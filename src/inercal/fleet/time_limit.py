@@ -1,25 +1,26 @@
-"""The time that a sensor may take, as stated or compared with the others."""
+"""Time limit for a sensor, stated by the user or found from the other sensors."""
 
 from collections.abc import Sequence
 
 from inercal.basics.units import format_duration
 
-_FACTOR = 20  # times what the slowest of the others took
-_LEAST = 60.0  # s: a busy machine, or one that compiles kernels, delays anybody
-_FIRST = 600.0  # s, until others are known
-_ENOUGH = 3  # others
+_FACTOR = 20  # times the slowest time of the others
+_LEAST = 60.0  # s, because a busy machine, or compiling kernels, delays any sensor
+_FIRST = 600.0  # s, used until other times are known
+_ENOUGH = 3  # number of other sensors needed
 
 
 class TimeLimit:
-    """The longest time of a sensor.
+    """Time limit for the calibration of a sensor.
 
-    By default it is twenty times the longest time that any other sensor took, proportionally more
-    for a larger recording, and at least a minute. Until three others are known it is ten minutes.
+    By default the limit is twenty times the longest time that any other sensor took, proportionally
+    more for a larger recording, and at least one minute. Until the times of three others are known,
+    it is ten minutes.
 
     Parameters
     ----------
     stated : float or None
-        The limit that the user states, s.
+        The limit stated by the user, s.
     """
 
     def __init__(self, stated: float | None = None):
@@ -27,12 +28,12 @@ class TimeLimit:
         self._count, self._longest, self._largest = 0, 0.0, 1
 
     def note(self, sizes: Sequence[int], seconds: Sequence[float]) -> None:
-        """Note the times that sensors took.
+        """Record the times that sensors took.
 
         Parameters
         ----------
         sizes : sequence of int
-            Bytes of their recordings.
+            Sizes of their recordings in bytes.
         seconds : sequence of float
         """
         self._count += len(seconds)
@@ -40,14 +41,15 @@ class TimeLimit:
         self._largest = max(self._largest, *sizes)
 
     def seconds(self, size: int, *, early: bool = False) -> float:
-        """Return the limit of a sensor, s.
+        """Return the time limit for a sensor, s.
 
         Parameters
         ----------
         size : int
-            Bytes of its recording.
+            Size of its recording in bytes.
         early : bool
-            Whether it can be tried again when others are known, so it may be stopped early.
+            Whether the sensor may be stopped early, because it can be retried when other times are
+            known.
         """
         if self._stated is not None:
             return self._stated
@@ -56,7 +58,7 @@ class TimeLimit:
         return max(_LEAST, _FACTOR * self._longest * max(1.0, size / self._largest))
 
     def reason(self, limit: float) -> str:
-        """Return why a sensor was stopped, in words."""
+        """Describe why a sensor was stopped."""
         longest = format_duration(self._longest)
         others = f", while the others took at most {longest}" * bool(self._count)
         return (

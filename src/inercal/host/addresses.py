@@ -1,13 +1,14 @@
-"""Addresses of tables and IMUs: the link, the kind of device and its settings.
+"""Addresses of tables and IMUs: each names a link, the kind of device and its settings.
 
-    pmac://192.168.0.5:1025?motors=1,2,3&counts=3600000     axes outer to inner; counts of one turn,
-                                                            one for all or one an axis, < 0 reverses
-    acutrol://192.168.0.6:5025?axes=1,2,3                   axes outer to inner
+    pmac://192.168.0.5:1025?motors=1,2,3&counts=3600000     axes from outer to inner; counts per
+                                                            turn, one for all or one per axis,
+                                                            < 0 reverses the axis
+    acutrol://192.168.0.6:5025?axes=1,2,3                   axes from outer to inner
     motor:serial:/dev/ttyUSB0?baud=9600                     one axis, over any link
-    serial:/dev/ttyUSB0?preset=xsens&baud=921600            an IMU; `preset` is one of `PRESETS`,
-    tcp://127.0.0.1:40123?layout=own.toml                   `layout` a file of one's own
+    serial:/dev/ttyUSB0?preset=xsens&baud=921600            an IMU; `preset` is one of `PRESETS`
+    tcp://127.0.0.1:40123?layout=own.toml                   an IMU; `layout` is your own file
 
-All other parameters after `?` are those of the link.
+All other parameters after `?` belong to the link.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.drivers.rotary_table import AxisLimits, RotaryTable
 from inercal.host.link import CONNECT_TIMEOUT, host_and_port, open_link
 
-# What these bring with them takes longer to load than the guard, which opens a table, to start.
+# Importing these takes longer than starting the guard, which opens a table and must start quickly.
 if TYPE_CHECKING:
     from inercal.benches.motion_control import ControlledBench
     from inercal.host.imu_port import ImuPort
@@ -43,7 +44,7 @@ _PMAC_PORT = 1025
 
 
 class DeviceAddresses(NamedTuple):
-    """Addresses of the devices; `clock` is that of a simulated bench, empty on real hardware."""
+    """Addresses of the devices; `clock` is the address of a simulated bench's clock, else empty."""
 
     table: str
     imu: str
@@ -51,26 +52,26 @@ class DeviceAddresses(NamedTuple):
 
 
 def open_table(address: str, bench: ControlledBench | None, timeout: float = 1.0) -> RotaryTable:
-    """Return the table at `address`.
+    """Connect to the table at `address` and return its driver.
 
     Parameters
     ----------
     address : str
-        See the module.
+        See the module docstring.
     bench : ControlledBench or None
-        Names the axes, and states what a controller that tells no limits is held to; without it
-        axes are named after their numbers.
+        Names the axes, and gives the limits for a controller that reports none. Without a bench,
+        the axes are named after their numbers.
     timeout : float
-        s that a reply may take.
+        Longest time to wait for a reply, s.
 
     Raises
     ------
     InputError
-        An address of another form, or one whose axes are not the bench's.
+        The address is malformed, or its axes do not match the bench.
     LinkLost
-        Nobody is there.
+        No device answers at the address.
     ProtocolError
-        Somebody else is.
+        A device answers, but it is not such a table.
     """
     scheme, _ = _scheme(address)
     if scheme in DRIVERS:
@@ -79,17 +80,18 @@ def open_table(address: str, bench: ControlledBench | None, timeout: float = 1.0
 
 
 def allows_second_connection(address: str) -> bool:
-    """Tell whether two programs may be connected to the table at once: not over a serial port."""
+    """Return whether two programs can be connected to a table at once (not on a serial port)."""
     kind, at = _scheme(address)
     return not (kind == "motor" and at.startswith("serial:"))
 
 
 def table_places(address: str) -> tuple[str, ...]:
-    """Return the device that a table's address leads to, however the address is written.
+    """Return the places (hosts and ports) that a table's address leads to, however it is written.
 
-    Two addresses lead to one controller where they have a place in common: a name and its number,
-    a port that is left out, the several names of this machine, links to a serial port. Which axes
-    an address names makes no difference. Nothing is opened.
+    Two addresses lead to the same controller if they have a place in common. This covers host names
+    and their IP addresses, default ports that are left out, the several names of this machine, and
+    symbolic links to a serial port. The axes in an address make no difference. No connection is
+    opened.
     """
     scheme, _ = _scheme(address)
     link = address.partition("?")[0]
@@ -109,7 +111,7 @@ def table_places(address: str) -> tuple[str, ...]:
 
 
 def _resolve(host: str) -> tuple[str, ...]:
-    """Return the numeric addresses of a host, sorted, or its name if none are known."""
+    """Return the sorted numeric addresses of a host, or its name if it cannot be resolved."""
     try:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):
@@ -118,7 +120,7 @@ def _resolve(host: str) -> tuple[str, ...]:
 
 
 def _number_of_host(family: int, number: str) -> str:
-    """Return the number of a host; each of this machine's own is "localhost"."""
+    """Return the numeric address of a host, or "localhost" for an address of this machine."""
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind((number, 0))
@@ -140,16 +142,16 @@ def open_imu(
     *,
     synchronous: bool = False,
 ) -> ImuPort:
-    """Return the port to the IMU at `address`.
+    """Open the port to the IMU at `address` and return it.
 
-    `now` and `synchronous` are of `ImuPort`, `connect_timeout` of its link.
+    `now` and `synchronous` are passed to `ImuPort`, and `connect_timeout` is passed to its link.
 
     Raises
     ------
     InputError
-        An address of another form, or no description of its packets.
+        The address is malformed, or it does not describe the packets.
     LinkLost
-        Nobody is there, or the port cannot be opened.
+        No device answers at the address, or the port cannot be opened.
     """
     from inercal.host.imu_port import ImuPort
 
@@ -158,12 +160,12 @@ def open_imu(
 
 
 def layout_of_address(address: str) -> PacketLayout:
-    """Return the packet layout that `preset` or `layout` in an IMU's address names.
+    """Return the packet layout that an IMU's address selects by `preset` or `layout`.
 
     Raises
     ------
     InputError
-        Neither or both of them, or a description that cannot be read.
+        The address has neither or both of them, or the description cannot be read.
     """
     from inercal.host.packets import PRESETS, read_layout
 
@@ -181,7 +183,7 @@ def layout_of_address(address: str) -> PacketLayout:
 
 
 def link_of_address(address: str) -> str:
-    """Return the address of the link alone, without `preset` or `layout`."""
+    """Return an IMU's address without `preset` and `layout`, which is the address of its link."""
     whole = _AddressParameters(address).values
     given = {k: v for k, v in whole.items() if k not in ("preset", "layout")}
     if given == whole:
@@ -191,7 +193,7 @@ def link_of_address(address: str) -> str:
 
 
 class _AddressParameters:
-    """The parameters of an address, read one by one."""
+    """The parameters of an address, which are taken out one by one."""
 
     def __init__(self, address: str):
         self.address = address
@@ -201,7 +203,7 @@ class _AddressParameters:
             raise InputError(f"{address!r} gives a parameter twice; give each parameter once")
 
     def axis_numbers(self, key: str, most: int) -> list[int]:
-        """Return the numbers of axes, 1 to `most`, each once."""
+        """Return the axis numbers in a parameter: from 1 to `most`, each at most once."""
         text = self._take(key, f"{key}=1,2,3")
         parts = text.split(",")
         if not all(re.fullmatch(r"[0-9]{1,2}", part) for part in parts):
@@ -214,7 +216,7 @@ class _AddressParameters:
         return numbers
 
     def counts(self, axes: int) -> list[float]:
-        """Return the counts of one turn of each axis."""
+        """Return the counts per turn of each axis."""
         text = self._take("counts", "counts=3600000")
         try:
             values = [float(part) for part in text.split(",")]
@@ -228,7 +230,7 @@ class _AddressParameters:
         return values if len(values) == axes else values * axes
 
     def tcp_address(self, port: int | None) -> str:
-        """Return the address of the link, once all parameters have been read."""
+        """Return the address of the link, and refuse any parameters that are left over."""
         if self.values:
             raise InputError(
                 f"unknown parameter {next(iter(self.values))!r} in {self.address!r}; "
@@ -299,7 +301,7 @@ def _open_motor(address: str, bench: ControlledBench | None, timeout: float) -> 
     return Motor(at, limits, name, timeout=timeout)
 
 
-# By the scheme of the address: a driver takes address, bench and timeout, as `open_table` does.
+# Drivers by the scheme of the address; each takes address, bench and timeout, as `open_table` does.
 DRIVERS: dict[str, Callable[[str, ControlledBench | None, float], RotaryTable]] = {
     "pmac": _open_pmac,
     "acutrol": _open_acutrol,

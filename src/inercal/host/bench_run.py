@@ -1,15 +1,16 @@
-"""A run on a bench, from the first command until the table is at rest: the main loop.
+"""The main loop of a run on a bench, from the first command until the table is at rest.
 
-Every 20 ms of the bench's time, every 80 ms while the table holds its place::
+The loop runs every 20 ms of bench time, or every 80 ms while the table holds its position::
 
     clock -> table's state and IMU's bytes -> log -> interlocks -> sequencer -> table, log, journal
 
-and now and then what came is assembled, and the sequential estimator of the method, if it has one,
-is fed with it. What an estimate is made of is in the log: a run that was interrupted replays it,
-and repeats the step that was in hand whole.
+At intervals, the received data are assembled and passed to the method's sequential estimator, if it
+has one. The log contains all data that an estimate uses, so a resumed run replays its log and
+repeats the interrupted step from its beginning.
 
-On any way out the table comes to rest: by the sequencer, or by the watchdog (`guard`), a process of
-its own with its own connection. Both are software; the hardware interlock is the safety function.
+However the run ends, the table is brought to rest: by the sequencer, or by the watchdog (`guard`),
+a separate process with its own connection. Both are software; the hardware interlock is the safety
+function.
 """
 
 from collections.abc import Callable
@@ -55,18 +56,18 @@ from inercal.host.table_state_codec import pack_state
 from inercal.host.task_sequencer import Command
 from inercal.host.tasks import DEFAULT_OPTIONS, HostPlan, RunOptions, host_plan
 
-SHOW_INTERVAL = 0.2  # s of the wall's between two looks at the run
+SHOW_INTERVAL = 0.2  # s of wall time between two updates of the display
 _PACKET_TIMEOUT = 5.0  # s
 _SIMULATED_READ_TIMEOUT = 1.0  # s
-# Time that recording goes on, s: the last samples wait for the table's next reading
+# How long recording continues at the end, s: the last samples need the table's next reading
 _RECORDING_TAIL = 1.0
-_PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that it looks for a table that is gone
-_DATING_TIMEOUT = 10.0  # s until the first packets of a resumed run must have their dates
-_GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
+_PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s for which it tries to reach a lost table
+_DATING_TIMEOUT = 10.0  # s within which the first packets of a resumed run must be dated
+_GRACE = 5.0  # s to come to rest, in addition to the time that the deceleration takes
 
 
 class BenchRun:
-    """One run, begun or resumed; a context manager that leaves the table at rest.
+    """One run, new or resumed; as a context manager it leaves the table at rest.
 
     Parameters
     ----------
@@ -75,28 +76,28 @@ class BenchRun:
     addresses : DeviceAddresses
     options : RunOptions
     show : callable
-        Called with the run itself, now and then.
+        Called with the run itself, at intervals.
     show_interval : float
-        s of the wall's between two such calls.
+        Wall time between two such calls, s.
 
     Attributes
     ----------
     name, sensor, axes
-        The sensor's name, the sensor, the names of the table's axes.
+        The sensor's name, the sensor, and the names of the table's axes.
     time : float
-        The run's, s.
+        Run time, s.
     sequencer : Sequencer or SpinSequencer
     tasks : tuple of Task
     recorder : RunRecorder
-        What came, and what was made of it.
+        Records the received data and assembles samples from them.
 
     Raises
     ------
     InputError
-        A bench that no host drives, an address that is none, a log that is damaged, or a table that
-        another program commands.
+        The bench is not of a kind that a host can drive, an address is invalid, the log is damaged,
+        or another program commands the table.
     LinkLost
-        Nobody is there.
+        A device does not answer.
     """
 
     def __init__(
@@ -127,11 +128,12 @@ class BenchRun:
             )
         with ExitStack() as opened:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
-            # What was sensed before was checked by the host of then, and may be mended since.
+            # Earlier readings were checked when they were received, and any fault may be repaired
+            # by now.
             self._checked_from = self.recorder.assembly.table.last
-            # Before the table hears anything: another run may be commanding it.
+            # Lock the table before sending it anything: another run may be commanding it.
             opened.enter_context(TableLock(addresses.table, f"run {folder.path.resolve()}"))
-            # A simulated table may wait for a machine that is busy.
+            # A simulated table may be slow to answer on a busy machine.
             timeout = _SIMULATED_READ_TIMEOUT if addresses.clock else READ_TIMEOUT
             self._table = opened.enter_context(open_table(addresses.table, bench, timeout))
             self._clock, self._last_checks = self._open_clock(addresses)
@@ -151,10 +153,11 @@ class BenchRun:
             )
             self._table_driver = TableDriver(self._table, self._guard, self._clock.now, self._say)
             self._mounting: MountingPrompt | None = None
-            if isinstance(self.sequencer, SpinSequencer):  # a table of angles has no mountings
+            if isinstance(self.sequencer, SpinSequencer):  # a plan of spins has no mountings
                 self._mounting = MountingPrompt(self.sequencer, journal, self._clock, self._say)
                 self._mounting.restore()
-            # A simulated bench stands still from here on: the port opens between two packets.
+            # A simulated bench stands still from here on, so that the port opens between two
+            # packets.
             clock, now = self._clock, self._clock.now()
             clock.begin(now)
             tick = clock.end()
@@ -172,7 +175,7 @@ class BenchRun:
 
     @property
     def state(self) -> TableState | None:
-        """The last state of the table that was read."""
+        """The table state that was read last."""
         return self._table_driver.state
 
     @property
@@ -194,12 +197,12 @@ class BenchRun:
 
     @property
     def needs_new_run(self) -> bool:
-        """Whether resuming is pointless: the clocks of the devices can no longer be matched."""
+        """Whether the run cannot be resumed because the devices' clocks cannot be matched again."""
         return self._clocks_lost or self.recorder.assembly.imu.mismatch is not None
 
     @property
     def mounting_request(self) -> MountingRequest | None:
-        """The mounting that waits for a confirmation, or None."""
+        """The mounting that the operator still has to confirm, or None."""
         return self._mounting.request if self._mounting else None
 
     @property
@@ -213,27 +216,27 @@ class BenchRun:
             self._mounting.before_request = drop
 
     def confirm_mounting(self, number: int, mounting: str, by: str) -> None:
-        """Confirm a mounting for the request `number`, from whichever thread."""
+        """Confirm the mounting that request `number` asked for; may be called from any thread."""
         if self._mounting:
             self._mounting.confirm(number, mounting, by)
 
     def request(self, what: Literal["pause", "go on", "stop"]) -> None:
-        """Request a command from any thread; it is carried out within a tick."""
+        """Request a command from any thread; it is executed within one tick."""
         self._interruptions.request(what)
 
     def execute_plan(self) -> bool:
-        """Run the plan; return True if it was completed, False if it was interrupted.
+        """Run the plan; return True if it was completed and False if it was interrupted.
 
-        The table is at rest then, or `trouble` says why that is not known.
+        When this returns, the table is at rest, or `trouble` says why this is not known.
         """
         with self._guard.catch_signals():
             try:
                 self._record_session()
                 self._clock.begin(self._next)
-                # The watchdog of a host that was killed may be stopping the table still.
+                # The watchdog of a host that was killed may still be stopping the table.
                 self._wait_for_rest()
                 self._table_driver.require_idle()
-                # A device that has set its clock anew is reported before anything moves.
+                # Report a device that has reset its clock before anything moves.
                 self._wait_for_dates()
                 self._begin_checks()
                 self._before_start = False
@@ -255,13 +258,13 @@ class BenchRun:
         return done
 
     def _tick(self) -> None:
-        """Process the results of the last tick, let the bench advance, and act on them.
+        """Process the results of the last tick, let the bench advance, and send commands.
 
-        Between `end` and `begin` a simulated bench stands still: commands reach it there, one tick
-        after the state that they are for.
+        Between `end` and `begin` a simulated bench stands still, so commands reach it there, one
+        tick after the state that they respond to.
         """
         tick = self._clock.end()
-        # A bench that has gone on by itself is not followed tick by tick.
+        # A bench that has advanced by itself is not followed tick by tick.
         step = self._poll * (HOLD_POLL_FACTOR if self.sequencer.is_holding else 1)
         late, self._next = tick.time - self._next, max(self._next, tick.time) + step
         self.time = tick.time
@@ -286,7 +289,7 @@ class BenchRun:
         if self.recorder.is_processing_due(self.time):
             self._process_pending()
         if self._is_simulated and self.mounting_request is not None:
-            sleep(step)  # a simulated bench has no reason to hurry while its operator works
+            sleep(step)  # a simulated bench need not run fast while its operator works
         if monotonic() - self._show_time >= self._show_interval:
             self._show_time = monotonic()
             self._show_state()
@@ -295,7 +298,7 @@ class BenchRun:
         """Show the run to its viewers."""
         try:
             self._show(self)
-        except OSError:  # nobody looks any more, and the run goes on
+        except OSError:  # the viewer is gone, but the run continues
             self._show = _show_nothing
 
     def _read(self) -> tuple[float, TableState] | None:
@@ -309,11 +312,11 @@ class BenchRun:
     def _is_plausible(self, state: TableState) -> bool:
         """Return whether a reading is plausible; end the run if too many are not.
 
-        One that is not is in the log, and leads to nothing.
+        An implausible reading is logged, but it has no other effect.
         """
         if self._plausibility.accept_state(state):
             return True
-        if self._plausibility.is_fault and not self.sequencer.is_over:  # said once
+        if self._plausibility.is_fault and not self.sequencer.is_over:  # report it only once
             self._interruptions.end(self._plausibility.fault_text)
         return False
 
@@ -336,10 +339,10 @@ class BenchRun:
         self._record_sections()
 
     def _send_commands(self) -> None:
-        """Send the sequencer's commands to the table; it may have been paused since."""
+        """Send the sequencer's commands to the table, unless the run has been paused since."""
         commands, self._commands = self._commands, []
         if commands:
-            self._interruptions.check_guard()  # while it stops the table nothing is commanded
+            self._interruptions.check_guard()  # no commands while the watchdog stops the table
         try:
             self._table_driver.send([] if self.pause_reason or self.sequencer.is_over else commands)
         except InercalError as error:
@@ -355,7 +358,7 @@ class BenchRun:
         result.clear()
 
     def _stop(self, how: Callable[[float], list[Command]], cause: str, lasted: float) -> None:
-        """Pause or abort by `how`, for a cause that has lasted for some seconds."""
+        """Pause or abort by calling `how`, for a cause that has lasted for `lasted` s."""
         self._table_driver.stop(how(self.time if self.state is None else self.state.time))
         self._plausibility.expect_stop()
         self.recorder.record_interruption(self.time, cause, lasted)
@@ -365,7 +368,7 @@ class BenchRun:
         self.recorder.record_interruption(self.time, None)
 
     def _wait_for_rest(self) -> None:
-        """Wait until the table is at rest; if it is not, or is gone, leave it to the watchdog."""
+        """Wait until the table is at rest; if it does not stop, leave it to the watchdog."""
         slowest = max(one.rate / one.acceleration for one in self._bench.axis_motion_limits)
         until, after = self.time + slowest + _GRACE, self.time + _RECORDING_TAIL
         while self.time < until and not (self._table_driver.at_rest and self.time > after):
@@ -382,7 +385,7 @@ class BenchRun:
             self._interruptions.end(words)
 
     def _check_rest_with_gyros(self) -> None:
-        """Check with the gyros that the table rests: the encoder may be frozen."""
+        """Check with the gyros that the table is at rest, because an encoder may be frozen."""
         self._process_pending()
         until = self.time + _GRACE
         while self._interlocks.rate_difference and self.time < until:
@@ -410,7 +413,7 @@ class BenchRun:
             self._packets = packets, self.time
         elif self.time - self._packets[1] > _PACKET_TIMEOUT:
             self._interruptions.end(
-                f"the IMU has sent bytes for {_PACKET_TIMEOUT:g} s, and no packet among them: "
+                f"the IMU has sent bytes for {_PACKET_TIMEOUT:g} s, but no valid packet: "
                 "check preset and baud"
             )
         if block is None:
@@ -432,23 +435,23 @@ class BenchRun:
             self._table_driver.switch_servos_off()
 
     def _open_clock(self, addresses: DeviceAddresses) -> tuple[Clock, LastChecks]:
-        """Return the bench's clock, and how often the interlocks must run by it."""
+        """Return the bench's clock, and a monitor of when each interlock ran last."""
         if not addresses.clock:
             start = self.recorder.log_end.resumed_time(self._table)
             return MonotonicClock(start), LastChecks()
-        # A simulated bench waits for its host, who may work through seconds of it at once.
+        # A simulated bench waits for its host, which may process several seconds of it at once.
         ticks = 3 * HOLD_POLL_FACTOR * self._poll
         checks = LastChecks(max(MAX_CHECK_INTERVAL, ticks), PIECE_MAX + ticks)
         return SimulatedClock(addresses.clock, self._options.speed), checks
 
     def _begin_checks(self) -> None:
-        """Require the interlocks to run on schedule from now on."""
+        """Require that the interlocks run on schedule from now on."""
         self._last_checks.record("table", self.time)
         if self.recorder.assembly.is_recording:
             self._last_checks.record("gyros", self.time)
 
     def _update_last_checks(self) -> None:
-        """Return an overdue interlock; none before and after the plan, when nothing moves."""
+        """Check for overdue interlocks; before and after the plan none is due, as nothing moves."""
         homed = self.state is not None and all(axis.homed for axis in self.state.axes)
         if not (homed and self.recorder.assembly.is_recording and self._interlocks.has_gyros):
             self._last_checks.pause("gyros")
@@ -461,7 +464,7 @@ class BenchRun:
     def _record_session(self) -> None:
         self._plausibility.restart()
         uptime = None if self._is_simulated else read_host_uptime()
-        if uptime is not None:  # at the time of the session, which is a moment ago
+        if uptime is not None:  # converted to the time of the session, which is a moment ago
             uptime = HostUptime(uptime.boot, uptime.seconds - (self._clock.now() - self.time))
         self.recorder.record_session(
             self.time, self.sequencer.number, self._table.wrap_period, uptime
@@ -482,7 +485,7 @@ class BenchRun:
 
 
 def _create_sequencer(plan: HostPlan, first: int, mounting: str) -> Sequencer | SpinSequencer:
-    """Return the sequencer that runs a plan from a given step, with the sensor as mounted."""
+    """Return the sequencer that runs a plan from step `first`, with the sensor as mounted."""
     limits, names = plan.bench.axis_motion_limits, plan.bench.names
     if plan.spins:
         spins = [task for task in plan.tasks if isinstance(task, SpinTask)]
@@ -494,4 +497,4 @@ def _create_sequencer(plan: HostPlan, first: int, mounting: str) -> Sequencer | 
 
 
 def _show_nothing(run: BenchRun) -> None:
-    """Show nothing."""
+    """Do nothing."""

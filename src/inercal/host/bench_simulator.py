@@ -25,46 +25,46 @@ STARTUP_MESSAGE = "starting the simulated bench"
 COMPILATION_MESSAGE = (
     "compiling the numerical code for this machine; this takes about a minute, the first time only"
 )
-_EXIT_TIMEOUT = 10.0  # s of the wall in which a process ends by itself
+_EXIT_TIMEOUT = 10.0  # s of wall time within which a process must exit by itself
 
 
 class BenchSimulator(Closeable):
-    """The bench of a run file, simulated; as a context manager it ends with the context.
+    """The simulated bench of a run file; a context manager that stops it at the end of the context.
 
-    Its processes end when their starter does, which may be another than the host.
+    Its processes stop when the process that started them stops, which need not be the host.
 
     Parameters
     ----------
     run : path
-        The run file: bench, sensor, truth.
+        The run file, which states the bench, the sensor and the truth.
     seed : int
-        Of all that is drawn.
+        Seed of all random numbers.
     preset : str
-        Of the IMU's packets.
+        Packet format of the IMU.
     rate_hz : float, optional
-        Of the packets; the preset's own or that of the run's data unless told.
+        Packet rate; by default the preset's own rate, or the rate of the run's data.
     pace : float or "granted"
-        Bench seconds in one of the wall's; or as the host grants them through the clock.
+        Bench seconds per second of wall time, or "granted": the host grants time through the clock.
     terminal : bool
-        The IMU is at a pseudo-terminal; else at TCP.
+        If True, the IMU is connected through a pseudo-terminal, otherwise through TCP.
     background_work : callable, optional
-        Done while the processes start, which takes as long if they compile.
+        Called while the processes start, which takes a while if they compile.
     compiling : callable, optional
         Called when kernels of the simulation are compiled instead of loaded.
 
     Attributes
     ----------
     table, imu : str
-        Addresses that a host opens.
+        Addresses that a host can open.
     clock : str or None
-        None where time passes by itself.
+        Address of the clock; None if time passes by itself.
     addresses : DeviceAddresses
-        All of them, as a run takes them.
+        All of these addresses, in the form that a run takes.
 
     Raises
     ------
     InputError
-        A bench that cannot be simulated, as the process says.
+        The bench cannot be simulated; the message is that of the process.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class BenchSimulator(Closeable):
         with on_compilation(compiling):
             self._drawn_errors = draw_errors(read(run), seed)
         self._processes: dict[str, subprocess.Popen[str]] = {}
-        # A process that was killed leaves something behind.
+        # A process that was killed may leave files behind.
         self._folder = TemporaryDirectory(prefix="inercal-", ignore_cleanup_errors=True)
         common = [str(run), "--seed", str(seed)]
         try:
@@ -98,7 +98,8 @@ class BenchSimulator(Closeable):
             imu, *_ = self._address("imu")
             table, *clock = self._address("table")
         except BaseException:
-            # One that looks for another which has failed would not hear that it shall end.
+            # A process that waits for another one that has failed would not read the command to
+            # stop.
             for process in self._processes.values():
                 process.kill()
             self.close()
@@ -119,7 +120,7 @@ class BenchSimulator(Closeable):
         Raises
         ------
         InputError
-            What the process says against it, or that it has ended.
+            The process refuses the fault, or it has ended.
         """
         process = self._processes[which]
         assert process.stdin
@@ -139,10 +140,11 @@ class BenchSimulator(Closeable):
 
     @contextmanager
     def run_context(self) -> Generator[None]:
-        """Keep this process and the table's on one processor, and the IMU's on another.
+        """Keep this process and the table's on one processor, and the IMU's process on another.
 
-        Host and table wait for one another: to wake one up on another processor, a virtual one
-        above all, takes longer than what it has to do. Without effect where a system cannot.
+        Host and table wait for each other. Waking one of them on another processor, particularly a
+        virtual one, takes longer than the work it has to do. This has no effect on systems without
+        such a setting.
         """
         if not hasattr(os, "sched_setaffinity") or len(all_of_them := os.sched_getaffinity(0)) < 2:
             yield
@@ -161,7 +163,7 @@ class BenchSimulator(Closeable):
         for process in self._processes.values():
             for end in (process.stdin, process.stdout):
                 if end is not None:
-                    # What was not yet told need not be.
+                    # Commands that have not been sent yet are no longer needed.
                     with suppress(OSError):
                         end.close()
             try:
@@ -178,12 +180,13 @@ class BenchSimulator(Closeable):
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            # An interrupt at the terminal is the host's: the bench goes on, and is brought to rest.
+            # An interrupt at the terminal is meant for the host; the bench continues and is brought
+            # to rest.
             start_new_session=True,
         )
 
     def _address(self, which: str) -> list[str]:
-        """Return the words after `at` in the line in which a process states its address."""
+        """Return the words after `at` in the line in which a process reports its address."""
         told = self._processes[which].stdout
         assert told
         said = told.readline().strip()
@@ -202,18 +205,18 @@ class BenchSimulator(Closeable):
 def start_bench_simulator(
     run: Run, seed: int, preset: str, compiling: Callable[[], None] = lambda: None
 ) -> BenchSimulator:
-    """Start a bench whose time is granted, and meanwhile compile what its host needs.
+    """Start a bench whose time the host grants, and compile the host's kernels meanwhile.
 
     Parameters
     ----------
     run : Run
     seed, preset, compiling
-        As of `BenchSimulator`; `compiling` is also called when this process compiles.
+        As in `BenchSimulator`; `compiling` is also called when this process compiles.
 
     Raises
     ------
     InputError
-        As `BenchSimulator`.
+        As in `BenchSimulator`.
     """
     layout = read_layout(preset)
 
@@ -225,7 +228,7 @@ def start_bench_simulator(
 
 
 def _set_processors(process: int, on: set[int]) -> None:
-    """Keep all of a process's threads on some processors."""
-    with suppress(OSError):  # a thread may end meanwhile, a system have no such folder
+    """Restrict all threads of a process to some processors."""
+    with suppress(OSError):  # a thread may end meanwhile, or the system may lack this folder
         for thread in os.listdir(f"/proc/{process}/task"):
             os.sched_setaffinity(int(thread), on)

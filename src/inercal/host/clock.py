@@ -1,21 +1,22 @@
-"""Clock of a run: the host's monotonic clock, or the clock of a simulated bench.
+"""The clock of a run: the host's monotonic clock, or the clock of a simulated bench.
 
-The clock does not use UTC: a step of the host's date changes no time of a run, nor of a run that is
-resumed.
+The clock does not use UTC, so setting the host's date changes no time in a run, not even in a
+resumed one.
 
-`begin(until)` lets the bench advance to a time and returns at once; `end()` returns when the bench
-has reached it, and meanwhile the host processes data. A simulated bench advances no further than
-`until`, so that the speeds of host and bench change no number.
+`begin(until)` lets the bench advance to a time and returns at once, so that the host can process
+data meanwhile; `end()` returns when the bench has reached that time. A simulated bench never
+advances beyond `until`, so the speeds of host and bench do not affect any number.
 
-A simulated bench states how many bytes its IMU has sent by which time, and the host takes exactly
-these; a real bench cannot state this.
+A simulated bench reports how many bytes its IMU has sent by which time, and the host takes exactly
+these bytes; a real bench cannot report this.
 
-**Protocol** of a simulated bench's clock, lines over TCP: the bench answers `until 12.5`, `now` and
-`mounted NAME`, which states how an operator has mounted the sensor, by "TIME SENT SENT_BY", s,
-bytes, s. The IMU makes the readings of the last interval while the host
-polls the table: SENT counts up to the interval before, or up to the last one where the requested
-time has passed already. Before the first `until` the clock rests at 0. Without an `until` for 5 s,
-or without a connection, it follows the wall clock until the next `until`.
+**Protocol** of a simulated bench's clock, as lines over TCP: the host sends `until 12.5`, `now` or
+`mounted NAME`, which states how an operator has mounted the sensor. The bench answers each line
+with "TIME SENT SENT_BY", in s, bytes and s. The IMU makes the readings of the last interval while
+the host polls the table, so SENT counts the bytes up to the interval before, or up to the last
+interval if the requested time has already passed. Before the first `until` the clock stands at 0.
+Without an `until` for 5 s, or without a connection, it follows the wall clock until the next
+`until`.
 """
 
 import socket
@@ -28,30 +29,30 @@ from urllib.parse import urlsplit
 from inercal.basics.errors import InputError
 from inercal.host.link import LinkLost, connect_socket, host_and_port
 
-_ANSWER_TIMEOUT = 20  # s; of a bench whose machine is busy
-_STALE_AFTER = 0.5  # s of the wall after which the last answer is asked for again
-_MAX_CATCH_UP = 0.1  # s of the wall that a paced bench makes up for
+_ANSWER_TIMEOUT = 20  # s; long enough for a bench on a busy machine
+_STALE_AFTER = 0.5  # s of wall time after which the clock is queried again
+_MAX_CATCH_UP = 0.1  # s of wall time that a paced bench makes up for
 
 
 class Tick(NamedTuple):
-    """What time it is, s of the run, and what the IMU has sent by when."""
+    """The run time in s, and how many bytes the IMU has sent by which time."""
 
     time: float
-    bytes_sent: int | None  # bytes in all; None where nobody knows
+    bytes_sent: int | None  # total number of bytes; None if unknown
     sent_time: float
 
 
 class HostUptime(NamedTuple):
-    """Time since the host booted, s, including suspended time."""
+    """The time since the host booted, s, including the time that it was suspended."""
 
     boot: str
     seconds: float
 
 
 def read_host_uptime() -> HostUptime | None:
-    """Return how long this host has been up; None if the system does not tell.
+    """Return how long this host has been up; None if the system does not report it.
 
-    Every process of a boot reads the same, so that it measures how long a run was without a host.
+    All processes since the same boot read the same clock, so it shows how long a run had no host.
     """
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
@@ -61,12 +62,12 @@ def read_host_uptime() -> HostUptime | None:
 
 
 class MonotonicClock:
-    """The host's monotonic clock, for a bench in real time.
+    """The host's monotonic clock, for a bench that runs in real time.
 
     Parameters
     ----------
     start : float
-        The run's time now, s.
+        Run time at this moment, s.
     """
 
     def __init__(self, start: float):
@@ -74,7 +75,7 @@ class MonotonicClock:
         self._until = start
 
     def now(self) -> float:
-        """Return the time on the bench, s of the run; another thread may ask too."""
+        """Return the run time, s; may be called from any thread."""
         return monotonic() + self._offset
 
     def begin(self, until: float) -> None:
@@ -82,35 +83,35 @@ class MonotonicClock:
         self._until = until
 
     def end(self) -> Tick:
-        """Return once the time given to `begin` is reached."""
+        """Wait until the time given to `begin` is reached, then return the tick."""
         while (left := self._until - self.now()) > 0:
             sleep(left)
         now = self.now()
         return Tick(now, None, now)
 
     def mount(self, mounting: str) -> None:
-        """Tell a simulated bench how its operator has mounted the sensor; here somebody has."""
+        """Report a mounting to the bench; on a real bench this does nothing."""
 
     def close(self) -> None:
         """Release the bench."""
 
 
 class SimulatedClock:
-    """The clock of a simulated bench; `now` is what it last said, if that was not long ago.
+    """The clock of a simulated bench; `now` returns its last answer if that is recent enough.
 
     Parameters
     ----------
     address : str
         `clock://HOST:PORT`.
     speed : float, optional
-        Most seconds of the bench in one of the wall's; None: as fast as it goes.
+        Highest speed, in bench seconds per second of wall time; None means as fast as possible.
 
     Raises
     ------
     InputError
-        An address of another form, or a speed that is not > 0.
+        The address is malformed, or the speed is not > 0.
     LinkLost
-        No bench is there.
+        No simulated bench answers.
     """
 
     def __init__(self, address: str, speed: float | None = None):
@@ -127,7 +128,8 @@ class SimulatedClock:
                 key="--clock",
             )
         self._socket = connect_socket(address, place, _ANSWER_TIMEOUT)
-        # The system's own time limit: with that of Python each call asks twice.
+        # Use the socket's own timeout, because Python's timeout costs a second system call each
+        # time.
         self._socket.settimeout(None)
         limit = pack("@ll", _ANSWER_TIMEOUT, 0)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
@@ -139,26 +141,26 @@ class SimulatedClock:
         self._time = self._answer().time
 
     def now(self) -> float:
-        """As `MonotonicClock.now`; raises `LinkLost` where the bench is gone."""
+        """As `MonotonicClock.now`; raises `LinkLost` if the bench is gone."""
         if not self._awaits_answer and monotonic() - self._answer_time > _STALE_AFTER:
-            # The bench may have gone on by itself meanwhile.
+            # The bench may have advanced by itself meanwhile.
             self._send(b"now\n")
             self._time = self._answer().time
         return self._time
 
     def begin(self, until: float) -> None:
-        """As `MonotonicClock.begin`; raises `LinkLost` where the bench is gone."""
+        """As `MonotonicClock.begin`; raises `LinkLost` if the bench is gone."""
         if self._awaits_answer:
             raise RuntimeError("begin() was called twice; call end() before the next begin()")
         if self._speed is not None:
-            # A pause is not made up for in haste, a late wake-up is.
+            # Make up for a late wake-up, but not for a pause.
             start = max(self._due_time, monotonic() - _MAX_CATCH_UP)
             self._due_time = start + max(until - self._time, 0.0) / self._speed
         self._send(f"until {float(until)!r}\n".encode())
         self._awaits_answer = True
 
     def end(self) -> Tick:
-        """As `MonotonicClock.end`; raises `LinkLost` where the bench is gone."""
+        """As `MonotonicClock.end`; raises `LinkLost` if the bench is gone."""
         if not self._awaits_answer:
             raise RuntimeError("end() was called without begin(); call begin() first")
         self._awaits_answer = False
@@ -169,14 +171,14 @@ class SimulatedClock:
         return tick
 
     def mount(self, mounting: str) -> None:
-        """Have the sensor of the simulated bench mounted so; raises `LinkLost` without a bench."""
+        """Report a mounting to the simulated bench; raises `LinkLost` if it is gone."""
         if self._awaits_answer:
-            raise RuntimeError("mount() between begin() and end()")
+            raise RuntimeError("mount() was called between begin() and end(); call end() first")
         self._send(b"mounted " + mounting.encode() + b"\n")
         self._time = self._answer().time
 
     def close(self) -> None:
-        """Release the bench; its clock then follows the wall clock."""
+        """Release the bench, whose clock then follows the wall clock."""
         self._socket.close()
 
     def _send(self, line: bytes) -> None:

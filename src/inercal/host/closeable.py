@@ -1,4 +1,4 @@
-"""What a connection, a file and a process have in common: a context closes it."""
+"""A base class for connections, files and processes that are closed at the end of a context."""
 
 from typing import Self
 
@@ -7,7 +7,7 @@ class Closeable:
     """A context manager that calls `close` at the end of its context."""
 
     def close(self) -> None:
-        """Close what is open."""
+        """Close the resource."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:

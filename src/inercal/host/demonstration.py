@@ -1,11 +1,12 @@
-"""The demonstration: an IMU on a simulated three-axis table, calibrated live, and judged.
+"""The demonstration: calibrates an IMU on a simulated three-axis table and checks the result.
 
-Table and IMU are processes of their own behind TCP and a pseudo-terminal; what runs them is what
-runs a bench of iron. Their clock waits for the host, so that the plan's minutes pass in seconds and
-the numbers are those of an unhurried run.
+Table and IMU run as separate processes behind TCP and a pseudo-terminal, and the host is the same
+as on a real bench. Their clock waits for the host, so that the plan's minutes pass in seconds and
+the numbers are the same as in real time.
 
-The truth that it is judged by is that of the run file and, of the biases, the mean of the simulated
-flicker over the recording: so the bias is defined (`methods.turntable.drift`).
+The result is compared with the truth in the run file. For the biases, the truth includes the mean
+of the simulated flicker noise over the recording, because the bias is defined this way
+(`methods.turntable.drift`).
 """
 
 from collections.abc import Callable, Mapping
@@ -41,13 +42,13 @@ class DemonstrationResult:
     ----------
     outcome : Outcome
     truth : mapping of str to float
-        SI, of the biases the mean over the run.
+        In SI units; the biases are means over the run.
     nees : float
-        Normalised error squared against the truth, a coefficient; 1 is expected.
+        Normalised estimation error squared against the truth, per coefficient; 1 is expected.
     seconds : float
-        Of the bench.
+        Duration of the run in bench time, s.
     speed : float
-        Seconds of the bench in one of the wall's.
+        Bench seconds per second of wall time.
     files : mapping of str to str
     """
 
@@ -67,16 +68,16 @@ def demo(
     show: Callable[[BenchRun], None] = lambda run: None,
     compiling: Callable[[], None] = lambda: None,
 ) -> DemonstrationResult:
-    """Run the plan on a simulated bench, calibrate live and from the recording, compare, report.
+    """Run the demonstration: calibrate live and from the recording, compare, and write a report.
 
     Parameters
     ----------
     folder : path
-        Created if needed; contains the files of the run afterwards.
+        Created if needed; the files of the run are written here.
     seed : int
-        Of the sensor's noise and of the imperfections of the bench.
+        Seed of the sensor's noise and of the bench's imperfections.
     quick : bool
-        A path of five minutes instead of 24.
+        Use a path of five minutes instead of 24.
     show : callable
         Called with the run while it is active.
     compiling : callable
@@ -85,7 +86,7 @@ def demo(
     Raises
     ------
     InputError
-        The folder cannot be made, or holds a run already.
+        The folder cannot be created, or already contains a run.
     InercalError
         The run was interrupted.
     """
@@ -94,7 +95,8 @@ def demo(
     with TemporaryDirectory() as plans:
         run = _write_run_file(Path(plans), quick=quick)
         with start_bench_simulator(run, seed, _PACKETS, compiling) as bench:
-            # The bench's processes have read the run file; from here on its copy counts.
+            # The bench's processes have read the run file; from here on the copy in the folder is
+            # used.
             result, journal = create_run(folder, run, bench.addresses)
             with journal, result.removed_on_failure():
                 try:
@@ -125,9 +127,9 @@ def demo(
 def _truth_with_mean_biases(
     run: Run, seed: int, outcome: Outcome, end: float
 ) -> Mapping[str, float]:
-    """Return the truth with biases as means over the recording, which ends with the bench's time.
+    """Return the truth with mean biases over the recording, which ends at bench time `end`.
 
-    The IMU's clock may be off, by what is nothing here.
+    The error of the IMU's clock is negligible here.
     """
     track = outcome.observations.track
     assert track is not None
@@ -143,7 +145,7 @@ def _truth_with_mean_biases(
 
 
 def _write_run_file(folder: Path, *, quick: bool) -> Run:
-    """Return the demonstration's run file, written to a folder."""
+    """Write the demonstration's run file to a folder and return it."""
     packaged = files("inercal")
     text = packaged.joinpath("demo.toml").read_text(encoding="utf-8")
     if quick:

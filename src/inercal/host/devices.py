@@ -1,4 +1,4 @@
-"""Detects what is connected: ports, IMU packets, settings of a table's controller."""
+"""Detects connected devices: serial ports, IMU packets and settings of a table's controller."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
@@ -23,12 +23,12 @@ from inercal.host.table_lock import TableLock
 
 _LISTEN_TIME = 1.0  # s
 _MAX_BYTES = 1 << 16  # bytes at a time
-_MIN_DECODED_FRACTION = 0.5  # of the bytes: below it what fits is chance
+_MIN_DECODED_FRACTION = 0.5  # of the bytes; a smaller fraction can fit by chance
 
 
 @dataclass(frozen=True)
 class SerialPort:
-    """A serial port: its address and the system's description."""
+    """A serial port, given by its address and the system's description."""
 
     address: str
     description: str
@@ -36,17 +36,17 @@ class SerialPort:
 
 @dataclass(frozen=True)
 class PacketDecoding:
-    """A packet format that fits what an IMU sends.
+    """A packet format that matches the bytes from an IMU.
 
     Parameters
     ----------
     layout : PacketLayout
     counts : PacketCounts
-        While it was listened to; what is thrown has the packet that was under way at the start.
+        Counts while listening; the discarded bytes include the packet in progress at the start.
     decoded_fraction : float
-        Part of the bytes that make packets.
+        Fraction of the bytes that belong to valid packets.
     rate_hz : float
-        Packets a second: by the device's own clock where it tells one, else by the host's.
+        Packets per second, by the device's own clock if it sends one, otherwise by the host's.
     """
 
     layout: PacketLayout
@@ -57,7 +57,7 @@ class PacketDecoding:
 
 @dataclass(frozen=True)
 class ImuConnection:
-    """The bytes from an IMU, how long they took, and the packet formats that fit, best first."""
+    """The bytes received from an IMU, and the packet formats that match them, best first."""
 
     address: str
     size: int
@@ -67,7 +67,7 @@ class ImuConnection:
 
 @dataclass(frozen=True)
 class TableConnection:
-    """The settings of a table's controller, and the position of the table."""
+    """The settings of a table's controller, and the state of the table."""
 
     address: str
     identity: str
@@ -94,22 +94,22 @@ def list_serial_ports() -> tuple[SerialPort, ...]:
 
 
 def probe_imu(address: str, seconds: float = _LISTEN_TIME) -> ImuConnection:
-    """Listen to an IMU, and return which packets it sends.
+    """Listen to an IMU, and return the packet formats that match its bytes.
 
     Parameters
     ----------
     address : str
-        As `inercal.host.addresses.open_imu` takes it; without `preset` and `layout` all presets are
-        tried.
+        An address as in `inercal.host.addresses.open_imu`; without `preset` and `layout` all
+        presets are tried.
     seconds : float
-        s to listen; less where the other end ends.
+        Listening time, s; shorter if the other end closes the connection.
 
     Raises
     ------
     InputError
-        An address of another form, or no description of its packets.
+        The address is malformed, or the description of the packets cannot be read.
     LinkLost
-        Nobody is there, or the port cannot be opened.
+        No device answers, or the port cannot be opened.
     """
     link = link_of_address(address)
     told = [read_layout(p) for p in PRESETS] if link == address else [layout_of_address(address)]
@@ -128,15 +128,15 @@ def probe_imu(address: str, seconds: float = _LISTEN_TIME) -> ImuConnection:
 def probe_table(
     address: str, bench: ControlledBench | None = None, timeout: float = 1.0
 ) -> TableConnection:
-    """Return the settings and the state of a table without moving it.
+    """Return a table's settings and state without moving it.
 
     Raises
     ------
     InputError, LinkLost, ProtocolError
-        As `inercal.host.addresses.open_table`; the table is on a serial port, and another program
-        commands it.
+        As in `inercal.host.addresses.open_table`; also if the table is on a serial port and another
+        program commands it.
     """
-    # Two readers of a serial port take the replies from one another.
+    # Two programs that read one serial port take each other's replies.
     shares = allows_second_connection(address)
     lock = nullcontext() if shares else TableLock(address, "a query of the table")
     with lock, open_table(address, bench, timeout) as opened:
@@ -149,7 +149,7 @@ def probe_table(
 
 
 def _try_layout(layout: PacketLayout, came: bytes, seconds: float) -> PacketDecoding | None:
-    """Return how a layout reads the bytes; None if it does not fit."""
+    """Decode the bytes with a layout and return the result; None if the layout does not match."""
     decoder = Decoder(layout, mid_stream=True)
     packets = decoder.feed(came)
     counts = decoder.counts
@@ -164,28 +164,29 @@ def _try_layout(layout: PacketLayout, came: bytes, seconds: float) -> PacketDeco
 
 
 def port_lines(ports: Sequence[SerialPort]) -> list[str]:
-    """Return lines about the serial ports there are."""
+    """Return text lines that list the serial ports."""
     if not ports:
-        return ["no serial port; ask a table or an IMU by its address: --table, --imu"]
+        return ["no serial port found; query a table or an IMU by its address: --table, --imu"]
     return [f"{port.address}  {port.description}" for port in ports]
 
 
 def imu_lines(imu: ImuConnection) -> list[str]:
-    """Return lines about what an IMU sends."""
+    """Return text lines that describe the data from an IMU."""
     lines = [f"{imu.address}: {imu.size} bytes in {imu.seconds:.1f} s"]
     if not imu.size:
         return [
             *lines,
-            "  it sends nothing: is it switched on, are baud and wiring right? (A simulated one "
-            "whose time is granted waits for a run: simulate --pace 1.)",
+            "  it sends nothing: check that it is switched on, and check the baud rate and the "
+            "wiring. (A simulated IMU with granted time waits for a run; use simulate --pace 1.)",
         ]
     if not imu.decodings:
         return [
             *lines,
-            "  no preset reads them: try another baud, or describe it, layout=FILE.toml",
+            "  no preset matches these bytes: try another baud rate, or describe the packets: "
+            "layout=FILE.toml",
         ]
     return lines + [
-        f"  preset={one.layout.name}: {one.rate_hz:.6g} packets a second, "
+        f"  preset={one.layout.name}: {one.rate_hz:.6g} packets per second, "
         f"{100 * one.decoded_fraction:.3g} % of the bytes used, "
         f"{format_count(one.counts.failed, 'checksum error')}; {one.layout.protection}"
         for one in imu.decodings
@@ -193,7 +194,7 @@ def imu_lines(imu: ImuConnection) -> list[str]:
 
 
 def table_lines(table: TableConnection) -> list[str]:
-    """Return lines about a table."""
+    """Return text lines that describe a table."""
     state = table.state
     lines = [f"{table.address}: {table.identity or 'does not identify itself'}"]
     for name, limit, axis in zip(table.axes, table.limits, state.axes, strict=True):

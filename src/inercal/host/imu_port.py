@@ -1,10 +1,11 @@
 """Reads the IMU's bytes in a separate thread, with the time at which they arrive.
 
-A port holds 4 kB, at 921600 baud 45 ms: whatever the host does meanwhile, they are taken off it.
-Their times serve to tie the IMU's clock to the table's at the start of a run, and nothing else.
+A serial port buffers 4 kB, which is 45 ms of data at 921600 baud. A separate thread empties it in
+time, whatever else the host does. The arrival times only serve to relate the IMU's clock to the
+table's at the start of a run.
 
-`ImuReceiver` hands the bytes out tick by tick, and says what becomes of the port: lost, silent,
-back again.
+`ImuReceiver` passes the bytes on tick by tick, and reports when the port is lost, silent or working
+again.
 """
 
 from collections import deque
@@ -21,38 +22,39 @@ from inercal.host.link import CONNECT_TIMEOUT, Link, LinkLost
 from inercal.host.packets import PacketLayout
 
 _MAX_BYTES = 1 << 16  # bytes at a time
-_WAIT = 0.2  # s after which the thread looks whether it shall end
-_MAX_STALE_BYTES = 1 << 20  # bytes; a link that gives as many at once gives without end
+_WAIT = 0.2  # s; how often the thread checks whether it must end
+_MAX_STALE_BYTES = 1 << 20  # bytes; a link that delivers more at once will never run dry
 
 
 class ImuPort(Closeable):
-    """The bytes that arrive over `link`.
+    """Receives the bytes that arrive over `link`.
 
     Parameters
     ----------
     link : Link
-        Closed with the port. What waits in it already is thrown away: when that came is not known.
+        Closed together with the port. Bytes that are already waiting in it are discarded, because
+        their arrival time is unknown.
     layout : PacketLayout
-        Of the packets.
+        Layout of the packets.
     now : callable
-        Returns the time of what comes, s.
+        Returns the time at which bytes arrive, s.
     synchronous : bool
-        The other end waits for the host, as a simulated bench does whose time is granted: no thread
-        is needed, and `take` reads by itself.
+        True if the other end waits for the host, as a simulated bench with granted time does. Then
+        no thread is needed, and `take` reads the link itself.
 
     Attributes
     ----------
     address : str
-        The link's.
+        Address of the link.
     received_bytes : int
-        Bytes that came since opening, whether or not they were taken.
+        Bytes received since the port was opened, whether or not they were taken.
     discarded_bytes : int
-        Bytes that were thrown away on opening.
+        Bytes that were discarded when the port was opened.
 
     Raises
     ------
     LinkLost
-        The other end is gone already.
+        The other end has already closed the connection.
     """
 
     def __init__(
@@ -85,21 +87,21 @@ class ImuPort(Closeable):
     def take(
         self, total_bytes: int | None = None, timeout: float = 1.0
     ) -> list[tuple[float, bytes]]:
-        """Return what arrived, with the time of arrival of each piece.
+        """Return the bytes that arrived, in pieces with their arrival times.
 
         Parameters
         ----------
         total_bytes : int, optional
-            How many bytes in all since opening: exactly those are handed out. What is still under
-            way is waited for; what is beyond stays for the next time.
+            Total number of bytes since opening up to which to take bytes. The method waits for
+            bytes that have not arrived yet, and keeps any further bytes for the next call.
         timeout : float
-            s to wait at most.
+            Longest waiting time, s.
 
         Raises
         ------
         LinkLost
-            The other end is gone, and all that came before is handed out; or the bytes up to
-            `total_bytes` do not come in time.
+            The other end is gone and all bytes received before have been taken, or the bytes up to
+            `total_bytes` do not arrive in time.
         """
         if self._thread is None:
             self._read_now(total_bytes, timeout)
@@ -128,14 +130,14 @@ class ImuPort(Closeable):
             return pieces
 
     def close(self) -> None:
-        """Stop reading, and close the link; a second call does nothing."""
+        """Stop reading and close the link; a second call does nothing."""
         self._closed = True
         if self._thread is not None:
             self._thread.join()
         self._link.close()
 
     def _pop_pieces(self, total_bytes: int) -> list[tuple[float, bytes]]:
-        """Hand out pieces up to so many bytes in all, the last one cut where it goes beyond."""
+        """Remove and return pieces up to a total number of bytes; split the last one if needed."""
         pieces: list[tuple[float, bytes]] = []
         while self._pieces and self._taken_bytes < total_bytes:
             time, data = self._pieces.popleft()
@@ -150,9 +152,7 @@ class ImuPort(Closeable):
         """Read what is available, up to a number of bytes."""
         end = monotonic() + timeout
         if total_bytes is not None and self.received_bytes >= total_bytes:
-            total_bytes = (
-                None  # nothing is due: whether the port is still there is asked all the same
-            )
+            total_bytes = None  # no bytes are due, but check that the port is still there
         try:
             while self._error is None and (
                 total_bytes is None or self.received_bytes < total_bytes
@@ -168,7 +168,7 @@ class ImuPort(Closeable):
             self._error = error
 
     def _read(self) -> None:
-        """Read until the end, in the thread."""
+        """Read until the port is closed; runs in the thread."""
         while not self._closed:
             lost: InercalError | None = None
             time, data = nan, b""
@@ -176,12 +176,14 @@ class ImuPort(Closeable):
                 data = self._link.read(_MAX_BYTES, _WAIT)
                 time = self._now()
                 if len(data) == 1:
-                    # By its first byte a serial port says that there is something.
+                    # When its first byte arrives, a serial port signals that there is something to
+                    # read.
                     data += self._link.read(_MAX_BYTES, 0.0)
-            except InercalError as error:  # the clock may be lost too
+            except InercalError as error:  # reading the clock may fail too
                 lost = error
             except Exception as error:
-                # Nobody would hear of a thread that ends otherwise: the IMU would be silent.
+                # Without this, nobody would notice that the thread has ended: the IMU would appear
+                # silent.
                 lost = LinkLost(
                     f"{self.address}: the connection is lost: {str(error) or type(error).__name__}"
                 )
@@ -198,22 +200,22 @@ class ImuPort(Closeable):
 
 
 _SILENCE_LIMIT = 0.5  # s
-_RECOVERY_TIME = 1.0  # s of bytes from one that was silent, before it is trusted again
-_RETRY_INTERVAL = 0.5  # s of the wall's between two tries to open a port
-# s that such a try may take: the run stands still meanwhile, which the watchdog allows for 1.5 s.
-# To look up a name the system takes its own time.
+_RECOVERY_TIME = 1.0  # s for which a silent IMU must send bytes before it is trusted again
+_RETRY_INTERVAL = 0.5  # s of wall time between two attempts to open a port
+# Longest time of such an attempt, s. The run stands still meanwhile, and the watchdog allows this
+# for 1.5 s. The system's name lookup is not included in this time.
 _REOPEN_TIMEOUT = 0.5
 
 
 class ReceivedBytes(NamedTuple):
-    """What arrived in a tick.
+    """The bytes that arrived in one tick.
 
     Parameters
     ----------
     pieces : list of (float, bytes)
-        With the run's time of each.
+        Pieces of bytes, each with its arrival time in run time, s.
     reopened : bool
-        The port was opened anew: these bytes do not follow those before.
+        True if the port was opened again, so that these bytes do not continue the earlier ones.
     """
 
     pieces: list[tuple[float, bytes]]
@@ -221,21 +223,21 @@ class ReceivedBytes(NamedTuple):
 
 
 class ImuReceiver:
-    """Listens to an IMU, and opens its port again when it was lost.
+    """Listens to an IMU, and opens its port again after the connection was lost.
 
     Parameters
     ----------
     opener : callable
-        Opens the port within the s that it is given; raises `LinkLost` where it is not there.
+        Opens the port within the given number of seconds; raises `LinkLost` if this fails.
     tick : Tick
-        Of the bench when the port is opened first.
+        The bench's tick when the port is first opened.
 
     Attributes
     ----------
     trouble : str or None
-        What is wrong, in words; None while bytes come.
+        What is wrong, as text; None while bytes arrive.
     trouble_since : float
-        The run's time since when that is so.
+        Run time at which the trouble began, s.
 
     Raises
     ------
@@ -246,7 +248,7 @@ class ImuReceiver:
     def __init__(self, opener: Callable[[float], ImuPort], tick: Tick):
         self._open = opener
         self._port: ImuPort | None = opener(CONNECT_TIMEOUT)
-        # What a simulated bench had sent before; None: its bytes are taken as they come.
+        # Bytes that a simulated bench sent before opening; None: take bytes as they arrive.
         self._sent_before_opening = tick.bytes_sent
         self._last_bytes_time, self._steady_since = tick.time, tick.time
         self._last_attempt_time, self._last_take_time = -inf, tick.time
@@ -254,9 +256,9 @@ class ImuReceiver:
         self.trouble_since = tick.time
 
     def take(self, tick: Tick) -> ReceivedBytes:
-        """Return the bytes that arrived by the tick; all of them, if the bench counts its bytes."""
+        """Return the bytes that arrived by the tick; a simulated bench counts them exactly."""
         if tick.time - self._last_take_time > _SILENCE_LIMIT:
-            # The host itself stood still: whether the IMU was silent meanwhile nobody knows.
+            # The host itself stood still, so nobody knows whether the IMU was silent meanwhile.
             self._last_bytes_time = max(self._last_bytes_time, tick.time)
         self._last_take_time = tick.time
         opened = self._port is None and self._try_to_reopen(tick)
@@ -266,7 +268,8 @@ class ImuReceiver:
             if tick.bytes_sent is None or self._sent_before_opening is None:
                 pieces = self._port.take()
             else:
-                # Bytes of a simulated bench are of the time that the bench says, however they came.
+                # Bytes from a simulated bench get the time that the bench states, whenever they
+                # arrived.
                 came = self._port.take(total_bytes=tick.bytes_sent - self._sent_before_opening)
                 data = b"".join(piece for _, piece in came)
                 pieces = [(tick.sent_time, data)] if data else []
@@ -280,16 +283,16 @@ class ImuReceiver:
 
     @property
     def is_receiving(self) -> bool:
-        """Whether bytes arrive, whatever they contain."""
+        """Return whether bytes arrive, whatever they contain."""
         return self._port is not None and self.trouble is None
 
     def close(self) -> None:
-        """Close the port, if it is open."""
+        """Close the port if it is open."""
         if self._port is not None:
             self._port.close()
 
     def _try_to_reopen(self, tick: Tick) -> bool:
-        """Try to open the port; return whether it worked."""
+        """Try to open the port, and return whether this worked."""
         if monotonic() - self._last_attempt_time < _RETRY_INTERVAL:
             return False
         try:
@@ -297,14 +300,14 @@ class ImuReceiver:
         except LinkLost:
             return False
         finally:
-            # From its end: a try may take as long as the time between two.
+            # Counted from the end of the attempt, which may take as long as the retry interval.
             self._last_attempt_time = monotonic()
-        self._sent_before_opening = None  # how much of what was sent came before, nobody knows
+        self._sent_before_opening = None  # the number of bytes sent before is unknown
         self._last_bytes_time = self._steady_since = tick.time
         return True
 
     def _update_trouble(self, now: float, some: bool) -> None:
-        """Report whether bytes arrive as expected."""
+        """Set or clear the trouble, depending on whether bytes arrive as expected."""
         if now - self._last_bytes_time > _SILENCE_LIMIT and not some:
             self.set_trouble(f"the IMU has been silent for {_SILENCE_LIMIT:g} s", now)
         if some:
@@ -315,7 +318,7 @@ class ImuReceiver:
                 self.trouble = None
 
     def set_trouble(self, words: str, now: float) -> None:
-        """Report a problem while it lasts: it counts as over 1 s after the last report."""
+        """Report a problem for as long as it lasts; it counts as over 1 s after the last report."""
         self._steady_since = now
         if self.trouble is None:
             self.trouble, self.trouble_since = words, now

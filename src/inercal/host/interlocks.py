@@ -1,19 +1,19 @@
 """Checks that stop a run although neither the table nor the IMU reports a fault.
 
-Each check returns None, or a text that states the fault. The gyros check the table's readings: the
-controller cannot see that an encoder is frozen while its axis turns.
-With w the rates of the gyros, v those of the readback θ̇ through the bench's geometry, and u_i the
-directions of the axes in the body::
+Each check returns None, or a text that describes the fault. The gyros check the table's readings,
+because the controller cannot see that an encoder is frozen while its axis turns. With w the rates
+from the gyros, v the rates that the readback θ̇ implies through the bench's geometry, and u_i the
+directions of the axes in the body frame::
 
     |w − v| > 5 °/s + |v|/20 for 0.2 s;   axis i explains it with δ_i where  w − v ≈ u_i δ_i
 
-A share of the rate is left to scale factors, and the 5 °/s to biases and to the readback's latency.
-An interlock that has not run for 0.5 s protects nothing: that alone stops the table (`LastChecks`).
-No safety function: that is the hardware interlock.
+The term |v|/20 allows for scale factor errors, and the 5 °/s for biases and the readback's latency.
+An interlock that has not run for 0.5 s protects nothing, so this is itself a reason to stop the
+table (`LastChecks`). These checks are not a safety function; the hardware interlock is.
 
-`ReadbackWarnings` are what an operator is told of a readback that the gyros contradict, by the
-comparison of the recording (`gyro_comparison`). They say what the readback does, not why, and stop
-nothing: what is dangerous, the interlocks stop.
+`ReadbackWarnings` tell an operator when the gyros contradict the readback, by the comparison that
+is also made for the recording (`gyro_comparison`). They describe the readback's error but not its
+cause, and they stop nothing: the interlocks stop dangerous motion.
 """
 
 from collections.abc import Sequence
@@ -34,11 +34,11 @@ from inercal.host.drivers.rotary_table import AxisLimits, TableState
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Track
 
-MAX_CHECK_INTERVAL = 0.5  # s from one check of an interlock to the next
-_FOLLOWING_ERROR_SHARE = 0.5  # of the following error at which the servo gives up
-_RATE_MARGIN = 1.2  # times the bench's limit of rate
-_CLOCK_TIMEOUT = 0.5  # s that the controller's clock may stand
-# Time that a temperature must be outside its limits, s: one false packet is no reason to stop
+MAX_CHECK_INTERVAL = 0.5  # s between two checks of an interlock
+_FOLLOWING_ERROR_SHARE = 0.5  # of the following error at which the servo switches off
+_RATE_MARGIN = 1.2  # times the bench's rate limit
+_CLOCK_TIMEOUT = 0.5  # s for which the controller's clock may stand still
+# Time for which a temperature must be out of range, s: one false packet is no reason to stop
 _TEMPERATURE_PERSISTENCE = 1.0
 _RATE_DIFFERENCE, _RATE_SHARE, _DIFFERENCE_PERSISTENCE = (
     radians(5),
@@ -46,7 +46,7 @@ _RATE_DIFFERENCE, _RATE_SHARE, _DIFFERENCE_PERSISTENCE = (
     0.2,
 )  # rad/s, part of the rate, s
 _STANDSTILL_RATE = radians(0.5)  # rad/s
-_UNEXPLAINED_SHARE = 0.25  # of the square of what is between gyros and table may be left
+_UNEXPLAINED_SHARE = 0.25  # of the squared difference between gyros and table may remain
 
 
 Interlock = Literal["table", "gyros"]
@@ -57,20 +57,20 @@ _CHECKED = {
 
 
 class LastChecks:
-    """When each interlock ran last, by the run's time; an interlock that is overdue is a fault.
+    """The run time at which each interlock ran last; an overdue interlock is a fault.
 
     Parameters
     ----------
     table, gyros : float
-        Longest time from one check of the table's readings to the next, s, and from one comparison
-        of the gyros with the table.
+        Longest allowed time between two checks of the table's readings, and between two comparisons
+        of the gyros with the table, s.
 
     Attributes
     ----------
     trouble : str or None
-        Which interlock is overdue; None while none is.
+        Which interlock is overdue, as text; None while none is.
     trouble_since : float
-        The run's time since when that is so.
+        Run time at which the trouble began, s.
     """
 
     def __init__(self, table: float = MAX_CHECK_INTERVAL, gyros: float = MAX_CHECK_INTERVAL):
@@ -80,15 +80,15 @@ class LastChecks:
         self._last: dict[str, float] = {}
 
     def record(self, which: Interlock, time: float) -> None:
-        """Record that an interlock has run; it must run again on schedule from now on."""
+        """Record that an interlock has run; from now on it must run on schedule."""
         self._last[which] = time
 
     def pause(self, which: Interlock) -> None:
-        """Expect no check of an interlock that has nothing to compare, until it has run again."""
+        """Expect no checks from an interlock that has nothing to compare, until it runs again."""
         self._last.pop(which, None)
 
     def update(self, time: float) -> None:
-        """Find the interlock that is overdue at a time of the run, s."""
+        """Find out whether an interlock is overdue at a run time, s."""
         overdue = [
             (which, time - last)
             for which, last in self._last.items()
@@ -106,33 +106,33 @@ class LastChecks:
 
 
 class Interlocks:
-    """Checks of one run.
+    """The interlock checks of one run.
 
     Parameters
     ----------
     limits : sequence of AxisLimits
-        As the table's controller is set.
+        Limits as set in the table's controller.
     bench : ControlledBench
-        Its axes and what they are held to.
+        States the axes and their limits.
     sensor : Sensor
-        Whose readings `check_gyros` is shown.
+        The sensor whose readings `check_gyros` receives.
     temperature : tuple of two floats, optional
-        Of the IMU, K: lowest and highest.
+        Lowest and highest allowed temperature of the IMU, K.
 
     Attributes
     ----------
     has_gyros : bool
-        The sensor has gyros, which `check_gyros` compares with the table; a table of rates tells
-        no attitude by which they could be compared.
+        Whether the sensor has gyros that `check_gyros` can compare with the table. A rate table
+        reports no attitude, so no comparison is possible on it.
     encoder_stuck : bool
-        An axis turned while its encoder was frozen: its servo, if on, accelerates it.
+        Whether an axis turned while its encoder was frozen; its servo accelerates it if it is on.
     rate_difference : float
-        rad/s that the gyros turn otherwise than the readback, as last seen; 0 where they agree.
+        Latest difference between the gyros' rates and the readback's, rad/s; 0 if they agree.
 
     Raises
     ------
     InputError
-        Limits of another number of axes than the bench has.
+        The number of limits differs from the number of the bench's axes.
     """
 
     def __init__(
@@ -165,24 +165,24 @@ class Interlocks:
         self._agreement_time = nan
 
     def check(self, state: TableState, now: float, temperature: float | None = None) -> str | None:
-        """Return what is wrong with the table or the IMU now.
+        """Return a text that says what is wrong with the table or the IMU; None if nothing is.
 
         Parameters
         ----------
         state : TableState
-            The latest.
+            The latest state.
         now : float
-            s of the run.
+            Run time, s.
         temperature : float, optional
-            Of the IMU, K; NaN is none.
+            Temperature of the IMU, K; NaN means that there is none.
         """
         for (name, following, fastest), axis in zip(self._axes, state.axes, strict=True):
-            # One reading alone is not believed: nothing checks its digits on the way.
+            # A single reading is not trusted, because its digits may be corrupted on the way.
             error, rate = abs(axis.following_error), abs(axis.rate)
             if self._persists(f"error {name}", error > following, now):
                 return (
                     f"axis {name}: the following error is {degrees(error):.3g}°, more than "
-                    f"{_FOLLOWING_ERROR_SHARE:.0%} of the error at which the servo gives up"
+                    f"{_FOLLOWING_ERROR_SHARE:.0%} of the error at which the servo switches off"
                 )
             if self._persists(f"rate {name}", rate > fastest, now):
                 return (
@@ -204,12 +204,12 @@ class Interlocks:
         return None
 
     def check_gyros(self, track: Track) -> str | None:
-        """Return in words how the gyros' rates differ from those of the readback, if they do.
+        """Return a text on how the gyros' rates differ from the readback's; None if they agree.
 
         Parameters
         ----------
         track : Track
-            Of one trial, that follows the one shown before.
+            Samples of one trial that continue those of the previous call.
         """
         geometry = self._geometry
         if geometry is None or not self.has_gyros or not track.time.size:
@@ -244,7 +244,7 @@ class Interlocks:
     def _describe_difference(
         self, bench: Turntable, angles: Array, turned: Array, left: Array
     ) -> str:
-        """Name the axis that explains the difference between gyros and readback, (n, g)."""
+        """Return a text that names the axis that explains the difference; its arrays are (n, g)."""
         zero = np.zeros_like(angles)
         earth = motion(bench, angles, zero, zero, {}).w
         total = float(np.sum(left**2))
@@ -261,8 +261,8 @@ class Interlocks:
         if not found:
             size = degrees(np.sqrt(total / len(left)))
             return (
-                f"gyros and readback differ by {size:.3g} °/s about none of the table's axes; "
-                "check that the IMU is mounted as the run file states"
+                f"gyros and readback differ by {size:.3g} °/s, and rotation about one table axis "
+                "does not explain this; check that the IMU is mounted as the run file states"
             )
         names = " or ".join(name for name, _, _ in found)
         _, said, beyond = found[0]
@@ -275,7 +275,7 @@ class Interlocks:
         )
 
     def _persists(self, what: str, wrong: bool, now: float, most: float = 0.0) -> bool:
-        """Return whether something has been wrong for longer than `most` s."""
+        """Return whether a condition has been wrong for longer than `most` s."""
         if not wrong:
             self._since.pop(what, None)
             return False
@@ -286,22 +286,22 @@ _INTERVAL = 60.0  # s between warnings of one kind
 
 
 class ReadbackWarnings:
-    """The comparison of one run.
+    """Warnings about the readback of one run.
 
     Parameters
     ----------
     bench : ControlledBench
-        Only of a turntable there are angles to compare.
+        Only a turntable has angles to compare.
     sensor : Sensor
     """
 
     def __init__(self, bench: ControlledBench, sensor: Sensor):
         self._bench, self._sensor = bench, sensor
-        self._said: dict[str, float] = {}  # s of the run, of the last warning of a kind
+        self._said: dict[str, float] = {}  # run time of the last warning of each kind, s
         self.restart()
 
     def restart(self) -> None:
-        """Start again, as the recording does."""
+        """Start again, when the recording does."""
         bench = self._bench
         self._comparison = (
             GyroComparison(bench, self._sensor, bench.latency.value)
@@ -310,14 +310,14 @@ class ReadbackWarnings:
         )
 
     def find(self, begin: float, track: Track | None = None) -> list[str]:
-        """Return warnings of the windows that samples complete, or of the last samples.
+        """Return the warnings from the windows that the samples complete, or from the last samples.
 
         Parameters
         ----------
         begin : float
-            s of the run when the track's time is 0.
+            Run time at which the track's time is 0, s.
         track : Track, optional
-            Of one trial, with known angles; it follows the one before. None at the end.
+            Samples of one trial with known angles that continue the earlier ones. None at the end.
         """
         if self._comparison is None:
             return []

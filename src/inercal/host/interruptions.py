@@ -1,4 +1,4 @@
-"""Interruptions of a run: reasons to pause it, while they last, and reasons to end it."""
+"""Interruptions of a run: the current reasons to pause it, and reasons to end it."""
 
 from collections.abc import Callable
 from math import inf
@@ -14,7 +14,7 @@ from inercal.host.sequencer import Sequencer
 from inercal.host.spin_sequencer import SpinSequencer
 from inercal.host.task_sequencer import Command
 
-_GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
+_GUARD_INTERVAL = 0.05  # s of wall time between two checks of the watchdog
 _PauseCause = Literal["operator", "host", "watchdog", "IMU", "interlocks"]
 
 
@@ -26,24 +26,24 @@ class TroubleSource(Protocol):
 
 
 class Interruptions:
-    """What pauses or ends one run: its operator, its watchdog, its devices.
+    """Pauses or ends one run on request of its operator, its watchdog or its devices.
 
     Parameters
     ----------
     sequencer : Sequencer
     guard : Guard
     stop : callable
-        Takes `Sequencer.pause` or `Sequencer.abort`, has the table do what it says, and keeps the
-        cause, in words, and for how many s it has lasted.
+        Takes `Sequencer.pause` or `Sequencer.abort` and sends the resulting commands to the table.
+        It also takes the cause as text and how long it has lasted, s, and records both.
     go_on : callable
-        Keeps that the run continues after a pause.
+        Records that the run continues after a pause.
     say : callable
-        Takes "info", "warning" or "alarm", and what an operator should know.
+        Takes "info", "warning" or "alarm", and a message to the operator.
 
     Attributes
     ----------
     trouble : str
-        Why the run was interrupted; empty where it was not.
+        Why the run was interrupted; empty if it was not.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Interruptions:
         return "; ".join(self._pauses.values())
 
     def request(self, what: Literal["pause", "go on", "stop"]) -> None:
-        """Request a command from any thread; `look` carries it out."""
+        """Request a command from any thread; `update` executes it."""
         self._requests.put(what)
 
     def update(
@@ -79,10 +79,10 @@ class Interruptions:
         Parameters
         ----------
         time : float
-            The run's, s.
+            Run time, s.
         imu, interlocks : TroubleSource
         patience : float
-            s that trouble may last before the run ends.
+            Longest time for which trouble may last before the run ends, s.
         """
         while not self._requests.empty():
             match self._requests.get():
@@ -95,7 +95,7 @@ class Interruptions:
         if self._guard.signal_received or monotonic() - self._guard_check_time >= _GUARD_INTERVAL:
             self.check_guard()
         self._follow_trouble("IMU", imu, time, patience)
-        # Else that is the reason, and said already.
+        # Otherwise the IMU or the host is the reason, and has already been reported.
         if imu.trouble is None and "host" not in self._pauses:
             self._follow_trouble("interlocks", interlocks, time, patience)
         if self._sequencer.phase == "paused" and not self._pauses:
@@ -104,12 +104,12 @@ class Interruptions:
             self._go_on()
 
     def follow_host(self, late: float) -> None:
-        """Pause until the next tick if the host itself stood still: nothing was checked.
+        """Pause until the next tick if the host itself stood still and so checked nothing.
 
         Parameters
         ----------
         late : float
-            s by which a tick came too late.
+            Time by which a tick came too late, s.
         """
         if late > MAX_CHECK_INTERVAL:
             self._pause("host", f"the host stood still for {format_duration(late)}", late)
@@ -117,7 +117,7 @@ class Interruptions:
             self._pauses.pop("host", None)
 
     def check_guard(self) -> None:
-        """Read the watchdog's messages, and check that it is alive."""
+        """Read the watchdog's messages, and check that the watchdog is alive."""
         self._guard_check_time = monotonic()
         if self._guard.signal_received:
             self.end("stopped by the operator")
@@ -125,7 +125,7 @@ class Interruptions:
             if line in ("at rest", "ready"):
                 self._pauses.pop("watchdog", None)
             elif line.startswith("killed"):
-                # What did not slow down is not set going again without somebody having looked.
+                # If the table did not slow down, somebody must look at it before it moves again.
                 self.end(f"watchdog: {line}")
             elif "watchdog" in self._pauses:
                 self._say("warning", f"watchdog: {line}")
@@ -135,7 +135,7 @@ class Interruptions:
             self.end("the watchdog is gone")
 
     def handle_table_error(self, error: InercalError) -> None:
-        """End because the table does not obey, unless the watchdog is stopping it."""
+        """End the run because the table does not obey, unless the watchdog is stopping it."""
         self.check_guard()
         if "watchdog" not in self._pauses:
             self.end(str(error))
@@ -144,17 +144,17 @@ class Interruptions:
         """Abort the run; the reason is reported once, and the first reason is kept."""
         self.trouble = self.trouble or words
         try:
-            # Before anything is said: a journal may have to be waited for, or be what has failed.
+            # Stop before reporting: the journal may be slow, or may be the thing that has failed.
             if not self._sequencer.is_over:
                 self._stop(self._sequencer.abort, words, 0.0)
         finally:
-            # While the table comes to rest it is looked at again and again: once said is enough.
+            # This is called repeatedly while the table comes to rest; one report is enough.
             if words not in self._reported_ends:
                 self._reported_ends.add(words)
                 self._say("alarm", words)
 
     def add(self, words: str) -> None:
-        """Report what became known after the end, and add it to the run's trouble."""
+        """Report a problem that became known after the end, and add it to the run's trouble."""
         self.trouble = f"{self.trouble}; {words}" if self.trouble else words
         self._say("alarm", words)
 

@@ -1,8 +1,8 @@
-"""The journal of a run: an SQLite file with its plan, its steps, its events and its files.
+"""The journal of a run: an SQLite file with its header, steps, events and files.
 
-The raw log holds the bytes of the devices; the journal, the state of the run. With both, a run
-whose host was killed can be resumed: completed steps are kept, and the interrupted step is repeated
-from its beginning.
+The raw log contains the bytes from the devices, and the journal contains the state of the run. With
+both, a run whose host was killed can be resumed: completed steps are kept, and the interrupted step
+is repeated from its beginning.
 """
 
 import os
@@ -20,9 +20,9 @@ from inercal.basics.errors import InputError
 from inercal.host.closeable import Closeable
 from inercal.host.run_log import os_errors_as_input_errors
 
-NOTE_LEVEL = "note"  # of an event that the operator wrote
+NOTE_LEVEL = "note"  # level of an event that the operator wrote
 _VERSION = 1
-_MOUNTED = "mounted"  # of a row of sections that is a mounting, not a section
+_MOUNTED = "mounted"  # marks a row of the section table as a mounting
 _SCHEMA = """
 CREATE TABLE run (begun TEXT NOT NULL, run_file TEXT NOT NULL, table_address TEXT NOT NULL,
                   imu_address TEXT NOT NULL, clock_address TEXT NOT NULL, poll REAL NOT NULL,
@@ -41,17 +41,17 @@ class JournalHeader(NamedTuple):
     Parameters
     ----------
     begun : str
-        ISO 8601, UTC.
+        When the run began, ISO 8601 in UTC.
     run_file : str
-        Its name, beside the journal.
+        Name of the run file beside the journal.
     table, imu, clock : str
-        Addresses; that of the clock is a simulated bench's, else empty.
+        Addresses; `clock` is empty unless the bench is simulated.
     poll : float
-        s between readings of the table.
+        Time between two readings of the table, s.
     steps : int
     state : str
-        "running", "interrupted", "carried out" (the table has done all) or "done" (calibrated);
-        one that says "running" and has no host was interrupted.
+        "running", "interrupted", "carried out" (the table has finished) or "done" (calibrated). A
+        run whose state is "running" but that has no host was interrupted.
     """
 
     begun: str
@@ -65,21 +65,21 @@ class JournalHeader(NamedTuple):
 
     @property
     def addresses(self) -> tuple[str, str, str]:
-        """Of table, IMU and clock."""
+        """The addresses of table, IMU and clock."""
         return self.table, self.imu, self.clock
 
 
 class JournalEvent(NamedTuple):
-    """An event that an operator should know about.
+    """An event that the operator should know about.
 
     Parameters
     ----------
     at : str
-        ISO 8601, UTC.
+        When it happened, ISO 8601 in UTC.
     time : float or None
-        s of the run.
+        Run time, s.
     level : "info", "warning", "alarm" or "note"
-        A note is the operator's.
+        A note was written by the operator.
     words : str
     """
 
@@ -90,29 +90,29 @@ class JournalEvent(NamedTuple):
 
 
 class Journal(Closeable):
-    """A journal; every call is one transaction.
+    """An open journal; every call is one transaction.
 
-    What a call wrote is there after a kill of the host at any moment. After a loss of power the
-    journal is sound, but the last of it may be gone: the disk is not waited for, as a loop of 20 ms
-    must not.
+    Data written by a call are kept even if the host is killed immediately afterwards. After a power
+    failure the journal is intact but may lack the latest entries, because a loop of 20 ms cannot
+    wait for the disk.
 
     Parameters
     ----------
     path : path
     read_only : bool
-        Nothing is written, so that the folder may be a read-only archive.
+        If True, nothing is written, so that the folder may be a read-only archive.
 
     Raises
     ------
     InputError
-        The file cannot be opened, is not a journal or one of a newer version.
+        The file cannot be opened, is not a journal, or was written by a newer version.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, read_only: bool = False):
         self.path = Path(path)
         if not self.path.exists():
             raise InputError(
-                f"{path} does not exist: the folder holds no journal of a run; "
+                f"{path} does not exist: the folder contains no journal of a run; "
                 "begin a run there or name another folder",
                 file=self.path,
             )
@@ -127,24 +127,24 @@ class Journal(Closeable):
         poll: float,
         steps: int,
     ) -> Self:
-        """Create a journal and open it; a host killed meanwhile leaves a complete one or none.
+        """Create a journal and open it; if the host is killed meanwhile, it is complete or absent.
 
         Parameters
         ----------
         path : path
         run_file : str
-            Its name, beside the journal.
+            Name of the run file beside the journal.
         addresses : tuple of str
-            Of table, IMU and clock.
+            Addresses of table, IMU and clock.
         poll : float
-            s between readings of the table.
+            Time between two readings of the table, s.
         steps : int
-            Of the plan.
+            Number of steps in the plan.
 
         Raises
         ------
         InputError
-            There is one already, or the folder cannot be written.
+            There is a journal already, or the folder is not writable.
         """
         if Path(path).exists():
             raise InputError(
@@ -162,11 +162,11 @@ class Journal(Closeable):
         return cls(path)
 
     def header(self) -> JournalHeader:
-        """Return the header."""
+        """Return the journal's header."""
         row, *_ = self._rows("SELECT * FROM run") or [None]
         if row is None:
             raise InputError(
-                f"{self.path}: the journal is damaged, because it names no run; restore it from a "
+                f"{self.path}: the journal is damaged because it names no run; restore it from a "
                 "copy, or begin a new run",
                 file=self.path,
             )
@@ -179,34 +179,34 @@ class Journal(Closeable):
         )
 
     def set_state(self, state: str) -> None:
-        """Record the progress of the run: a `state` of `JournalHeader`."""
+        """Record the state of the run, as in `JournalHeader.state`."""
         self._execute("UPDATE run SET state = ?", state)
 
     def record_section(self, step: int, label: str, what: str, time: float) -> None:
-        """Record that a section began, was completed or is void, at a table time, s."""
+        """Record that a section began, was completed or is void, at a table time in s."""
         self._execute(
             "INSERT INTO section (step, label, what, time) VALUES (?, ?, ?, ?)",
             step, label, what, time,
         )  # fmt: skip
 
     def completed_steps(self) -> int:
-        """Return how many steps are done: the number of the one to go on with."""
+        """Return how many steps are complete, which is the number of the step to continue with."""
         ((following,),) = self._rows("SELECT max(step) + 1 FROM section WHERE what = 'done'")
         return following or 0
 
     def record_mounting(self, step: int, mounting: str, time: float) -> None:
-        """Record that an operator has confirmed a mounting before a step, at a table time."""
+        """Record that an operator has confirmed a mounting before a step, at a table time in s."""
         self.record_section(step, mounting, _MOUNTED, time)
 
     def mounting(self) -> str:
-        """Return how the sensor is mounted, as last confirmed; "" where nothing was confirmed."""
+        """Return the mounting that was last confirmed; "" if none was."""
         found = self._rows(
             "SELECT label FROM section WHERE what = ? ORDER BY id DESC LIMIT 1", _MOUNTED
         )
         return found[0][0] if found else ""
 
     def record_event(self, level: str, words: str, time: float | None = None) -> None:
-        """Record an event: level and words as of `JournalEvent`, s of the run."""
+        """Record an event with level and words as in `JournalEvent`, and its run time in s."""
         self._execute(
             "INSERT INTO event (at, time, level, words) VALUES (?, ?, ?, ?)",
             _now(), time, level, words,
@@ -224,7 +224,7 @@ class Journal(Closeable):
         self._execute("INSERT OR REPLACE INTO file VALUES (?, ?, ?)", name, size, sha256)
 
     def files(self) -> dict[str, tuple[int, str]]:
-        """Return size and SHA-256 of each file."""
+        """Return the size and the SHA-256 of each file, by name."""
         rows = self._rows("SELECT name, size, sha256 FROM file ORDER BY name")
         return {name: (size, sha256) for name, size, sha256 in rows}
 
@@ -245,8 +245,8 @@ def _open_database(path: Path) -> sqlite3.Connection:
     with _sqlite_errors_as_input_errors(path):
         db = sqlite3.connect(path)
         try:
-            # A write-ahead log that is flushed now and then: the system has what a killed host
-            # wrote, the disk not yet all of it.
+            # A write-ahead log that is flushed at intervals: data from a killed host reach the disk
+            # later, through the operating system.
             db.execute("PRAGMA journal_mode = WAL")
             db.execute("PRAGMA synchronous = NORMAL")
             _require_version(path, db)
@@ -259,8 +259,8 @@ def _open_database(path: Path) -> sqlite3.Connection:
 def _open_to_read(path: Path) -> sqlite3.Connection:
     """Return a connection that leaves no extra file next to the journal.
 
-    A program that has the journal open, or was killed, leaves a write-ahead log beside it. Then a
-    copy of both is read.
+    If another program has the journal open, or was killed, there is a write-ahead log beside it.
+    Then a copy of both files is read.
     """
     log = path.with_name(f"{path.name}-wal")
     with _sqlite_errors_as_input_errors(path), os_errors_as_input_errors(path, "read"):
@@ -295,13 +295,13 @@ def _require_version(path: Path, db: sqlite3.Connection) -> None:
 
 @contextmanager
 def _sqlite_errors_as_input_errors(path: Path) -> Generator[None]:
-    """Turn an SQLite error into one line with the name of the file."""
+    """Raise an SQLite error as a one-line `InputError` with the name of the file."""
     try:
         yield
     except sqlite3.Error as error:
         raise InputError(
             f"{path}: SQLite cannot use the journal: {error}; check that the file is a journal "
-            "and that its folder can be written",
+            "and that its folder is writable",
             file=path,
         ) from None
 

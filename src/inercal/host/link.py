@@ -1,7 +1,8 @@
 """Byte links to devices, opened by address: `tcp://10.0.0.5:1025`, `serial:/dev/ttyS0?baud=9600`.
 
-A link carries bytes; a codec knows what they mean. A serial port is whatever pyserial opens, also
-a pseudo-terminal: no modem line (CTS, DSR) is read, since a pseudo-terminal has none (ENOTTY).
+A link transfers bytes, and a codec interprets them. A serial port can be anything that pyserial
+opens, including a pseudo-terminal. Modem lines (CTS, DSR) are not read, because a pseudo-terminal
+has none (ENOTTY).
 """
 
 import socket
@@ -15,7 +16,7 @@ from urllib.parse import SplitResult, parse_qsl, urlsplit
 from inercal.basics.errors import InercalError, InputError, require_extra
 from inercal.host.closeable import Closeable
 
-# The error of a terminal that is gone, on systems that have them; it is not an OSError.
+# The error from a terminal that is gone, on systems with terminals; it is not an OSError.
 if sys.platform == "win32":
     _TERMINAL_ERRORS: tuple[type[Exception], ...] = ()
 else:
@@ -23,32 +24,32 @@ else:
 
     _TERMINAL_ERRORS: tuple[type[Exception], ...] = (_terminal_error,)
 
-CONNECT_TIMEOUT = 5.0  # s; a table on the laboratory's network answers within milliseconds
+CONNECT_TIMEOUT = 5.0  # s; a table in the laboratory's network answers within milliseconds
 _PARITIES = {"none": "N", "even": "E", "odd": "O"}
 
 
 class LinkLost(InercalError):
-    """The other end does not answer or is closed; `names` has its address if known."""
+    """The other end does not answer or has closed the link; `names` has its address if known."""
 
 
 class Link(Protocol):
-    """A stream of bytes both ways."""
+    """A stream of bytes in both directions."""
 
     address: str
 
     def read(self, most: int, timeout: float) -> bytes:
-        """Return what has arrived, at most `most` bytes; b"" if nothing does within `timeout` s.
+        """Return at most `most` bytes that have arrived; b"" if none arrive within `timeout` s.
 
         Raises `LinkLost` at the end of the stream.
         """
         ...
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`; raises `LinkLost` where the other end is gone."""
+        """Send all of `data`; raises `LinkLost` if the other end is gone."""
         ...
 
     def close(self) -> None:
-        """Close; a second call does nothing."""
+        """Close the link; a second call does nothing."""
         ...
 
     def __enter__(self) -> Self: ...
@@ -57,7 +58,7 @@ class Link(Protocol):
 
 
 class TcpLink(Closeable):
-    """A connection over TCP, without Nagle's delay: requests are small and wait for replies."""
+    """A TCP connection without Nagle's delay, because small requests wait for their replies."""
 
     def __init__(self, host: str, port: int, connect_timeout: float = CONNECT_TIMEOUT):
         self.address = f"tcp://{host}:{port}"
@@ -94,7 +95,7 @@ class TcpLink(Closeable):
 
 
 class SerialLink(Closeable):
-    """A serial port by pyserial: `path` as the system names it, `baud` in bit/s."""
+    """A serial port opened by pyserial; `path` is its system name and `baud` is in bit/s."""
 
     def __init__(
         self, path: str, baud: int = 115200, bits: int = 8, parity: str = "none", stop: int = 1
@@ -117,7 +118,7 @@ class SerialLink(Closeable):
         try:
             waiting = min(self._port.in_waiting, most)
             if not waiting:
-                # Setting the time out configures the port anew: only where it changes.
+                # Setting the timeout reconfigures the port, so set it only when it changes.
                 if self._port.timeout != timeout:
                     self._port.timeout = max(timeout, 0.0)
                 waiting = 1
@@ -138,22 +139,22 @@ class SerialLink(Closeable):
 
 
 def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
-    """Return the link to `address`.
+    """Open the link to `address` and return it.
 
     Parameters
     ----------
     address : str
         `tcp://HOST:PORT`, or `serial:PATH` with `?baud=…&bits=5–8&parity=none|even|odd&stop=1|2`
-        (115200, 8, none, 1 unless told). Other parameters belong to the caller, who takes them off.
+        (default 115200, 8, none, 1). The caller must remove its own parameters first.
     opening : float
-        s that each address of a host may take over TCP.
+        Longest time to connect to each address of a TCP host, s.
 
     Raises
     ------
     InputError
-        An address of another form, or a parameter that a link does not know.
+        The address is malformed, or has a parameter that does not belong to a link.
     LinkLost
-        Nobody is there, or the port cannot be opened.
+        No device answers, or the port cannot be opened.
     """
     parts = urlsplit(address)
     given = dict(parse_qsl(parts.query, keep_blank_values=True))
@@ -180,9 +181,9 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
 
 
 def read_until(link: Link, done: Callable[[bytes], bool], timeout: float, most: int = 4096) -> bool:
-    """Pass what arrives to `done` until it returns True; False if `timeout` s pass first.
+    """Pass received data to `done` until it returns True; return False after `timeout` s.
 
-    What has come by then counts, also where this process stood still meanwhile.
+    Data that have arrived by then are still used, even if this process was suspended meanwhile.
     """
     end = monotonic() + timeout
     while True:
@@ -195,7 +196,7 @@ def read_until(link: Link, done: Callable[[bytes], bool], timeout: float, most: 
 
 
 def host_and_port(parts: SplitResult, default: int | None = None) -> tuple[str, int] | None:
-    """Return where an address leads; None where it lacks either, or has a port that is none."""
+    """Return the host and port in an address; None if either is missing or the port is invalid."""
     try:
         host, port = parts.hostname, parts.port or default
     except ValueError:
@@ -204,7 +205,7 @@ def host_and_port(parts: SplitResult, default: int | None = None) -> tuple[str, 
 
 
 def connect_socket(address: str, place: tuple[str, int], opening: float) -> socket.socket:
-    """Return a connection without Nagle's delay; raises `LinkLost`, which names `address`."""
+    """Open a TCP connection without Nagle's delay; raises `LinkLost`, which names `address`."""
     try:
         result = socket.create_connection(place, opening)
     except OSError as error:
@@ -213,7 +214,7 @@ def connect_socket(address: str, place: tuple[str, int], opening: float) -> sock
             "power",
             names=(address,),
         ) from error
-    except UnicodeError as error:  # what Python says of "a..b", a name that none can have
+    except UnicodeError as error:  # raised by Python for "a..b", which is not a valid host name
         raise LinkLost(
             f"{address}: cannot connect: {place[0]!r} is not a host name; correct the address",
             names=(address,),
@@ -223,7 +224,7 @@ def connect_socket(address: str, place: tuple[str, int], opening: float) -> sock
 
 
 def require_pyserial() -> AbstractContextManager[None]:
-    """Refuse in the context by an `InputError` that pyserial is not installed."""
+    """Return a context that raises an `InputError` if pyserial is not installed."""
     return require_extra("host", "serial ports need pyserial; install the extra", ("serial",))
 
 
@@ -255,5 +256,5 @@ def _lost_connection(address: str, error: Exception) -> LinkLost:
 
 def _reason(error: Exception) -> str:
     if isinstance(error, _TERMINAL_ERRORS):
-        return str(error.args[-1])  # behind its number
+        return str(error.args[-1])  # the text follows the error number
     return (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__

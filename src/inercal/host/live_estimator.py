@@ -1,17 +1,17 @@
-"""Live estimation: the sequential estimator of the method processes the samples of a run.
+"""Live estimation: the method's sequential estimator processes the samples during a run.
 
-`Navigator` computes attitude and velocity from the corrected readings alone, to be compared with
-those of the table. Level frame: east, north, up; C takes the body's frame to it. Between samples
-the means of their readings serve, with the second-order term of coning, as in the gyros' filter.
-Attitude and velocity are taken from the table at the first sample of each hold and after a gap;
-through a hold the velocity stays zero. While the table turns, the readback's latency is in the
-difference.
+`Navigator` computes attitude and velocity from the corrected readings only, so that they can be
+compared with the table's. The level frame is east, north, up, and C transforms from the body frame
+to it. Between samples it uses the means of adjacent readings with the second-order coning term, as
+the gyro filter does. Attitude and velocity are taken from the table at the first sample of each
+hold and after a gap; the velocity stays zero during a hold. While the table turns, the difference
+includes the latency of the readback.
 """
 
 from collections.abc import Mapping
 from functools import partial
 
-# Numba's decorator has no types.
+# Numba's decorator is not typed.
 # pyright: reportUntypedFunctionDecorator=false
 from math import asin, atan2, degrees, nan
 from typing import NamedTuple
@@ -38,28 +38,29 @@ from inercal.runfile import Run
 
 
 class LiveEstimator:
-    """The estimate of an active run.
+    """The live estimate of an active run.
 
     Parameters
     ----------
     run : Run
-        By a method that has a sequential estimator.
+        A run whose method has a sequential estimator.
 
     Attributes
     ----------
     names : tuple of p str
-        The coefficients, in the sensor's order.
+        Names of the coefficients, in the sensor's order.
     time : float
-        s of the recording, of the last sample; NaN before the first.
+        Time of the last sample in the recording, s; NaN before the first.
     partial_estimates : mapping of str to PartialEstimate
-        By part of the sensor, "f" and "w" or "all"; empty before the estimator begins.
+        Estimates by part of the sensor, "f" and "w" or "all"; empty before the estimator begins.
     values, std : (p,) arrays
-        The coefficients and their standard deviations, SI; NaN where nothing is estimated yet.
+        The coefficients and their standard deviations, SI; NaN where there is no estimate yet.
 
     Raises
     ------
     InputError
-        A method without a sequential estimator, no sampling rate, or what the estimator refuses.
+        The method has no sequential estimator, the sampling rate is missing, or the estimator
+        refuses the run.
     """
 
     def __init__(self, run: Run):
@@ -75,7 +76,9 @@ class LiveEstimator:
             )
         rate_hz = required_rate(run)
         self.names, self.time = run.sensor.coefficients, nan
-        self._indices: dict[tuple[str, ...], list[int]] = {}  # of names of parts
+        self._indices: dict[
+            tuple[str, ...], list[int]
+        ] = {}  # by the names of a part's coefficients
         self._start_estimator = partial(
             begin, run.estimator, run.sensor, run.bench, run.steps, run.priors, rate_hz
         )
@@ -84,21 +87,21 @@ class LiveEstimator:
 
     @property
     def has_estimate(self) -> bool:
-        """Whether there is an estimate."""
+        """Whether there is an estimate yet."""
         return bool(self.partial_estimates)
 
     @property
     def innovations(self) -> dict[str, tuple[float, int]]:
-        """Of each part the sum of innovations squared over what was stated, of how many."""
+        """For each part, the sum of its normalised squared innovations and their number."""
         return {part: (one.nis, one.components) for part, one in self.partial_estimates.items()}
 
     def feed(self, block: SampleBlock) -> None:
-        """Take in the next samples.
+        """Process the next samples.
 
         Raises
         ------
         InputError
-            Samples that the estimator cannot follow.
+            The estimator cannot process the samples.
         """
         if block.starts_recording:
             self._sequential = self._start_estimator()
@@ -118,26 +121,26 @@ class LiveEstimator:
 
 
 def is_whole_imu(sensor: Sensor) -> bool:
-    """Tell whether a sensor has triads of accelerometers and of gyros, as `Navigator` needs."""
+    """Return whether a sensor has accelerometer and gyro triads, as `Navigator` requires."""
     return all(len(sensor.select_axes(kind).axes) == 3 for kind in ("f", "w"))
 
 
 class NavigationSolution(NamedTuple):
-    """The attitude and velocity of the body from the readings, at one sample.
+    """The body's attitude and velocity at one sample, computed from the readings.
 
     Parameters
     ----------
     time : float
-        s of the recording.
+        Time in the recording, s.
     attitude : (3, 3) array
-        C, body to level.
+        C, the rotation from the body frame to the level frame.
     roll, pitch, heading : float
-        Degrees; heading of the body's y axis, clockwise from north, pitch of it upward, roll about
-        it.
+        Angles in degrees: heading of the body's y axis clockwise from north, pitch of this axis
+        upward, and roll about it.
     velocity : (3,) array
-        m/s east, north, up since the last hold.
+        Velocity since the last hold, m/s east, north and up.
     rotation_error : (3,) array
-        ″ about east, north and up by which the table's attitude is ahead.
+        Rotation about east, north and up by which the table's attitude is ahead, ″.
     is_hold : bool
     """
 
@@ -152,12 +155,12 @@ class NavigationSolution(NamedTuple):
 
 
 class Navigator:
-    """Navigates the body by the readings of one IMU on one table.
+    """Computes the body's attitude and velocity from the readings of one IMU on one table.
 
     Parameters
     ----------
     sensor : Sensor
-        Triads of accelerometers and of gyros.
+        A sensor with accelerometer and gyro triads.
     bench : Turntable
     """
 
@@ -165,18 +168,18 @@ class Navigator:
         self._sensor, self._bench = sensor, bench
         self._earth, self._gravity = earth_rate_level_frame(bench), bench.gravity.value
         self._c, self._v = np.eye(3), np.zeros(3)
-        self._last_motion = np.zeros((2, 3))  # f and ω of the sample before
+        self._last_motion = np.zeros((2, 3))  # f and ω at the previous sample
         self._time, self._last_hold = -np.inf, -1
 
     def feed(self, track: Track, values: Array) -> NavigationSolution:
-        """Return the navigation result at the last of the next samples.
+        """Process the next samples and return the navigation solution at the last of them.
 
         Parameters
         ----------
         track : Track
-            Of one trial, with a sample at least.
+            At least one sample, all from one trial.
         values : (p,) array
-            The sensor's coefficients by which readings are corrected, SI.
+            The sensor's coefficients for correcting the readings, SI.
         """
         sensed = inverse(self._sensor, track.reading, values)
         f, w = np.ascontiguousarray(sensed.f), np.ascontiguousarray(sensed.w)
@@ -221,7 +224,7 @@ def _integrate_samples(
     earth: Array,
     gravity: float,
 ) -> None:
-    """Carry C and the velocity over samples, in place; at those `anew` C is as `aligned`."""
+    """Propagate C and the velocity in place; at the samples `anew`, set C to `aligned`."""
     turn, half = np.empty(3), np.empty((3, 3))
     wanted = 0
     for i in range(time.size):

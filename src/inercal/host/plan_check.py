@@ -1,4 +1,4 @@
-"""Checks before anything moves that the method accepts the plan's data and the table the plan."""
+"""Checks, before anything moves, that the method and the table both accept the plan."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,15 +12,15 @@ from inercal.physics.plan import Position
 from inercal.pipeline.design.turntable_path import turntable_path_sheet
 from inercal.runfile import Run
 
-_REST_KEY = "hold"  # of the refusal of a first rest that is too short
+_REST_KEY = "hold"  # key of the refusal when the first rest is too short
 
 
 def check_plan(run: Run) -> tuple[str, ...]:
-    """Return warnings about a plan that a host is to carry out.
+    """Return warnings about a plan that a host is about to carry out.
 
     The method processes the path as an ideal sensor on an ideal table would record it. It may
-    refuse this for a reason that a recording has not, such as a coefficient of temperature: that
-    says nothing about the plan.
+    refuse these data for a reason that does not apply to a real recording, such as a temperature
+    coefficient. Such a refusal says nothing about the plan.
 
     Parameters
     ----------
@@ -29,12 +29,12 @@ def check_plan(run: Run) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        The method would refuse the recording, because its first rest is too short.
+        The first rest is too short, so the method would refuse the recording.
     """
     if not is_turntable(run.bench):
         return ()
     first = next((step for step in run.steps if isinstance(step, Position)), None)
-    left_out = 2 * settling_time(run.bench)  # by the host, at both ends of a rest
+    left_out = 2 * settling_time(run.bench)  # the host omits this at both ends of a rest
     checked = run
     if first is not None and first.seconds > left_out:
         shorter = replace(first, seconds=first.seconds - left_out)
@@ -49,15 +49,15 @@ def check_plan(run: Run) -> tuple[str, ...]:
             return ()
         rest = "no rest" if first is None else f"{first.label}, a rest of {first.seconds:g} s"
         raise InputError(
-            f"{run.path}: the first rest of the plan is {rest}, but the method takes the first "
-            f"values of the biases from {COARSE_REST_SECONDS:g} s of rest: begin with a rest of "
-            "this length or longer",
+            f"{run.path}: the first rest of the plan is {rest}, but the method needs "
+            f"{COARSE_REST_SECONDS:g} s of rest for the first values of the biases: begin with a "
+            "rest of this length or longer",
             file=run.path,
             key="[method] path",
             names=() if first is None else (first.label,),
         ) from None
     except Exception:
-        # A method may be another package's: what it cannot do with an ideal path ends no run.
+        # A method may come from another package; its failure on an ideal path must not end the run.
         return ()
     undecided = "; ".join(sheet.undecided)
     lacking = f"the plan does not determine all coefficients: {undecided}" if undecided else ""
@@ -73,13 +73,13 @@ def require_feasible_plan(
     ----------
     tasks : sequence of Task
     limits : sequence of AxisLimits
-        As the controller is set.
+        Limits as set in the controller.
     bench : ControlledBench
 
     Raises
     ------
     InputError
-        Naming the axis.
+        An axis cannot execute the plan; the message names the axis.
     """
     names, held = bench.names, bench.axis_motion_limits
     for task in tasks:

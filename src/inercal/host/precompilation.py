@@ -1,12 +1,12 @@
 """Compiles the kernels of a run before the table moves, so that the table never waits for them.
 
-The module calls each kernel with arrays as a run has them: it polls a rest of the table, encodes
-and assembles packets, and runs the sequential estimator of the method. Without a cache this takes
-most of a minute on one core; a second process compiles the accelerometers' kernels meanwhile. Later
-runs on the machine load them from the cache. The kernels of the final calibration are
-compiled at the end, when the table is at rest.
+The module calls each kernel with arrays as they occur in a run: it polls a table at rest, encodes
+and assembles packets, and runs the method's sequential estimator. Without a cache this takes most
+of a minute on one core, while a second process compiles the accelerometers' kernels. Later runs on
+the same machine load the kernels from the cache. The kernels of the final calibration are compiled
+at the end, when the table is at rest.
 """
-# Numba has no types.
+# Numba is not typed.
 # pyright: reportUnknownMemberType=false
 
 import json
@@ -36,31 +36,31 @@ from inercal.recordings import Track
 from inercal.runfile import Run, read
 
 _RATE = 10.0  # Hz
-_REST = 22.0  # s, longer than a sequential estimator should wait before it begins
+_REST = 22.0  # s; a sequential estimator should not need a longer rest before it begins
 _POLL = 0.02  # s
-_CLOCKS_MATCHED = 7.0  # s, after which the clocks are tied to one another
-_SECOND_PIECE = 2.0  # s that follow in a piece of their own
-_AT_REST = (0.0, 0.0, G0, 0.0, 0.0, 0.0)  # m/s² and rad/s, nearly: that it compiles is enough
+_CLOCKS_MATCHED = 7.0  # s after which the clocks have been matched
+_SECOND_PIECE = 2.0  # s at the end that form a second piece
+_AT_REST = (0.0, 0.0, G0, 0.0, 0.0, 0.0)  # m/s² and rad/s; approximate values are sufficient
 _ROOM_TEMPERATURE = 298.15  # K
-_LAST_SAMPLES = 10  # samples of the rest that are followed by themselves
+_LAST_SAMPLES = 10  # samples at the end of the rest that are processed separately
 
 
 def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
-    """Compile all kernels that an active run uses, for this process too.
+    """Compile all kernels that an active run uses, and load them into this process.
 
     Parameters
     ----------
     run : Run
-        On a bench that a host drives.
+        A run on a bench that a host can drive.
     layout : PacketLayout, optional
-        Of the IMU's packets; without it nothing of packets and polls is compiled.
+        Layout of the IMU's packets; without it, the kernels for packets and polls are not compiled.
 
     Raises
     ------
     InputError
-        Packets that do not go with the run file.
+        The packets do not match the run file.
     """
-    # Packets hold no temperature of each sample: coefficients of it are found afterwards.
+    # Packets have no temperature for each sample, so its coefficients are estimated after the run.
     if run.method.sequential is not None and not run.sensor.uses("dT"):
         _compile_estimator(run)
     if not run.motion_control.has_attitude:
@@ -94,7 +94,7 @@ def _compile_estimator(run: Run) -> None:
 
 
 class _ParallelCompilation:
-    """Compiles the kernels of the accelerometers in a second process, once `start` is called."""
+    """Compiles the accelerometers' kernels in a second process when `start` is called."""
 
     def __init__(self, run: Run):
         self._run = run
@@ -106,19 +106,19 @@ class _ParallelCompilation:
         self._process = Popen(program, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
 
     def wait(self) -> None:
-        """Wait for its end: what it compiled is then loaded here."""
+        """Wait until the process has ended, so that its kernels can be loaded here."""
         if self._process is not None:
             self._process.wait()
 
 
 def _follow_part(run: Run, kind: Measures) -> None:
-    """Process a part of the sensor; a method that needs the whole sensor may refuse that."""
+    """Process one part of the sensor; a method that needs the whole sensor may refuse this."""
     with suppress(InercalError):
         _follow_rest(run, run.sensor.select_axes(kind), ())
 
 
 def _follow_rest(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
-    """Process a table at rest in two pieces: an estimator starts with the first."""
+    """Process a table at rest in two pieces; the first one starts the estimator."""
     assert run.method.sequential is not None
     table = require_turntable(run)
     track = _rest_track(sensor, table)
@@ -130,7 +130,7 @@ def _follow_rest(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
 
 
 def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
-    """Return the samples assembled from a rest, in two pieces."""
+    """Assemble the samples of a rest, and return them in two pieces."""
     lasting = _CLOCKS_MATCHED + _REST + 3 * run.motion_control.settling(run.bench) + _SECOND_PIECE
     result, frames = SampleAssembler(run, layout, _POLL), _rest_frames(run, layout, lasting)
     tracks: list[Track] = []
@@ -144,7 +144,7 @@ def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
 
 
 def _rest_frames(run: Run, layout: PacketLayout, lasting: float) -> list[LogFrame]:
-    """Return the log frames of a rest: polls and packets, and the start of the first section."""
+    """Return the log frames of a rest: polls, packets and the start of the first section."""
     assert run.rate_hz is not None
     k = len(run.motion_control.readback(run.bench))
     rests = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=True)

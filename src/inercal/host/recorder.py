@@ -1,7 +1,8 @@
-"""Recorder of a run: it writes log and journal, and derives samples and the live estimate.
+"""Records a run: it writes the log and the journal, and derives samples and the live estimate.
 
-The log has all data of an estimate and is written first; the journal has what the operator and a
-resumed run need. All else is derived from the log: a resumed run replays it.
+The log contains all data for an estimate and is written first. The journal contains the information
+for the operator and for resuming. Everything else is derived from the log, so a resumed run replays
+it.
 """
 
 import json
@@ -27,27 +28,25 @@ from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frame
 from inercal.host.table_state_codec import unpack_states
 from inercal.host.task_sequencer import SectionEvent
 
-# s of the bench that are worked through at a time: the gyros are compared with the table as often
+# s of bench time that are processed at once: this is also how often gyros and table are compared
 _PIECE_MIN, PIECE_MAX = 0.2, 5.0
-_PIECE_WALL = 0.1  # s of the wall's
-_RECENT_COUNT = 8  # events, and blocks, that are at hand
+_PIECE_WALL = 0.1  # s of wall time
+_RECENT_COUNT = 8  # number of events, and of blocks, that are kept available
 _LOSS_WARNING_INTERVAL = 60.0  # s
-_IMU_LATENCY = (
-    0.05  # s from a sample to its bytes' arrival, at most: a USB converter's and a tick's
-)
+_IMU_LATENCY = 0.05  # s; longest delay from a sample to its bytes: USB converter and one tick
 
 
 class LogEnd(NamedTuple):
-    """The end of a log that is continued.
+    """The state at the end of a log that a run continues.
 
     Parameters
     ----------
     time : float
-        The largest time of a frame, s of the run; 0 where the log is empty.
+        Largest run time of any frame, s; 0 if the log is empty.
     poll : (float, float) or None
-        s of the run and of the controller's clock, of the last reading of the table.
+        The last reading of the table: run time and controller time, s.
     session : (float, HostUptime) or None
-        s of the run, and how long the host was up, when its last session began.
+        The beginning of the last session: run time, s, and the host's uptime.
     """
 
     time: float = 0.0
@@ -55,11 +54,11 @@ class LogEnd(NamedTuple):
     session: tuple[float, HostUptime] | None = None
 
     def resumed_time(self, table: RotaryTable) -> float:
-        """Return the run's time now, s: from the end of its log on, without a look at the date.
+        """Return the run time now, s, counted from the end of the log without using the date.
 
-        How long the run was without a host is told by the host's uptime; where the host has been
-        started anew, by the table's clock, up to one wrap of it; else it counts for nothing, and
-        the IMU's counter, which does not agree then, is reported.
+        The host's uptime shows how long the run was without a host. If the host has been rebooted,
+        the table's clock shows it, up to one wrap of this clock. Otherwise the gap is taken as
+        zero; then the IMU's counter does not agree, and this is reported.
         """
         now = read_host_uptime()
         if self.session is not None and now is not None and self.session[1].boot == now.boot:
@@ -75,47 +74,48 @@ class LogEnd(NamedTuple):
 
 
 class RunRecorder(Closeable):
-    """The recorder of one run, new or resumed; a context manager.
+    """Records one new or resumed run; a context manager.
 
     Parameters
     ----------
     folder : RunFolder
     journal : Journal
     layout : PacketLayout
-        Of the IMU's packets.
+        Layout of the IMU's packets.
 
     Attributes
     ----------
     assembly : SampleAssembler
     log_end : LogEnd
-        Where the log ended when it was opened.
+        The end of the log when it was opened.
     live_estimator : LiveEstimator or None
-        The estimate, where the run file's method has a sequential estimator.
+        The live estimate; None if the method has no sequential estimator.
     navigation : NavigationSolution or None
-        Attitude and velocity by an IMU's corrected readings alone, once all of its coefficients
-        are estimated.
+        Attitude and velocity computed only from the corrected readings of an IMU; available once
+        all its coefficients are estimated.
     temperature : float
-        Of the IMU, K; NaN where it tells none.
+        Temperature of the IMU, K; NaN if it reports none.
     events : int
-        How many there were.
-    said : deque of (str, str)
-        Level and words of the last of them.
+        Number of events so far.
+    recent_messages : deque of (str, str)
+        Level and text of the latest events.
     blocks : deque of SampleBlock
-        The last samples; who shows them takes them out.
+        The latest samples; the consumer removes them.
 
     Raises
     ------
     InputError
-        A log that is damaged, packets that do not go with the run file.
+        The log is damaged, or the packets do not match the run file.
     """
 
     def __init__(self, folder: RunFolder, journal: Journal, layout: PacketLayout):
         run = folder.run
         self.assembly = SampleAssembler(run, layout, journal.header().poll)
-        # Packets hold no temperature of each sample: coefficients of it are found afterwards.
+        # Packets have no temperature for each sample, so its coefficients are estimated after the
+        # run.
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")
         self.live_estimator = LiveEstimator(run) if self._estimates else None
-        # Without readback there is no attitude of the table to begin from and to compare with.
+        # Without readback there is no table attitude to start from or to compare with.
         has_attitude = run.motion_control.has_attitude
         navigates = is_whole_imu(run.sensor) and has_attitude and require_turntable(run).readback
         self._new_navigator = lambda: (
@@ -128,7 +128,7 @@ class RunRecorder(Closeable):
         self.recent_messages: deque[tuple[str, str]] = deque(maxlen=_RECENT_COUNT)
         self.blocks: deque[SampleBlock] = deque(maxlen=_RECENT_COUNT)
         self._journal = journal
-        # Sections that the journal has yet to be told of, with the run's time of each.
+        # Sections that are not in the journal yet, with the run time of each.
         self._waiting_sections: deque[tuple[float, SectionEvent]] = deque()
         self._last_processing = -inf, -inf
         self._losses, self._last_loss_warning = (0, 0, 0, 0), 0.0
@@ -139,13 +139,13 @@ class RunRecorder(Closeable):
 
     @property
     def estimation(self) -> Literal["none", "waits", "on", "ended"]:
-        """How live estimation stands: "none" where the run file's method has none."""
+        """The state of live estimation; "none" if the method has no sequential estimator."""
         if self.live_estimator is None:
             return "ended" if self._estimates else "none"
         return "on" if self.live_estimator.has_estimate else "waits"
 
     def record_frame(self, kind: int, time: float, payload: bytes) -> None:
-        """Record what arrived from a device, at a time of the run."""
+        """Record bytes received from a device, at a run time in s."""
         self._log.append(kind, time, payload)
         self.assembly.feed(LogFrame(kind, time, payload))
         if kind == IMU:
@@ -154,18 +154,18 @@ class RunRecorder(Closeable):
     def record_session(
         self, time: float, following: int, wraps: float, uptime: HostUptime | None = None
     ) -> None:
-        """Record that the stream was interrupted: the next sample does not continue the previous.
+        """Record the start of a session: the next sample does not continue the previous one.
 
         Parameters
         ----------
         time : float
-            Of the run, s.
+            Run time, s.
         following : int
-            The step that is next: those from there on are to be done again.
+            The next step; it and all later steps have to be repeated if they were begun.
         wraps : float
-            s after which the table's clock begins again.
+            Time after which the table's clock restarts, s.
         uptime : HostUptime, optional
-            How long the host was up at `time`, where its clock is that of the run.
+            The host's uptime at `time`, if the run uses the host's clock.
         """
         known: dict[str, object] = {"wraps": wraps} if isfinite(wraps) else {}
         if uptime is not None:
@@ -175,43 +175,44 @@ class RunRecorder(Closeable):
     def record_section(self, time: float, one: SectionEvent, *, holds: bool) -> None:
         """Record that a section began or ended.
 
-        The log has it at once. The journal has it when the IMU's bytes up to then are in the log: a
-        host that is killed before repeats the section, whose last samples are lost.
+        The log records this at once. The journal records it only when the IMU's bytes up to this
+        time are in the log, so a host that is killed before repeats the section, whose last samples
+        are lost.
         """
         content = {"number": one.number, "label": one.section, "state": one.state, "time": one.time}
         self._event(time, {"what": "section", **content, "hold": holds})
         self._waiting_sections.append((time, one))
 
     def record_interruption(self, time: float, cause: str | None, lasted: float = 0.0) -> None:
-        """Record why the table is stopped, for a cause that has lasted for some seconds.
+        """Record why the table is stopped, and that the cause has lasted for `lasted` s.
 
-        None: the run continues.
+        None as the cause means that the run continues.
         """
         self._event(time, {"what": "interruption", "cause": cause, "since": time - lasted})
 
     def record_message(
         self, time: float, level: Literal["info", "warning", "alarm"], words: str
     ) -> None:
-        """Record what an operator should know."""
+        """Record a message to the operator."""
         self.events += 1
         self.recent_messages.append((level, words))
         self._journal.record_event(level, words, time)
 
     def is_processing_due(self, time: float) -> bool:
-        """Return whether `work` is due; when it is done does not change the results.
+        """Return whether `process_pending` is due; when it runs does not affect the results.
 
-        A piece has a price of its own: a bench that is sped up has larger ones.
+        Each piece has a fixed cost, so an accelerated bench gets larger pieces.
         """
         came, passed = time - self._last_processing[0], monotonic() - self._last_processing[1]
         return came >= _PIECE_MIN and (passed >= _PIECE_WALL or came >= PIECE_MAX)
 
     def process_pending(self, time: float) -> SampleBlock | None:
-        """Assemble what arrived and update the estimate; return the new samples.
+        """Assemble the received data and update the estimate; return the new samples.
 
         Raises
         ------
         InputError
-            A device that set its clock anew.
+            A device has reset its clock.
         """
         block = self._process_piece(time)
         if block is not None:
@@ -238,17 +239,17 @@ class RunRecorder(Closeable):
             if self._navigator is not None and np.isfinite(self.live_estimator.values).all():
                 self.navigation = self._navigator.feed(block.track, self.live_estimator.values)
         except Exception as error:
-            # The recording is what counts: it may be calibrated otherwise. A method may be another
-            # package's, and whatever it raises must not end a run whose table moves.
+            # The recording is more important: it can be calibrated in other ways. A method may come
+            # from another package, so no exception that it raises may end a run whose table moves.
             self.live_estimator = None
             what = "" if isinstance(error, InercalError) else f"{type(error).__name__}: "
             words = f"live estimation ends: {what}{error}"
-            # A run that goes on comes to an end that it came to before: then it was said.
+            # If a resumed run reaches an end that was already reported, do not report it again.
             if all(event.words != words for event in self._journal.events()):
                 self.record_message(time, "warning", words)
 
     def _loss_warnings(self, time: float) -> list[str]:
-        """Return the messages about losses, each of them once, and again as they increase."""
+        """Return the messages about losses: each one once, and again when the losses increase."""
         tally = self.assembly.tally
         counts, before = tally.bytes, self._losses
         left_out = tally.samples_without_angle + tally.samples_with_unusable_angle
@@ -259,7 +260,7 @@ class RunRecorder(Closeable):
         result: list[str] = []
         if losses[:2] != before[:2]:
             result.append(
-                f"so far {counts.lost} packets of {counts.packets + counts.lost} are lost, and "
+                f"so far {counts.lost} packets of {counts.packets + counts.lost} were lost, and "
                 f"{counts.failed} had a checksum error"
             )
         if left_out != before[2]:
@@ -270,8 +271,8 @@ class RunRecorder(Closeable):
             )
         if tally.implausible_polls != before[3]:
             result.append(
-                f"so far {tally.implausible_polls} readings of {tally.polls} of the table are left "
-                "out: they imply motion beyond its limits; a corrupted digit, noise, an "
+                f"so far {tally.implausible_polls} readings of {tally.polls} of the table were "
+                "left out: they imply motion beyond its limits; a corrupted digit, noise, an "
                 "intermittent offset or a clock jump looks like this"
             )
         return result
@@ -285,7 +286,7 @@ class RunRecorder(Closeable):
         self.record_frame(EVENT, at, json.dumps(content).encode())
 
     def _replay(self, folder: RunFolder) -> LogEnd:
-        """Replay the log of an interrupted run; events already reported are not reported again."""
+        """Replay the log of an interrupted run; do not report its earlier events again."""
         done = latest = 0.0
         last: dict[int, LogFrame] = {}
         session: LogFrame | None = None
@@ -299,7 +300,7 @@ class RunRecorder(Closeable):
                 self._process_piece(done)
                 self._loss_warnings(done)
         self._process_piece(latest)
-        self.assembly.take_received()  # a viewer is shown what comes from now on
+        self.assembly.take_received()  # discard them: viewers see only what arrives from now on
         return LogEnd(latest, _read_poll(last.get(TABLE)), _read_session(session))
 
     def close(self) -> None:
@@ -308,12 +309,12 @@ class RunRecorder(Closeable):
 
 
 def _read_poll(frame: LogFrame | None) -> tuple[float, float] | None:
-    """Return the run's time and the controller's of a reading of the table."""
+    """Return the run time and the controller's time of a table reading, s."""
     return frame and (frame.time, float(unpack_states([frame.payload]).time[0]))
 
 
 def _read_session(frame: LogFrame | None) -> tuple[float, HostUptime] | None:
-    """Return the run's time, and how long the host was up, at the begin of a session."""
+    """Return the run time, s, and the host's uptime at the beginning of a session."""
     event: dict[str, Any] = json.loads(frame.payload) if frame else {}
     if frame is None or "uptime" not in event:
         return None

@@ -1,7 +1,7 @@
-"""Writes the recording that the run file names from the log of a run.
+"""Writes the recording of a run, which the run file names, from the log.
 
-The columns are those of [data]. The group `bench` has the readings of the table, poll by poll, and
-the quality of the interpolated angles of the samples; of a table without readback it has none.
+The columns are those in [data]. The group `bench` contains the table's readings, poll by poll, and
+the quality of the samples' interpolated angles; for a table without readback it contains neither.
 """
 
 import os
@@ -37,26 +37,26 @@ from inercal.recordings.data.recording_loader import readback_columns
 from inercal.recordings.io.simulation_mark import SIMULATION_KEY
 from inercal.runfile import Run
 
-_FRAMES_PER_PIECE = 4096  # worked through at once
-_NEEDS_H5PY = "a recording is written by h5py"
+_FRAMES_PER_PIECE = 4096  # processed at once
+_NEEDS_H5PY = "writing a recording needs h5py"
 _SUFFIXES = (".h5", ".hdf5")
 _SINGLE_KEYS = ("time", "label", "mounting", "hold", "arm_rate", "temperature")
 _AXIS_KEYS = ("accelerometer", "gyro", "table")  # each names a column per axis
 
 
 def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
-    """Refuse a run file whose [data] does not say what a run on the bench is written to.
+    """Refuse a run file whose [data] section does not state where and how to record a bench run.
 
     Parameters
     ----------
     run : Run
     layout : PacketLayout, optional
-        Of the IMU's packets, where it is known.
+        Layout of the IMU's packets, if known.
 
     Raises
     ------
     InputError
-        Naming the key and what is possible.
+        [data] is incomplete or unsuitable; the message names the key and the possible values.
     """
     require_installed("io", _NEEDS_H5PY, ("h5py",))
     control, data = run.motion_control, run.data
@@ -70,7 +70,7 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
         )
     for key, example in control.required_keys.items():
         if key == "hold" and run.method.without_angles:
-            continue  # such a method finds the rests in the gyros
+            continue  # such a method finds the rests from the gyros
         if getattr(data, key) is None:
             raise refusal(key, f"the key is missing; add it, such as {key} = {example}")
     if data.time_unit != "s":
@@ -115,30 +115,31 @@ def write_recording(
     log_sha256: str | None = None,
     simulation: str = "",
 ) -> Path:
-    """Write the recording of a run, whole or not at all; return its path.
+    """Write the recording of a run completely or not at all, and return its path.
 
     Parameters
     ----------
     run : Run
     layout : PacketLayout
-        Of the IMU's packets.
+        Layout of the IMU's packets.
     log : path
     folder : path
-        Where [data] `file` is written.
+        Folder in which [data] `file` is written.
     about : mapping of str to str, optional
-        More to be kept as attributes of the group: addresses, versions.
+        Additional attributes of the group, such as addresses and versions.
     poll : float
-        s between polls of the table.
+        Time between two polls of the table, s.
     log_sha256 : str, optional
-        Digest of the log, where it is known; else the log is read for it.
+        Digest of the log, if known; otherwise it is computed from the log.
     simulation : str
-        The mark of a simulated bench (`inercal.recordings.io.simulation_mark`); empty for another.
+        The mark of a simulated bench (`inercal.recordings.io.simulation_mark`); empty for a real
+        one.
 
     Raises
     ------
     InputError
-        A run file that says too little, a log that is damaged or holds no sample of a section, a
-        path that cannot be written, or no h5py.
+        The run file states too little, the log is damaged or contains no sample from a section, the
+        path is not writable, or h5py is missing.
     """
     require_recordable(run, layout)
     with require_extra("io", _NEEDS_H5PY, ("h5py",)):
@@ -164,7 +165,7 @@ def write_recording(
     take()
     if not blocks or not said:
         raise InputError(
-            f"{log} holds no sample of a section, so there is no recording to write; "
+            f"{log} contains no sample from a section, so there is no recording to write; "
             "repeat the run",
             file=Path(log),
         )
@@ -212,7 +213,7 @@ def write_recording(
 
 
 def _interruptions(assembly: SampleAssembler) -> list[Interruption]:
-    """Return the interruptions of a recording, s from its first sample on."""
+    """Return the interruptions of a recording, s from its first sample."""
     begin = assembly.recording_start or 0.0
     return [
         Interruption(one.start - begin, one.stop - begin, "; ".join(one.causes))
@@ -248,11 +249,11 @@ def _recording_columns(
 
 
 def _fill_missing(values: Array) -> Array:
-    """Fill gaps with the last value, and with the first one at the start."""
+    """Fill each gap with the last value before it, and at the start with the first value."""
     there = np.isfinite(values)
     if not there.any():
         raise InputError(
-            "no packet of the run holds a temperature; remove [data] temperature",
+            "the packets of the run contain no temperature; remove [data] temperature",
             key="[data] temperature",
         )
     at = np.maximum.accumulate(np.where(there, np.arange(values.size), -1))

@@ -1,4 +1,4 @@
-"""Enters the folder of a run in the register; if the two differ, the folder is right."""
+"""Enters the folder of a run in the register; if the two differ, the folder is authoritative."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -13,15 +13,15 @@ from inercal.host.run_folder import JOURNAL, LOG, RunFolder
 from inercal.host.run_log import file_sha256
 from inercal.runfile import Run
 
-if TYPE_CHECKING:  # a bench runs without a register
+if TYPE_CHECKING:  # a bench can run without a register
     from inercal.laboratory.store import Register, SensorHistory
 
 
 def register_run(register: "Register", folder: str | Path) -> int:
-    """Enter the run of a folder, its files and its calibration if there is one; return its id.
+    """Enter a folder's run, files and calibration (if any) in the register; return the run's id.
 
-    As often as one likes: what is there already stays; state, folder and files are brought up to
-    date.
+    This can be repeated: existing entries are kept, and the state, the folder and the files are
+    updated.
 
     Parameters
     ----------
@@ -31,8 +31,8 @@ def register_run(register: "Register", folder: str | Path) -> int:
     Raises
     ------
     InputError
-        There is no journal in the folder, a file of raw data is not what the journal says, or the
-        register cannot be written. Nothing is entered then.
+        The folder contains no journal, a file of raw data differs from its entry in the journal, or
+        the register is not writable. Nothing is entered in these cases.
     """
     from inercal.laboratory.store import RunFacts
 
@@ -57,22 +57,22 @@ def register_run(register: "Register", folder: str | Path) -> int:
 
 
 def _run_key(header: JournalHeader, run: Run) -> str:
-    """Return what identifies a run, wherever its folder is."""
+    """Return a key that identifies a run wherever its folder is."""
     return sha256(f"{header.begun}\n{header.run_file}\n{run.sha256}".encode()).hexdigest()[:32]
 
 
 def _verified_files(
     made: RunFolder, header: JournalHeader, files: dict[str, tuple[int, str]]
 ) -> dict[str, tuple[int, str]]:
-    """Return size and SHA-256 of the run's files; those of the raw data are verified.
+    """Return the size and SHA-256 of the run's files, after verifying those with raw data.
 
-    The report and the calibration may have been made anew; the latter has a hash of its own.
+    The report and the calibration may have been made again; the calibration contains its own hash.
     """
     found = dict(files)
     for name in (header.run_file, LOG, made.run.data.file):
         path = made.path / name
         if header.state == "running" or not path.is_file():
-            continue  # the log of a run that goes on grows
+            continue  # the log of an active run still grows
         now = path.stat().st_size, file_sha256(path)
         if found.setdefault(name, now) != now:
             raise InputError(
@@ -84,18 +84,18 @@ def _verified_files(
 
 
 class RegisterSync:
-    """Enters an active run in the register; a failure is kept as text and does not stop the run.
+    """Enters an active run in the register; a failure is recorded and does not stop the run.
 
     Parameters
     ----------
     register : Register or None
-        None enters nothing.
+        If None, nothing is entered.
     folder : path
 
     Attributes
     ----------
     trouble : str
-        Why it was not entered the last time, and how to do it later; empty where all is well.
+        Why the last attempt failed, and how to enter the run later; empty if it succeeded.
     """
 
     def __init__(self, register: "Register | None", folder: str | Path):
@@ -126,7 +126,7 @@ class RegisterSync:
             thread.join()
 
     def history(self, sensor: str) -> "SensorHistory | None":
-        """Enter the run as it is now; return its sensor's history, None where there is none."""
+        """Enter the run as it is now and return its sensor's history; None if there is none."""
         self.update()
         if self._register is None or self.trouble:
             return None

@@ -1,7 +1,7 @@
-"""Executes a plan, from connecting the devices to rest, for terminal, page and demonstration.
+"""Executes a run from connecting the devices to rest, for terminal, web page and demonstration.
 
-A run whose plan is carried out is completed by `finish_run`: it makes the recording, the
-calibration, the report, and their digests.
+`finish_run` completes a run whose plan was carried out: it writes the recording, the calibration
+and the report, and records their digests.
 """
 
 from collections.abc import Callable, Mapping
@@ -35,7 +35,7 @@ class RunInterrupted(InercalError):
     ----------
     reason : str
     can_be_resumed : bool, optional
-        Its folder is there, and the clocks of the devices can still be matched.
+        True if the run's folder exists and the devices' clocks can still be matched.
     """
 
     def __init__(self, reason: str, *, can_be_resumed: bool = True):
@@ -52,7 +52,7 @@ def execute_run(
     run_context: Callable[[BenchRun], AbstractContextManager[object]] = nullcontext,
     background_work: Callable[[], AbstractContextManager[object]] = nullcontext,
 ) -> BenchRun:
-    """Run the remaining steps of a plan at the addresses in its journal; return the run.
+    """Run the remaining steps of a plan at the addresses in its journal, and return the run.
 
     Parameters
     ----------
@@ -60,20 +60,22 @@ def execute_run(
     journal : Journal
     options : RunOptions
     show : callable
-        Called with the run, now and then.
+        Called with the run, at intervals.
     show_interval : float
-        s of the wall's between two such calls.
+        Wall time between two such calls, s.
     run_context : callable
-        Returns, for the run when its devices are connected, what is entered while it goes on.
+        Takes the run when its devices are connected, and returns a context that is open while it
+        runs.
     background_work : callable
-        Returns what is entered then too, and left when the table is at rest: it may take its time.
+        Returns a second context for the same time; it closes after the table is at rest, so it may
+        be slow.
 
     Raises
     ------
     RunInterrupted
-        It came to an end before the plan's.
+        The run ended before its plan was complete.
     InercalError
-        Nothing was begun; see `BenchRun`.
+        The run could not be started; see `BenchRun`.
     """
     addresses = DeviceAddresses(*journal.header().addresses)
     with (
@@ -84,15 +86,17 @@ def execute_run(
         after.enter_context(background_work())
         try:
             done = run.execute_plan()
-        except InercalError as error:  # of a full disk: neither log nor journal takes the end
+        except InercalError as error:  # on a full disk neither log nor journal can record the end
             raise _interrupted(str(error), folder, run) from error
     if not done:
-        raise _interrupted(run.trouble, folder, run)  # what was said of the end is in it by now
+        raise _interrupted(
+            run.trouble, folder, run
+        )  # the trouble includes the final messages by now
     return run
 
 
 def _interrupted(reason: str, folder: RunFolder, run: BenchRun) -> RunInterrupted:
-    """Return the exception for an interruption, which says what can be done."""
+    """Return the exception for an interruption, which also says how to continue."""
     if not folder.is_complete:
         advice = f"the folder {folder.path} or a file in it is gone, so the run cannot be resumed"
     elif run.needs_new_run:
@@ -111,7 +115,7 @@ _LARGE_DIFFERENCE = 4.0  # standard deviations of the live estimate
 
 
 class FinishedRun(NamedTuple):
-    """The outcome, and the files of the run by kind."""
+    """The outcome of a run, and its files by kind."""
 
     outcome: Outcome
     files: dict[str, str]
@@ -131,24 +135,25 @@ def finish_run(
     folder : RunFolder
     journal : Journal
     live : LiveEstimator, optional
-        Its values are compared with those of the recording, and the journal says how they agree.
+        The live estimate; it is compared with the recording's, and the journal records the
+        agreement.
     load_history : callable, optional
-        Called when the calibration is written: it gives the sensor's history for the report.
+        Returns the sensor's history for the report; called after the calibration is written.
     truth : callable, optional
-        Returns the true coefficients, SI, for the report; those of the run file where left out.
+        Returns the true coefficients for the report, SI; by default those in the run file.
 
     Raises
     ------
     InercalError
-        The recording cannot be calibrated; recording and log are kept all the same.
+        The recording cannot be calibrated; the recording and the log are kept.
     """
     run = folder.run
     was = journal.header()
     about = {"table": was.table, "imu": was.imu, "begun": was.begun, "inercal": version("inercal")}
-    # The log may be gigabytes: it is read for its digest once.
+    # The log may be gigabytes long, so it is read only once for its digest.
     came = file_sha256(folder.log)
     layout = layout_of_address(was.imu)
-    # A simulated bench has a clock of its own.
+    # Only a simulated bench has a clock address.
     simulation = f"{SIMULATION_OF}a bench with the clock {was.clock}" if was.clock else ""
     recording = write_recording(
         run, layout, folder.log, folder.path, about, was.poll, came, simulation
@@ -172,7 +177,7 @@ def finish_run(
 
 
 def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:
-    """Return the outcome with what the operator wrote, by the time of the run, as conditions."""
+    """Return the outcome with the operator's notes as conditions, labelled with their run times."""
     notes = {
         f"note {number}" + ("" if one.time is None else f", {one.time:.0f} s"): one.words
         for number, one in enumerate(
@@ -186,16 +191,16 @@ def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:
 
 
 def _record_file(journal: Journal, path: Path, sha256: str | None = None) -> None:
-    """Record the size and the digest of a file, which is computed unless given."""
+    """Record the size and the digest of a file; the digest is computed unless it is given."""
     journal.record_file(path.name, path.stat().st_size, sha256 or file_sha256(path))
 
 
 def _compare_live_estimate(
     journal: Journal, live: LiveEstimator, outcome: Outcome, *, expected: bool
 ) -> None:
-    """Enter in the journal how far the live estimate differs from that of the recording.
+    """Record in the journal how far the live estimate differs from the recording's estimate.
 
-    `expected`: a difference is no warning, as the method has another estimator for the recording.
+    With `expected`, a difference is not a warning, as another estimator processes the recording.
     """
     names, value = outcome.estimate.names, outcome.estimate.value
     found = np.array([value[names.index(name)] for name in live.names])

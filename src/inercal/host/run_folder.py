@@ -1,12 +1,12 @@
-"""The folder of a run: the run file and its files, the raw log, the journal, and the results.
+"""The folder of a run: the run file and its plan, the raw log, the journal and the results.
 
 Files::
 
-plan.toml, path.csv   copies: a run is resumed by these, whatever became of the originals
-run.log               the bytes that the devices sent
-run.journal           plan, steps, events and files of the run (SQLite)
-recording.h5          by the name in [data], at the end
-plan.calibration.json, plan.report.html
+    plan.toml, path.csv   copies: a run is resumed from these even if the originals have changed
+    run.log               the bytes that the devices sent
+    run.journal           header, steps, events and files of the run (SQLite)
+    recording.h5          written at the end under the name in [data]
+    plan.calibration.json, plan.report.html
 """
 
 import os
@@ -37,7 +37,7 @@ class RunFolder:
     ----------
     path : Path
     run : Run
-        Read from the folder's own copy.
+        The run, read from the copy in the folder.
     """
 
     path: Path
@@ -45,14 +45,14 @@ class RunFolder:
 
     @classmethod
     def open_existing(cls, path: str | os.PathLike[str], run_file: str) -> "RunFolder":
-        """Return the folder of a run that is there, by the name of its run file."""
+        """Return the existing folder of a run, given the name of its run file."""
         return cls(Path(path), read(Path(path) / run_file))
 
     @contextmanager
     def removed_on_failure(self, *more: str) -> Generator[None]:
-        """Remove what `create_run` made, and `more` files, if the context fails before the run.
+        """Remove the files made by `create_run`, and `more`, if the context fails before the run.
 
-        Of devices that were not there nothing is left, and the folder's name is free again.
+        If the devices were not there, nothing is left behind, and the folder's name is free again.
         """
         copied = (self.run.path.name, *_referenced_files(self.run.path))
         try:
@@ -62,13 +62,13 @@ class RunFolder:
                 journal = (JOURNAL, f"{JOURNAL}-wal", f"{JOURNAL}-shm")
                 for name in (LOG, *journal, *copied, *more):
                     (self.path / name).unlink(missing_ok=True)
-                with suppress(OSError):  # a folder that was there before may hold other files
+                with suppress(OSError):  # a folder that existed before may contain other files
                     self.path.rmdir()
             raise
 
     @property
     def log(self) -> Path:
-        """The raw log."""
+        """The path of the raw log."""
         return self.path / LOG
 
     @property
@@ -81,12 +81,12 @@ class RunFolder:
         """Whether the files needed to resume the run exist."""
         try:
             steps = read(self.run.path).steps
-        except InputError:  # a file that it names may be gone too
+        except InputError:  # a file that the run file names may be missing too
             return False
         return bool(steps) and self.log.is_file() and self.journal.is_file()
 
     def output_path(self, kind: str) -> Path:
-        """Return the name of what is made of the run: "calibration.json", "report.html"."""
+        """Return the path of a result of the run: "calibration.json" or "report.html"."""
         return self.path / f"{self.run.path.stem}.{kind}"
 
 
@@ -99,24 +99,25 @@ def create_run(
 ) -> tuple[RunFolder, Journal]:
     """Create the folder of a run and its journal, before anything moves.
 
-    The folder has copies of the run file and of the file of its path.
+    The folder gets copies of the run file and of the file with its path.
 
     Parameters
     ----------
     path : path
     run : Run
     addresses : tuple of str
-        Of table, IMU and clock.
+        Addresses of table, IMU and clock.
     poll : float
-        s between readings of the table.
+        Time between two readings of the table, s.
     content : bytes, optional
-        Of the run file, where its copy in the folder shall say something else.
+        Content of the copied run file, if it is to differ from the original.
 
     Raises
     ------
     InputError
-        The folder cannot be made, holds a run or a file of a name that the run's are given; the run
-        file is none of a bench run, or its plan cannot be carried out.
+        The folder cannot be created, or already contains a run or a file with the name of one of
+        the run's files. Also if the run file does not describe a bench run, or its plan cannot be
+        carried out.
     """
     require_recordable(run, layout_of_address(addresses[1]))
     path, name = Path(path), run.path.name
@@ -126,7 +127,7 @@ def create_run(
     for one in (*copied, LOG, run.data.file, *result):
         if (path / one).exists():
             raise InputError(
-                f"{path} holds {one} already; name another folder", file=path, names=(one,)
+                f"{path} already contains {one}; name another folder", file=path, names=(one,)
             )
     with os_errors_as_input_errors(path, "made"):
         for one in copied:
@@ -148,7 +149,7 @@ def prepare_folder(path: str | os.PathLike[str]) -> None:
     Raises
     ------
     InputError
-        It cannot be made, or holds a run.
+        The folder cannot be created, or already contains a run.
     """
     path = Path(path)
     require_plain_name(path)
@@ -159,7 +160,7 @@ def prepare_folder(path: str | os.PathLike[str]) -> None:
         path.mkdir(parents=True, exist_ok=True)
     if is_run:
         raise InputError(
-            f"{path} holds a run already; name another folder, or continue this run by "
+            f"{path} already contains a run; name another folder, or continue this run by "
             f"`inercal bench resume {path}`",
             file=path,
             names=(JOURNAL,),
@@ -169,26 +170,27 @@ def prepare_folder(path: str | os.PathLike[str]) -> None:
 def reopen_run(
     path: str | os.PathLike[str], addresses: tuple[str, str, str] = ("", "", "")
 ) -> tuple[RunFolder, Journal]:
-    """Return the folder and journal of a run that was interrupted.
+    """Return the folder and the journal of an interrupted run.
 
     Parameters
     ----------
     path : path
     addresses : tuple of str
-        Of table, IMU and clock, where they are others now.
+        Addresses of table, IMU and clock, if they have changed.
 
     Raises
     ------
     InputError
-        There is no run in the folder, it is done, the IMU's packets are others, or a run of a
-        simulated bench is to be resumed at a table without its clock, or the other way round.
+        There is no run in the folder, the run is complete, or the IMU's packets have changed. Also
+        if a run on a simulated bench is to be resumed without its clock, or a run on a real bench
+        with one.
     """
     journal = Journal(Path(path) / JOURNAL)
     try:
         was = journal.header()
         if was.state == "done":
             raise InputError(
-                f"{path}: this run is done; calibrate its recording by `inercal calibrate`",
+                f"{path}: this run is complete; calibrate its recording by `inercal calibrate`",
                 file=Path(path),
             )
         folder = RunFolder.open_existing(path, was.run_file)
@@ -197,7 +199,7 @@ def reopen_run(
         before, after = (layout_of_address(one).name for one in (was.imu, imu))
         if before != after:
             raise InputError(
-                f"{path}: its log holds packets of {before}, not {after}; give the same preset",
+                f"{path}: its log contains packets of {before}, not {after}; give the same preset",
                 file=Path(path),
                 key="--imu",
                 names=(before, after),
@@ -212,7 +214,7 @@ def reopen_run(
 def _require_same_kind(
     path: str | os.PathLike[str], was: JournalHeader, table: str, clock: str
 ) -> None:
-    """Refuse to resume with the other kind of clock: that of a simulated bench, or the host's."""
+    """Refuse to resume a simulated bench's run with the host's clock, or vice versa."""
     if was.clock and not clock and table != was.table:
         raise InputError(
             f"{path} was begun on a simulated bench: give the clock's address "
@@ -229,7 +231,7 @@ def _require_same_kind(
 
 
 def _referenced_files(run_file: Path) -> list[str]:
-    """Return the files that a run file names, all but the recording, which is still to come."""
+    """Return the files that a run file names, except the recording, which does not exist yet."""
     section = read_toml(run_file, "run file").get("method", {})
     names = [section.get("path"), section.get("prior_file"), *section.get("prior_from", {})]
     files = [name for name in names if name is not None and (run_file.parent / name).is_file()]

@@ -1,13 +1,13 @@
-"""The raw log of a run: an append-only file of the devices' bytes, intact after a kill.
+"""The raw log of a run: an append-only file of the devices' bytes that survives a killed host.
 
-A frame is written by one call and carries its own check:
+Each frame is written in one call and contains its own checksums:
 
     A5 'i' | kind, 1 byte | length, uint32 | time, float64 | CRC-32 of these | payload | its CRC-32
 
-little-endian; `time` is the host's, s of the run. The head has its own check, since after a wrong
-length the following frames would look like one unfinished frame. A host that is killed leaves
-complete frames and at most one incomplete frame at the end; `RunLog` removes and reports it when it
-opens the file again.
+All numbers are little-endian; `time` is the host's run time in s. The head has its own checksum,
+because after a wrong length the following frames would look like one unfinished frame. A host that
+is killed leaves complete frames and at most one incomplete frame at the end; `RunLog` removes and
+reports it when it opens the file again.
 """
 
 import os
@@ -32,7 +32,7 @@ IMU, TABLE, EVENT = 1, 2, 3
 _HEAD = Struct("<2sBId")
 _CHECK = Struct("<I")
 _MAGIC = b"\xa5i"
-_LOCK_TIMEOUT, _LOCK_RETRY_INTERVAL = 0.5, 0.01  # s, with a file that another has locked
+_LOCK_TIMEOUT, _LOCK_RETRY_INTERVAL = 0.5, 0.01  # s, for a file locked by another process
 
 
 class LogFrame(NamedTuple):
@@ -43,7 +43,7 @@ class LogFrame(NamedTuple):
     kind : int
         `IMU`, `TABLE` or `EVENT`.
     time : float
-        When the host had it, s of the run.
+        Run time at which the host received the data, s.
     payload : bytes
     """
 
@@ -53,25 +53,25 @@ class LogFrame(NamedTuple):
 
 
 class RunLog(Closeable):
-    """A log open for appending, by one host at a time: the file is locked while it is open.
+    """A log that is open for appending, and locked so that only one host can write it.
 
-    The system frees the lock of a host that is gone, however it went.
+    The system frees the lock when the host ends, for whatever reason.
 
     Parameters
     ----------
     path : path
-        Made if it is not there.
+        Path of the log, which is created if it does not exist.
 
     Attributes
     ----------
     incomplete_bytes : int
-        Bytes of a frame that was not finished, cut off when the file was opened.
+        Length of an unfinished frame at the end that was removed when the file was opened.
 
     Raises
     ------
     InputError
-        Another host has the file open. It cannot be written, or is not a log, or is damaged before
-        its end: what follows the damage would be lost.
+        Another host has the file open, the file is not writable or is not a log, or it is damaged
+        before its end, so that the data after the damage would be lost.
     """
 
     def __init__(self, path: str | os.PathLike[str]):
@@ -79,7 +79,7 @@ class RunLog(Closeable):
         with os_errors_as_input_errors(self.path, "written"):
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
             try:
-                # Before a look at it: a frame that another host is at looks like a torn one.
+                # Lock before reading: a frame that another host is writing looks like a torn one.
                 lock_file(
                     self._file, self.path, "another host drives this run; stop that host first"
                 )
@@ -92,29 +92,29 @@ class RunLog(Closeable):
                 raise
 
     def append(self, kind: int, time: float, payload: bytes) -> None:
-        """Write one frame; it is in the system's hands when this returns.
+        """Write one frame; when this returns, the operating system has all of it.
 
         Raises
         ------
         InputError
-            The disk is full or gone.
+            The disk is full or not available.
         """
         head = _HEAD.pack(_MAGIC, kind, len(payload), time)
         frame = head + _CHECK.pack(crc32(head)) + payload + _CHECK.pack(crc32(payload))
         with os_errors_as_input_errors(self.path, "written"):
             written = os.write(self._file, frame)
             if written < len(frame):
-                # Where there is space again, what is written next would stand behind a torn frame.
+                # Otherwise, when there is space again, the next frame would follow a torn one.
                 os.ftruncate(self._file, os.fstat(self._file).st_size - written)
                 raise OSError(ENOSPC, "no space left on device")
 
     def close(self) -> None:
-        """Flush everything to the disk, and close.
+        """Flush all data to the disk and close the file.
 
         Raises
         ------
         InputError
-            The disk has not taken everything; the file is closed all the same.
+            Not all data could be written; the file is closed nevertheless.
         """
         with os_errors_as_input_errors(self.path, "written"):
             try:
@@ -129,7 +129,7 @@ def read_frames(path: str | os.PathLike[str]) -> Generator[LogFrame]:
     Raises
     ------
     InputError
-        The file cannot be read or is not a log, or a damaged frame has others behind it.
+        The file cannot be read or is not a log, or there are more frames after a damaged one.
     """
     for frame, _ in _frames_with_ends(Path(path)):
         yield frame
@@ -141,14 +141,14 @@ def file_sha256(path: str | os.PathLike[str]) -> str:
     Raises
     ------
     InputError
-        It cannot be read.
+        The file cannot be read.
     """
     with os_errors_as_input_errors(path, "read"):
         return column_table.file_sha256(Path(path))
 
 
 def is_locked(path: str | os.PathLike[str]) -> bool:
-    """Return whether a host currently has a log, or another file that it locks, open."""
+    """Return whether a host currently has a log open, or another file that it locks."""
     if sys.platform == "win32":
         return False
     try:
@@ -165,7 +165,7 @@ def is_locked(path: str | os.PathLike[str]) -> bool:
 def os_errors_as_input_errors(
     path: object, what: Literal["read", "written", "made"]
 ) -> Generator[None]:
-    """Raise a one-line `InputError` that says what cannot be read, written or created, and why."""
+    """Raise a one-line `InputError` that says what cannot be read, written or made, and why."""
     try:
         yield
     except OSError as error:
@@ -173,12 +173,13 @@ def os_errors_as_input_errors(
 
 
 def lock_file(file: int, path: Path, held: str) -> None:
-    """Lock a descriptor's file; do nothing on a system that cannot.
+    """Lock the file of a descriptor; do nothing on a system without file locks.
 
     Raises
     ------
     InputError
-        Another process has it locked: `path`, then `held`, which says who and what to do.
+        Another process has locked it. The message is `path`, then `held`, which says who has it and
+        what to do.
     """
     if sys.platform == "win32":
         return
@@ -187,20 +188,21 @@ def lock_file(file: int, path: Path, held: str) -> None:
         try:
             return flock(file, LOCK_EX | LOCK_NB)
         except BlockingIOError:
-            # `is_locked` has the file locked for an instant: only a lock that lasts is a host's.
+            # `is_locked` also locks the file for an instant, so only a lasting lock is another
+            # host's.
             if monotonic() >= end:
                 raise InputError(f"{path}: {held}", file=path) from None
         sleep(_LOCK_RETRY_INTERVAL)
 
 
 def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
-    """Yield each whole frame and where it ends."""
+    """Yield each complete frame and the position of its end."""
     with os_errors_as_input_errors(path, "read"), path.open("rb") as file:
         at = 0
         while head := file.read(_HEAD.size + _CHECK.size):
             if _MAGIC[: len(head)] != head[:2]:
                 what = (
-                    "is damaged; what lies before can be read"
+                    "is damaged; the data before this can be read"
                     if at
                     else "is not the log of a run; name another file"
                 )
@@ -220,7 +222,7 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
 
 
 def _require_checksum(length: int, checked: bytes, path: Path, at: int) -> None:
-    """Refuse bytes that fail their check."""
+    """Refuse bytes that do not match their checksum."""
     if _CHECK.unpack_from(checked, length)[0] != crc32(checked[:length]):
         raise InputError(
             f"{path} is damaged: the frame at byte {at} does not match its checksum; restore the "

@@ -1,11 +1,11 @@
-"""Sequences the steps of a plan on a table of angles.
+"""Sequences the steps of a plan on a turntable, which moves to angles.
 
 ::
 
     enable -> home -> ( approach -> settle -> work )* -> return -> done
                          ^ paused, or restarted after an outage: the step is repeated from its start
 
-A section of the recording is from the moment `work` begins to the moment it ends, by the table's
+A section of the recording lasts from the moment `work` begins to the moment it ends, by the table's
 clock.
 """
 
@@ -25,22 +25,22 @@ from inercal.host.task_sequencer import (
     TaskSequencer,
 )
 
-# Angle below which the table is already there, rad; a servo's band is smaller
+# Distance below which the table counts as already there, rad; a servo's band is smaller
 _MOTION_THRESHOLD = 1e-4
-_ARRIVAL_TOLERANCE = radians(0.05)  # beyond it an axis at rest is not where it was sent
+_ARRIVAL_TOLERANCE = radians(0.05)  # an axis at rest farther away is not where it was sent
 _HOMING_TIMEOUT = 300.0  # s
-_RETURN_RATE_SHARE = 0.5  # of the limit of rate: nothing hurries any more
+_RETURN_RATE_SHARE = 0.5  # of the rate limit, because there is no hurry any more
 
 
 class Sequencer(TaskSequencer[TurnTask]):
-    """Carries out tasks on a table of angles; parameters as of `TaskSequencer`."""
+    """Carries out tasks on a turntable; the parameters are those of `TaskSequencer`."""
 
     _target: tuple[float, ...] = ()
 
     def _commands(self, seen: TableState) -> tuple[list[Command], float]:
-        """Return the first commands of this phase, and how long it may take, s."""
+        """Return the first commands of this phase, and how long it may take in s."""
         if self.phase == "enable":
-            # A fault that is latched goes when the loop is closed, if its cause has gone.
+            # Closing the loop clears a latched fault if its cause has gone.
             wanted = not all(axis.enabled and not axis.faults for axis in seen.axes)
             return [EnableCommand()] if wanted else [], GRACE
         if self.phase == "home":
@@ -61,7 +61,7 @@ class Sequencer(TaskSequencer[TurnTask]):
     def _move_commands(
         self, angles: Sequence[float], rates: Sequence[float], seen: TableState
     ) -> tuple[list[Command], float]:
-        """Return the commands that bring all axes to angles, and how long that may take."""
+        """Return the commands that move all axes to angles, and how long this may take in s."""
         commands: list[Command] = []
         longest = 0.0
         self._target = tuple(angles)
@@ -100,10 +100,10 @@ class Sequencer(TaskSequencer[TurnTask]):
         self._enter_phase(following.get(self.phase, next_task))
 
     def _has_moved(self, task: TurnTask, seen: TableState) -> bool:
-        """Return whether an axis has left its place; raise at the second such reading in a row.
+        """Return whether an axis has left its position; raise at the second such reading in a row.
 
-        A panel or a hand can turn an axis whose controller says no fault; one reading alone may
-        have a false digit.
+        A panel or a hand can turn an axis without the controller reporting a fault. A single
+        reading may have a corrupted digit.
         """
         doubted, self._motion_suspected = self._motion_suspected, False
         for i, (axis, angle) in enumerate(zip(seen.axes, task.start, strict=True)):

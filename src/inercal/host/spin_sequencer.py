@@ -1,4 +1,4 @@
-"""Sequences the states of a plan on a table of rates, whose sensor an operator mounts.
+"""Sequences the states of a plan on a rate table, on which an operator mounts the sensor.
 
 ::
 
@@ -6,14 +6,14 @@
                   ^ paused, or restarted after an outage: the state is repeated from its start
 
 `mount` stops the table and waits until the operator confirms the mounting of the next state; it is
-omitted where the sensor has this mounting. `approach` brings the table to the rate of the
-state and waits until the rate is steady; a state at rest is approached by a stop. No zero is
-needed, so that the table does not look for one.
+skipped if the sensor already has this mounting. `approach` brings the table to the rate of the
+state and waits until the rate is steady; for a state at rest it stops the table. The table is not
+homed, because no zero position is needed.
 
 `MountingPrompt` requests a mounting of the sensor, and records who confirms it and when. A
-confirmation names the mounting and the number of its request. The number is drawn when the
-request is published, so that nobody knows it before: what was sent earlier, to another request or
-twice confirms nothing, however long it waited on its way.
+confirmation names the mounting and the number of its request. The number is drawn at random when
+the request is published, so nobody can know it before. A confirmation that was sent earlier, to
+another request or twice therefore has no effect, however long it was delayed.
 """
 
 import secrets
@@ -37,18 +37,18 @@ from inercal.host.task_sequencer import (
     TaskSequencer,
 )
 
-_STEADY_SHARE = 0.01  # of the set rate, within which it is reached
-_STEADY_TIME = 1.0  # s within it before a state begins
-_WRONG_SHARE = 0.05  # of the set rate, beyond which a drive does not hold it
+_STEADY_SHARE = 0.01  # of the set rate; within this tolerance the rate is reached
+_STEADY_TIME = 1.0  # s for which the rate must be reached before a state begins
+_WRONG_SHARE = 0.05  # of the set rate; beyond this tolerance a drive does not hold the rate
 
 
 class SpinSequencer(TaskSequencer[SpinTask]):
-    """Carries out tasks on a table of rates of one axis; parameters as of `TaskSequencer`.
+    """Carries out tasks on a single-axis rate table; the parameters are those of `TaskSequencer`.
 
     Attributes
     ----------
     mounting : str
-        How the sensor is mounted, as last confirmed; empty where nobody has confirmed any.
+        The mounting that was last confirmed; empty if none was.
     """
 
     mounting = ""
@@ -57,11 +57,11 @@ class SpinSequencer(TaskSequencer[SpinTask]):
 
     @property
     def awaited_task(self) -> SpinTask | None:
-        """The task whose mounting an operator is to confirm; None where none is awaited."""
+        """The task whose mounting the operator has to confirm, or None."""
         return self.task if self.phase == "mount" and self._is_waiting else None
 
     def confirm_mounting(self, number: int) -> bool:
-        """Take the sensor as mounted for the task `number`; False where that is not awaited."""
+        """Confirm the mounting for the task `number`; return False if it was not awaited."""
         task = self.awaited_task
         if task is None or number != self.number:
             return False
@@ -96,7 +96,7 @@ class SpinSequencer(TaskSequencer[SpinTask]):
         if self.phase == "mount":
             self._is_waiting = axis.rests
             if self._is_waiting:
-                # An operator takes the time that mounting needs.
+                # The operator may take any time for mounting.
                 self._time_limit = inf
             return self._is_waiting and self.mounting == task.mounting
         if self.phase == "approach":
@@ -110,7 +110,7 @@ class SpinSequencer(TaskSequencer[SpinTask]):
 
     def _enter_phase(self, phase: Phase) -> None:
         super()._enter_phase(phase)
-        # No mounting is requested before a reading shows the table at rest.
+        # Request no mounting before a reading shows the table at rest.
         self._is_waiting = False
 
     def _advance_phase(self, time: float) -> None:
@@ -123,9 +123,9 @@ class SpinSequencer(TaskSequencer[SpinTask]):
         self._enter_phase(following.get(self.phase, next_task))
 
     def _require_rate(self, axis: AxisState, task: SpinTask) -> None:
-        """Refuse a rate that is not the set one by this reading and by the one before.
+        """Raise a fault if this reading and the one before both differ from the set rate.
 
-        One reading alone may have a false digit.
+        A single reading may have a corrupted digit.
         """
         doubted = self._motion_suspected
         self._motion_suspected = not _turns_at(axis, task.rate, _WRONG_SHARE)
@@ -146,7 +146,7 @@ def _turns_at(axis: AxisState, rate: float, share: float) -> bool:
     return abs(axis.rate - rate) <= share * abs(rate) if rate else axis.rests
 
 
-_NUMBERS = 1 << 48  # of requests; JavaScript has whole numbers below 2⁵³
+_NUMBERS = 1 << 48  # for request numbers; JavaScript represents integers below 2⁵³ exactly
 
 
 class MountingRequest(NamedTuple):
@@ -158,21 +158,21 @@ class MountingRequest(NamedTuple):
 
 
 class MountingPrompt:
-    """Requests mountings of the operator and takes the confirmations.
+    """Asks the operator to mount the sensor, and processes the confirmations.
 
     Parameters
     ----------
     sequencer : SpinSequencer
     journal : Journal
     clock : Clock
-        A simulated bench receives the mounting by its clock.
+        A simulated bench is told the mounting through its clock.
     say : callable
-        Takes "info" or "warning", and the message for the operator.
+        Takes "info" or "warning", and a message to the operator.
 
     Attributes
     ----------
     before_request : callable
-        Called just before a request is published: what has been typed is read, and belongs to none.
+        Called just before a request is published, to discard input that was typed earlier.
     """
 
     def __init__(
@@ -185,23 +185,23 @@ class MountingPrompt:
         self._sequencer, self._journal, self._clock, self._say = sequencer, journal, clock, say
         self._confirmations: SimpleQueue[tuple[int, str, str]] = SimpleQueue()
         self.before_request: Callable[[], object] = lambda: None
-        self._published: tuple[int, MountingRequest] | None = None  # with the step that waits
+        self._published: tuple[int, MountingRequest] | None = None  # with the number of its step
 
     @property
     def request(self) -> MountingRequest | None:
-        """The request that was published and waits for a confirmation, or None."""
+        """The published request that waits for a confirmation, or None."""
         awaited, published = self._awaited(), self._published
         if awaited is None or published is None or published[0] != awaited[0]:
             return None
         return published[1]
 
     def _awaited(self) -> tuple[int, SpinTask] | None:
-        """Return the step that waits for a mounting, with its task; None where none does."""
+        """Return the step that waits for a mounting, with its task; None if no step does."""
         task = self._sequencer.awaited_task
         return None if task is None else (self._sequencer.number, task)
 
     def restore(self) -> None:
-        """Have the sensor of a simulated bench, which may be a new one, mounted as before.
+        """Restore the mounting on a simulated bench, which may be a newly started one.
 
         Raises
         ------
@@ -212,18 +212,18 @@ class MountingPrompt:
             self._clock.mount(self._sequencer.mounting)
 
     def confirm(self, number: int, mounting: str, by: str) -> None:
-        """Confirm a mounting for the request `number`, from whichever thread; `update` does it."""
+        """Confirm a mounting for request `number`, from any thread; `update` processes it."""
         self._confirmations.put((number, mounting, by))
 
     def update(self, time: float) -> None:
-        """Publish a new request, and take the confirmations, at a time of the table, s.
+        """Publish a new request and process the confirmations, at a table time in s.
 
         Raises
         ------
         LinkLost
-            A simulated bench is gone.
+            The simulated bench is gone.
         """
-        # What came before a request is published confirms nothing.
+        # Confirmations received before a request is published have no effect.
         while not self._confirmations.empty():
             self._take(*self._confirmations.get(), time)
         awaited = self._awaited()
@@ -251,7 +251,8 @@ class MountingPrompt:
             )
             return
         self._clock.mount(request.mounting)
-        # Recorded before the table turns, so that a killed host does not request it again.
+        # Recorded before the table turns, so that the request is not repeated after the host is
+        # killed.
         step = self._sequencer.number
         self._journal.record_mounting(step, request.mounting, time)
         self._sequencer.confirm_mounting(step)

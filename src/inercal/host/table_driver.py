@@ -1,19 +1,19 @@
-"""Drives the table of a run: reads its state, sends commands, stops it, leaves it at rest.
+"""Drives the table in a run: reads its state, sends commands, stops it and leaves it at rest.
 
-Where the host cannot stop the table, the watchdog (`guard`) does.
+If the host cannot stop the table, the watchdog (`guard`) does.
 
-`CommandedMotion` notices motion that this program has not commanded. A lock keeps programs on one
-machine from one table; a program elsewhere, or a panel, is known by what the table does. Each axis
-is compared with the last command that it was given::
+`CommandedMotion` detects motion that this program has not commanded. A lock prevents two programs
+on one machine from commanding the same table. A program on another machine, or a control panel, is
+detected by the table's motion. Each axis is compared with the last command that it received::
 
-    at rest               it leaves its angle by more than 0.5° (5° where an operator works at it)
-    on its way to a goal  it turns away from the goal, or faster than commanded by a fifth
-    at a rate             it turns the other way, or faster than commanded by a fifth
-    stopped, homing       anything, until it rests
+    at rest               it leaves its angle by more than 0.5° (5° if an operator works at it)
+    moving to a goal      it turns away from the goal, or over 20 % faster than commanded
+    at a rate             it turns the other way, or over 20 % faster than commanded
+    stopping, homing      any motion is allowed until it is at rest
 
-An axis whose servo is off may be turned by hand and is compared with nothing; neither is one that
-has not rested since the connection was made. One reading may have a false digit, so that only three
-in a row count.
+An axis with its servo off may be turned by hand and is not checked, and neither is an axis that has
+not been at rest since the connection was made. A single reading may have a corrupted digit, so only
+three readings in a row count.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,28 +45,28 @@ from inercal.host.task_sequencer import (
 )
 
 _READINGS = 3  # in a row
-_STARTING_TIME = 0.3  # s after a command in which an axis may still say what it did before
-_GRACE = 1.0  # s to settle at a new rate, in addition to the acceleration
+_STARTING_TIME = 0.3  # s after a command in which readings may still show the earlier motion
+_GRACE = 1.0  # s to settle at a new rate, in addition to the acceleration time
 _REST_TOLERANCE, _HANDS_ON_TOLERANCE = radians(0.5), radians(5)  # rad
 _RATE_MARGIN = 1.2  # times the commanded rate
 
 
 @dataclass
 class _Axis:
-    """What one axis was told last.
+    """The last command to one axis.
 
     Parameters
     ----------
     does : "free", "rest", "move", "spin", "home" or "stop"
-        Free: nothing to compare with, until it rests.
+        "free" means that there is nothing to compare with until the axis is at rest.
     goal, rate, acceleration : float
-        rad, rad/s, rad/s²; at rest `goal` is the angle where it rests.
+        Goal in rad, rate in rad/s, acceleration in rad/s²; at rest, `goal` is the present angle.
     since : float or None
-        s by the table's clock; None until the first reading after the command.
+        Table time of the first reading after the command, s; None before it.
     start_rate : float
-        rad/s at that reading.
+        Rate at that reading, rad/s.
     doubted : int
-        Readings in a row that are not what was commanded.
+        Number of readings in a row that contradict the command.
     """
 
     does: Literal["free", "rest", "move", "spin", "home", "stop"] = "free"
@@ -79,12 +79,12 @@ class _Axis:
 
 
 class CommandedMotion:
-    """The comparison for one table.
+    """Compares the motion of one table with the commands that it received.
 
     Parameters
     ----------
     axes : sequence of str
-        Their names.
+        Names of the axes.
     """
 
     def __init__(self, axes: Sequence[str]):
@@ -92,7 +92,7 @@ class CommandedMotion:
         self._axes = [_Axis() for _ in axes]
 
     def record(self, command: Command) -> None:
-        """Note what the table is told, before it is told."""
+        """Record a command before it is sent to the table."""
         match command:
             case MoveCommand(axis, angle, rate, acceleration):
                 self._axes[axis] = _Axis("move", angle, rate, acceleration)
@@ -106,19 +106,19 @@ class CommandedMotion:
                 for i in range(len(self._axes)) if axis is None else (axis,):
                     self._axes[i] = _Axis("home")
             case EnableCommand():
-                pass  # it holds an axis where it is
+                pass  # the axis holds its position
             case _:
                 self._axes = [_Axis("stop") for _ in self._axes]
 
     def check(self, state: TableState, *, hands_on: bool = False) -> str | None:
-        """Return in words what the table does uncommanded; None while it does nothing.
+        """Return a text that describes motion without a command; None if there is none.
 
         Parameters
         ----------
         state : TableState
-            A plausible reading, later than that before.
+            A plausible reading, later than the previous one.
         hands_on : bool
-            An operator works at the table, and may nudge it.
+            Whether an operator works at the table and may nudge it.
         """
         found: str | None = None
         for name, told, axis in zip(self._names, self._axes, state.axes, strict=True):
@@ -138,14 +138,14 @@ class CommandedMotion:
         return found
 
     def _follow(self, told: _Axis, axis: AxisState, time: float) -> None:
-        """See an axis come to rest where it may."""
+        """Note when an axis has come to rest, if its command ends at rest."""
         assert told.since is not None
         if told.does in ("rest", "spin") or time - told.since < _STARTING_TIME:
             return
         rests = axis.settled or axis.rests
         if told.does == "home":
             rests = axis.homed and axis.settled
-        elif told.does == "move":  # elsewhere it may be late to start
+        elif told.does == "move":  # before it reaches its goal, it may only be starting late
             rests = rests and abs(axis.angle - told.goal) < _REST_TOLERANCE
         if rests:
             told.does, told.goal = "rest", axis.angle
@@ -181,36 +181,38 @@ def _turns(axis: AxisState) -> bool:
     return abs(axis.rate) > 2 * REST_RATE
 
 
-# Time that a reply of a real table may take, s; they take milliseconds. A later one is missed: at
-# 100 °/s the table turns 28° meanwhile.
+# Time limit for a reply from a real table, s; replies take milliseconds. A later reply is not used:
+# at 100 °/s the table turns 28° in this time.
 READ_TIMEOUT = 0.28
-# Time without a reading after which a table that may turn is stopped, s: one reply that does not
-# come, or wrong ones for as long. A single wrong one is read again.
+# Time without a valid reading after which a table that may be moving is stopped, s. This is the
+# time of one missing reply, or of several invalid ones; after a single invalid reply the table is
+# read again.
 _BLIND_LIMIT = 0.25
-_MAX_ROUND_TRIP = 1.0  # s; a longer one is that of a host that was frozen meanwhile
-_MAX_FAILED_READINGS = 10  # readings in a row that may fail
-_GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
-_REST_TIMEOUT = 12.0  # s of the wall's to come to rest in, seen by the watchdog
+_MAX_ROUND_TRIP = 1.0  # s; longer means that the host was suspended meanwhile
+_MAX_FAILED_READINGS = 10  # failed readings in a row that are tolerated
+_GUARD_INTERVAL = 0.05  # s of wall time between two checks of the watchdog
+_REST_TIMEOUT = 12.0  # s of wall time within which the watchdog must see the table at rest
 
 
 class TableDriver:
-    """A table, and the watchdog over it.
+    """Drives a table and its watchdog.
 
     Parameters
     ----------
     table : RotaryTable
     guard : Guard
     now : callable
-        Returns the run's time, s.
+        Returns the run time, s.
     say : callable
-        Takes "warning" or "alarm", and what an operator should know.
+        Takes "warning" or "alarm", and a message to the operator.
 
     Attributes
     ----------
     state : TableState or None
-        As last read.
+        The state that was last read.
     at_rest : bool
-        By the last reading no axis moves, and none was told to since; True before the first.
+        True if no axis moved at the last reading and no command was sent since, or before any
+        reading.
     """
 
     def __init__(
@@ -230,50 +232,51 @@ class TableDriver:
         self._last_reading, self._stopped_blind, self._may_turn = monotonic(), False, False
 
     def read(self) -> tuple[float, TableState] | None:
-        """Return when the table was read, s of the run, and its state; None where that failed.
+        """Read the table and return the run time and its state; None if the reading failed.
 
-        A table that may turn is stopped, by the watchdog too, when it could not be read for
-        `_BLIND_LIMIT`.
+        If the table may be moving and could not be read for `_BLIND_LIMIT`, it is stopped, also by
+        the watchdog.
 
         Raises
         ------
         LinkLost
-            It has failed too often in a row.
+            Too many readings in a row have failed.
         """
         self.at_rest = False
         requested = self._now()
         try:
             state = self._table.read()
         except (ProtocolError, LinkLost) as error:
-            # One stall of a machine or a network is not the end: the driver connects anew.
+            # A short stall of the machine or the network is not fatal, because the driver
+            # reconnects.
             self._failed_readings += 1
             self._stop_blind()
             self._say("warning", str(error))
             if self._failed_readings == _MAX_FAILED_READINGS:
                 raise LinkLost(
-                    f"the table does not answer: {_MAX_FAILED_READINGS} readings in succession "
+                    f"the table does not answer: {_MAX_FAILED_READINGS} readings in a row "
                     f"failed: {error}"
                 ) from error
             return None
         self._failed_readings = 0
         self._last_reading, self._stopped_blind = monotonic(), False
-        # Clocks are tied by the least that comes later than the table says: of a state that comes
-        # late no more is taken off than of the fastest.
+        # The clocks are matched by the smallest delay, so subtract at most half of the shortest
+        # round trip observed so far, also from a state that arrives late.
         answered = self._now()
         if answered - requested <= _MAX_ROUND_TRIP:
             self._shortest_round_trip = min(self._shortest_round_trip, answered - requested)
         shortest = self._shortest_round_trip
         time = answered - (shortest / 2 if isfinite(shortest) else 0.0)
         if not isfinite(state.time):
-            state = replace(state, time=time)  # a controller that tells none
+            state = replace(state, time=time)  # for a controller without a clock
         self.state = state
-        # One that was told to go may not say so yet.
+        # An axis that was just commanded may not report motion yet.
         self.at_rest = not self._commanded and all(axis.rests for axis in state.axes)
         self._may_turn = not self.at_rest
         return time, state
 
     def _stop_blind(self) -> None:
-        """Stop a table that cannot be read, by host and watchdog; once until it can be read."""
+        """Stop a table that cannot be read, by host and watchdog; once until a reading succeeds."""
         blind = monotonic() - self._last_reading
         if self._stopped_blind or not self._may_turn or blind < _BLIND_LIMIT:
             return
@@ -283,7 +286,7 @@ class TableDriver:
             self._table.stop()
             answer = "the table answered the stop"
         except (TableFault, ProtocolError) as error:
-            answer = f"a stop was sent to the table without an answer ({error})"
+            answer = f"a stop was sent to the table, but it did not answer ({error})"
         except LinkLost as error:
             answer = f"no stop could be sent to the table ({error})"
         does = "stops it too" if told else "is gone too: cut the table's power"
@@ -291,12 +294,12 @@ class TableDriver:
         self._say("alarm", f"{unread}; the watchdog {does}")
 
     def send(self, commands: Sequence[Command]) -> None:
-        """Tell the table what to do before it is read next; nothing, maybe.
+        """Send commands, possibly none, to the table before the next reading.
 
         Raises
         ------
         TableFault, ProtocolError, LinkLost
-            It refuses, or was not reached.
+            The table refuses a command or cannot be reached.
         """
         self._commanded = bool(commands)
         self._may_turn |= self._commanded
@@ -318,12 +321,12 @@ class TableDriver:
                     self._table.stop()
 
     def require_idle(self) -> None:
-        """Refuse a table that turns before it was told anything.
+        """Refuse a table that turns before it was commanded.
 
         Raises
         ------
         TableFault
-            Its servo turns an axis.
+            A servo turns an axis.
         """
         state = None if self.at_rest else self.state
         for name, axis in zip(self._table.axes, state.axes if state else (), strict=False):
@@ -335,20 +338,20 @@ class TableDriver:
                 )
 
     def check_commanded(self, state: TableState, *, hands_on: bool = False) -> str | None:
-        """Return in words which motion of a plausible reading nobody here has commanded, if any.
+        """Return a text about motion that this program has not commanded; None without any.
 
-        `hands_on` says that an operator works at the table now.
+        `hands_on` says that an operator is working at the table.
         """
         return self._commanded_motion.check(state, hands_on=hands_on)
 
     def _name(self, axis: int | None) -> str | None:
-        """Return the name of an axis; None, which is all of them, for None."""
+        """Return the name of an axis; None, which means all axes, for None."""
         return None if axis is None else self._table.axes[axis]
 
     def stop(self, commands: Sequence[Command]) -> None:
-        """Stop the table; where it does not accept the command, have the watchdog stop it."""
+        """Stop the table; if it does not accept the command, let the watchdog stop it."""
         off = self.state is not None and not any(axis.enabled for axis in self.state.axes)
-        # To stop closes the loops of motors: what somebody has switched off stays off.
+        # A stop closes the servo loops, but an axis that somebody has switched off must stay off.
         if self._guard.axis_killed or (off and self.at_rest):
             return
         try:
@@ -359,34 +362,34 @@ class TableDriver:
             self._say("alarm", f"{error}; the watchdog {does}")
 
     def switch_servos_off(self) -> None:
-        """Switch all servos off, once: a servo with a frozen encoder accelerates its axis."""
+        """Switch all servos off once: a servo with a frozen encoder accelerates its axis."""
         if self._servos_off:
             return
-        words = "the servos are switched off; an axis that turns coasts"
+        words = "the servos are switched off; a moving axis coasts to a stop"
         try:
             self._table.kill(coasting=True)
         except TableFault as error:
             words = str(error)
         except (ProtocolError, LinkLost) as error:
-            self._say("alarm", f"{error}; the servos are still to be switched off")
-            return  # and tried again
+            self._say("alarm", f"{error}; the servos could not be switched off yet")
+            return  # it will be tried again
         self._servos_off = True
         self._say("alarm", words)
 
     def leave(self, clock: Clock, say: Callable[[str], object], *, at_rest: bool) -> None:
-        """Leave the table at rest, as it is already or by the watchdog; say what went wrong."""
+        """Leave the table at rest, if needed with the watchdog's help; report what went wrong."""
         try:
             if not at_rest:
-                clock.close()  # a simulated bench then goes on by itself
+                clock.close()  # a simulated bench then continues by itself
                 if (words := self.release_to_guard()) is not None:
                     say(words)
         except BaseException:
-            # Who does not wait for it, by another Ctrl-C, does not call it off.
+            # A user who interrupts the waiting by another Ctrl-C does not cancel the stop.
             self._guard.release_to_guard()
             raise
 
     def release_to_guard(self) -> str | None:
-        """Have the watchdog bring the table to rest; return in words what went wrong."""
+        """Let the watchdog bring the table to rest; return a text if something went wrong."""
         self._guard.read_lines()
         self._guard.stop()
         until = monotonic() + _REST_TIMEOUT

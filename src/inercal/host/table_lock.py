@@ -1,12 +1,12 @@
-"""The lock of a table: one program at a time commands it.
+"""The lock of a table: only one program at a time can command it.
 
-A table is known by where its address leads (`addresses.table_places`), not by how the address is
-written. For each place there are two lock files: one for all users of the machine, and one in the
-user's own folder, which also holds where programs see different temporary folders, as services and
-containers do, and where several machines share the home folder.
+A table is identified by where its address leads (`addresses.table_places`), not by the text of the
+address. For each place there are two lock files. One is for all users of the machine. The other is
+in the user's own folder. It also works if programs see different temporary folders, as services and
+containers do, and if several machines share the home folder.
 
-The system frees a lock when its process ends, however it ends. Programs on machines that share
-nothing are not seen; their motions are (`table_driver`).
+The system frees a lock when its process ends, for whatever reason. The lock cannot detect programs
+on machines that share no folder, but `table_driver` detects the motion that they command.
 """
 
 import json
@@ -25,20 +25,20 @@ from inercal.host.addresses import table_places
 from inercal.host.closeable import Closeable
 from inercal.host.run_log import lock_file, os_errors_as_input_errors
 
-_SHARED_FOLDERS = ("/run/lock", "/tmp")  # the first in which every user may write
+_SHARED_FOLDERS = ("/run/lock", "/tmp")  # the first one that every user can write to is used
 _SHARED_MODE = 0o666
 _MAX_NOTE = 4096  # bytes
 
 
 class TableLock(Closeable):
-    """The right to command the table at an address, from the beginning until `close`.
+    """The exclusive right to command the table at an address, until `close`.
 
     Parameters
     ----------
     address : str
-        As `inercal.host.addresses.open_table` takes it.
+        An address as in `inercal.host.addresses.open_table`.
     purpose : str
-        What the table is needed for, such as "run first"; shown to whom it is refused.
+        Purpose for which the table is needed, such as "run first"; shown to others who are refused.
 
     Raises
     ------
@@ -48,13 +48,13 @@ class TableLock(Closeable):
 
     def __init__(self, address: str, purpose: str):
         with ExitStack() as opened:
-            # On Windows only a driver's own connection keeps others away.
+            # On Windows only the driver's own connection keeps other programs away.
             for place in table_places(address) if sys.platform != "win32" else ():
                 name = f"inercal-table-{sha256(place.encode()).hexdigest()[:24]}.lock"
                 shared = _shared_folder() / name
                 with os_errors_as_input_errors(shared, "made"):
                     opened.enter_context(_LockFile(shared, address, purpose))
-                # A home folder may be missing, be read-only, or be on a disk that knows no locks.
+                # A home folder may be missing, read-only, or on a disk without file locks.
                 with suppress(OSError, RuntimeError):
                     own = _own_folder() / name
                     own.parent.mkdir(parents=True, exist_ok=True)
@@ -62,7 +62,7 @@ class TableLock(Closeable):
             self._locks = opened.pop_all()
 
     def close(self) -> None:
-        """Let others command the table."""
+        """Release the lock, so that others can command the table."""
         self._locks.close()
 
 
@@ -80,15 +80,15 @@ class _LockFile(Closeable):
             except BaseException:
                 os.close(self._file)
                 raise
-            os.close(self._file)  # who had the lock before has removed the file
-        with suppress(OSError):  # a full disk: the note is for the message to others only
+            os.close(self._file)  # the previous owner of the lock has removed the file
+        with suppress(OSError):  # on a full disk; the note is only for the message to others
             os.ftruncate(self._file, 0)
             note = [purpose, user_name(), os.getpid(), socket.gethostname()]
             os.pwrite(self._file, json.dumps(note).encode(), 0)
 
     def close(self) -> None:
-        """Remove the file and free the lock."""
-        with suppress(OSError):  # another user's file, in a folder for all
+        """Remove the file and release the lock."""
+        with suppress(OSError):  # it may belong to another user, in a shared folder
             if self._is_current():
                 self._path.unlink()
         os.close(self._file)
@@ -105,7 +105,7 @@ class _LockFile(Closeable):
             ) from None
 
     def _is_current(self) -> bool:
-        """Tell whether the locked file is still the one at its path."""
+        """Return whether the locked file is still the one at its path."""
         try:
             there = os.stat(self._path, follow_symlinks=False)
         except FileNotFoundError:
@@ -115,12 +115,13 @@ class _LockFile(Closeable):
 
 def _open(path: Path) -> int:
     while True:
-        # Not O_CREAT at once: in a folder for all, systems refuse it for a file of another user.
+        # Do not use O_CREAT at first: in a shared folder, systems refuse it for another user's
+        # file.
         with suppress(FileNotFoundError):
             return os.open(path, os.O_RDWR | os.O_NOFOLLOW)
         with suppress(FileExistsError):
             file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, _SHARED_MODE)
-            os.fchmod(file, _SHARED_MODE)  # whatever the umask: other users lock it too
+            os.fchmod(file, _SHARED_MODE)  # regardless of the umask, as other users lock it too
             return file
 
 
@@ -134,7 +135,7 @@ def _read_note(file: int) -> str:
 
 
 def _shared_folder() -> Path:
-    """Return the folder of the machine's lock files: the same for all users."""
+    """Return the folder of the machine's lock files, which is the same for all users."""
     for folder in _SHARED_FOLDERS:
         with suppress(OSError):
             if os.stat(folder).st_mode & S_IWOTH:
@@ -143,7 +144,7 @@ def _shared_folder() -> Path:
 
 
 def _own_folder() -> Path:
-    """Return the folder of the user's lock files; a `RuntimeError` where no home is known."""
+    """Return the folder of the user's lock files; raises `RuntimeError` if there is no home."""
     given = os.environ.get("XDG_STATE_HOME", "")
     state = Path(given) if os.path.isabs(given) else Path.home() / ".local" / "state"
     return state / "inercal"

@@ -1,7 +1,8 @@
-"""A table's state as the bytes of a frame of the log.
+"""Encodes a table's state as the payload of a log frame, and decodes it.
 
-Little-endian: time and span, float64, then of each axis angle, rate and following error, float64,
-and a byte of flags. One flag states that an axis has a fault; an event of the journal names it.
+Little-endian: time and span as float64, then for each axis angle, rate and following error as
+float64 and one byte of flags. One flag says that the axis has a fault; an event in the journal
+names the fault.
 """
 
 from collections.abc import Sequence
@@ -22,9 +23,9 @@ _IN_POSITION, _MOVING, _ENABLED, _HOMED, _FAULT = 1, 2, 4, 8, 16
 
 
 class StateArrays(NamedTuple):
-    """States one after the other: s, rad, rad/s."""
+    """A series of table states in s, rad and rad/s."""
 
-    time: Array  # (n,) by the controller's clock
+    time: Array  # (n,) by the table controller's clock
     span: Array  # (n,)
     angle: Array  # (n, k)
     rate: Array  # (n, k)
@@ -34,7 +35,7 @@ class StateArrays(NamedTuple):
 
 
 def pack_state(state: TableState) -> bytes:
-    """Return the payload of a frame."""
+    """Return a state as the payload of a log frame."""
     parts = [_HEAD.pack(state.time, state.span)]
     for a in state.axes:
         flags = (
@@ -49,23 +50,23 @@ def pack_state(state: TableState) -> bytes:
 
 
 def unpack_states(payloads: Sequence[bytes]) -> StateArrays:
-    """Return many states at once.
+    """Return the states in several payloads as arrays.
 
     Parameters
     ----------
     payloads : sequence of bytes
-        At least one.
+        At least one payload.
 
     Raises
     ------
     InputError
-        One whose length is none of a state, or not that of the first.
+        The length of a payload does not match a state, or differs from that of the first one.
     """
     k = _axis_count(payloads[0])
     if any(len(one) != len(payloads[0]) for one in payloads):
         raise InputError(
-            "the log holds states of tables with different numbers of axes; read each run's log "
-            "by itself",
+            "the log contains states of tables with different numbers of axes; read each run's log "
+            "separately",
             key="payloads",
         )
     rows = np.frombuffer(b"".join(payloads), _record_dtype(k))
@@ -84,7 +85,7 @@ def _record_dtype(k: int) -> np.dtype[Any]:
 
 
 def _axis_count(payload: bytes) -> int:
-    """Return how many axes a payload is of."""
+    """Return the number of axes in a payload."""
     k, rest = divmod(len(payload) - _HEAD.size, _AXIS.size)
     if k < 1 or rest:
         raise InputError(

@@ -1,7 +1,7 @@
-"""Sequences the tasks of a plan: it derives the next commands from the state of the table.
+"""Sequences the tasks of a plan: derives the next commands from the state of the table.
 
-A sequencer owns no link, no clock and no thread. It takes each state of the table and returns
-commands, so that it is the same on a real table, in simulation and in a test.
+A sequencer has no link, no clock and no thread of its own. It takes each state of the table and
+returns commands, so it works the same way on a real table, in a simulation and in a test.
 """
 
 from abc import ABC, abstractmethod
@@ -17,30 +17,30 @@ T = TypeVar("T", TurnTask, SpinTask)
 Phase = Literal[
     "enable", "home", "mount", "approach", "work", "return", "paused", "done", "aborted"
 ]
-GRACE = 5.0  # s on top of what a motion takes: to speed up, to settle
-DURATION_MARGIN = 1.5  # times what a motion takes by its limits
+GRACE = 5.0  # s added to the time of a motion, for settling and similar delays
+DURATION_MARGIN = 1.5  # times the duration of a motion at its limits
 
 
 class EnableCommand(NamedTuple):
-    """Close the servo loop of an axis (0 is the outermost), or of all."""
+    """Close the servo loop of an axis (0 is the outermost) or of all axes."""
 
     axis: int | None = None
 
 
 class DisableCommand(NamedTuple):
-    """Open the servo loop of an axis that rests."""
+    """Open the servo loop of an axis at rest."""
 
     axis: int
 
 
 class HomeCommand(NamedTuple):
-    """Find the zero of an axis, or of all."""
+    """Find the zero position of an axis or of all axes."""
 
     axis: int | None = None
 
 
 class MoveCommand(NamedTuple):
-    """Bring an axis (0 is the outermost) to an angle, rad, at a rate, rad/s, and acceleration."""
+    """Move an axis (0 is the outermost) to an angle (rad) at a rate (rad/s) and acceleration."""
 
     axis: int
     angle: float
@@ -49,7 +49,7 @@ class MoveCommand(NamedTuple):
 
 
 class SpinCommand(NamedTuple):
-    """Turn an axis at a rate, rad/s, signed, reached at an acceleration, rad/s²; 0 stops it."""
+    """Turn an axis at a signed rate (rad/s), with an acceleration (rad/s²); rate 0 stops it."""
 
     axis: int
     rate: float
@@ -57,7 +57,7 @@ class SpinCommand(NamedTuple):
 
 
 class StopCommand(NamedTuple):
-    """Decelerate all axes and hold them."""
+    """Decelerate all axes and hold their positions."""
 
 
 Command = EnableCommand | DisableCommand | HomeCommand | MoveCommand | SpinCommand | StopCommand
@@ -65,19 +65,19 @@ Command = EnableCommand | DisableCommand | HomeCommand | MoveCommand | SpinComma
 
 @dataclass(frozen=True)
 class SectionEvent:
-    """A section of the recording that begins or ends.
+    """The beginning or the end of a section in the recording.
 
     Parameters
     ----------
     number : int
-        Of the task, from 0.
+        Number of the task, from 0.
     label : str
     state : "begun", "done" or "void"
-        Void is one that will be repeated: what it left has no label.
+        A void section will be repeated, and its samples get no label.
     time : float
-        The table's clock, s.
+        Time by the table's clock, s.
     section : str
-        The label of its samples in the recording.
+        Label of its samples in the recording.
     """
 
     number: int
@@ -88,15 +88,15 @@ class SectionEvent:
 
 
 class TaskSequencer(ABC, Generic[T]):
-    """Carries out tasks; a subclass derives the commands of one task.
+    """Carries out tasks; subclasses derive the commands for one task.
 
     Parameters
     ----------
     tasks : sequence of Task
     limits : sequence of Limits
-        Of each axis.
+        Limits of each axis.
     first : int
-        The task to begin with; those before it are done.
+        Number of the first task; the ones before it are complete.
     names : sequence of str, optional
         Names of the axes for messages; by default their numbers from 0.
 
@@ -104,9 +104,9 @@ class TaskSequencer(ABC, Generic[T]):
     ----------
     phase : str
     number : int
-        The present task; `len(tasks)` when all are done.
+        Number of the current task; `len(tasks)` when all are complete.
     sections : list of Section
-        What began and ended, in order; the caller may take them out.
+        Sections that began and ended, in order; the caller may remove them.
     """
 
     def __init__(
@@ -121,29 +121,29 @@ class TaskSequencer(ABC, Generic[T]):
         self.number = first
         self.sections: list[SectionEvent] = []
         self._tasks, self._limits = tuple(tasks), tuple(limits)
-        self._commanded = False  # the commands of this phase are out
+        self._commanded = False  # whether the commands of this phase have been sent
         self._phase_start, self._time_limit = 0.0, 0.0
         self._working = False
-        self._motion_suspected = False  # by its last reading an axis moved that should hold
+        self._motion_suspected = False  # whether the last reading showed an axis moving in a hold
 
     @property
     def task(self) -> T | None:
-        """The task in hand; None when all are done."""
+        """The current task; None when all are complete."""
         return self._tasks[self.number] if self.number < len(self._tasks) else None
 
     @property
     def is_over(self) -> bool:
-        """Nothing more will be commanded."""
+        """Whether no more commands will follow."""
         return self.phase in ("done", "aborted")
 
     @property
     def is_holding(self) -> bool:
-        """The table holds its place for the sake of a recording, and seems to."""
+        """Whether the table holds its position for a recording, by the latest reading."""
         task = self.task
         return self._working and task is not None and not task.rate and not self._motion_suspected
 
     def remaining_time(self, time: float) -> float:
-        """Return how long the rest takes if nothing goes wrong, s, at a time of the table."""
+        """Return the time that the remaining tasks need without interruptions, s."""
         left = sum(t.approach + t.seconds for t in self._tasks[self.number :])
         task, gone = self.task, time - self._phase_start if self._commanded else 0.0
         if task and self.phase == "approach":
@@ -161,7 +161,7 @@ class TaskSequencer(ABC, Generic[T]):
         return [StopCommand()]
 
     def resume(self) -> None:
-        """Go on after a pause."""
+        """Continue after a pause."""
         if self.phase == "paused":
             self._enter_phase("enable")
 
@@ -172,13 +172,13 @@ class TaskSequencer(ABC, Generic[T]):
         return [StopCommand()]
 
     def step(self, seen: TableState) -> list[Command]:
-        """Return what to tell the table now.
+        """Return the commands to send to the table now.
 
         Raises
         ------
         TableFault
-            An axis that says a fault, loses its servo, does not arrive in time, comes to rest
-            elsewhere than where it was sent, or leaves its place while it should hold it.
+            An axis reports a fault, has its servo off, does not arrive in time, stops away from its
+            goal, or leaves its position during a hold.
         """
         if self.is_over or self.phase == "paused":
             return []
@@ -187,7 +187,7 @@ class TaskSequencer(ABC, Generic[T]):
             self._commanded, self._phase_start = True, seen.time
             commands, self._time_limit = self._commands(seen)
             if commands:
-                return commands  # what the table says of itself is older than they are
+                return commands  # the table's status is older than these commands
         if self._is_phase_finished(seen):
             self._advance_phase(seen.time)
         elif seen.time - self._phase_start > self._time_limit:
@@ -218,7 +218,7 @@ class TaskSequencer(ABC, Generic[T]):
                 raise self._fault(f"axis {self._names[i]}: its servo is off; switch it on", i)
 
     def _timeout_fault(self, seen: TableState) -> TableFault:
-        """Return the fault that names the axes which have not arrived."""
+        """Return the fault that names the axes that have not arrived."""
         late = [i for i, axis in enumerate(seen.axes) if not _is_at_rest(axis)] or [0]
         where = ", ".join(
             f"axis {self._names[i]} at {degrees(seen.axes[i].angle):.4f}°" for i in late
@@ -228,7 +228,7 @@ class TaskSequencer(ABC, Generic[T]):
         )
 
     def _fault(self, text: str, *axes: int) -> TableFault:
-        """Return a fault of these axes; `names` has the axes, then the label of the step."""
+        """Return a fault of these axes; `names` contains the axes, then the label of the step."""
         names, task = tuple(self._names[i] for i in axes), self.task
         if task is None:
             return TableFault(text, key=self.phase, names=names)
@@ -240,15 +240,15 @@ class TaskSequencer(ABC, Generic[T]):
 
     @abstractmethod
     def _commands(self, seen: TableState) -> tuple[list[Command], float]:
-        """Return the first commands of this phase, and how long it may take, s."""
+        """Return the first commands of this phase, and how long it may take in s."""
 
     @abstractmethod
     def _is_phase_finished(self, seen: TableState) -> bool:
-        """Tell whether what the phase is for has come about."""
+        """Return whether the current phase is complete."""
 
     @abstractmethod
     def _advance_phase(self, time: float) -> None:
-        """Begin the phase that follows."""
+        """Begin the next phase."""
 
     def _begin_section(self, task: T, time: float) -> None:
         self._working = True

@@ -1,4 +1,4 @@
-"""The tasks of a plan, with the bench that carries them out, and the options of its operator."""
+"""The tasks of a plan, with the bench that carries them out and the operator's options."""
 
 from typing import Any, NamedTuple
 
@@ -8,7 +8,7 @@ from inercal.runfile import Run
 
 
 class HostPlan(NamedTuple):
-    """What a host drives of a run file."""
+    """The bench, the tasks and the settings that a host takes from a run file."""
 
     bench: ControlledBench
     kind: MotionControl
@@ -16,30 +16,30 @@ class HostPlan(NamedTuple):
 
     @property
     def seconds(self) -> float:
-        """How long all tasks take, s, without the time of an operator."""
+        """Duration of all tasks without the operator's time, s."""
         return sum(one.approach + one.seconds for one in self.tasks)
 
     @property
     def spins(self) -> bool:
-        """The table turns at rates, with mountings that an operator changes."""
+        """Whether the table turns at rates, and an operator changes the mountings."""
         return self.kind.quantity == "rate"
 
 
 def host_plan(run: Run) -> HostPlan:
-    """Return what a host drives of a run file.
+    """Return the host's part of a run file.
 
     Raises
     ------
     InputError
-        A bench that no host drives, or a plan that it cannot carry out.
+        No host can drive the bench, or the host cannot carry out the plan.
     """
     kind, bench = run.motion_control, run.bench
-    controlled: Any = bench  # the kind states that its benches have axes
+    controlled: Any = bench  # the bench's kind guarantees that it has axes
     return HostPlan(controlled, kind, tuple(kind.tasks(bench, run.steps)))
 
 
 def required_rate(run: Run) -> float:
-    """Return the sampling rate of a run file, Hz; raises `InputError` where it states none."""
+    """Return the sampling rate in a run file, Hz; raises `InputError` if it is missing."""
     if run.rate_hz is None:
         raise InputError(
             f'{run.path}: [data] rate is missing; add it, such as rate = "200 Hz"',
@@ -50,16 +50,16 @@ def required_rate(run: Run) -> float:
 
 
 class RunOptions(NamedTuple):
-    """Options of a run that the operator sets when it starts; the run file has all others.
+    """Options that the operator sets when a run starts; all others are in the run file.
 
     Parameters
     ----------
     speed : float or None
-        Largest number of seconds that a simulated bench advances per second; None: no limit.
+        Largest speed of a simulated bench, in bench seconds per second; None means no limit.
     temperature : (float, float) or None
-        Lowest and highest temperature of the IMU, K; outside them the run pauses.
+        Lowest and highest allowed temperature of the IMU, K; outside this range the run pauses.
     patience : float
-        Time without data of the IMU after which the run ends, s.
+        Time without data from the IMU after which the run ends, s.
     """
 
     speed: float | None = None

@@ -1,6 +1,6 @@
-"""Calibration methods by name, and the residuals that they share.
+"""Calibration methods by name, and the residual functions that they share.
 
-A method has a plan, the coefficients that it estimates, and named estimators.
+A method consists of a plan, the coefficients that it can estimate, and named estimators.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +18,7 @@ from inercal.recordings import Finding, Observations, Track
 from inercal.recordings.data import MethodBase
 from inercal.recordings.environment import Environment
 
-if TYPE_CHECKING:  # a run file that is refused needs none of these
+if TYPE_CHECKING:  # not needed when a run file is rejected
     from inercal.calibration.forms import Frame
     from inercal.estimation import Estimate, Gaussian
 
@@ -30,7 +30,7 @@ StepIn = TypeVar("StepIn", contravariant=True)
 
 
 class Estimator(Protocol[BenchIn, StepIn]):
-    """From observations to an estimate of the sensor's coefficients, in their order."""
+    """Estimates the sensor's coefficients, in the sensor's order, from observations."""
 
     def __call__(
         self,
@@ -40,21 +40,21 @@ class Estimator(Protocol[BenchIn, StepIn]):
         steps: Sequence[StepIn],
         priors: Priors = (),
     ) -> "Estimate":
-        """Return the estimate; raise NotObserved where the data do not support it."""
+        """Return the estimate; raise NotObserved if the data cannot determine a coefficient."""
         ...
 
 
 class PartialEstimate(NamedTuple):
-    """The estimate of a part of the sensor from the samples so far.
+    """The estimate for one part of the sensor, from the samples processed so far.
 
     Parameters
     ----------
     names : tuple of p str
-        Coefficients of the part, "gx.bias".
+        Names of the estimated coefficients, such as "gx.bias".
     value : (p,) array
-        SI.
+        Estimated values, SI.
     covariance : (p, p) array
-        SI.
+        Their covariance, SI.
     nis : float
         Sum of the normalised innovations squared.
     components : int
@@ -71,24 +71,24 @@ class PartialEstimate(NamedTuple):
 class Sequential(Protocol):
     """A sequential estimator that follows one run.
 
-    The samples arrive in pieces of any length, live or from a recording; how they are cut does not
-    change a bit of the estimate.
+    The samples may arrive in pieces of any length, live or from a recording. The estimate is
+    identical to the last bit, however the samples are divided into pieces.
     """
 
     def feed(self, track: Track) -> None:
-        """Process the next samples; raise InputError where they cannot be used."""
+        """Process the next samples; raise InputError if they cannot be used."""
         ...
 
     def estimate(self) -> Mapping[str, PartialEstimate]:
-        """Return the estimate by part: "f" and "w", or "all" where the axes are estimated together.
+        """Return the estimates by part: "f" and "w", or "all" if the axes are estimated together.
 
-        Empty until there are enough samples for a first estimate.
+        The mapping is empty until there are enough samples for a first estimate.
         """
         ...
 
 
 class SequentialEstimator(Protocol[BenchIn, StepIn]):
-    """Starts a sequential estimator of a run."""
+    """Creates a sequential estimator for a run."""
 
     def __call__(
         self,
@@ -99,16 +99,16 @@ class SequentialEstimator(Protocol[BenchIn, StepIn]):
         priors: Priors,
         rate_hz: float,
     ) -> Sequential:
-        """Return the estimator before the first sample.
+        """Return a sequential estimator that has not processed any samples yet.
 
         Parameters
         ----------
         estimator : str
-            Name of one of the method's.
+            Name of one of the method's estimators.
         sensor : Sensor
         bench : Bench
         steps : sequence of steps
-            As planned: the length of the run may decide which states the estimator has.
+            The planned steps. The length of the run may decide which states the estimator has.
         priors : sequence of Gaussian
         rate_hz : float
             Samples per second.
@@ -116,7 +116,7 @@ class SequentialEstimator(Protocol[BenchIn, StepIn]):
         Raises
         ------
         InputError
-            An estimator, a sensor or a prior that cannot be used sequentially.
+            The estimator, the sensor or a prior cannot be used sequentially.
         """
         ...
 
@@ -128,19 +128,19 @@ class Fit(Generic[Bench, Step]):
     Parameters
     ----------
     estimator : str
-        Its name.
+        Name of the estimator.
     sensor : Sensor
     bench : Bench
-        As the estimator used it.
+        The bench as the estimator used it.
     observations : Observations
     steps : sequence of Step
-        Of each row.
+        The step of each row.
     priors : sequence of Gaussian
     estimate : Estimate
     time_offset : bool
-        Whether the gyros' delay is to be estimated.
+        Whether the gyros' delay should be estimated.
     environment : Environment or None
-        The temperatures around the bench, where they are stated.
+        The temperatures around the bench, if they are stated.
     """
 
     estimator: str
@@ -155,18 +155,18 @@ class Fit(Generic[Bench, Step]):
 
 
 class Remarks(NamedTuple):
-    """Findings, notes and conditions that a method adds to an estimate.
+    """The findings, notes and conditions that a method adds to an estimate.
 
     Parameters
     ----------
     findings : tuple of Finding
-        Possible errors, for the verdict.
+        Possible errors, which the verdict lists.
     notes : tuple of str
         Sentences for the verdict.
     conditions : mapping of str to str
-        Of the calibration, as text with units.
+        Conditions of the calibration, as text with units.
     plots : tuple of Plot
-        Further figures of the report.
+        Additional figures for the report.
     """
 
     findings: tuple[Finding, ...] = ()
@@ -184,46 +184,49 @@ def _mount_frame(bench: object) -> "Frame":
 
 
 def triangular_frame(bench: object) -> "Frame":
-    """Return the frame of a method without a mounting: the accelerometers' own."""
+    """Return the accelerometers' own frame, for a method without a mounting."""
     return "triangular"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Method(MethodBase, Generic[Bench, Step]):
-    """A way to calibrate: what readers of data use of it, `MethodBase`, and the rest.
+    """A calibration method: extends `MethodBase`, the part that the data readers use.
 
     Parameters
     ----------
     bench : type
-        The kind of bench that it needs.
+        The kind of bench that the method needs.
     default_coefficients : mapping of "f" or "w" to tuple of str
-        The groups of coefficients that it estimates by default, of accelerometers and of gyros.
-        Axes of a kind that is not a key are left out.
+        The groups of coefficients that the method estimates by default, for accelerometers ("f")
+        and gyros ("w"). If a kind is not a key, its axes are not calibrated.
     also : mapping of "f" or "w" to tuple of str
-        The groups that it estimates if the user chooses them.
+        The groups that the method estimates only if the user selects them.
     needs : tuple of "f" or "w"
         Kinds of axes that the sensor must have.
     plan : callable
-        Nominal steps; keyword arguments are the method's own (seconds, angle).
+        Returns the nominal steps; its keyword arguments are specific to the method (seconds,
+        angle).
     estimators : mapping
-        By name; the first is the default.
+        The estimators by name; the first is the default.
     source : str
+        The publications that describe the method.
     norm_only_estimators : tuple of str
-        Estimators of norms, which do not observe a rotation of the triad: its frame may be stated.
+        Estimators that use only norms. They do not observe a rotation of the triad, so the user
+        may state its frame.
     closed_formulas : tuple of str
-        Estimators whose formulas determine a fixed set of coefficients, or that make no score
-        tests: `also = "auto"` is refused.
+        Estimators whose formulas determine a fixed set of coefficients, or that do not compute
+        score tests. `also = "auto"` is rejected for them.
     frame : callable
-        From the bench to the frame that misalignments refer to where the run file states none.
+        Maps the bench to the frame that misalignments refer to if the run file states none.
     remarks : callable
-        From a `Fit` to `Remarks`; called also for a fit that did not converge.
+        Maps a `Fit` to `Remarks`; it is also called for a fit that did not converge.
     constant_rates : bool
-        Whether gyros are read at constant rates: a calibration then holds over the range of the
-        means, and correcting a recording says where it is left.
+        Whether gyros are read at constant rates. If so, the calibration is valid over the range
+        of the mean rates, and correcting a recording reports samples outside that range.
     weighs_common_errors : bool
-        Whether its estimators weigh rows by their whole covariance, with errors in common.
+        Whether its estimators weight rows by their full covariance, including common errors.
     final_by_recording : bool
-        Whether another estimator than the live one gives the result of the recording.
+        Whether the final result of a recording comes from a different estimator than the live one.
     """
 
     bench: type[Bench]
@@ -247,16 +250,16 @@ class Method(MethodBase, Generic[Bench, Step]):
     def prepare(
         self, sensor: Sensor, coefficients: Sequence[str] = (), also: Sequence[str] = ()
     ) -> Sensor:
-        """Return the part of the sensor that the method calibrates, with the chosen coefficients.
+        """Return the part of the sensor that the method calibrates, with the selected coefficients.
 
         Parameters
         ----------
         sensor : Sensor
         coefficients : sequence of str
-            Names or groups instead of the method's defaults; of a group, those that the method
-            can estimate.
+            Names or groups that replace the method's defaults. From a group, the method uses the
+            coefficients that it can estimate.
         also : sequence of str
-            Names or groups in addition.
+            Additional names or groups.
 
         Raises
         ------
@@ -280,24 +283,24 @@ class Method(MethodBase, Generic[Bench, Step]):
         more = _stated_coefficients(part, also, possible)
         if beyond := tuple(name for name in (*chosen, *more) if name not in possible):
             seen = "; ".join(
-                f"of {QUANTITIES[kind].sensors} {', '.join((*words, *self.also.get(kind, ())))}"
+                f"for {QUANTITIES[kind].sensors}: {', '.join((*words, *self.also.get(kind, ())))}"
                 for kind, words in self.default_coefficients.items()
             )
             raise InputError(
-                f"method {self.name} cannot estimate {', '.join(beyond)}; it estimates {seen}",
+                f"method {self.name} cannot estimate {', '.join(beyond)}; available {seen}",
                 key="[method]",
                 names=beyond,
             )
         return replace(part, coefficients=tuple(n for n in possible if n in (*chosen, *more)))
 
     def possible(self, sensor: Sensor) -> tuple[str, ...]:
-        """Return the full names of the coefficients of a sensor's axes that it can estimate."""
+        """Return the full names of all coefficients of the sensor that the method can estimate."""
         return self._selected_coefficients(sensor, self.also)
 
     def _selected_coefficients(
         self, part: Sensor, also: Mapping[Measures, tuple[str, ...]]
     ) -> tuple[str, ...]:
-        """Return the coefficients that the method estimates by default and of groups `also`."""
+        """Return the coefficients estimated by default, and those in the groups `also`."""
         names: tuple[str, ...] = ()
         for kind, words in self.default_coefficients.items():
             axes = part.select_axes(kind)
@@ -311,7 +314,7 @@ class Method(MethodBase, Generic[Bench, Step]):
         Raises
         ------
         InputError
-            No estimator has this name; the message lists the estimators.
+            No estimator has this name; the message lists the available estimators.
         """
         if name and name not in self.estimators:
             raise InputError(
@@ -326,7 +329,7 @@ class Method(MethodBase, Generic[Bench, Step]):
 def _stated_coefficients(
     part: Sensor, words: Sequence[str], possible: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the full names that words state: of a group the possible ones, if there are any."""
+    """Return the full names that `words` select; a group selects its possible coefficients."""
     names: tuple[str, ...] = ()
     for word in words:
         stated = part.with_coefficients(word).coefficients
@@ -361,11 +364,11 @@ METHODS: Registry[Method[Any, Any]] = Registry(
 
 
 def method(name: str) -> Method[Any, Any]:
-    """Return a method by name, with hyphens or underscores.
+    """Return the method with this name, written with hyphens or underscores.
 
     Raises
     ------
     InputError
-        No method has this name; the message lists the methods.
+        No method has this name; the message lists the available methods.
     """
     return METHODS.find(name.replace("-", "_"))

@@ -1,5 +1,5 @@
-"""Compiled: moments of the second-order terms of `inercal.methods.curvature`, for many trials."""
-# Numba's decorator has no types.
+"""Compiled moments of the second-order terms in `inercal.methods.curvature`, for many trials."""
+# Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
 
 from inercal.basics.arrays import Array, Indices
@@ -9,7 +9,7 @@ from inercal.methods.residuals._row_operations import INNER, KERNEL, add, fill
 
 @njit(**INNER)
 def _combine(eta: Array, place: Indices, spread: Array, out: Array) -> None:
-    """Write η P, (parameters,), of one η by its nonzero components."""
+    """Write η P, (parameters,), for one η, using only its nonzero components."""
     fill(0.0, out)
     for d in range(eta.size):
         if eta[d] != 0.0:
@@ -35,26 +35,26 @@ def second_order_moments(
     shift: Array,
     covariance: Array,
 ) -> None:
-    """Write E[Q] and cov(Q, Q) of all readings.
+    """Write E[Q] and cov(Q, Q) for all readings.
 
     Parameters
     ----------
     eta : (trials, t, m, 2, d) array
-        η of t rows that lean, m axes and two tangents, by at most d parameters each.
+        η for t tilted rows, m axes and two tangents, with at most d parameters each.
     place : (t, m, 2, d) array of int
-        Places of these parameters.
+        Indices of these parameters.
     spread : (trials, p, p) array
         Covariance of all parameters.
     tau : (t, 2) array of int
-        Places of the tangents.
+        Indices of the tangents.
     rows : (t,) array of int
-        Rows that lean, among all r.
+        Indices of the tilted rows, among all r rows.
     scratch : (t, m, 2, p) array
-        Overwritten.
+        Work array, which is overwritten.
     shift : (trials, r, m) array
-        E[Q]; output, zero before.
+        E[Q]; output, must be zero on entry.
     covariance : (trials, r m, r m) array
-        cov(Q, Q); output, zero before.
+        cov(Q, Q); output, must be zero on entry.
     """
     t, m = eta.shape[1:3]
     for s in range(eta.shape[0]):

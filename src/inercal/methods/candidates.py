@@ -1,13 +1,13 @@
-"""Candidates of score tests: errors that a problem of means omits or treats as known.
+"""Candidates for score tests: errors that a problem of means omits or treats as known.
 
-The candidates come from an extended problem: the same observations, the sensor with every
-coefficient of its table, every declared parameter of the bench free. Its Jacobian at the solution
-has an exact column for each candidate. A coefficient that was not estimated is zero there. A
-parameter of the bench that was estimated within its stated deviation is a candidate too, by its
-column without its prior, which shows a departure far beyond the statement.
+The candidates come from an extended problem. It has the same observations, all coefficients in the
+sensor's table, and all declared parameters of the bench free. Its Jacobian at the solution contains
+an exact column for each candidate. Coefficients that were not estimated are zero at the solution.
+A bench parameter that was estimated within its stated deviation is also a candidate. Its column is
+used without its prior, so the test shows a departure far beyond the stated deviation.
 
-Further candidates are single rows with arbitrary readings, and a drift of the biases over the run,
-linear in time.
+Single rows with arbitrary readings are further candidates, and so is a drift of the biases that is
+linear in time over the run.
 """
 
 import re
@@ -27,20 +27,20 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, SI_UNITS, Sensor
 from inercal.physics.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE, TABLES, ErrorTerm
 
-# Parameters of these scopes act on many rows; a parameter of one position acts like its row.
+# Parameters in these scopes act on many rows; a parameter of one position acts like its row.
 _SHARED_SCOPES = ("run", "speed", "mounting", "pass")
-# SI per SI unit: the rounding error of an effect that whole turns cancel
+# SI per SI unit: the rounding error of an effect that cancels over whole turns
 _ROUNDING_LIMIT = 1e-12
-# rad: north mistaken for south, east for north; harmonics of any encoder are small.
+# rad: north mistaken for south, or east for north; the harmonics of any encoder are small.
 _LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2}
 _LARGEST_HARMONIC = 0.01
 _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 
 
 class Column(NamedTuple):
-    """A component of a candidate: its full name, its unit (SI), and ∂(observations) by it, (m,).
+    """One component of a candidate: full name, SI unit and derivative of the observations, (m,).
 
-    `largest` and `stated_sd` are as for `Candidate`; all columns of a candidate have them or none.
+    `largest` and `stated_sd` are as for `Candidate`; either all columns have them or none has.
     """
 
     name: str
@@ -51,13 +51,13 @@ class Column(NamedTuple):
 
 
 def coefficient_column(sensor: Sensor, full: str, rows: Array) -> Column:
-    """Return the column of a coefficient of a sensor by its full name."""
+    """Return the column of a sensor coefficient, given its full name."""
     line = sensor.coefficient(full)
     return Column(full, SI_UNITS[line.unit], rows, line.largest)
 
 
 def candidate(name: str, kind: CandidateKind, columns: Sequence[Column]) -> Candidate:
-    """Return one candidate of these columns."""
+    """Return a candidate that consists of these columns."""
     names, units, rows, largest, sds = zip(*columns, strict=True)
     return Candidate(
         name,
@@ -73,7 +73,7 @@ def candidate(name: str, kind: CandidateKind, columns: Sequence[Column]) -> Cand
 def together_and_alone(
     kind: CandidateKind, families: Iterable[tuple[str, Sequence[Column]]]
 ) -> list[Candidate]:
-    """Return each family of two columns or more as a candidate, then each column by itself."""
+    """Return each family of two or more columns as one candidate, then each column separately."""
     families = list(families)
     together = [candidate(name, kind, own) for name, own in families if len(own) > 1]
     each = {one.name: one for _, own in families for one in own}
@@ -81,9 +81,10 @@ def together_and_alone(
 
 
 def extended_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
-    """Return the sensor with all coefficients of its axes' tables, those chosen first.
+    """Return the sensor with all coefficients in its axes' tables, the selected ones first.
 
-    Coefficients of temperature only if it is known and varies, `temperature_varies`.
+    Temperature coefficients are included only if `temperature_varies`: the temperature is known
+    and changes.
     """
     whole = tuple(
         f"{axis.name}.{line.name}"
@@ -96,7 +97,7 @@ def extended_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sens
 
 
 def parameters_with_deviations(declared: Mapping[str, Parameter]) -> dict[str, Parameter]:
-    """Return the bench's parameters with a deviation each, so that a problem has their columns."""
+    """Return the bench's parameters, each with a deviation, so that a problem has their columns."""
     return {n: q if q.sd > 0 else replace(q, sd=1.0) for n, q in declared.items()}
 
 
@@ -111,32 +112,32 @@ def candidate_function(
     common_errors: Sequence[str] = (),
     zero_input: Bools | None = None,
 ) -> Callable[[Array], Sequence[Candidate]]:
-    """Return the function for `Problem.candidates` of a problem of mean readings or of norms.
+    """Return the function `Problem.candidates` for a problem of mean readings or norms.
 
     Parameters
     ----------
     problem : callable
-        Returns the extended problem, of `extended_sensor(sensor)`, warmed or not, and
-        `parameters_with_deviations(declared)`; observations are labelled "ax[row]" by channel and
-        row, or "row" alone.
+        Returns the extended problem, with `extended_sensor(sensor)` (with or without temperature
+        coefficients) and `parameters_with_deviations(declared)`. Observations are labelled
+        "ax[row]" by channel and row, or only "row".
     names : sequence of str
-        The parameters of the problem that is solved.
+        The parameters of the problem that was solved.
     sensor : Sensor
-        With the coefficients that are estimated.
+        The sensor with the estimated coefficients.
     declared : mapping of str to Parameter
         The bench's parameters by full name.
     time : (r,) array, optional
-        s, of each row, where a drift of the biases is a candidate.
+        Time of each row, s, if a drift of the biases is a candidate.
     families : mapping of str to sequence of str, optional
-        Names of parameters that are tested together, by their full names: coefficients instead of
-        those of one short name, parameters of the bench instead of each alone.
+        Full names of parameters that are tested together. They replace the families of
+        coefficients with the same short name, and the separate tests of bench parameters.
     priors : sequence of Gaussian, optional
-        On coefficients that are estimated; they may be wrong.
+        Priors on estimated coefficients; the priors may be wrong.
     common_errors : sequence of str, optional
         As for `common_error_candidates`.
     zero_input : (m,) array of bool, optional
-        Observations of axes with zero nominal input: terms with a sign are left out there. The
-        sign would be that of the estimated tilt, which is arbitrary.
+        Observations from axes with zero nominal input. Terms that depend on a sign are omitted
+        there, because the sign would be that of the estimated tilt, which is arbitrary.
     """
 
     def candidates(x: Array) -> list[Candidate]:
@@ -165,7 +166,7 @@ def candidate_function(
 
 
 def _sign_dependent_coefficients(sensor: Sensor) -> list[str]:
-    """Return the coefficients of a sensor's axes, chosen or not, that depend on a sign."""
+    """Return the coefficients of the sensor's axes, selected or not, that depend on a sign."""
     whole = extended_sensor(sensor, temperature_varies=True)
     return [n for n in whole.coefficients if whole.coefficient(n).basis.uses("si", "swi")]
 
@@ -178,7 +179,7 @@ def candidates_from_columns(
     column: Mapping[str, Array],
     families: Mapping[str, Sequence[str]] | None = None,
 ) -> list[Candidate]:
-    """Return the candidates of m observations from their columns (m,); see `candidate_function`."""
+    """Return the candidates from their columns (m,); arguments as for `candidate_function`."""
     families = families or {}
     return [
         *_coefficient_candidates(sensor, names, column, families),
@@ -193,7 +194,7 @@ def _coefficient_candidates(
     column: Mapping[str, Array],
     families: Mapping[str, Sequence[str]],
 ) -> list[Candidate]:
-    """Return the coefficients that are not estimated: of each kind together, and each alone."""
+    """Return the coefficients that are not estimated, tested by kind and then one by one."""
     larger = extended_sensor(sensor, temperature_varies=True)
     kinds: dict[tuple[str, str], list[Column]] = {}
     for full in larger.coefficients:
@@ -208,12 +209,12 @@ def _coefficient_candidates(
 
 
 def family_name(line: ErrorTerm) -> str:
-    """Return the name under which a coefficient of all axes is tested, as in [method]."""
+    """Return the name under which a coefficient is tested on all axes, as written in [method]."""
     return line.group if line.group == "g" else line.name
 
 
 def _family_names(full: str, families: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return the names of the families that a parameter is a member of."""
+    """Return the names of the families that contain a parameter."""
     return [name for name, members in families.items() if full in members]
 
 
@@ -223,14 +224,14 @@ def bench_candidates(
     families: Mapping[str, Sequence[str]] | None = None,
     rows: Sequence[str] | None = None,
 ) -> list[Candidate]:
-    """Return the parameters of the bench that act on several rows, by their columns (m,).
+    """Return candidates for the bench parameters that act on several rows, from columns (m,).
 
-    `rows` are the names of the observations' rows, (m,), where parameters of one position are
-    candidates too if its attitude is that of several rows; those of one row are if `families` has
-    them, because together they act on many.
+    `rows` are the row names of the observations, (m,). If they are given, the parameters of one
+    position are also candidates, provided that several rows share its attitude. Parameters of one
+    row are candidates if `families` contains them, because together they act on many rows.
 
-    The components of one vector at one place, "pose_x[XY30]" to "pose_z[XY30]", are one candidate,
-    "pose[XY30]": their sizes show which component is wrong.
+    The components of one vector at one place, "pose_x[XY30]" to "pose_z[XY30]", form one candidate,
+    "pose[XY30]". Their sizes show which component is wrong.
     """
     kinds: dict[str, list[Column]] = {}
     for name, parameter in declared.items():
@@ -254,16 +255,16 @@ def _bench_column(name: str, parameter: Parameter, rows: Array) -> Column:
 def common_error_candidates(
     declared: Mapping[str, Parameter], column: Mapping[str, Array], names: Sequence[str]
 ) -> list[Candidate]:
-    """Return errors that are stated row by row, as errors common to all rows.
+    """Return candidates that treat errors stated for single rows as common to all rows.
 
-    The mean of independent errors of the rows would be far smaller than each of them.
+    The mean of independent errors would be far smaller than the error of each row.
 
     Parameters
     ----------
     declared, column
         As for `candidate_function`.
     names : sequence of str
-        Of the vectors: "lean" has the components "lean_1[row]" and "lean_2[row]".
+        Names of the vectors: "lean" has the components "lean_1[row]" and "lean_2[row]".
     """
     result: list[Candidate] = []
     for name in names:
@@ -287,9 +288,9 @@ def common_error_candidates(
 def prior_candidates(
     sensor: Sensor, priors: Priors, column: Mapping[str, Array]
 ) -> list[Candidate]:
-    """Return the priors of coefficients as candidates: those of one kind together, and each one.
+    """Return the priors of coefficients as candidates, by kind and one by one.
 
-    With the column of a coefficient without the row of its prior the data alone determine it.
+    The column leaves out the row of the prior, so only the data determine the coefficient.
     """
     kinds: dict[str, list[Column]] = {}
     for prior in priors:
@@ -301,42 +302,42 @@ def prior_candidates(
 
 
 def unit_scale(parameter: Parameter) -> float:
-    """Return the natural size of a bench's parameter, SI, which makes columns comparable."""
+    """Return the natural size of a bench parameter, SI, which makes columns comparable."""
     return _NATURAL_SIZES.get(parameter.unit, 1.0)
 
 
 def _largest_departure(parameter: Parameter) -> float:
-    """Return the largest plausible departure of a bench's parameter from what was stated, SI."""
+    """Return the largest plausible departure of a bench parameter from its stated value, SI."""
     size = max(abs(parameter.value), unit_scale(parameter))
     return max(largest_angle(parameter.name, LARGEST_RELATIVE_SIZE * size), 10 * parameter.sd)
 
 
 def largest_angle(name: str, otherwise: float = LARGEST_RELATIVE_SIZE) -> float:
-    """Return the largest plausible departure of an angle of the bench by its name, rad."""
+    """Look up the largest plausible error of a bench angle, rad, by the name of the angle."""
     if re.match(r"(sin|cos)\d", name):
         return _LARGEST_HARMONIC
     return _LARGEST_ANGLES.get(name, otherwise)
 
 
 def _affects_observations(column: Array) -> bool:
-    """Return whether a parameter acts on the observations by more than rounding."""
+    """Return whether a parameter changes the observations by more than rounding."""
     return bool(np.max(np.abs(column), initial=0.0) > _ROUNDING_LIMIT)
 
 
 def _affects_several_rows(column: Array, rows: Sequence[str]) -> bool:
-    """Return whether a parameter acts on the observations of two rows or more."""
+    """Return whether a parameter changes the observations of two or more rows."""
     acting = np.flatnonzero(np.abs(column) > _ROUNDING_LIMIT)
     return len({rows[k] for k in acting.tolist()}) > 1
 
 
 def _row_labels(observations: Sequence[str], sensor: Sensor) -> list[str]:
-    """Return the row of each observation."""
+    """Return the row label of each observation."""
     channels = {axis.name: axis.measures for axis in sensor.axes}
     return [_row_label(label, channels) for label in observations]
 
 
 def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
-    """Return each row separately, with arbitrary readings."""
+    """Return one candidate per row, in which the readings of that row are arbitrary."""
     channels = {axis.name: QUANTITIES[axis.measures].unit for axis in sensor.axes}
     rows: dict[str, list[int]] = {}
     for k, label in enumerate(observations):
@@ -354,10 +355,10 @@ def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidat
 def drift_candidates(
     observations: Sequence[str], sensor: Sensor, time: Array, column: Mapping[str, Array]
 ) -> list[Candidate]:
-    """Return a drift of the biases over the run, linear in time, from its first row to its last.
+    """Return candidates for a drift of the biases, linear in time from the first row to the last.
 
-    Of the axes of a kind together, and of each alone: the column of an axis's bias, times the
-    time of its rows. Empty where all rows have one time.
+    The axes of one kind are tested together and then one by one. An axis's column is its bias
+    column multiplied by the time of its rows. There are none if all rows have the same time.
     """
     span = float(np.ptp(time))
     channels = {axis.name: axis.measures for axis in sensor.axes}
@@ -379,6 +380,6 @@ def drift_candidates(
 
 
 def _row_label(label: str, channels: Mapping[str, str]) -> str:
-    """Return the row of an observation labelled "ax[row]", or its whole label."""
+    """Return the row of an observation labelled "ax[row]", or the whole label."""
     one = ObservationName(label)
     return one.row if one.row and one.channel in channels else label

@@ -1,19 +1,20 @@
-"""Second-order effects of tilts: the effect of an unknown lean beyond the first-order fit.
+"""Second-order effects of tilts: the effect of an unknown tilt beyond the first-order fit.
 
-A face that leans by t reads g (1 − |t|²/2) along its normal, and misalignments m add m·t. The fit
-estimates t and the coefficients c with covariance P; the terms of second order in the errors τ of t
-and δ of c are, for reading i in row r::
+A face that is tilted by t reads g (1 − |t|²/2) along its normal, and misalignments m add m·t. The
+fit estimates t and the coefficients c with covariance P. Let τ be the errors of t and δ the errors
+of c. Their second-order terms are, for reading i in row r::
 
     Q_i = Σ_k η_ik τ_rk,   η_ik = ½ (∂²h_i/∂t²) τ_rk + (∂²h_i/∂c ∂t_k)·δ
 
-Their means correct the readings and their covariance joins the noise; for Gaussian errors
+The means of these terms correct the readings, and their covariance is added to the noise. For
+Gaussian errors
 
     E[Q_i] = Σ_k cov(η_ik, τ_rk)
     cov(Q_i, Q_j) = Σ_kl cov(η_ik, η_jl) cov(τ_rk, τ_sl) + cov(η_ik, τ_sl) cov(η_jl, τ_rk)
 
-(GUM, JCGM 100:2008, note to 5.1.2; moments by Isserlis' theorem). At half a degree this is 38 ppm
-of scale factor, with an uncertainty as large: more than the noise of a good MEMS accelerometer.
-The axis of a turn leans in the same way.
+(GUM, JCGM 100:2008, note to 5.1.2; moments by Isserlis' theorem). At half a degree the effect is
+38 ppm of scale factor, with an equally large uncertainty. This is more than the noise of a good
+MEMS accelerometer. A tilt of the axis of a turn acts in the same way.
 """
 
 from typing import NamedTuple
@@ -31,7 +32,7 @@ from inercal.physics.sensors import Sensor
 
 
 class Curvature(NamedTuple):
-    """Second-order effect of the tilts on the mean readings of r rows and m axes, SI.
+    """Second-order effect of the tilts on the mean readings from r rows and m axes, SI.
 
     `shift` (..., r, m) is its mean, `covariance` (..., r·m, r·m) its covariance, row after row.
     """
@@ -43,19 +44,20 @@ class Curvature(NamedTuple):
 def tilt_curvature(
     estimate: Estimate, sensor: Sensor, bench: Hand, done: HandSteps, durations: Array
 ) -> Curvature | None:
-    """Return the second-order effect at a first-order estimate; None if all tilts are exact.
+    """Return the second-order effect at a first-order estimate, or None if all tilts are exact.
 
     Parameters
     ----------
     estimate : Estimate
-        Of the coefficients and the bench's nuisances.
+        Estimate of the coefficients and the bench's nuisances.
     sensor : Sensor
-        Affine in f and ω.
+        A sensor whose model is affine in f and ω.
     bench : Hand
-        With the values of its exact parameters.
+        The bench with the values of its exact parameters.
     done : sequence of r HandStep
+        The steps that were carried out.
     durations : (r,) array
-        s.
+        Duration of each step, s.
     """
     p, r, m = len(sensor.coefficients), len(done), len(sensor.axes)
     names = [bench.tilt_names(step) for step in done]
@@ -75,14 +77,14 @@ def tilt_curvature(
         for axis in sensor.channels
     ]
     most = max(map(len, own))
-    # η by the coefficients of the reading's axis, and by the tangent itself.
+    # η with respect to the coefficients of the reading's axis, and to the tangent itself.
     place = np.zeros((len(loose), m, 2, most + 1), dtype=np.int64)
     place[..., most] = index[:, None]
     eta = np.zeros((*lead, *place.shape))
     for n, row_place in enumerate(loose):
         step = done[row_place]
         row = sensed_motion(step, float(durations[row_place]), q)
-        # The second derivative to a tangent is minus the vector that leans.
+        # The second derivative with respect to a tangent is minus the vector that is tilted.
         leans, part = (row.f, slope[..., :3]) if isinstance(step, Hold) else (row.w, slope[..., 3:])
         eta[..., n, :, :, most] = -0.5 * (part @ leans[..., None])
         for k, name in enumerate(names[row_place]):
@@ -98,7 +100,7 @@ def tilt_curvature(
 def _moments_of_trials(
     eta: Array, place: Indices, spread: Array, index: Indices, rows: Indices, r: int
 ) -> Curvature:
-    """Return the same as `_moments` by compiled code."""
+    """Return the same as `_moments`, but with compiled code."""
     from inercal.methods._curvature_kernel import second_order_moments
 
     trials, (_, m, _, _) = len(eta), place.shape
@@ -112,22 +114,22 @@ def _moments_of_trials(
 def _moments(
     eta: Array, place: Indices, spread: Array, index: Indices, rows: Indices, r: int
 ) -> Curvature:
-    """Return mean and covariance of Q.
+    """Return the mean and covariance of Q.
 
     Parameters
     ----------
     eta, place : (..., t, m, 2, d) and (t, m, 2, d) arrays
-        η of t rows that lean, by the parameters at these places.
+        η for t tilted rows, and the indices of the parameters that it refers to.
     spread : (..., p, p) array
-        P.
+        Covariance P.
     index : (t, 2) array of int
-        Places of the tangents.
+        Indices of the tangents.
     rows : (t,) array of int
-        Of r rows.
+        Indices of the tilted rows, among r rows.
     """
     lead, (t, m, _, d) = eta.shape[:-4], place.shape
     flat = np.zeros((*lead, t * m * 2, spread.shape[-1]))
-    # Unused places are of the first parameter, with η of zero.
+    # Unused entries refer to the first parameter, with η equal to zero.
     for k in range(d):
         flat[..., np.arange(t * m * 2), place[..., k].ravel()] += eta[..., k].reshape(*lead, -1)
     tau = index.ravel()

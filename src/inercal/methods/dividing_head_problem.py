@@ -1,4 +1,7 @@
-"""Problems of readings against the angle of a dividing head, whose errors are nuisances or zero."""
+"""Estimation problems with readings at the angles of a dividing head.
+
+The errors of the head are nuisances or zero.
+"""
 
 from dataclasses import replace
 
@@ -17,26 +20,26 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
 MIN_POSITIONS = 4  # positions
-_TESTED_HARMONICS = 4  # of the head's error: higher ones act like errors of the graduations
+_TESTED_HARMONICS = 4  # of the head's error; higher harmonics act like graduation errors
 _MAX_ANGLE_CORRECTION = 1.5e-4  # rad
 
 
 def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tuple[Index, ...]:
-    """Return evenly spaced positions of the head, forward and back.
+    """Return evenly spaced positions of the head, first forward and then back.
 
     Parameters
     ----------
     positions : int
-        Of one turn.
+        Number of positions in one turn.
     reverse : bool
-        Whether the head turns back too: a drift of the bias then cancels to first order.
+        Whether the head also turns back; a drift of the bias then cancels to first order.
     seconds : float
-        Length of each hold, s.
+        Duration of each position, s.
 
     Raises
     ------
     InputError
-        Fewer than four positions.
+        There are fewer than four positions.
     """
     if positions < MIN_POSITIONS:
         raise InputError(
@@ -55,20 +58,20 @@ def head_problem(
     *,
     exact: bool = False,
 ) -> Problem:
-    """Return the problem of all readings.
+    """Return the estimation problem with all readings.
 
     Parameters
     ----------
     observations : Observations
         (..., r, m), m/s².
     sensor : Sensor
-        Of m accelerometers.
+        Sensor with m accelerometers.
     bench : DividingHead
     steps : sequence of r Index
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
     exact : bool
-        Whether the bench is taken at its declared values, without nuisances.
+        Whether the bench has exactly its declared values, without nuisances.
     """
     wider = replace(
         bench, harmonics=(*bench.harmonics, *[0.0] * (_TESTED_HARMONICS - len(bench.harmonics)))
@@ -76,7 +79,7 @@ def head_problem(
     suspects = {
         name: parameter
         for name, parameter in wider.nuisances(steps, sensor).items()
-        if name != "lean"  # of second order: its column is that of its own estimate
+        if name != "lean"  # a second-order effect: its column is that of its own estimate
     }
     return mean_problem.problem_of_readings(
         observations,
@@ -93,7 +96,7 @@ def head_problem(
 def _test_families(
     sensor: Sensor, bench: DividingHead, steps: Indexings
 ) -> dict[str, tuple[str, ...]]:
-    """Return the families of score tests: a harmonic's sine and cosine, a drift in all passes."""
+    """Return the families for score tests: harmonics (sine and cosine) and drift in all passes."""
     count = max(_TESTED_HARMONICS, len(bench.harmonics))
     result: dict[str, tuple[str, ...]] = {
         f"harmonic {h}": (f"sin{h}", f"cos{h}") for h in range(1, count + 1)
@@ -108,10 +111,11 @@ def _test_families(
 def readings_at_stated_angles(
     observations: Observations, sensor: Sensor, bench: DividingHead, steps: Indexings
 ) -> Observations:
-    """Return the readings corrected to the head's nominal angles, for formulas that assume these.
+    """Return readings corrected to the head's nominal angles, for formulas that assume these.
 
-    The correction is of first order in the angles that level, autocollimator and certificate add to
-    the nominal ones, at the nominal sensor: at 10″ and a mounting angle of 100″ it leaves 2e-8 g.
+    The angles from the level, the autocollimator and the certificate are added to the nominal ones.
+    The correction is of first order in these angles and uses the nominal sensor. At 10″ and a
+    mounting angle of 100″ the remaining error is 2e-8 g.
 
     Raises
     ------
@@ -124,7 +128,7 @@ def readings_at_stated_angles(
         worst = int(np.argmax(np.abs(beyond)))
         raise InputError(
             f"position {steps[worst].label} is {np.degrees(beyond[worst]):.3g}° from its nominal "
-            "angle, and this estimator corrects 30″ at most; use estimator joint",
+            "angle, but this estimator corrects at most 30″; use estimator joint",
             names=(steps[worst].label,),
         )
     result = sensed_motion(bench, steps, {})
@@ -136,7 +140,7 @@ def readings_at_stated_angles(
 def with_drift_covariance(
     observations: Observations, bench: DividingHead, steps: Indexings
 ) -> Observations:
-    """Return the observations with the drift of biases in their covariance, not as a nuisance."""
+    """Return the observations with bias drift in their covariance instead of as a nuisance."""
     if not bench.drift:
         return observations
     result = drift_ramps(steps)
@@ -147,7 +151,7 @@ def with_drift_covariance(
 
 
 def _drift_columns(sensor: Sensor, steps: Indexings) -> dict[str, Array]:
-    """Return the effect of a unit drift on all readings, (m r,), by its name."""
+    """Return the effect of a unit drift on all readings, (m r,), by the drift's name."""
     result: dict[str, Array] = {}
     for k, channel in enumerate(sensor.channels):
         for name, ramp in zip(drift_names(channel, steps), drift_ramps(steps), strict=True):

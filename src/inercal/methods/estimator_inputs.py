@@ -12,17 +12,17 @@ from inercal.recordings import Observations
 
 
 def require_matching_rows(observations: Observations, sensor: Sensor, steps: Sequence[Any]) -> None:
-    """Refuse steps or channels that are not those of the rows.
+    """Raise InputError if the steps or channels do not match the rows.
 
     Raises
     ------
     InputError
-        Naming the channels, the first row and step that differ, or the label of two steps.
+        The channels differ, a row and its step differ, or two steps have the same label.
     """
     if observations.channels != sensor.channels:
         raise InputError(
-            f"the readings are those of {', '.join(observations.channels)}, but the sensor has "
-            f"{', '.join(sensor.channels)}; give the readings of the sensor's axes, in their "
+            f"the readings are from {', '.join(observations.channels)}, but the sensor has "
+            f"{', '.join(sensor.channels)}; give the readings of the sensor's axes in the same "
             "order",
             key="observations",
             names=observations.channels,
@@ -46,7 +46,7 @@ def require_matching_rows(observations: Observations, sensor: Sensor, steps: Seq
 
 
 def require_single_recording(observations: Observations, what: str) -> None:
-    """Refuse observations of many trials for `what`, "estimator fourier".
+    """Raise InputError if there are many trials; `what` names the caller: "estimator fourier".
 
     Raises
     ------
@@ -61,18 +61,18 @@ def require_single_recording(observations: Observations, what: str) -> None:
 
 
 def refuse_priors(priors: Priors, estimator: str, instead: str) -> None:
-    """Refuse priors for an estimator that cannot use them.
+    """Raise InputError if there are priors and the estimator cannot use them.
 
     Parameters
     ----------
     priors : sequence of Gaussian
     estimator, instead : str
-        Names of the estimator, and of an estimator that uses priors.
+        Names of this estimator, and of an estimator that uses priors.
 
     Raises
     ------
     InputError
-        Naming the coefficients.
+        There are priors; the message names their coefficients.
     """
     if names := tuple(name for prior in priors for name in prior.names):
         raise InputError(
@@ -84,18 +84,18 @@ def refuse_priors(priors: Priors, estimator: str, instead: str) -> None:
 
 
 def refuse_temperature_terms(sensor: Sensor, estimator: str, instead: str) -> None:
-    """Refuse coefficients of temperature for an estimator that cannot estimate them.
+    """Raise InputError if there are temperature coefficients that the estimator cannot estimate.
 
     Parameters
     ----------
     sensor : Sensor
     estimator, instead : str
-        Names of the estimator, and of an estimator that estimates them.
+        Names of this estimator, and of an estimator that can estimate them.
 
     Raises
     ------
     InputError
-        Naming the coefficients.
+        There are temperature coefficients; the message names them.
     """
     if names := tuple(temperature_coefficients(sensor)):
         raise InputError(
@@ -107,7 +107,7 @@ def refuse_temperature_terms(sensor: Sensor, estimator: str, instead: str) -> No
 
 
 def refuse_tilted_form(sensor: Sensor, estimator: str, instead: str) -> None:
-    """Refuse a sensor in another form than the reference form, which formulas estimate.
+    """Raise InputError if the sensor is not in the reference form, which formulas need.
 
     Raises
     ------
@@ -124,7 +124,9 @@ def refuse_tilted_form(sensor: Sensor, estimator: str, instead: str) -> None:
 def require_plain_means(
     observations: Observations, sensor: Sensor, priors: Priors, estimator: str, instead: str
 ) -> None:
-    """Refuse priors, coefficients of temperature and many trials, which formulas cannot use.
+    """Raise InputError for inputs that formulas cannot use.
+
+    These are priors, temperature coefficients and many trials.
 
     Raises
     ------

@@ -1,22 +1,22 @@
 """Six positions and three turns: accelerometers, gyros and the gyros' sensitivity to gravity.
 
-Gyros alone take the positions as stated; the mean force in a turn, which nothing reads, is gravity
-along the axis.
+If there are only gyros, the positions are used as stated. No sensor reads the mean force during a
+turn, so it is assumed to be gravity along the axis.
 
-`classical` are the closed formulas of the source, for comparison with `ml`:
+`classical` uses the closed formulas of the source, for comparison with `ml`:
 F. Ferraris, U. Grimaldi, M. Parvis, "Procedure for effortless in-field calibration of three-axis
-rate gyros and accelerometers", Sensors and Materials 7(5), 1995, 311–330. With U± the matrices
-whose columns are the mean readings of x, y, z up and down, and W those of the integrated rates::
+rate gyros and accelerometers", Sensors and Materials 7(5), 1995, 311–330. The columns of the
+matrices U± are the mean readings with x, y, z up and down, and those of W the integrated rates::
 
     accelerometer   b_a = diag(U₊ + U₋)/2                                (19, 20)
                     K_a R_a = (U₊ − U₋)/(2g),  K_a = row norms           (21–23)
     gyro            b_g = mean over the rest,  K_ga = (U₊ − U₋)/(2g)     (9)
-                    K_g R_g = W / α, with bias and K_ga f̄ taken out      (12–15)
+                    K_g R_g = W / α, with bias and K_ga f̄ subtracted     (12–15)
 
-so that a reading is K R (f or ω) + b, and for a gyro + K_ga f. Faces, turns and gravity are taken
-as exact: the covariance here includes the noise of the means alone, and the formulas leave no
-residual. The problem of `ml`, in which faces, turns and gravity have their stated deviations,
-tests whether the readings agree with each other.
+so that a reading is K R (f or ω) + b, plus K_ga f for a gyro. Faces, turns and gravity are treated
+as exact. The covariance therefore includes only the noise of the means, and the formulas leave no
+residual. The readings are tested for consistency with the problem of `ml`, in which faces, turns
+and gravity have their stated deviations.
 """
 
 import numpy as np
@@ -38,12 +38,12 @@ from inercal.recordings import Observations
 def classical(
     observations: Observations, sensor: Sensor, bench: Hand, steps: HandSteps, priors: Priors = ()
 ) -> Estimate:
-    """Return the coefficients by the closed formulas, with the noise of the means propagated.
+    """Return the coefficients from the closed formulas, with the noise of the means propagated.
 
     Raises
     ------
     InputError
-        Priors, the tilted form, axes other than orthogonal triads, or a trial axis.
+        There are priors, the tilted form, axes other than orthogonal triads, or a trial axis.
     NotObserved
         A position or a turn is missing.
     """
@@ -51,13 +51,13 @@ def classical(
     if missing := tuple(step.label for step in steps if step.label not in observations.labels):
         raise NotObserved(
             "estimator classical needs every position and turn, but the recording lacks "
-            f"{', '.join(missing)}; record them, or use estimator ml",
+            f"{', '.join(missing)}; record these, or use estimator ml",
             names=missing,
         )
     formulas_of = {f"{a}_{what}" for a in "xyz" for what in ("p", "a", "rot")}
     if again := tuple(label for label in observations.labels if label not in formulas_of):
         raise InputError(
-            "estimator classical uses each position and turn once, but the recording also has "
+            "estimator classical uses each position and turn once, but the recording repeats "
             f"{', '.join(again)}; use estimator ml",
             names=again,
         )

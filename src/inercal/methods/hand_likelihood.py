@@ -1,9 +1,9 @@
-"""Maximum likelihood from the mean readings of holds and turns.
+"""Maximum likelihood from the mean readings of positions and turns.
 
-Each row's mean reading is compared with the model's reading of the mean motion (exact for models
-affine in f and ω). The bench's imperfections are nuisances with their standard deviations as
-priors; the mean specific force during each turn is a nuisance without a prior. The stated
-uncertainty therefore includes errors of fixture, turn angles, local gravity and clock.
+The mean reading of each row is compared with the model's reading of the mean motion, which is exact
+for models affine in f and ω. The bench's imperfections are nuisances with their standard deviations
+as priors; the mean specific force during each turn is a nuisance without a prior. The stated
+uncertainty therefore includes errors of the fixture, the turn angles, local gravity and the clock.
 """
 
 from dataclasses import replace
@@ -22,8 +22,8 @@ from inercal.physics.plan import HandSteps, Hold, Turn
 from inercal.physics.sensors import Sensor, inverse
 from inercal.recordings import Observations
 
-_EXACT_LIMIT = 1e-15  # SI; a smaller deviation is exact: the level earth rate at a pole
-_UNREAD = 0.05  # of g: tilt of an axis, and a sensor aside of it
+_EXACT_LIMIT = 1e-15  # SI; smaller deviations count as exact: the level earth rate at a pole
+_UNREAD = 0.05  # of g: tilt of a turn's axis, and a sensor that is off the axis
 _ZERO_INPUT_LIMIT = 1e-6  # of g, or of a turn's rate
 
 
@@ -32,24 +32,25 @@ def ml(
 ) -> Estimate:
     """Return the estimate of the sensor's coefficients and the bench's nuisances.
 
-    A drift that slopes within the rests show is subtracted, with its uncertainty.
+    If the slopes within the rests reveal a drift, it is subtracted, with its uncertainty.
 
     Parameters
     ----------
     observations : Observations
-        Rows in SI; labels name steps, channels are the sensor's axes.
+        Rows in SI; their labels name the steps, and their channels are the sensor's axes.
     sensor : Sensor
-        With the coefficients to estimate.
+        The sensor with the coefficients to estimate.
     bench : Hand
     steps : sequence of HandStep
-        The nominal plan; steps without a row were not carried out.
+        The planned steps; steps without a row were not carried out.
     priors : sequence of Gaussian
-        On coefficients, from other measurements.
+        Priors on coefficients, from other measurements.
 
     Raises
     ------
     NotObserved
-        Coefficients that these steps do not determine, by name, and the steps that are missing.
+        These steps do not determine some coefficients. The message names the coefficients and the
+        missing steps.
     """
     observations = observations.without_drift()
     by_label = {step.label: step for step in steps}
@@ -80,16 +81,16 @@ def hand_problem(
     priors: Priors = (),
     curvature: Curvature | None = None,
 ) -> Problem:
-    """Return the estimation problem; `done` are the steps of the rows, in their order.
+    """Return the estimation problem; `done` are the steps of the rows, in the order of the rows.
 
-    `curvature` corrects the readings for the second order of the tilts.
+    `curvature` corrects the readings for the second-order effects of the tilts.
     """
     noise = _reading_noise(observations)
     if curvature is not None:
         full = observations.full_covariance + curvature.covariance
         noise = ReadingNoise(full, correlated=True)
         observations = replace(observations, mean=observations.mean - curvature.shift)
-    # The recording states how long a step took, not the plan.
+    # The duration of a step comes from the recording, not from the plan.
     lasting = [
         replace(step, seconds=t)
         for step, t in zip(done, observations.duration.tolist(), strict=True)
@@ -127,7 +128,7 @@ def hand_problem(
 
 
 def _unread_forces(turns: HandSteps, gravity: float) -> dict[str, Parameter]:
-    """Return the mean specific forces of turns without accelerometers, as nuisances."""
+    """Return the mean specific forces during turns as nuisances, if there are no accelerometers."""
     text = "mean specific force in the turn"
     return {
         f"force_{a}[{step.label}]": Parameter(
@@ -140,9 +141,9 @@ def _unread_forces(turns: HandSteps, gravity: float) -> dict[str, Parameter]:
 
 
 def _zero_input_readings(sensor: Sensor, done: HandSteps) -> Bools | None:
-    """Return which readings are of axes with zero nominal input, (r·m,), row after row.
+    """Return which readings come from axes with zero nominal input, (r·m,), row after row.
 
-    None if each position occurs once: two or four readings of an axis do not show a sign.
+    Return None if each position occurs once: two or four readings of an axis do not reveal a sign.
     """
     at = [step.up if isinstance(step, Hold) else step.axis for step in done]
     if len(set(zip(map(type, done), at, strict=True))) == len(at):
@@ -154,9 +155,9 @@ def _zero_input_readings(sensor: Sensor, done: HandSteps) -> Bools | None:
 
 
 def _reading_noise(observations: Observations) -> ReadingNoise:
-    """Return the covariance of all readings, or without correlations their deviations.
+    """Return the covariance of all readings, or their standard deviations if uncorrelated.
 
-    Standard deviations are faster to whiten by.
+    Whitening is faster with standard deviations.
     """
     blocks = observations.covariance
     variance = np.diagonal(blocks, axis1=-2, axis2=-1)

@@ -1,16 +1,18 @@
-"""Tests of an estimator without residuals of its own, by maximum likelihood.
+"""Maximum-likelihood tests for an estimator that has no meaningful residuals of its own.
 
-A closed formula uses some of the readings, or all with equal weights; its residuals test nothing.
-The problem of maximum likelihood of the same observations, with the bench as stated, has a χ² and
-score tests of the readings, whatever formula is used.
+A closed formula uses only some of the readings, or all of them with equal weights, so its residuals
+test nothing. The maximum-likelihood problem with the same observations and the stated bench gives a
+χ² and score tests of the readings, whichever formula is used.
 
-The formula itself is tested by its difference d from maximum likelihood. Where both hold, an
-efficient estimate and any other of covariance C have (Hausman 1978, Econometrica 46, 1251–1271)::
+The formula itself is tested by its difference d from maximum likelihood. If both are valid, the
+maximum-likelihood estimate is efficient. For any other estimate with covariance C (Hausman 1978,
+Econometrica 46, 1251–1271)::
 
     cov(d) = C − C_ml        T = dᵀ (C − C_ml + ε C)⁻¹ d
 
-T is at most χ² with one degree of freedom per coefficient. ε adds a tenth of the formula's standard
-uncertainty: where the formula is as good as maximum likelihood, C − C_ml is rounding.
+T is at most χ² with one degree of freedom per coefficient. The term with ε adds a tenth of the
+formula's standard uncertainty, because C − C_ml is only rounding if the formula is as good as
+maximum likelihood.
 """
 
 from dataclasses import replace
@@ -38,7 +40,7 @@ def noise_only_estimate(sensor: Sensor, value: Array, spread: Array) -> Estimate
 
 
 def with_problem_tests(found: Estimate, by_problem: Estimate) -> Estimate:
-    """Return a noise-only estimate with the tests of the problem of the same observations."""
+    """Return a noise-only estimate with the tests of a problem that has the same observations."""
     p = len(found.names)
     agreement = ModelTest(READINGS_TEST, float(by_problem.chi2), by_problem.dof)
     return replace(
@@ -53,17 +55,17 @@ def with_problem_tests(found: Estimate, by_problem: Estimate) -> Estimate:
 
 
 def with_tests(estimate: Estimate, whole: Problem, stated: Problem | None = None) -> Estimate:
-    """Return an estimate with the tests of its observations and of its formula.
+    """Return an estimate with tests of its observations and of its formula.
 
     Parameters
     ----------
     estimate : Estimate
-        Of one recording. An estimate of many trials or without uncertainty is returned unchanged,
-        as is any estimate where the maximum likelihood fails.
+        Estimate from one recording. An estimate from many trials or without uncertainty is returned
+        unchanged, and so is any estimate for which maximum likelihood fails.
     whole : Problem
-        Of maximum likelihood, with all stated errors of the bench.
+        The maximum-likelihood problem with all stated errors of the bench.
     stated : Problem, optional
-        The same with the errors in the estimate's covariance, where these are fewer.
+        The same with only the errors that the estimate's covariance includes, if these are fewer.
     """
     if estimate.value.ndim != 1 or not np.isfinite(estimate.covariance).all():
         return estimate
@@ -88,7 +90,7 @@ def with_tests(estimate: Estimate, whole: Problem, stated: Problem | None = None
 
 
 def _hausman_test(estimate: Estimate, best: Estimate) -> ModelTest:
-    """Return the test of an estimate's difference from that of maximum likelihood."""
+    """Test the difference between an estimate and the maximum-likelihood estimate."""
     sd = np.sqrt(np.diagonal(estimate.covariance))
     between = (estimate.covariance - best.covariance) / np.outer(sd, sd)
     size, axes = np.linalg.eigh(between)

@@ -1,4 +1,4 @@
-"""The estimation problem of mean readings: each is compared with the motion that the bench states.
+"""The estimation problem of mean readings, compared with the motion that the bench states.
 
 The motion is a function of the bench's declared parameters. Parameters with a standard deviation
 are nuisances; the others are exact.
@@ -23,13 +23,13 @@ from inercal.methods.residuals import VectorEquations, vector_residuals
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 
-ROUNDING = 2.0**-50  # of a reading: the error of the few operations that compute it
+ROUNDING = 2.0**-50  # relative to a reading: the error of the few operations that compute it
 
 MotionFunction = Callable[[Mapping[str, Array]], MeanMotion]
 
 
 class ReadingNoise(NamedTuple):
-    """Deviations of readings, (..., m r), or if correlated their covariance, (..., m r, m r)."""
+    """Standard deviations of readings, (..., m r), or their covariance, (..., m r, m r)."""
 
     noise: Array
     correlated: bool
@@ -37,12 +37,12 @@ class ReadingNoise(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """The parameters of a problem: coefficients, the bench's with a deviation, and forces.
+    """The parameters of a problem: coefficients, uncertain bench parameters, and forces.
 
     Parameters
     ----------
     sensor : Sensor
-        With the coefficients to estimate.
+        The sensor with the coefficients to estimate.
     declared : mapping of str to Parameter
         The bench's parameters by full name; those with a deviation are nuisances.
     forces : mapping of str to (...) array
@@ -55,36 +55,36 @@ class Unknowns:
 
     @property
     def p(self) -> int:
-        """Number of the sensor's coefficients."""
+        """Number of coefficients of the sensor."""
         return len(self.sensor.coefficients)
 
     @cached_property
     def estimated(self) -> dict[str, Parameter]:
-        """The bench's parameters with a deviation."""
+        """The bench's parameters that have a standard deviation."""
         return {name: one for name, one in self.declared.items() if one.sd > 0}
 
     @cached_property
     def exact(self) -> dict[str, Array]:
-        """Values of the bench's other parameters, () SI."""
+        """Values of the bench's exact parameters, () SI."""
         return {n: np.array(q.value) for n, q in self.declared.items() if n not in self.estimated}
 
     @property
     def nuisances(self) -> tuple[str, ...]:
-        """Names of the parameters that follow the coefficients."""
+        """Names of the parameters that come after the coefficients."""
         return (*self.estimated, *self.forces)
 
     @cached_property
     def start(self) -> Array:
-        """Where a search starts; without forces, one start for all trials."""
+        """Start of a search; if there are no forces, all trials share one start."""
         first = start_values(self.p, self.estimated)
-        if not self.forces:  # its Jacobian is computed once
+        if not self.forces:  # with a shared start the Jacobian is computed once
             return first
         begin = np.stack([*self.forces.values()], axis=-1)
         alike = np.broadcast_to(first, (*begin.shape[:-1], first.size))
         return np.concatenate([alike, begin], axis=-1)
 
     def bench_values(self, x: Array) -> Mapping[str, Array]:
-        """Return the bench's parameters by full name, (...) SI, of parameters x (..., p + k)."""
+        """Return the bench's parameters by full name, (...) SI, from parameters x (..., p + k)."""
         return self.exact | {n: x[..., self.p + k] for k, n in enumerate(self.nuisances)}
 
     def compose(
@@ -98,10 +98,10 @@ class Unknowns:
         correlated: bool,
         normal_equations: NormalEquationsOf | None,
     ) -> Problem:
-        """Return the problem of these parameters; arguments as for `inercal.estimation.Problem`.
+        """Return the problem with these parameters; arguments as for `inercal.estimation.Problem`.
 
         `relative_size` is the largest ratio of an observation to its standard deviation, and
-        `priors` are on coefficients.
+        `priors` apply to coefficients.
         """
         scale = parameter_scales(self.sensor, self.estimated)
         return Problem(
@@ -126,29 +126,29 @@ def joint(
     steps: Sequence[Any],
     priors: Priors = (),
 ) -> Estimate:
-    """Return the estimate from mean readings on any bench of means, with its errors as nuisances.
+    """Return the estimate from mean readings, with the errors of the bench as nuisances.
 
-    An estimator for methods that need no estimator of their own.
+    It serves methods that need no estimator of their own, on any bench that states mean motions.
 
     Parameters
     ----------
     observations : Observations
         (..., r, m), SI.
     sensor : Sensor
-        With the coefficients to estimate.
+        The sensor with the coefficients to estimate.
     bench : MeanBench
-        Without parameters of scope "dwell".
+        A bench without parameters in the scope "dwell".
     steps : sequence of r Step
-        Of the rows; steps of a plan that have no row are ignored.
+        The steps of the rows; planned steps without a row are ignored.
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
 
     Raises
     ------
     InputError
-        Rows without their steps, or a parameter of scope "dwell".
+        Rows and steps do not match, or the bench has a parameter in the scope "dwell".
     NotObserved
-        Coefficients that these steps do not determine, by name.
+        These steps do not determine some coefficients; the message names them.
     """
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels if label in by_label]
@@ -157,7 +157,7 @@ def joint(
     noisy = tuple(name for name, one in declared.items() if one.scope == "dwell" and one.sd > 0)
     if noisy:
         raise InputError(
-            f"estimator joint does not model that [bench] {noisy[0]} differs from dwell to "
+            f"estimator joint cannot model that [bench] {noisy[0]} differs from dwell to "
             "dwell; set it to 0, or use another estimator",
             key=f"[bench] {noisy[0]}",
             names=noisy,
@@ -200,41 +200,41 @@ def problem_of_readings(
     zero_input: Bools | None = None,
     suspects: Mapping[str, Parameter] | None = None,
 ) -> Problem:
-    """Return the problem of all readings.
+    """Return the estimation problem with all readings.
 
     Parameters
     ----------
     observations : Observations
         (..., r, m), m/s².
     sensor : Sensor
-        Of m accelerometers.
+        Sensor with m accelerometers.
     declared : mapping of str to Parameter
         The bench's parameters by full name.
     motion_function : callable
-        From their values by full name, (...) SI, to the sensed motion.
+        Maps the parameters' values by full name, (...) SI, to the sensed motion.
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
     reading_columns : mapping of str to (m r,) array, optional
-        What a unit of a parameter adds to the readings themselves, row after row.
+        Effect of a unit of each parameter on the readings themselves, row after row.
     dwell_covariance : callable, optional
-        From coefficients and the sensed motion to a covariance that is added to that of the means.
+        Maps coefficients and sensed motion to a covariance that is added to that of the means.
     gauges : tuple of Gauge
     with_drift_candidate : bool
-        Whether a drift of the biases over the rows' times is a candidate of the score tests.
+        Whether a linear drift of the biases over the rows' times is a candidate for score tests.
     families : mapping of str to sequence of str, optional
-        Of candidates, as for `inercal.methods.candidates.candidate_function`.
+        Families of candidates, as for `inercal.methods.candidates.candidate_function`.
     common_errors : sequence of str, optional
-        Errors of single rows that may be common, as of
+        Errors of single rows that may be common to all rows, as for
         `inercal.methods.candidates.common_error_candidates`.
     unknown_forces : mapping of str to (...) array, optional
-        Start values of specific forces without a prior, m/s², by the names that `motion_function`
-        takes.
+        Start values of specific forces without a prior, m/s², under the names that
+        `motion_function` expects.
     stated_noise : ReadingNoise, optional
-        In place of that of the observations.
+        Noise that replaces the noise of the observations.
     zero_input : (m r,) array of bool, optional
         As for `inercal.methods.candidates.candidate_function`.
     suspects : mapping of str to Parameter, optional
-        The bench's parameters that are candidates, where they are more than those declared.
+        The bench parameters that are candidates, if there are more than those declared.
     """
     forces = unknown_forces or {}
     doubted = declared if suspects is None else suspects
@@ -283,7 +283,7 @@ def _compare_vectors(
     stated_noise: ReadingNoise | None,
     priors: Priors,
 ) -> Problem:
-    """Compare each reading with that of the motion its axis sensed, for `problem_of_readings`."""
+    """Compare each reading with the motion that its axis sensed; see `problem_of_readings`."""
     p, sensor, nuisances = unknowns.p, unknowns.sensor, unknowns.nuisances
     added = {n: one for n, one in reading_columns.items() if n in unknowns.estimated}
     at = [p + nuisances.index(name) for name in added]
@@ -351,9 +351,9 @@ def row_subset(whole: Problem, at: Indices) -> Problem:
     Parameters
     ----------
     whole : Problem
-        Its noise is one covariance for all x.
+        A problem whose noise is one covariance for all x.
     at : (k,) array of int
-        Indices of the observations of the subset.
+        Indices of the observations in the subset.
     """
     assert not callable(whole.noise)
     places: list[int] = at.tolist()
@@ -381,7 +381,7 @@ def row_subset(whole: Problem, at: Indices) -> Problem:
 def _stacked_derivatives(
     by: Mapping[str, Array], loose: Sequence[str], shape: tuple[int, ...]
 ) -> Array:
-    """Return the derivatives by each nuisance, (..., r, 3, q)."""
+    """Return the derivatives with respect to each nuisance, (..., r, 3, q)."""
     result = np.zeros((*shape, len(loose)))
     for k, name in enumerate(loose):
         if name in by:
@@ -390,12 +390,12 @@ def _stacked_derivatives(
 
 
 def start_values(p: int, loose: Mapping[str, Parameter]) -> Array:
-    """Return the start: p coefficients at nominal, the bench's parameters as declared."""
+    """Return the start: p coefficients at nominal, and the bench's parameters as declared."""
     return np.concatenate([np.zeros(p), [parameter.value for parameter in loose.values()]])
 
 
 def parameter_scales(sensor: Sensor, loose: Mapping[str, Parameter]) -> Array:
-    """Return the natural size of each coefficient and of each of the bench's parameters."""
+    """Return the natural size of each coefficient and of each bench parameter."""
     return np.concatenate([sensor.unit_scale, [candidates.unit_scale(q) for q in loose.values()]])
 
 

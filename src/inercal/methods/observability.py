@@ -1,13 +1,13 @@
-"""Whether the steps that were carried out determine the coefficients, and which are missing.
+"""Whether the completed steps determine the coefficients, and which steps are missing.
 
-Two rules beyond the algebraic rank of the problem:
+There are two rules beyond the algebraic rank of the problem:
 
-* Bias and scale of an accelerometer must be separated by readings of both signs, not by the
-  assumed levelness of faces: without −z, say, K₀ of z would depend on positions in which z should
-  read zero, and on how level they were.
-* A direction known no better than a tenth of its natural size (10 % of scale, 0.1 g of bias,
-  0.1 rad of misalignment) is not observed, even if residual excitation (the earth's rate, an
-  accidental tilt) gives the problem full rank.
+* Bias and scale of an accelerometer must be separated by readings of both signs. It is not enough
+  to assume that faces are level. Without −z, for example, K₀ of z would depend on positions in
+  which z should read zero, and on how level they were.
+* A direction is not observed if its uncertainty exceeds a tenth of its natural size (10 % of scale,
+  0.1 g of bias, 0.1 rad of misalignment). This holds even if residual excitation (the earth's rate,
+  an accidental tilt) gives the problem full rank.
 """
 
 from collections.abc import Sequence
@@ -23,23 +23,23 @@ from inercal.physics.plan import HandSteps, Hold, Turn
 from inercal.physics.sensors import Sensor
 
 NOISE_ONLY_NOTE = (
-    "The uncertainties include only the noise of the means, because this estimator takes the bench "
-    "as exact."
+    "The uncertainties include only the noise of the means, because this estimator treats the "
+    "bench as exact."
 )
 OBSERVABILITY_LIMIT = 0.1  # of the natural size
-_MOST_NAMED = 8  # coefficients in a line that names turns too
+_MOST_NAMED = 8  # number of coefficients named in a line that also names turns
 _MIN_INPUT = 0.5  # g, up and down, that an axis must have sensed
 
 
 def require_bias_scale_separation(
     sensor: Sensor, done: HandSteps, missing: HandSteps, priors: Priors
 ) -> None:
-    """Refuse accelerometer axes whose bias and scale the positions cannot distinguish.
+    """Raise NotObserved if the positions cannot separate bias and scale of an accelerometer axis.
 
     Raises
     ------
     NotObserved
-        Naming the coefficients, the direction and the position that is missing.
+        The message names the coefficients, the direction and the missing position.
     """
     known = {name for prior in priors for name in prior.names}
     ups = np.array([step.up for step in done if isinstance(step, Hold)]).reshape(-1, 3)
@@ -69,21 +69,21 @@ def require_bias_scale_separation(
 
 
 def require_observed(estimate: Estimate, sensor: Sensor, missing: HandSteps) -> None:
-    """Refuse an estimate with a direction known no better than a tenth of its natural size.
+    """Raise NotObserved if a direction's uncertainty exceeds a tenth of its natural size.
 
     Raises
     ------
     NotObserved
-        Naming the coefficients and the directions.
+        The message names the coefficients and the directions.
     """
     p, limit = len(sensor.coefficients), OBSERVABILITY_LIMIT**2
     covariance = estimate.covariance.reshape(-1, *estimate.covariance.shape[-2:])[:, :p, :p]
-    # No variance exceeds the trace: eigenvalues of few trials, if any, are computed.
+    # No variance exceeds the trace, so eigenvalues are computed for few trials, if any.
     trace = np.diagonal(covariance, axis1=-2, axis2=-1) @ sensor.unit_scale**-2.0
     suspects = covariance[trace > limit] / np.outer(sensor.unit_scale, sensor.unit_scale)
     if not len(suspects):
         return
-    # Of many trials, the trial with the largest variance of its weakest direction decides.
+    # With many trials, the one with the largest variance of its weakest direction decides.
     variance, directions = np.linalg.eigh(suspects[np.argmax(np.linalg.eigvalsh(suspects)[:, -1])])
     weak = directions[:, variance > limit].T
     if not len(weak):
@@ -96,15 +96,15 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: HandSteps) -> 
 def not_observed_error(
     sensor: Sensor, directions: Sequence[str], missing: HandSteps
 ) -> NotObserved:
-    """Return the refusal: the coefficients, the free directions in natural units, the remedy.
+    """Return an error with the coefficients, the free directions in natural units, and a remedy.
 
     Parameters
     ----------
     sensor : Sensor
     directions : sequence of str
-        Combinations of coefficients in units of g and rad/s, in words.
+        Combinations of coefficients in words, in units of g and rad/s.
     missing : sequence of HandStep
-        Steps of the plan without a section.
+        Planned steps without a section in the recording.
     """
     plain = tuple(words.partition(" (in units")[0] for words in directions)
     touched = {word for words in plain for word in words.split()}
@@ -131,7 +131,7 @@ def not_observed_error(
 
 
 def steps_in_words(missing: HandSteps) -> str:
-    """Return the steps that were not carried out, as part of a sentence; empty if none."""
+    """Return the steps that were not carried out as part of a sentence; empty if none."""
     if not missing:
         return ""
     texts = [f"{step.label} ({step.describe()})" for step in missing]
@@ -139,6 +139,6 @@ def steps_in_words(missing: HandSteps) -> str:
 
 
 def direction_in_words(direction: Array, names: Sequence[str]) -> str:
-    """Return the large parts of a direction as part of a sentence."""
+    """Return the largest components of a direction as part of a sentence."""
     large = np.flatnonzero(np.abs(direction) > 0.3 * np.abs(direction).max()).tolist()
     return " ".join(f"{direction[k]:+.2g} {names[k]}" for k in large)

@@ -1,17 +1,17 @@
-"""What six positions cannot see of the order in which they were taken, and what would show it.
+"""Effects of the order of six positions that the readings do not reveal, and how to detect them.
 
-Between two positions a bias may step. A sensor with hysteresis keeps a part of the input that it
-had before, or errs in the sense of the last change of its input; each is a pattern of the readings
-in the order of their times::
+A bias may change in a step between two positions. A sensor with hysteresis retains a part of its
+previous input, or has an error with the sign of the last change of its input. Each effect is a
+pattern of the readings in time order::
 
     step after row j         1 in all later rows
     input before             u_{i−1}, the input of the axis in the row before, in g
     sense of the change      sign(u_i − u_{i−1}), as before where the input did not change
 
-A vibration that the sensor rectifies, or that is aliased to a constant, adds the same in all rows.
-What the coefficients and the bench's errors take up of a pattern leaves no residual: a pattern that
-moves a coefficient by 5 u and leaves a residual of norm below 7 is told, by its size of 5 u
-(`inercal.calibration.detectability`).
+A vibration that the sensor rectifies, or that is aliased to a constant, adds the same amount in all
+rows. The part of a pattern that the coefficients and bench errors absorb leaves no residual. A
+pattern is reported if a size that shifts a coefficient by 5 u leaves a residual of norm below 7.
+This size is stated (`inercal.calibration.detectability`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -34,11 +34,11 @@ from inercal.recordings import Finding
 _REPEATED = "repeat a position of each axis at the end to detect it"
 _REVERSED = "take the positions again in the reverse order to detect it"
 _BOTH_SENSES = "reach attitudes between the positions from both sides to detect it"
-_STILL = "make a second recording where nothing vibrates to detect it"
+_STILL = "make a second recording without vibration to detect it"
 
 
 class _Pattern(NamedTuple):
-    """A pattern of the readings: its name, what would show it, and the reading of each row."""
+    """A pattern of the readings: its name, how to detect it, and the effect on each row."""
 
     name: str
     remedy: str
@@ -47,10 +47,10 @@ class _Pattern(NamedTuple):
 
 
 def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
-    """Return a finding on each effect that these positions cannot detect from their order.
+    """Return a finding on each order effect that these positions cannot reveal.
 
-    The message begins with the name and says what would detect it; `channel` is the axis that the
-    smallest size shifts by 5 u.
+    The message begins with the effect's name and says how to detect it. `channel` is the axis with
+    the smallest size that shifts a coefficient by 5 u.
     """
     rows, estimate, sensor = fit.estimate.rows(), fit.estimate, fit.sensor
     if rows is None or len(estimate.observations or rows.residual) != len(rows.residual):
@@ -74,7 +74,7 @@ def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
         if DETECTABLE_NORM * most <= CRITICAL_SHIFT * norm:
             continue
         size = CRITICAL_SHIFT / most
-        if size > _bias(sensor, one).largest:  # what acts on rows of turns moves no coefficient
+        if size > _bias(sensor, one).largest:  # effects on rows of turns shift no coefficient
             continue
         if one.name not in unseen or size < unseen[one.name][1]:
             unseen[one.name] = one, size
@@ -88,7 +88,7 @@ def order_remarks(fit: Fit[Hand, Any]) -> Remarks:
 
 
 def _patterns(fit: Fit[Hand, Any], order: Sequence[int]) -> Iterator[_Pattern]:
-    """Yield the patterns of each axis; `order` are the rows in the order of their times."""
+    """Yield the patterns of each axis; `order` lists the rows in time order."""
     steps, sensor = fit.steps, fit.sensor
     reversed_too = _has_reverse_order(fit, order)
     later = np.empty(len(steps))
@@ -113,7 +113,7 @@ def _patterns(fit: Fit[Hand, Any], order: Sequence[int]) -> Iterator[_Pattern]:
 
 
 def _has_reverse_order(fit: Fit[Hand, Any], order: Sequence[int]) -> bool:
-    """Return whether half of the positions or more were visited again."""
+    """Return whether at least half of the positions were visited again."""
     labels = [fit.observations.labels[k] for k in order if isinstance(fit.steps[k], Hold)]
     return 2 * sum(visit_number(label) > 1 for label in labels) >= len(labels) > 0
 
@@ -121,9 +121,9 @@ def _has_reverse_order(fit: Fit[Hand, Any], order: Sequence[int]) -> bool:
 def _inputs_and_senses(
     steps: Sequence[Any], axis: Array, order: Sequence[int]
 ) -> tuple[Array, Array]:
-    """Return, for each row, an axis's input in the position before, g, and how it was reached.
+    """Return an axis's previous input, g, and its direction of change, for each row.
 
-    That is the sense of the input's last change, −1, 0 or 1; turns change neither.
+    The direction is the sign of the input's last change, −1, 0 or 1. Turns change neither.
     """
     inputs, senses = np.zeros(len(steps)), np.zeros(len(steps))
     before = reached = sense = 0.0
@@ -138,7 +138,7 @@ def _inputs_and_senses(
 
 
 def _bias(sensor: Sensor, one: _Pattern) -> ErrorTerm:
-    """Return the table entry of the bias of a pattern's axis."""
+    """Return the table entry for the bias of a pattern's axis."""
     measures = next(axis.measures for axis in sensor.axes if axis.name == one.axis)
     return next(line for line in TABLES[measures] if line.name == QUANTITIES[measures].bias)
 

@@ -1,21 +1,21 @@
-"""Whether rows on a rate table agree with one affine triad, for any estimator of them.
+"""Whether rows on a rate table are consistent with one affine triad, for any estimator.
 
-Untilted rows are compared as vectors, tilted ones as norms, in g::
+Untilted rows are compared as vectors, tilted rows as norms, in g::
 
     f − (M a + p)          |f| − |M a + p|
 
 The bench's errors are common to the rows. Their covariance S contains the noise of the readings and
-the bench's deviations, mapped to M a + p and then to the rows as compared. From the estimator's
-solution the rows are fitted by generalised least squares with S; the residuals have
+the bench's deviations, mapped to M a + p and then to the compared rows. The rows are fitted by
+generalised least squares with S, starting from the estimator's solution. The residuals have
 
     χ² = min r(θ)ᵀ S⁻¹ r(θ),   degrees of freedom = rows − directions of θ that the rows determine
 
 The residuals r = (I − A G) ε of a linear estimator with gain G have the singular covariance
-(I − A G) S (I − A G)ᵀ. Its pseudo-inverse gives the same χ²: both exclude the columns of A.
+(I − A G) S (I − A G)ᵀ. Its pseudo-inverse gives the same χ², because both exclude the columns of A.
 
-Norms do not change with a rotation of the triad: the solution is first rotated so that its vectors
-are nearest to the bench's. Directions with a standard deviation above a tenth of their natural size
-count as not observed and keep the estimator's value.
+Norms do not change with a rotation of the triad. The solution is therefore first rotated so that
+its vectors are closest to the bench's. Directions with a standard deviation above a tenth of their
+natural size count as not observed and keep the estimator's value.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,12 +36,12 @@ from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.affine import AffineModel, to_coefficients
 from inercal.recordings import Observations
 
-_ITERATIONS = 3  # of Gauss and Newton: norms are nearly linear in θ
-_VARIANCE_FLOOR = 1e-14  # of the largest variance: below, a variance is rounding
+_ITERATIONS = 3  # of the Gauss-Newton method, because norms are nearly linear in θ
+_VARIANCE_FLOOR = 1e-14  # relative to the largest variance; smaller variances are rounding
 
 
 class Consistency(NamedTuple):
-    """χ² of (...) trials, its degrees of freedom, and the score tests of a single trial."""
+    """χ² for (...) trials, its degrees of freedom, and the score tests of a single trial."""
 
     chi2: Array
     dof: int
@@ -51,8 +51,8 @@ class Consistency(NamedTuple):
 def joint_problem(
     observations: Observations, sensor: Sensor, bench: RateTable, steps: Spins, priors: Priors = ()
 ) -> Problem:
-    """Return the problem of all readings, with the bench's errors as nuisances."""
-    # Rows of a table without times are in the order of measurement.
+    """Return the problem with all readings and with the bench's errors as nuisances."""
+    # The rows of a table without times are in the order of measurement.
     return mean_problem.problem_of_readings(
         observations,
         sensor,
@@ -67,14 +67,16 @@ def joint_problem(
 def row_covariance(
     observations: Observations, bench: RateTable, steps: Spins, matrix: Array
 ) -> Array:
-    """Return the covariance of M a + p − f over all rows, by noise and bench, (..., 3 r, 3 r) g².
+    """Return the covariance of M a + p − f over all rows, (..., 3 r, 3 r) g².
+
+    It includes noise and bench errors.
 
     Parameters
     ----------
     observations, bench, steps
-        Of r rows.
+        As for the estimator, with r rows.
     matrix : (..., 3, 3) array
-        M.
+        The matrix M.
     """
     r, size = len(steps), 3 * len(steps)
     noise = observations.full_covariance
@@ -85,14 +87,14 @@ def row_covariance(
 
 
 def bench_sensitivities(bench: RateTable, steps: Spins, gain: Array) -> dict[str, Array]:
-    """Return the derivatives of θ by the stated bench errors of the whole run, (..., 12).
+    """Return the sensitivity of θ to bench errors that are stated for the whole run, (..., 12).
 
     Parameters
     ----------
     bench, steps
-        Of r rows.
+        As for the estimator, with r rows.
     gain : (..., 12, 3 r) array
-        As for `consistency`: a stated error adds to f, and so subtracts from M a + p − f.
+        As for `consistency`. A stated error adds to f, so it subtracts from M a + p − f.
     """
     result = sensed_motion(bench, steps, {}).df
     return {
@@ -105,15 +107,15 @@ def bench_sensitivities(bench: RateTable, steps: Spins, gain: Array) -> dict[str
 def linearised_rows(
     model: AffineModel, level: Array, f: Array, groups: Array, square: Array
 ) -> tuple[Array, Array]:
-    """Return the residuals, (..., 3 r + s) g, and the derivatives of the model's values by θ.
+    """Return the residuals, (..., 3 r + s) g, and the Jacobian of the model's values.
 
     Parameters
     ----------
     model : AffineModel
     level, f : (..., r, 3) and (r, 3) arrays
-        Readings of untilted states, and the bench's specific force, g.
+        Readings in untilted states, and the bench's specific force, g.
     groups, square : (..., s, 3) and (s,) arrays
-        Readings of tilted states, g, and A² + 1, g².
+        Readings in tilted states, g, and A² + 1, g².
     """
     away = f - model.correct(level)
     v = model.correct(groups)
@@ -142,18 +144,18 @@ def consistency(
     level: Sequence[int],
     groups: Sequence[int] = (),
 ) -> Consistency:
-    """Return the tests of the rows that an estimator used.
+    """Return the tests for the rows that an estimator used.
 
     Parameters
     ----------
     observations, sensor, bench, steps
-        Of r rows.
+        As for the estimator, with r rows.
     model : AffineModel
-        The estimator's solution, of (...) trials.
+        The estimator's solution, for (...) trials.
     gain : (..., 12, 3 r) array
-        ∂θ/∂ of errors of M a + p − f of all rows, axes within.
+        Sensitivity of θ to errors of M a + p − f in all rows; the axis index varies fastest.
     level, groups : sequence of int
-        Rows compared as vectors, and as norms.
+        Rows that are compared as vectors, and as norms.
     """
     used = sorted((*level, *groups))
     here = [steps[k] for k in used]
@@ -168,7 +170,7 @@ def consistency(
         return linearised_rows(model, of_level, f[at_level], of_groups, square)
 
     def at(theta: Array) -> tuple[Array, Array]:
-        # Derivatives at the noisy readings would depend on their noise, and so on the residuals.
+        # Derivatives at the noisy readings would depend on the noise, and so on the residuals.
         here = AffineModel.of(theta)
         return residuals(here, a)[0], residuals(here, here.inverse.correct(f))[1]
 
@@ -191,18 +193,18 @@ def consistency(
         requested = joint_problem(some, sensor, bench, here)
         start = np.concatenate([value, requested.start[len(value) :]])
         assert requested.candidates is not None
-        # At the rows by the fit, without their noise, as the derivatives.
+        # At the fitted rows, without their noise, like the derivatives.
         expected = fitted.inverse.correct(f)
         from_readings = whitener @ comparison_map(fitted, expected, at_level, at_groups)
         own = [3 * k + axis for k in used for axis in range(3)]
         whitened: list[Candidate] = []
         for one in requested.candidates(start):
             columns = one.rows.reshape(len(used), 3, -1)
-            # The estimator weights the rows differently from this fit: its gain gives its shift.
+            # The estimator weights the rows differently from this fit, so its gain gives its shift.
             shift = slope @ gain[:, own] @ _added_rows(model.matrix, columns)
             rows = -from_readings @ _added_rows(fitted.matrix, columns)
             whitened.append(replace(one, rows=rows, moved=shift))
-        # The full shift is in `moved`, by the estimator's gain; nothing is in the coordinates of U.
+        # `moved` contains the full shift, by the estimator's gain; U's coordinates contain none.
         none = np.zeros((len(value), u.shape[1]))
         return score_tests(residual, u, whitened, none)
 
@@ -210,14 +212,14 @@ def consistency(
 
 
 def _added_rows(matrix: Array, rows: Array) -> Array:
-    """Return the effect of (r, 3, k) m/s² of readings on M a + p, (3 r, k) g."""
+    """Return the effect of readings (r, 3, k) m/s² on M a + p, (3 r, k) g."""
     return np.einsum("ij,rjk->rik", matrix, rows).reshape(-1, rows.shape[-1]) / G0
 
 
 def _generalised_least_squares(
     theta: Array, at: Callable[[Array], tuple[Array, Array]], whitener: Array
 ) -> tuple[Array, Array, Array]:
-    """Return θ of generalised least squares, the basis U of its columns, whitened residuals."""
+    """Return θ by generalised least squares, the basis U of its columns, and whitened residuals."""
     residual, slope = at(theta)
     s = np.linalg.svd(whitener @ slope, compute_uv=False)
     count = int((s.reshape(-1, s.shape[-1])[0] > 1 / OBSERVABILITY_LIMIT).sum())
@@ -245,7 +247,7 @@ def _largest_singular_vectors(slope: Array, count: int) -> tuple[Array, Array, A
 def comparison_map(
     model: AffineModel, a: Array, level: Sequence[int], groups: Sequence[int]
 ) -> Array:
-    """Return the map from M a + p of all rows, axes within, to the rows as compared."""
+    """Return the map from M a + p in all rows to the compared rows; axis index varies fastest."""
     size = 3 * len(level)
     columns = (3 * np.asarray(level, dtype=np.intp)[:, None] + np.arange(3)).ravel()
     result = np.zeros((*a.shape[:-2], size + len(groups), 3 * a.shape[-2]))
@@ -265,7 +267,7 @@ def _whitener(spread: Array) -> Array:
 
 
 def _rotated_to_nearest(model: AffineModel, a: Array, f: Array) -> AffineModel:
-    """Return the model of the same norms whose vectors lie nearest to f."""
+    """Rotate the model so that its vectors are closest to f; the norms do not change."""
     u, _, vt = np.linalg.svd(f.T @ model.correct(a))
     turn = np.asarray(u @ vt)
     return AffineModel(turn @ model.matrix, (turn @ model.offset[..., None])[..., 0])

@@ -1,19 +1,19 @@
-"""A triad on a plain rate table, level mountings: least squares of the sensed motion on readings.
+"""A triad on a plain rate table with level mountings, fitted by linear least squares.
 
 With a the readings and f the specific force that the bench states, for each axis separately::
 
-    f_x = Sx a_x + Exy a_y + Exz a_z + Axp        and y, z alike
+    f_x = Sx a_x + Exy a_y + Exz a_z + Axp        and similarly for y and z
 
-The mountings XY, YX and ZY at 0, 46 and 86 r/min make nine equations of four unknowns per axis. The
-mountings are treated as exact: the covariance of the result includes the readings' noise and, to
-first order, the effects of pose, seat, speed and lean.
+The mountings XY, YX and ZY at 0, 46 and 86 r/min give nine equations with four unknowns per axis.
+The mountings are treated as exact. The covariance of the result includes the readings' noise and,
+to first order, the effects of pose, seat, speed and lean.
 
-A calibration's own covariance gives its error on new poses. Residuals of the fit show how well the
-model follows the fitted readings. A user needs the error of the corrected vector in other poses, δf
-= −S⁻¹ ∂h/∂c δc: a free direction shows only there.
+The calibration's covariance gives its error in new poses. Residuals of the fit only show how well
+the model follows the fitted readings. A user needs the error of the corrected vector in other
+poses, δf = −S⁻¹ ∂h/∂c δc, because a free direction shows only there.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
-equations 1 to 5. The covariance is ours.
+equations 1 to 5. The covariance is our own.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ from inercal.recordings import Observations
 _POSE_COUNT = 300
 _MILLI_G = 1e-3 * G0
 _ROUNDING = 1e-13
-# Of the largest singular value of the sensed motion: below, an axis is not excited
+# Relative to the largest singular value of the sensed motion; below it, an axis is not excited
 _EXCITATION_LIMIT = 1e-3
 
 
@@ -56,7 +56,7 @@ def pose_forces(fastest: float, radius: float, g: float) -> Array:
     g : float
         m/s².
     """
-    rng = np.random.default_rng(0)  # the same poses in every call
+    rng = np.random.default_rng(0)  # the same poses in all calls
     up, across = rng.standard_normal((2, _POSE_COUNT, 3))
     up /= np.linalg.norm(up, axis=-1, keepdims=True)
     across -= np.sum(across * up, axis=-1, keepdims=True) * up
@@ -66,7 +66,7 @@ def pose_forces(fastest: float, radius: float, g: float) -> Array:
 
 
 def expected_error(sensor: Sensor, estimate: Estimate, f: Array) -> float:
-    """Return the root mean square of the corrected vector's error over poses f, (n, 3), m/s²."""
+    """Return the rms error of the corrected vector over poses f, (n, 3), m/s²."""
     p = len(sensor.coefficients)
     _, result, slope = sensor.linearise(Motion(f), estimate.value[:p])
     by_coefficient = np.asarray(np.linalg.solve(slope[..., :3], result), dtype=float)
@@ -79,7 +79,7 @@ def expected_error(sensor: Sensor, estimate: Estimate, f: Array) -> float:
 def prediction_note(
     sensor: Sensor, estimate: Estimate, fastest: float, radius: float, g: float
 ) -> str:
-    """Return the note on the error of fresh poses and on the residuals of the fit, in mg."""
+    """Return a note on the error in new poses and on the residuals of the fit, in mg."""
     error = expected_error(sensor, estimate, pose_forces(fastest, radius, g)) / _MILLI_G
     inside = float(np.sqrt(np.mean(estimate.residual**2))) / _MILLI_G
     frame = "" if sensor.frame == "mount" else f", in the {sensor.frame} frame,"
@@ -91,7 +91,7 @@ def prediction_note(
 
 
 def remarks(fit: Fit[RateTable, Spin]) -> Remarks:
-    """Return the note on the error of fresh poses, for a fit that converged."""
+    """Return the note on the error in new poses if the fit converged."""
     if not np.all(fit.estimate.converged):
         return Remarks()
     fastest = max(abs(step.rate) for step in fit.steps)
@@ -100,14 +100,14 @@ def remarks(fit: Fit[RateTable, Spin]) -> Remarks:
 
 
 class LevelStates(NamedTuple):
-    """The model by the level states, and its derivative by the errors of their rows."""
+    """The model from the level states, and its sensitivity to the errors of their rows."""
 
-    model: AffineModel  # of (...) trials
-    gain: Array  # (..., 12, 3 r), ∂θ/∂f of each row, axes within
+    model: AffineModel  # for (...) trials
+    gain: Array  # (..., 12, 3 r), ∂θ/∂f for each row; the axis index varies fastest
 
 
 def fit_level_states(a: Array, f: Array) -> LevelStates:
-    """Return the model of least squares.
+    """Return the least-squares model.
 
     Parameters
     ----------
@@ -123,19 +123,19 @@ def fit_level_states(a: Array, f: Array) -> LevelStates:
     r, lead = len(f), a.shape[:-2]
     gain = np.zeros((*lead, 12, r, 3))
     for axis in range(3):
-        # Errors of M a + p − f of the rows shift the solution by their negative.
+        # Errors of M a + p − f in the rows shift the solution by their negative.
         gain[..., 3 * axis : 3 * axis + 3, :, axis] = -back[..., :3, :]
         gain[..., 9 + axis, :, axis] = -back[..., 3, :]
     return LevelStates(model, gain.reshape(*lead, 12, 3 * r))
 
 
 def require_excitation(bench: RateTable, steps: Spins) -> None:
-    """Refuse states that do not excite an axis separately from the other axes and the bias.
+    """Raise NotObserved if the states do not excite an axis independently of the others and bias.
 
     Raises
     ------
     NotObserved
-        Naming the axes of the body and the mountings to add.
+        The message names the axes of the body and the mountings to add.
     """
     rows = np.zeros((max(len(steps), 4), 4))
     if steps:
@@ -144,7 +144,7 @@ def require_excitation(bench: RateTable, steps: Spins) -> None:
     free = directions[size <= _EXCITATION_LIMIT * size[0]]
     if not len(free):
         return
-    # The axes with a component in a direction that is not separated.
+    # The axes with a component in a direction that is not excited independently.
     part = np.abs(free[:, :3]).max(axis=0)
     lacking = tuple(axis for axis, share in zip("xyz", part, strict=True) if share > 0.1)
     radial = {toward: plane for plane, (toward, _) in PLANES.items()}
@@ -174,27 +174,27 @@ def affine_estimate(
     converged: Bools | None = None,
     iterations: NDArray[np.intp] | None = None,
 ) -> Estimate:
-    """Return the estimate of a model with equal weights of rows that share the bench's errors.
+    """Return the estimate for a model fitted with equal weights.
 
-    Its residuals are standardised row by row; χ² is of all rows together, with their covariance by
-    the bench's errors.
+    The rows share the bench's errors. The residuals are standardised row by row, but χ² uses all
+    rows together, with their covariance due to the bench's errors.
 
     Parameters
     ----------
     sensor : Sensor
     model : AffineModel
-        Of (...) trials.
+        Models for (...) trials.
     covariance : (..., 12, 12) array
-        Of θ, g.
+        Covariance of θ, in g.
     residual, variance : (..., m) arrays
         In g and g².
     observations : tuple of m str
     agreement : Consistency
-        Of the rows that were used.
+        Tests of the rows that were used.
     moved : mapping of str to (..., 12) array
-        Derivatives of θ by the stated errors of the bench (`bench_sensitivities`).
+        Sensitivity of θ to the stated errors of the bench (`bench_sensitivities`).
     notes, rank, null_directions, converged, iterations
-        Of the estimate.
+        As for `Estimate`.
     """
     value, slope = to_coefficients(sensor, model)
     whole = slope @ covariance @ np.swapaxes(slope, -1, -2)
@@ -232,21 +232,21 @@ def planar(
     Parameters
     ----------
     observations : Observations
-        One row a state, (..., r, 3) m/s²; rows of tilted mountings are not used.
+        One row per state, (..., r, 3) m/s²; rows with tilted mountings are not used.
     sensor : Sensor
         A triad with bias, scale factor and misalignments, in the reference form.
     bench : RateTable
     steps : sequence of r Spin
-        Of the rows, in known attitudes.
+        The steps of the rows, in known attitudes.
     priors : sequence of Gaussian
         Must be empty.
 
     Raises
     ------
     InputError
-        Priors, another sensor, steps that are not those of the rows.
+        There are priors, the sensor is unsuitable, or the steps are not those of the rows.
     NotObserved
-        States that do not excite an axis; the message states the mounting to add.
+        The states do not excite an axis; the message states the mounting to add.
     """
     estimator_inputs.refuse_priors(priors, "planar", "joint of ship_multi_angle")
     estimator_inputs.refuse_temperature_terms(sensor, "planar", "joint of ship_multi_angle")

@@ -1,10 +1,10 @@
-"""Six-position test: each input axis up, then down, in local gravity.
+"""Six-position test: each input axis points up, then down, in local gravity.
 
-Gyros, if there are any, are read at the same rests: a bias is their mean reading less the earth's
-rate, whose level part has an unknown azimuth, and the sensitivity to gravity is half the difference
-of up and down.
+Gyros, if there are any, are read at the same rests. The bias of a gyro is its mean reading minus
+the earth's rate, whose level part has an unknown azimuth. Its sensitivity to gravity is half the
+difference between the readings up and down.
 
-Source: IEEE Std 1293, static multipoint test reduced to six points; closed formulas of Ferraris
+Source: IEEE Std 1293, static multipoint test reduced to six points; closed formulas from Ferraris
 et al. 1995.
 """
 

@@ -1,4 +1,4 @@
-"""Least squares of observations of one recording, or of many trials block by block."""
+"""Least-squares estimates from one recording, or from many trials block by block."""
 
 from collections.abc import Callable
 
@@ -20,13 +20,13 @@ def solve(
     Parameters
     ----------
     observations : Observations
-        Without an axis of trials, or with one.
+        With or without an axis of trials.
     priors : sequence of Gaussian
     problem : callable
-        From observations and priors of some trials to their problem.
+        Maps the observations and priors of some trials to their problem.
     refined : callable, optional
-        From the same and the estimate of these trials to the problem to solve next, such as with
-        corrected readings; None leaves the estimate as it is.
+        Maps these and the estimate of the same trials to the next problem to solve, for example
+        with corrected readings; None keeps the estimate.
     """
 
     def of_trials(part: slice) -> tuple[Observations, list[Gaussian]]:

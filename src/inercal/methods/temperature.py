@@ -1,7 +1,7 @@
-"""The temperature of rows and samples, as the model of a sensor takes it.
+"""The temperature of rows and samples, in the form that the sensor models use.
 
-ΔT is set where a problem is built, from the recorded temperature: neither benches nor estimators
-handle it.
+ΔT is computed from the recorded temperature when a problem is built, so neither benches nor
+estimators handle it.
 """
 
 from dataclasses import replace
@@ -16,15 +16,15 @@ from inercal.recordings.temperature import TEMPERATURE_VARIATION
 
 
 def row_offsets(observations: Observations, sensor: Sensor) -> Array:
-    """Return ΔT of each row, (..., r) K; () of 0 for a sensor that does not depend on it.
+    """Return ΔT of each row, (..., r) K, or () of 0 if the sensor does not depend on it.
 
-    Rows that differ by less than `TEMPERATURE_VARIATION` are at one temperature, their mean:
-    smaller differences are noise of the temperature's sensor.
+    Rows that differ by less than `TEMPERATURE_VARIATION` get their mean temperature, because
+    smaller differences are noise of the temperature sensor.
 
     Raises
     ------
     InputError
-        The sensor has coefficients of temperature, and no temperature was recorded.
+        The sensor has temperature coefficients, but no temperature was recorded.
     """
     if not sensor.uses("dT"):
         return np.zeros(())
@@ -34,12 +34,12 @@ def row_offsets(observations: Observations, sensor: Sensor) -> Array:
 
 
 def sample_offsets(track: Track, sensor: Sensor) -> Array:
-    """Return ΔT of each sample, (..., n) K; (0,) for a sensor that does not depend on it.
+    """Return ΔT of each sample, (..., n) K, or (0,) if the sensor does not depend on it.
 
     Raises
     ------
     InputError
-        The sensor has coefficients of temperature, and no temperature was recorded.
+        The sensor has temperature coefficients, but no temperature was recorded.
     """
     if not sensor.uses("dT"):
         return np.zeros(0)
@@ -50,14 +50,14 @@ def sample_offsets(track: Track, sensor: Sensor) -> Array:
 
 
 def offsets_at_times(track: Track, sensor: Sensor, time: Array) -> Array | None:
-    """Return ΔT of one trial at these times, (e,) K; None if not recorded or constant.
+    """Return ΔT in one trial at these times, (e,) K, or None if not recorded or constant.
 
     Parameters
     ----------
     track : Track
     sensor : Sensor
     time : (e,) array
-        s.
+        Times, s.
     """
     result = track.temperature_offset(sensor.reference_temperature)
     if result is None or not track.temperature_varies:
@@ -66,9 +66,10 @@ def offsets_at_times(track: Track, sensor: Sensor, time: Array) -> Array | None:
 
 
 def with_steady_temperature(track: Track) -> Track:
-    """Return a whole track with a temperature that is constant where it hardly varies.
+    """Return a whole track with the temperature made constant if it hardly varies.
 
-    As `row_offsets`. Not piece by piece: each piece would have its own mean temperature.
+    The rule is that of `row_offsets`. It is not applied to pieces of a track, because each piece
+    would have its own mean temperature.
     """
     if track.temperature is None:
         return track
@@ -76,23 +77,23 @@ def with_steady_temperature(track: Track) -> Track:
 
 
 def _steady_values(warmth: Array) -> Array:
-    """Return temperatures, (..., r), that are the mean where they hardly vary."""
+    """Return temperatures, (..., r), replaced by their mean if they hardly vary."""
     mean = np.broadcast_to(warmth.mean(axis=-1, keepdims=True), warmth.shape)
     return np.where(np.ptp(warmth, axis=-1, keepdims=True) > TEMPERATURE_VARIATION, warmth, mean)
 
 
 def temperature_coefficients(sensor: Sensor) -> list[str]:
-    """Return the full names of a sensor's coefficients of temperature."""
+    """Return the full names of a sensor's temperature coefficients."""
     return [n for n in sensor.coefficients if sensor.coefficient(n).basis.uses("dT", "dTdt")]
 
 
 def refuse_temperature_terms_in_plan(sensor: Sensor) -> None:
-    """Refuse coefficients of temperature where a plan replaces the data: it has no temperatures.
+    """Raise InputError if a plan replaces the data and the sensor has temperature coefficients.
 
     Raises
     ------
     InputError
-        Naming the coefficients.
+        A plan has no temperatures; the message names the coefficients.
     """
     if names := tuple(temperature_coefficients(sensor)):
         raise InputError(

@@ -1,25 +1,25 @@
-"""Tumble test of one accelerometer: n positions of a dividing head in the field of gravity.
+"""Tumble test of one accelerometer: n positions of a dividing head in the gravity field.
 
-The spindle is horizontal and the output axis lies along it. At the angle θ of the spindle the
-input axis feels g sin θ and the pendulous axis g cos θ: at 0°, 90°, 180°, 270° the input axis is
-level, up, level, down. With s = sin θ, c = cos θ the reading is::
+The spindle is horizontal and the output axis lies along it. At the spindle angle θ the input axis
+senses g sin θ and the pendulous axis g cos θ. At 0°, 90°, 180°, 270° the input axis is level, up,
+level, down. With s = sin θ, c = cos θ the reading is::
 
     y = K₀ + (1 + k₁) g s + δ_O g c + K₂ g² s² + K_ip g² s c + K₃ g³ s³
       = A₀ + S₁ sin θ + C₁ cos θ + S₂ sin 2θ + C₂ cos 2θ + S₃ sin 3θ
 
-What one tumble observes, by s² = (1 − cos 2θ)/2, s c = sin 2θ / 2, s³ = (3 sin θ − sin 3θ)/4::
+One tumble observes, with s² = (1 − cos 2θ)/2, s c = sin 2θ / 2, s³ = (3 sin θ − sin 3θ)/4::
 
     A₀ = K₀ + K₂ g²/2            C₁ = δ_O g          C₂ = −K₂ g²/2
     S₁ = (1 + k₁ + ¾ K₃ g²) g    S₂ = K_ip g²/2      S₃ = −K₃ g³/4
 
-* The mean holds K₀ + K₂ g²/2 and the sine k₁ + ¾ K₃ g²; K₂ separates through the second harmonic
-  alone, K₃ through the third: K₀ = A₀ + C₂, k₁ = (S₁ + 3 S₃)/g − 1. On the four cardinal positions
-  s³ = s: only k₁ + K₃ g² is left. K_ip is the sine of 2θ and disturbs nothing else.
-* g is not separated from the scale factor: its relative uncertainty is an uncertainty of k₁.
-* s² + c² = 1: K_pp is not separated from K₀ and K₂. Terms of the output axis are not observed.
+* The mean contains K₀ + K₂ g²/2 and the sine k₁ + ¾ K₃ g². Only the second harmonic separates K₂,
+  and only the third K₃: K₀ = A₀ + C₂, k₁ = (S₁ + 3 S₃)/g − 1. At the four cardinal positions
+  s³ = s, so only k₁ + K₃ g² can be determined. K_ip is the sine of 2θ and disturbs nothing else.
+* g cannot be separated from the scale factor, so its relative uncertainty is an uncertainty of k₁.
+* s² + c² = 1, so K_pp cannot be separated from K₀ and K₂. Output-axis terms are not observed.
 
-An error ε(θ) = ε₀ + Σ a_h sin hθ + b_h cos hθ of the head's angle adds g c ε, to first order, to
-the reading. By products of sines and cosines this is::
+To first order, an error ε(θ) = ε₀ + Σ a_h sin hθ + b_h cos hθ of the head's angle adds g c ε to
+the reading. From products of sines and cosines it follows that::
 
     ε₀          C₁ by g ε₀                      δ_O by ε₀: a constant error looks like δ_O
     a₁ sin θ    S₂ by g a₁/2                    K_ip by a₁/g
@@ -31,13 +31,14 @@ the reading. By products of sines and cosines this is::
     a₄ sin 4θ   S₃ (and S₅) by g a₄/2           k₁ by 3 a₄/2, K₃ by −2 a₄/g²
     b₄ cos 4θ   C₃ and C₅ by g b₄/2             nothing
 
-Higher harmonics have no effect until n positions fold harmonic h ± 1 onto a lower one. None of the
-first four lines shows in the residuals. A white error σ adds (σ dy/dθ)² to the variance of a
-reading, nearly (σ g c)². Second-order effects of angles, k₁ by −σ²/2, are neglected: 1e-10 at 3″.
+Higher harmonics have no effect unless n positions fold harmonic h ± 1 onto a lower one. None of the
+errors in the first four lines shows in the residuals. A white error σ adds (σ dy/dθ)² to the
+variance of a reading, approximately (σ g c)². Second-order effects of angles, −σ²/2 on k₁, are
+neglected: 1e-10 at 3″.
 
 The reference form is linear in its coefficients, and `fourier` and `least_squares` are exact for
-it. A sensor whose case is turned by δ reads sin(θ + δ): in the reference form k₁ then has an error
-of −δ²/2 and other coefficients have errors of their products with δ; in the tilted form the
+it. A sensor whose case is rotated by δ reads sin(θ + δ). In the reference form k₁ then has an error
+of −δ²/2, and other coefficients have errors of their products with δ. In the tilted form the
 coefficients of the input axis have neither error.
 
 Source: IEEE Std 1293, static multipoint (tumble) test.
@@ -65,10 +66,10 @@ from inercal.physics.plan import Indexings
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 
-_MAX_ANGLE_CORRECTION = 0.01  # rad, from a stated to an even angle, of `fourier`
-# Each iteration reduces the error by the factor `_MAX_ANGLE_CORRECTION` or more.
+_MAX_ANGLE_CORRECTION = 0.01  # rad, from a stated to an even angle, in `fourier`
+# Each iteration reduces the error at least by the factor `_MAX_ANGLE_CORRECTION`.
 _CORRECTION_ITERATIONS = 6
-_ROUNDING_LIMIT = 1e-12  # of g
+_ROUNDING_LIMIT = 1e-12  # relative to g
 
 
 def least_squares(
@@ -78,30 +79,31 @@ def least_squares(
     steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the estimate by the sensor's exact model, in either form, at any positions.
+    """Return the estimate with the sensor's exact model, in either form and at any positions.
 
     Gravity, angles and drift are nuisances with the bench's deviations as priors.
 
     Parameters
     ----------
     observations : Observations
-        One row a position, (..., r, 1) in SI.
+        One row per position, (..., r, 1) in SI.
     sensor : Sensor
-        One accelerometer along x with P along y, and the coefficients to estimate.
+        One accelerometer along x with P along y, with the coefficients to estimate.
     bench : DividingHead
     steps : sequence of r Index
-        Of the rows.
+        The steps of the rows.
     priors : sequence of Gaussian
-        On coefficients, from other measurements.
+        Priors on coefficients, from other measurements.
 
     Raises
     ------
     InputError
-        Several axes, a gyro or an axis along another direction, readings of another axis, no
-        coefficient, fewer than four different positions, steps that are not those of the rows, two
-        steps with the same label, or a row without noise.
+        There are several axes, a gyro or an axis along another direction, readings of another axis,
+        no coefficient, fewer than four different positions, steps that are not those of the rows,
+        two steps with the same label, or a row without noise.
     NotObserved
-        Coefficients that these positions do not determine, by name, and the harmonics that fold.
+        These positions do not determine some coefficients; the message names them and the harmonics
+        that fold.
     """
     angle = _checked_angles(observations, sensor, steps)
     try:
@@ -126,22 +128,24 @@ def fourier(
     steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
-    """Return k0, k1, delta_o, k2, kip and k3, as chosen, by closed formulas from harmonics.
+    """Return k0, k1, delta_o, k2, kip and k3, as selected, by closed formulas from harmonics.
 
-    All readings have equal weight, also those near the level, where errors of the angle act most: a
-    white error can increase the uncertainty of k2 by a factor √2 over `least_squares`. Noise,
-    drift, angles and gravity are propagated. Where level, autocollimator or certificate state a
-    difference from the even angle, the reading is corrected for it along the fitted curve.
-    Coefficients that are not chosen are taken as zero. Arguments as for `least_squares`, of one
-    recording, without priors.
+    All readings have equal weight, including those near level, where angle errors act most. A white
+    error can therefore increase the uncertainty of k2 by a factor √2 compared with `least_squares`.
+    Noise, drift, angles and gravity are propagated. If the level, autocollimator or certificate
+    states a difference from the even angle, the reading is corrected for it along the fitted curve.
+    Coefficients that are not selected are assumed to be zero. The arguments are as for
+    `least_squares`, with one recording and without priors.
 
     Raises
     ------
     InputError
-        As for `least_squares`; positions that are not evenly spaced and equally often visited, or
-        far from their even angles; priors, the tilted form, or other coefficients.
+        As for `least_squares`; also for positions that are not evenly spaced and equally often
+        visited, or far from their even angles, and for priors, the tilted form, or other
+        coefficients.
     NotObserved
-        Coefficients whose harmonics fold, by name, and which harmonic folds onto which.
+        Harmonics fold; the message names their coefficients and says which harmonic folds onto
+        which.
     """
     estimator_inputs.refuse_priors(priors, "fourier", "least_squares")
     estimator_inputs.require_single_recording(observations, "estimator fourier")
@@ -163,7 +167,7 @@ def fourier(
     sums = matrix / np.sum(matrix**2, axis=0)
 
     def formulas(x: Array) -> Array:
-        # Gravity is one of the arguments, so that its uncertainty is propagated with the others.
+        # Gravity is an argument, so its uncertainty is propagated together with the others.
         values: list[Array] = []
         for row in x.reshape(-1, x.shape[-1]):
             to_term, add = harmonics.amplitude_map(terms, float(row[-1]))
@@ -201,18 +205,18 @@ def fourier(
 
 
 def _nominal_angles(steps: Indexings) -> Array:
-    """Return the angle of each step, (r,) rad: on the even grid where the steps have one."""
+    """Return the angle of each step, (r,) rad, on the even grid if the steps have one."""
     grid = even_angles(steps)
     return np.array([step.angle for step in steps]) if grid is None else grid
 
 
 def _force_at_even_angles(bench: DividingHead, steps: Indexings, f: Array) -> Array:
-    """Return the force at the nominal angles; f, (r, 3) m/s², is that at the stated angles.
+    """Return the force at the nominal angles from the force f, (r, 3) m/s², at the stated angles.
 
     Raises
     ------
     InputError
-        A position far from its even angle.
+        A position is far from its even angle.
     """
     plain = [
         replace(step, angle=float(a), level=0.0, reading=0.0)
@@ -232,11 +236,11 @@ def _force_at_even_angles(bench: DividingHead, steps: Indexings, f: Array) -> Ar
 
 
 def _checked_angles(observations: Observations, sensor: Sensor, steps: Indexings) -> Array:
-    """Return the nominal angle of each row, (r,) rad, of observations that can be used."""
+    """Return the nominal angle of each row, (r,) rad, after checks of the observations."""
     if len(sensor.axes) != 1 or sensor.axes[0].measures != "f":
         words = {"f": "an accelerometer", "w": "a gyro"}
         raise InputError(
-            f"a tumble test takes one accelerometer: name one in [sensor]; sensor {sensor.name} "
+            f"a tumble test needs exactly one accelerometer in [sensor], but sensor {sensor.name} "
             f"has {', '.join(f'{a.name} ({words[a.measures]})' for a in sensor.axes)}",
             key="[sensor]",
             names=sensor.channels,

@@ -1,13 +1,13 @@
-"""Harmonics of a tumble test: which contains which coefficient, and which fold onto one another.
+"""Harmonics of a tumble test: which coefficients each contains, and which fold onto one another.
 
-On n evenly spaced positions θ = θ₀ + 2πk/n the columns 1, sin hθ, cos hθ are orthogonal as long as
-n ≥ 2m + 1 for the highest harmonic m (IEEE Std 1293), and amplitudes are plain sums::
+At n evenly spaced positions θ = θ₀ + 2πk/n the columns 1, sin hθ, cos hθ are orthogonal if
+n ≥ 2m + 1 for the highest harmonic m (IEEE Std 1293), and amplitudes are simple sums::
 
     A₀ = Σ y / n,   S_h = 2 Σ y sin hθ / n,   C_h = 2 Σ y cos hθ / n
 
-With fewer positions harmonic h is not separated from harmonic n − h; harmonic n/2 retains one of
-its two phases, and the sum of squares of that column, not n/2, is the divisor. Positions visited
-equally often (a turn forward and a turn back) do not change this.
+With fewer positions harmonic h cannot be separated from harmonic n − h. Harmonic n/2 retains only
+one of its two phases, and its divisor is the sum of squares of that column instead of n/2.
+Positions that are visited equally often (a turn forward and a turn back) do not change this.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from inercal.physics.sensors import G0, Sensor
 TERMS = ("k0", "k1", "delta_o", "k2", "kip", "k3")
 _HARMONIC_OF_TERM = {"k0": "A0", "k1": "S1", "delta_o": "C1", "k2": "C2", "kip": "S2", "k3": "S3"}
 _HIGHEST_HARMONIC = 3
-_ANGLE_TOLERANCE = 1e-9  # rad; equal nominal angles differ by rounding alone
+_ANGLE_TOLERANCE = 1e-9  # rad; equal nominal angles differ only by rounding
 
 
 def harmonic_names(terms: Sequence[str]) -> tuple[str, ...]:
@@ -41,8 +41,8 @@ def harmonic_basis(angle: Array, names: Sequence[str]) -> Array:
 def amplitude_map(terms: Sequence[str], g: float) -> tuple[Array, Array]:
     """Return the map from amplitudes to coefficients, (p, p), and the constant to add, (p,).
 
-    Amplitudes in m/s², in the order of `harmonic_names`; coefficients in SI.
-    Terms that are not listed are taken as zero.
+    Amplitudes are in m/s², in the order of `harmonic_names`; coefficients are in SI. Terms that are
+    not listed are assumed to be zero.
     """
     k2 = -2 / g**2
     k3 = -4 / g**3
@@ -67,21 +67,21 @@ def confounded_columns(matrix: Array) -> Bools:
 
 
 def distinct_angles(angle: Array) -> tuple[Array, Indices]:
-    """Return the distinct angles within one turn, rad and rising, and how often each was visited.
+    """Return the distinct angles within one turn, rad, ascending, and the number of visits to each.
 
     Parameters
     ----------
     angle : (r,) array
-        rad, in any turn.
+        Angles in any turn, rad.
     """
-    # An angle of a rounding below a whole turn is angle 0.
+    # An angle that is below a whole turn by rounding is angle 0.
     within = np.sort(np.mod(angle + _ANGLE_TOLERANCE / 2, 2 * pi) - _ANGLE_TOLERANCE / 2)
     first = np.flatnonzero(np.diff(within, prepend=-np.inf) > _ANGLE_TOLERANCE)
     return within[first], np.diff(first, append=len(within))
 
 
 def unevenness(angle: Array) -> str:
-    """Return as text where angles, (r,) rad, are not evenly spaced or visited; empty if even."""
+    """Describe where angles, (r,) rad, are not evenly spaced or visited; empty if they are even."""
     at, visits = distinct_angles(angle)
     gaps = np.diff(at, append=at[0] + 2 * pi)
     worst = int(np.argmax(gaps))
@@ -89,7 +89,7 @@ def unevenness(angle: Array) -> str:
     if gaps[worst] - even > len(at) * _ANGLE_TOLERANCE:
         return (
             f"the position after {degrees(at[worst]):.6g}° is {degrees(gaps[worst]):.6g}° "
-            f"away instead of the {degrees(even):.6g}° of {len(at)} even positions"
+            f"away instead of the {degrees(even):.6g}° between {len(at)} even positions"
         )
     if visits.min() != visits.max():
         most, least = int(visits.argmax()), int(visits.argmin())
@@ -101,12 +101,12 @@ def unevenness(angle: Array) -> str:
 
 
 def require_even_spacing(angle: Array) -> None:
-    """Refuse positions that are not evenly spaced around the circle and equally often visited.
+    """Raise InputError if positions are not evenly spaced on the circle or not visited equally.
 
     Raises
     ------
     InputError
-        Saying where.
+        The message says where the positions are uneven.
     """
     if words := unevenness(angle):
         raise InputError(
@@ -117,10 +117,10 @@ def require_even_spacing(angle: Array) -> None:
 
 
 def folded_harmonics(angle: Array) -> tuple[str, ...]:
-    """Return which harmonic up to the third folds onto which lower one, as text.
+    """Return as text which harmonics up to the third fold onto which lower ones.
 
-    Empty where no harmonic folds, and where positions are not evenly spaced: there none folds
-    exactly.
+    The result is empty if no harmonic folds. It is also empty if positions are not evenly spaced,
+    because then no harmonic folds exactly.
 
     Examples
     --------
@@ -147,7 +147,7 @@ def folded_harmonics(angle: Array) -> tuple[str, ...]:
 def require_distinct_harmonics(
     sensor: Sensor, terms: Sequence[str], matrix: Array, angle: Array
 ) -> None:
-    """Refuse terms whose harmonics, columns of `matrix`, fold onto one another.
+    """Raise NotObserved if terms have harmonics, columns of `matrix`, that fold onto one another.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def not_observed_error(
     remedy: str,
     names: Sequence[str] = (),
 ) -> NotObserved:
-    """Return the refusal: the coefficients, the free directions, and the harmonics that fold.
+    """Return an error with the coefficients, the free directions, and the harmonics that fold.
 
     Parameters
     ----------
@@ -185,11 +185,11 @@ def not_observed_error(
     directions : sequence of str
         Combinations of coefficients in natural units, in words.
     angle : (r,) array
-        rad.
+        Angles of the positions, rad.
     remedy : str
-        In addition to fewer coefficients and more positions.
+        Remedy to state in addition to fewer coefficients and more positions.
     names : sequence of str
-        Coefficients to name in addition to those of the directions.
+        Coefficients to name in addition to those in the directions.
     """
     plain = tuple(words.partition(" (in units")[0] for words in directions)
     touched = {word for words in plain for word in words.replace("−", " ").split()} | set(names)
@@ -208,7 +208,7 @@ def not_observed_error(
 
 
 def folding_notes(angle: Array) -> tuple[str, ...]:
-    """Return the note on coefficients that were not chosen, where harmonics fold."""
+    """Return a note on coefficients that were not selected, if harmonics fold."""
     folded = folded_harmonics(angle)
     if not folded:
         return ()

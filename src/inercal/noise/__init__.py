@@ -1,7 +1,7 @@
-"""The noise of a sensor from a recording at rest: deviations, coefficients and disturbances.
+"""Determine sensor noise from a recording at rest: deviations, coefficients, disturbances.
 
-`analyse_noise` returns the `NoiseAnalysis` of a recording. `analyse_noise_stream` returns that of
-a recording that is too long for the memory, from its pieces. Values inside are in SI.
+`analyse_noise` returns the `NoiseAnalysis` of a recording. For a recording that is too long for the
+memory, `analyse_noise_stream` does the same piece by piece. Internally, all values are in SI.
 """
 
 from inercal.noise.analysis import analyse_noise

@@ -1,6 +1,6 @@
-"""Sums of squared second differences, the hot loop of the Allan deviation.
+"""Sums of squared second differences, which dominate the time of an Allan deviation.
 
-They pass over the cumulative sum only once, while NumPy would need one pass for each operation.
+They need only one pass over the cumulative sum, whereas NumPy needs one pass for each operation.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.estimation.kernel_options import njit
 
-_BLOCK = 4096  # differences of all factors in turn, whose places stay in the cache
+_BLOCK = 4096  # differences per block for all factors in turn, so that their data stay in the cache
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -26,7 +26,7 @@ def squared_second_differences(
     x : (n,) array
     factors, strides : (k,) array of int
     firsts : (k,) array of int
-        i begins at it, a multiple of the stride, and goes on by the stride.
+        First value of i, a multiple of the stride; i then increases by the stride.
     """
     out = np.zeros(factors.size)
     for begin in range(0, x.size, _BLOCK):
@@ -37,7 +37,7 @@ def squared_second_differences(
             start = max(begin, firsts[j])
             if stride == 1:
                 if end > start:
-                    # Slices of known step are added by vectors.
+                    # The compiler vectorizes slices with a known step.
                     early, middle, late = x[start:end], x[start + m : end + m], x[start + 2 * m :]
                     for i in range(early.size):
                         d = late[i] - 2.0 * middle[i] + early[i]

@@ -1,9 +1,9 @@
-"""Determines the noise of each channel of a recording at rest, as `inercal noise` does.
+"""Determine the noise of each channel from a recording at rest, as `inercal noise` does.
 
 1. The recording is split at its gaps (`pieces`).
 2. Lines are removed from the spectrum (`lines`); the terms are chosen and fitted (`selection`).
 3. A ramp and the temperature are added if the likelihood requires them (`drift_regression`).
-4. The fit is tested (`goodness`), and disturbances are searched for (`disturbances`).
+4. The fit is tested (`goodness`), and disturbances are detected (`disturbances`).
 """
 
 from collections.abc import Iterable, Sequence
@@ -74,7 +74,7 @@ def quiet_parts(parts: Sequence[Part], found: Sequence[Disturbance], dt: float) 
 
 
 def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) -> str:
-    """Return K with and without the disturbed times.
+    """State K with and without the disturbed times.
 
     Parameters
     ----------
@@ -85,10 +85,10 @@ def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) ->
         Whether `channel` includes the disturbed times.
     """
     if other is None:
-        return "disturbances cover the whole recording, so K without them is not known"
+        return "disturbances cover the whole recording, so K without them is unknown"
     one, two = (_walk(fit, channel.quantity) for fit in (channel.fit, other))
     with_them, without = (one, two) if kept else (two, one)
-    how = "; --skip-disturbed leaves the disturbed times out" if kept else ""
+    how = "; --skip-disturbed excludes the disturbed times" if kept else ""
     return f"K is {with_them} with the disturbed times and {without} without them{how}"
 
 
@@ -103,7 +103,7 @@ DEVIATIONS = ("oadev", "mdev", "ohdev", "totdev")
 
 @dataclass(frozen=True)
 class AnalysisOptions:
-    """The options of `analyse_noise`; see there."""
+    """The options of `analyse_noise`; see there for their meaning."""
 
     candidates: tuple[str, ...]
     method: Method
@@ -125,28 +125,29 @@ def analyse_noise(
     skipped_bands: Sequence[Band] = (),
     gravity: float | None = G0,
 ) -> NoiseAnalysis:
-    """Return the noise of every channel of a recording at rest.
+    """Determine the noise of every channel from a recording at rest.
 
     Parameters
     ----------
     recording : Recording
-        Units of rate (rad/s, °/s, …) or acceleration (m/s², g, …), (n, m). It is split at its gaps.
+        Recording in units of rate (rad/s, °/s, …) or acceleration (m/s², g, …), (n, m). It is split
+        at its gaps.
     terms : str, optional
         Symbols of the terms to fit, such as "NBK"; by default Akaike's criterion chooses them.
     method : "likelihood", "gmwm" or "wls_log"
-        Which estimate of the coefficients is reported. GMWM needs one piece of at most 2¹⁸
-        samples; otherwise the likelihood is reported, and a remark says so.
+        Method whose estimate of the coefficients is reported. GMWM needs a single piece of at most
+        2¹⁸ samples; otherwise the likelihood is reported, and a remark says so.
     spacing : "octave", "decade" or "all"
         Averaging times of the reported deviations. The estimates use octaves.
     kinds : sequence of str
         Deviations to report; "oadev" is always included.
     keep_disturbed : bool
-        If false, the disturbed times are left out, which splits the recording there.
+        If false, the disturbed times are excluded, which splits the recording there.
     skipped_bands : sequence of (float, float)
-        Lowest and highest frequency of bands that the fit leaves out, Hz.
+        Lowest and highest frequency of each band that the fit excludes, Hz.
     gravity : float or None
-        Local gravity, m/s², with which three accelerometers are compared; None for readings without
-        gravity, such as simulated noise, whose unit is then not checked.
+        Local gravity, m/s², with which the readings of three accelerometers are compared. None for
+        readings without gravity, such as simulated noise, whose unit is then not checked.
 
     Returns
     -------
@@ -156,9 +157,9 @@ def analyse_noise(
     Raises
     ------
     InputError
-        There are fewer than 64 samples, a unit is of neither quantity, accelerometers do not read
-        gravity, readings are rounded to steps of more than 2.5 times their noise, or terms are
-        unknown.
+        There are fewer than 64 samples, a unit is neither a rate nor an acceleration,
+        accelerometers do not read gravity, readings are rounded to steps of more than 2.5 times
+        their noise, or terms are unknown.
     """
     wanted = AnalysisOptions(
         candidate_models(terms), method, spacing, tuple(kinds), keep_disturbed, tuple(skipped_bands)
@@ -182,12 +183,12 @@ def candidate_models(terms: str | None) -> tuple[str, ...]:
     Parameters
     ----------
     terms : str, optional
-        Symbols of the only model.
+        Symbols of the only model to use.
 
     Raises
     ------
     InputError
-        Unknown terms.
+        A term is unknown.
     """
     if terms is None:
         return CANDIDATES
@@ -195,7 +196,7 @@ def candidate_models(terms: str | None) -> tuple[str, ...]:
     bad = sorted({one for one in chosen if one not in TERMS})
     if bad or not chosen or len(set(chosen)) != len(chosen):
         raise InputError(
-            f"terms {terms!r} are not possible; write each of {', '.join(TERMS)} at most once, "
+            f"terms {terms!r} are not valid; write each of {', '.join(TERMS)} at most once, "
             "such as NBK",
             key="--terms",
         )
@@ -223,10 +224,10 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
         parts = quiet_parts(every, found, pieces.dt)
         left = (sum(map(len, every)) - sum(map(len, parts))) * pieces.dt
         remarks.append(
-            f"{format_duration(left)} were left out because of disturbances (found {len(found)})"
+            f"{format_duration(left)} were excluded because of disturbances ({len(found)} found)"
         )
     spectra, lines = _spectra(parts, pieces.dt, wanted.skipped_bands)
-    remarks += [f"{low:g}–{high:g} Hz were left out of the fit" for low, high in
+    remarks += [f"{low:g}–{high:g} Hz were excluded from the fit" for low, high in
                 wanted.skipped_bands]  # fmt: skip
     octaves = _deviations(parts, pieces.dt, "oadev", "octave")
     n = sum(map(len, parts))
@@ -269,9 +270,9 @@ def _other_fit(
     like: Bins,
     step: float,
 ) -> NoiseFit | None:
-    """Return the fit without the disturbed times where they are kept, otherwise that with them.
+    """Return the fit without the disturbed times if they are kept, otherwise the fit with them.
 
-    None if nothing would be left.
+    Return None if no data would remain.
     """
     parts = every
     if wanted.keep_disturbed:
@@ -286,7 +287,7 @@ def _other_fit(
 def _low_frequencies(
     parts: Sequence[Part], low: Spectrum, dt: float
 ) -> tuple[Array | None, dict[str, Array]]:
-    """Return the values and the regressors of the drift of one piece; none of several."""
+    """Return low-frequency values and drift regressors; nothing if there are several pieces."""
     if len(parts) > 1:
         return None, {}
     m, temperature = round(low.dt / dt), parts[0].temperature
@@ -307,14 +308,14 @@ def _spectra(
             lines += found
     if skipped_bands and not any(one.kept.any() for one in spectra):
         raise InputError(
-            f"--skip-band leaves nothing of 0 to {0.5 / dt:g} Hz; skip less",
+            f"--skip-band excludes all of 0 to {0.5 / dt:g} Hz; exclude less",
             key="--skip-band",
         )
     return tuple(spectra), tuple(lines)
 
 
 def _deviations(parts: Sequence[Part], dt: float, kind: str, spacing: Spacing) -> Deviations:
-    """Return a deviation of the pieces: OADEV across gaps, others weighted by their differences."""
+    """Return a deviation of all pieces: OADEV across gaps, others weighted by their differences."""
     if len(parts) > 1 and kind == "oadev" and fits_grid(parts, dt):
         return gap_oadev(parts, dt, spacing)
     return join_deviations(

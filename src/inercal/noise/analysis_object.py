@@ -1,4 +1,4 @@
-"""A noise analysis as one object for JSON."""
+"""Convert a noise analysis to an object for JSON."""
 
 from math import isfinite, sqrt
 from typing import Any, cast
@@ -8,7 +8,7 @@ from inercal.noise.output_filter import OutputFilter
 
 
 def analysis_object(analysis: NoiseAnalysis) -> dict[str, Any]:
-    """Return the analysis as an object of plain values, SI; values that are not finite are None."""
+    """Convert the analysis to plain values in SI; values that are not finite become None."""
     found = {
         "source": analysis.source,
         "sha256": analysis.sha256,
@@ -32,7 +32,7 @@ def _finite(content: Any) -> Any:
 
 
 def _filter_object(output: OutputFilter | None) -> dict[str, Any] | None:
-    """Return the sensor's own filter; the cut-off is not a number of an average."""
+    """Return the sensor's own filter as an object; `cutoff` is meaningless for an average."""
     if output is None:
         return None
     return {
@@ -94,6 +94,10 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
         "disturbances": [vars(one) for one in channel.disturbances],
         "drift": [vars(one) for one in channel.drift],
         "remarks": list(channel.remarks),
+        "smallest_allan_deviation": {
+            "value": float(channel.oadev.value[channel.oadev.lowest]),
+            "tau": float(channel.oadev.tau[channel.oadev.lowest]),
+        },
         "deviations": {
             kind: {
                 "tau": one.tau.tolist(),

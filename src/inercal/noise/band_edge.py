@@ -1,9 +1,9 @@
-"""White noise from the low frequencies only, if no filter describes the upper ones.
+"""Estimate white noise from low frequencies only, if no filter describes the upper ones.
 
-Bands grow by half octaves from below. Each is fitted with N, B and K, and the next half octave is
-compared with the fit; the band ends when it departs by 3.3 times its standard uncertainty. This is
-detected late, which makes N a few per cent too small, so the band used ends two half octaves
-earlier and 1 % is added to the uncertainty of N.
+The band grows from below in half octaves. Each band is fitted with N, B and K, and the next half
+octave is compared with the fit. The band ends when that half octave differs from the fit by 3.3
+times its standard uncertainty. This detection comes late, which makes N a few per cent too small.
+The band used therefore ends two half octaves earlier, and 1 % is added to the uncertainty of N.
 """
 
 from collections.abc import Sequence
@@ -14,22 +14,22 @@ from inercal.noise.likelihood import fit_terms
 from inercal.noise.spectrum import Bins
 
 ADDED_RELATIVE_U = 0.01  # of N
-_DEPARTS = 3.3  # standard uncertainties
+_DEPARTS = 3.3  # standard uncertainties, for a significant difference
 _BACK = 2  # half octaves
 _FEWEST = 256  # coefficients in the lowest band
 _LARGEST_U = 0.2  # of N, relative
-_PLATEAU = 3.0  # times the frequency where white noise and flicker cross, that the band must reach
+_PLATEAU = 3.0  # the band must reach this multiple of the white-noise/flicker crossing frequency
 
 
 def band_below(bins: Bins, symbols: Sequence[str]) -> Bins | None:
-    """Return the bins below the edge of the band that N, B and K describe; None without any.
+    """Return the bins in the band that N, B and K describe; None if there is no such band.
 
     Parameters
     ----------
     bins : Bins
-        Without a filter.
+        Bins without a filter.
     symbols : sequence of str
-        Terms to fit, N among them.
+        Terms to fit, including N.
     """
     order = np.argsort(bins.frequency, kind="stable")
     enough = np.searchsorted(np.cumsum(bins.weight[order]), _FEWEST)

@@ -1,13 +1,14 @@
-"""The model of a channel's noise: its terms, the sensor's own filter, and the drift.
+"""Model of a channel's noise: its terms, the sensor's own filter, and the drift.
 
 1. A filter is searched for (`filter_search`). It is accepted if the fit with it passes the test.
 2. Without a filter the terms are fitted to the whole spectrum.
 3. If they fail the test, only the band that they describe is used (`band_edge`).
-4. N, B and K are refused if white noise behind a filter cannot be distinguished from bias
-   instability, or if there is a filter that neither a shape nor a band describes.
+4. N, B and K are refused in two cases: white noise behind a filter cannot be distinguished from
+   bias instability, or there is a filter that neither a known shape nor a band describes.
 
-White noise behind one pole at f_c and a Gauss–Markov process of T = 1/(2π f_c) have one spectrum.
-The white noise of the read-out distinguishes them, because only behind a filter can there be none.
+White noise behind one pole at f_c has the same spectrum as a Gauss–Markov process with
+T = 1/(2π f_c). The white noise of the read-out distinguishes them, because only a filter can
+suppress all white noise.
 """
 
 from dataclasses import dataclass, replace
@@ -37,49 +38,49 @@ from inercal.physics.quantities import SensorKind
 
 REFUSED = ("N", "B", "K")
 BEFORE_FILTER = "NBK"
-"""Terms that are fitted while a filter is looked for."""
-_LEAST_CUTOFF = 2e-3  # f_c Δ, below which a spectrum is that of a Gauss–Markov process
-_LEAST_FLOOR = 1e-3  # F² over N²: white noise beside a Gauss–Markov process
-_ROUNDING = 1.5  # N² of rounding that is not quite white, over step² Δ/12
-_LONGEST = 10.0  # s, 1/(2π f_c) of a filter
+"""Terms that are fitted during the search for a filter."""
+_LEAST_CUTOFF = 2e-3  # f_c Δ, below which a spectrum is attributed to a Gauss–Markov process
+_LEAST_FLOOR = 1e-3  # F² over N²: white noise next to a Gauss–Markov process
+_ROUNDING = 1.5  # largest N² of rounding noise, which is not quite white, over step² Δ/12
+_LONGEST = 10.0  # s, largest 1/(2π f_c) of a filter
 _LOW_CUTOFF, _WHITE_BESIDE_MARKOV = 2e-2, 0.1  # f_c Δ; N² over 2σ²T of a process behind it
-_JUDGED = 0.1  # of the cut-off, from which a filter's fit is judged
-_AVERAGE_CUTOFF = 0.2  # f_c Δ of averages, for this
+_JUDGED = 0.1  # of the cut-off, from which the fit of a filter is tested
+_AVERAGE_CUTOFF = 0.2  # f_c Δ used for averages in this test
 _ABOVE_CROSSING = 5.0  # times the frequency at which flicker and white noise are equal
-_FALLEN = 0.8  # power of the upper half of the frequencies over that below, behind a filter
+_FALLEN = 0.8  # power in the upper half of the frequencies over that below, behind a filter
 _UPPER, _BELOW = (0.5, 1.0), (0.25, 0.5)  # of the highest frequency
-_FLAT, _SURE = 0.03, 3.3  # of a spectrum that does not fall: share, and standard deviations
-_LEAST_WHITE = 0.1  # N over the density of all samples
+_FLAT, _SURE = 0.03, 3.3  # tolerance for a flat spectrum: fraction, and standard deviations
+_LEAST_WHITE = 0.1  # N over the noise density of all samples
 
 
 @dataclass(frozen=True, eq=False)
 class ChannelSummary:
-    """Spectra, deviations and disturbances of a channel, from which its noise follows, SI.
+    """Spectra, deviations and disturbances of a channel, from which its noise is determined, SI.
 
     Parameters
     ----------
     channel : str
     quantity : "gyro" or "accelerometer"
     n, longest : int
-        Samples in all pieces, and in the longest.
+        Number of samples in all pieces, and in the longest piece.
     dt : float
-        Δ, s.
+        Sampling interval Δ, s.
     mean : float
     spectra : tuple of Spectrum
         Spectra without lines, low frequencies first.
     lines : tuple of SpectralLine
     octaves : Deviations
-        Overlapping Allan deviation at octaves, for the estimates.
+        Overlapping Allan deviation at octaves, used for the estimates.
     deviations : dict of kind to Deviations
-        To report.
+        Deviations to report.
     disturbances : tuple of Disturbance
     remarks : tuple of str
     low_values : (k,) array or None
-        Means whose transform is spectra[0]; None for several pieces.
+        Means whose transform is spectra[0]; None if there are several pieces.
     regressors : dict of name to (k,) array
-        Of the drift.
+        Regressors of the drift.
     step : float
-        Step to which the readings are rounded; 0 if none is seen.
+        Step to which the readings are rounded; 0 if none is detected.
     """
 
     channel: str
@@ -101,13 +102,13 @@ class ChannelSummary:
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """What was fitted to a channel.
+    """The noise model that was fitted to a channel.
 
     Parameters
     ----------
     selection : Selection
     bins : Bins
-        With the filter, or of the band, that were used.
+        The bins that were used, with the filter or limited to the band.
     drift : DriftFit or None
     refusal : NoiseRefusal or None
     """
@@ -119,13 +120,13 @@ class NoiseModel:
 
 
 def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
-    """Return the model of a channel.
+    """Find the model of a channel.
 
     Parameters
     ----------
     one : ChannelSummary
     candidates : tuple of str
-        Models to choose from; a filter needs N in each.
+        Models to choose from; the filter search requires N in each of them.
     """
     if not all("N" in symbols for symbols in candidates):
         return _solve(one, make_bins(one.spectra, one.dt), candidates)
@@ -146,7 +147,7 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
     contradictory = _is_contradictory(plain)
     suspected = contradictory or (suspected and not one.disturbances)
     if not suspected or not (contradictory or _falls(fine, rounding)):
-        return plain  # a vibration, a disturbance: the judgement of the fit names its band
+        return plain  # caused by a vibration or disturbance; the test of the fit names its band
     band = band_below(fine, BEFORE_FILTER)
     if band is not None and _describes(one, found := _solve(one, band, candidates)):
         white = found.selection.fit.variance("N")
@@ -161,11 +162,12 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
 
 
 def _describes(one: ChannelSummary, model: NoiseModel) -> bool:
-    """Return whether a model passes the test of fit where it matters to what is decided.
+    """Return whether a model passes the test of fit at the relevant frequencies.
 
-    Of a filter these are the frequencies from a tenth of its cut-off: whether drift has the terms
-    that are fitted says nothing of it. Of a band the averaging times are not judged, which hold the
-    frequencies above. Terms that were asked for may be too few.
+    For a filter, these are the frequencies above a tenth of its cut-off, because lower ones only
+    show whether the drift has the fitted terms. For a band, the averaging times are not tested,
+    because they include higher frequencies. If the user requested specific terms, they may be too
+    few, so N, B and K are tested instead.
     """
     bins, fit = model.bins, model.selection.fit
     if model.selection.is_asked:
@@ -181,25 +183,25 @@ def _describes(one: ChannelSummary, model: NoiseModel) -> bool:
 
 
 def rounding_noise(step: float, dt: float) -> float:
-    """Return F² of readings rounded to a step: white noise of step²/12 each."""
+    """Return F² for readings rounded to a step, which adds white noise of variance step²/12."""
     return step**2 * dt / 12
 
 
 def selection_with_filter(
     spectra: tuple[Spectrum, ...], dt: float, candidates: tuple[str, ...], like: Bins, step: float
 ) -> Selection:
-    """Return the terms of other parts of a recording, with a filter or a band like the whole's.
+    """Select the terms for part of a recording, with a filter or band like that of the whole.
 
     Parameters
     ----------
     spectra : tuple of Spectrum
     dt : float
-        s.
+        Sampling interval, s.
     candidates : tuple of str
     like : Bins
-        Of the whole recording.
+        Bins of the whole recording.
     step : float
-        Of the rounding, SI.
+        Rounding step, SI.
     """
     bins = make_bins(spectra, dt, fine=like.fine)
     if like.output is not None:
@@ -213,7 +215,7 @@ def selection_with_filter(
 
 
 def _solve(one: ChannelSummary, bins: Bins, candidates: tuple[str, ...]) -> NoiseModel:
-    """Return the terms that fit bins best, with the drift that the low frequencies show."""
+    """Return the terms that fit the bins best, with the drift found at low frequencies."""
     selection = select_terms(bins, candidates)
     if one.low_values is None or not one.regressors:
         return NoiseModel(selection, bins)
@@ -224,7 +226,7 @@ def _solve(one: ChannelSummary, bins: Bins, candidates: tuple[str, ...]) -> Nois
 
 
 def _placed(found: NoiseModel, search: FilterSearch) -> NoiseModel | None:
-    """Return a model behind a filter, or its refusal; None if it is a Gauss–Markov process."""
+    """Return a model with a filter, or its refusal; None if it is a Gauss–Markov process."""
     fit = found.selection.fit
     output = settled_filter(found.bins, fit)
     assert output is not None
@@ -245,7 +247,7 @@ def _placed(found: NoiseModel, search: FilterSearch) -> NoiseModel | None:
 
 
 def _same_spectrum(time: float) -> str:
-    """Return that a filter of 1/(2π T) is not distinguished from a Gauss–Markov process of T, s."""
+    """Explain that a filter and a Gauss–Markov process with T, s, have the same spectrum."""
     return (
         f"white noise behind a low-pass filter at {1 / (2 * np.pi * time):.2g} Hz has the same "
         f"spectrum as a Gauss–Markov process with a time constant of {time:.2g} s"
@@ -253,17 +255,17 @@ def _same_spectrum(time: float) -> str:
 
 
 def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
-    """Return a model, or its refusal where a low-pass filter could explain it.
+    """Return the model, or its refusal if a low-pass filter could also explain it.
 
     White noise behind a filter looks like a short Gauss–Markov process or, above the cut-off, like
-    a random walk. Only other white noise beside it tells them apart.
+    a random walk. Only additional white noise distinguishes them.
 
     Parameters
     ----------
     model : NoiseModel
-        Without a filter.
+        Model without a filter.
     rounding : float
-        White noise of the rounding of the readings, N² in SI.
+        White noise due to rounding of the readings, N² in SI.
     """
     fit = model.selection.fit
     white = max(fit.variance("N") - _ROUNDING * rounding, 0.0)
@@ -278,13 +280,13 @@ def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
         return _refused(
             model,
             "white noise behind a low-pass filter with a low cut-off has the same spectrum as "
-            "a random walk, and no other white noise is seen that would distinguish them",
+            "a random walk, and no other white noise was found that could distinguish them",
         )
     return model
 
 
 def _is_contradictory(model: NoiseModel) -> bool:
-    """Return whether N is far below the density of all samples, beside B, K or G."""
+    """Return whether N is far below the density of all samples although B, K or G is present."""
     bins, found = model.bins, model.selection
     density = float(bins.weight @ bins.power / bins.weight.sum()) * bins.dt
     sure = any(one in found.significance and found.significance[one].is_present for one in "BKG")
@@ -292,7 +294,7 @@ def _is_contradictory(model: NoiseModel) -> bool:
 
 
 def _falls(bins: Bins, rounding: float) -> bool:
-    """Return whether the spectrum falls up to half the rate, or ends in the rounding alone."""
+    """Return whether the spectrum falls up to half the rate, or ends in rounding noise only."""
     upper, below = _white(bins, _UPPER), _white(bins, _BELOW)
     top = bins.frequency.max()
     count = bins.weight[bins.frequency > _UPPER[0] * top].sum()
@@ -301,7 +303,7 @@ def _falls(bins: Bins, rounding: float) -> bool:
 
 
 def _white(bins: Bins, octave: tuple[float, float]) -> float:
-    """Return N², SI², in a band that is stated in shares of the highest frequency."""
+    """Return N², SI², in a band given as fractions of the highest frequency."""
     share = bins.frequency / bins.frequency.max()
     chosen = (share > octave[0]) & (share <= octave[1])
     weight = bins.weight[chosen]
@@ -313,7 +315,7 @@ def _refused(model: NoiseModel, cause: str) -> NoiseModel:
 
 
 def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -> ChannelNoise:
-    """Return the noise of a channel.
+    """Determine the noise of a channel from its summary.
 
     Parameters
     ----------
@@ -335,7 +337,7 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
         remarks = undetermined(selection, bins, one.longest * one.dt)
     output, band = settled_filter(bins, selection.fit), bins.limit
     if band < np.inf:
-        # The whole spectrum is judged by what its lower part says.
+        # Test the whole spectrum against the model that was fitted to its lower part.
         bins = make_bins(one.spectra, one.dt, fine=bins.fine)
         selection = replace(selection, fit=extended(selection.fit, bins))
     return ChannelNoise(

@@ -1,4 +1,4 @@
-"""The result of a noise analysis: coefficients, tests and disturbances of each channel."""
+"""Result of a noise analysis: coefficients, tests and disturbances of each channel."""
 
 from dataclasses import dataclass
 from math import inf
@@ -24,7 +24,7 @@ QUANTITIES: tuple[SensorKind, ...] = tuple(SI_UNIT)
 
 @dataclass(frozen=True)
 class NoiseCoefficient:
-    """A coefficient of the noise, SI.
+    """A noise coefficient, SI.
 
     Parameters
     ----------
@@ -32,17 +32,17 @@ class NoiseCoefficient:
         "Q", "N", "B", "K", "G" (σ of a Gauss–Markov process) or "T" (its time constant, s).
     name : str
     value : float
-        0 if only an upper limit is known.
+        Value of the coefficient; 0 if only an upper limit is known.
     u : float
         Standard uncertainty; infinite if only a limit is known.
     low, high : float
-        Ends of the interval of ±2u by profile likelihood, or 0 and the upper limit (95 %).
+        Ends of the ±2u interval from the profile likelihood, or 0 and the upper limit (95 %).
     unit : str
-        Unit in which it is printed.
+        Unit for display.
     ratio, limit : float
-        2 ΔL to the best model without the term, and its limit; 0 and 0 for N and T.
+        2 ΔL relative to the best model without the term, and its limit; both are 0 for N and T.
     is_open : bool
-        Whether its significance is left open, because a Gauss–Markov process fits better in its
+        Whether its significance is undecided, because a Gauss–Markov process fits better in its
         place, or because it was requested but the test does not find it.
     """
 
@@ -64,7 +64,7 @@ class NoiseCoefficient:
 
     @property
     def is_significant(self) -> bool | None:
-        """Whether the term is significant; None for T, and if this is left open."""
+        """Whether the term is significant; None for T, and if this is undecided."""
         if self.symbol == "N":
             return not self.is_limit
         if self.symbol == "T" or (not self.is_limit and self.is_open):
@@ -73,18 +73,18 @@ class NoiseCoefficient:
 
     @property
     def size(self) -> float:
-        """SI size of the unit in which it is printed."""
+        """SI size of the unit for display."""
         return si_factor(self.unit)
 
 
 def coefficient_unit(symbol: str, quantity: SensorKind) -> str:
-    """Return the unit in which a coefficient is printed."""
+    """Return the unit in which a coefficient is displayed."""
     return "s" if symbol == "T" else TERMS[symbol].units[quantity]
 
 
 @dataclass(frozen=True)
 class NoiseRefusal:
-    """Why the coefficients of a channel are not stated.
+    """The reason why some coefficients of a channel are not stated.
 
     Parameters
     ----------
@@ -112,15 +112,15 @@ class ChannelNoise:
     channel : str
     quantity : "gyro" or "accelerometer"
     n : int
-        Samples in all pieces.
+        Number of samples in all pieces.
     dt : float
-        Δ, s.
+        Sampling interval Δ, s.
     mean : float
-        SI.
+        Mean reading, SI.
     coefficients : tuple of NoiseCoefficient
-        By `method`.
+        Coefficients that were estimated by `method`.
     deviations : dict of kind to Deviations
-        SI.
+        Deviations by kind, SI.
     selection : Selection
     bins : Bins
     goodness : Goodness
@@ -128,9 +128,9 @@ class ChannelNoise:
     disturbances : tuple of Disturbance
     drift : tuple of DriftTerm
     remarks : tuple of str
-        What the recording cannot determine, and how it was treated.
+        Remarks on quantities that the recording cannot determine, and on how it was treated.
     comparison : dict of method to coefficients by symbol
-        Cross-checks, SI.
+        Cross-checks with other methods, SI.
     method : str
         "likelihood", "gmwm" or "wls_log".
     output : OutputFilter or None
@@ -195,16 +195,16 @@ class NoiseAnalysis:
     Parameters
     ----------
     source : str
-        The file; empty without one.
+        Name of the file; empty if there is none.
     duration : float
-        s.
+        Duration of the recording, s.
     channels : tuple of ChannelNoise
     remarks : tuple of str
         Remarks on all channels, such as gaps and jitter.
     sha256 : str
-        Of the file.
+        Hash of the file.
     movement : str
-        How the sensor moved; empty for a recording at rest.
+        Description of how the sensor moved; empty for a recording at rest.
     """
 
     source: str
@@ -226,22 +226,22 @@ class NoiseAnalysis:
             if one.channel == name:
                 return one
         raise InputError(
-            f"there is no channel {name!r}; there are "
+            f"there is no channel {name!r}; the channels are "
             f"{', '.join(one.channel for one in self.channels)}"
         )
 
     def of(self, quantity: SensorKind) -> tuple[ChannelNoise, ...]:
-        """Return the channels of a quantity."""
+        """Return the channels that measure a quantity."""
         return tuple(one for one in self.channels if one.quantity == quantity)
 
 
 def quantity_of(unit: str, channel: str) -> SensorKind:
-    """Return which quantity a unit belongs to, angular rate or acceleration.
+    """Return whether a unit belongs to angular rate or to acceleration.
 
     Raises
     ------
     InputError
-        The unit is of neither quantity.
+        The unit belongs to neither quantity.
     """
     for quantity, like in SI_UNIT.items():
         try:

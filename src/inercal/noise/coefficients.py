@@ -1,10 +1,10 @@
-"""From a fit to coefficients with their uncertainties, and what a recording cannot determine.
+"""Convert a fit to coefficients with uncertainties, and find what a recording cannot determine.
 
-The recording time needed for a wanted uncertainty follows from the information in the spectrum.
+The recording time needed for a required uncertainty follows from the information in the spectrum.
 With the frequencies k/2T of a recording of length T, the covariance of the variances θ is [½ Σ_k e
 eᵀ/S²]⁻¹, and u of a coefficient is u(θ)/2√θ. All coefficients k up to the Nyquist frequency are
-used. A term whose own uncertainty exceeds its value is not visible in such a recording and is not
-fitted, so the others are known better.
+used. A term whose own uncertainty exceeds its value is not visible in such a recording. It is not
+fitted, which reduces the uncertainty of the others.
 """
 
 from dataclasses import replace
@@ -35,8 +35,8 @@ from inercal.physics.quantities import SensorKind
 
 Method = Literal["likelihood", "gmwm", "wls_log"]
 METHODS: tuple[str, ...] = get_args(Method)
-_RUNNERS_UP = 4.0  # of AIC, within which other models are named
-_GMWM_LONGEST = 1 << 18  # block means, for the covariance of all pairs of averaging times
+_RUNNERS_UP = 4.0  # largest AIC difference of other models that are named
+_GMWM_LONGEST = 1 << 18  # block means; limited by the covariance of all pairs of averaging times
 _BINS = 200
 _SINGLE = 32
 _LONGEST = 1e9  # s
@@ -52,11 +52,11 @@ def possible_method(
     ----------
     method : "likelihood", "gmwm" or "wls_log"
     n : int
-        Samples of the longest piece.
+        Number of samples in the longest piece.
     single : bool
-        Whether it is the only piece, because GMWM cannot join pieces.
+        Whether it is the only piece; GMWM cannot join pieces.
     bins : Bins
-        Bins of the fit. GMWM has no model of a sensor's filter and needs all averaging times.
+        Bins of the fit. GMWM cannot model a sensor's filter and needs all averaging times.
     """
     if method != "gmwm":
         return method, ()
@@ -79,21 +79,21 @@ def estimate_coefficients(
     method: Method,
     n: int,
 ) -> tuple[tuple[NoiseCoefficient, ...], dict[str, Estimates]]:
-    """Return the coefficients by a method, and the estimates of the other methods, SI.
+    """Return the coefficients from one method, and the estimates of the other methods, SI.
 
-    B and K have only an upper limit if they are not in the model or not significant.
+    For B and K, only an upper limit is given if they are not in the model or not significant.
 
     Parameters
     ----------
     selection : Selection
     bins : Bins
     oadev : Deviations
-        At octaves.
+        Overlapping Allan deviation at octaves.
     quantity : "gyro" or "accelerometer"
     method : "likelihood", "gmwm" or "wls_log"
-        See `possible_method`.
+        Method to use; see `possible_method`.
     n : int
-        Block means of the longest piece.
+        Number of block means in the longest piece.
     """
     fit = selection.fit
     comparison: dict[str, Estimates] = {"likelihood": _likelihood_estimates(selection, bins)}
@@ -117,13 +117,15 @@ def estimate_coefficients(
         found.append(_coefficient(symbol, estimate, fit, bins, quantity, test, is_open=is_open))
     if "N" in fit.symbols:
         found += [_absent(one, fit, bins, quantity) for one in "BK" if one not in fit.symbols]
+    order = list(TERMS)
+    found.sort(key=lambda one: order.index(one.symbol))
     if "G" in fit.symbols:
         found.append(_time_constant(fit, bins))
     return tuple(found), comparison
 
 
 def _longer(oadev: Deviations, shortest: float) -> Deviations:
-    """Return the deviations at an averaging time, s, and at all longer ones."""
+    """Return the deviations at averaging times of at least `shortest`, s."""
     kept = oadev.tau >= shortest
     arrays = {
         name: getattr(oadev, name)[kept] for name in ("tau", "value", "low", "high", "edf", "count")
@@ -133,7 +135,7 @@ def _longer(oadev: Deviations, shortest: float) -> Deviations:
 
 
 def _time_constant(fit: NoiseFit, bins: Bins) -> NoiseCoefficient:
-    """Return T; at an end of the grid of T only a limit is known, and no uncertainty."""
+    """Return T; at the ends of its grid it is only a limit without uncertainty."""
     time, name = fit.markov_time, "time constant"
     if is_time_limit(bins, fit):
         short = time < float(np.sqrt(bins.times[0] * bins.times[-1]))
@@ -163,7 +165,7 @@ def _likelihood_estimates(selection: Selection, bins: Bins) -> Estimates:
 
 
 def _white_spread(bins: Bins) -> float:
-    """Return the relative standard deviation of N by the choice of the filter or of the band."""
+    """Return the relative standard deviation of N due to the choice of filter or band."""
     if bins.limit < np.inf:
         return ADDED_RELATIVE_U
     return 0.0 if bins.output is None else bins.output.white_spread
@@ -193,7 +195,7 @@ def _coefficient(
 
 
 def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
-    """Return remarks on models that fit equally well, and on terms that white noise hides.
+    """Return remarks about models that fit equally well, and about terms hidden by white noise.
 
     Parameters
     ----------
@@ -210,10 +212,12 @@ def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
         if one.aic - fit.aic <= _RUNNERS_UP and one.symbols != fit.symbols
     ]
     if rivals:
-        names = ", ".join(
-            f"{' + '.join(one.symbols)} (AIC {one.aic - fit.aic:+.1f})" for one in rivals
+        names = " or ".join(" + ".join(one.symbols) for one in rivals)
+        more = ", ".join(f"{one.aic - fit.aic:.1f}" for one in rivals)
+        found.append(
+            f"{names} would describe the recording about as well as {' + '.join(fit.symbols)} "
+            f"(their AIC is higher by {more})"
         )
-        found.append(f"the recording cannot distinguish {' + '.join(fit.symbols)} from {names}")
     if hidden := hidden_terms(selection, seconds):
         found.append(
             f"white noise hides {' and '.join(hidden)} at all averaging times up to the longest, "
@@ -229,12 +233,12 @@ def hidden_terms(selection: Selection, seconds: float) -> tuple[str, ...]:
     ----------
     selection : Selection
     seconds : float
-        Length of the longest piece, s; its longest averaging time is half of it.
+        Length of the longest piece, s; the longest averaging time is half of it.
     """
     fit = selection.fit
     white, flicker, walk = (fit.variance(one) for one in "NBK")
     longest = seconds / 2
-    # A term is hidden where its Allan variance reaches that of white noise only beyond the longest
+    # A term is hidden if its Allan variance reaches that of white noise only beyond the longest
     # averaging time.
     if flicker > 0 and white / (FLICKER_FLOOR * flicker) > longest:
         return tuple(one for one in fit.symbols if one in "BK")
@@ -246,7 +250,7 @@ def hidden_terms(selection: Selection, seconds: float) -> tuple[str, ...]:
 def relative_uncertainties(
     variances: dict[str, float], dt: float, length: float, markov_time: float = 1.0
 ) -> dict[str, float]:
-    """Return u/value of each coefficient above zero for a recording of `length`, s.
+    """Return u/value of each nonzero coefficient for a recording of `length`, s.
 
     Parameters
     ----------
@@ -255,9 +259,9 @@ def relative_uncertainties(
     dt : float
         Sampling interval, s.
     length : float
-        s.
+        Length of the recording, s.
     markov_time : float
-        T, s, taken as known.
+        Time constant T of the Gauss–Markov process, s, assumed to be known.
     """
     symbols = [symbol for symbol, value in variances.items() if value > 0]
     n = max(int(length / dt), 4)
@@ -293,7 +297,7 @@ def length_for(
     relative: float,
     markov_time: float = 1.0,
 ) -> float:
-    """Return the length of a recording, s, for u/value = `relative`; infinite beyond 30 years."""
+    """Return the recording length, s, needed for u/value = `relative`; infinite above 30 years."""
     low, high = 16 * dt, _LONGEST
     if relative_uncertainties(variances, dt, high, markov_time).get(symbol, np.inf) > relative:
         return np.inf

@@ -1,11 +1,12 @@
 """Other estimators of the same coefficients, for comparison with the likelihood.
 
-- `slopes`: the straight lines that are read off the Allan plot. B is read too large by
-  √(1 + 2NK/(√3·0.4413 B²)), and N at 1 s by √(1 + 0.4413 B²/N² + K²/3N²).
-- `wls_log`: least squares of ln σ with weights edf/2 as if averaging times were independent.
-  Neighbouring octaves correlate by 0.5 to 0.9, so that its own u is 0.58 to 0.75 of the truth.
+- `slopes`: the straight lines that are read off the Allan plot. B is too large by a factor of √(1 +
+  2NK/(√3·0.4413 B²)), and N at 1 s by √(1 + 0.4413 B²/N² + K²/3N²).
+- `wls_log`: least squares of ln σ with weights edf/2, as if averaging times were independent.
+  Neighbouring octaves have correlations of 0.5 to 0.9, so its stated u is only 0.58 to 0.75 of the
+  true value.
 - `gmwm`: generalised least squares of the Allan variances with their exact covariance, iterated
-  (Guerrier et al. 2013); as efficient as the likelihood.
+  (Guerrier et al. 2013). It is as efficient as the likelihood.
 """
 
 from collections.abc import Sequence
@@ -34,7 +35,7 @@ def _columns(
 
 
 def _nonnegative(columns: Array, target: Array, root: Array) -> Array:
-    """Return θ ≥ 0 with the least squares of root (columns θ − target)."""
+    """Return θ ≥ 0 that minimises the squares of root (columns θ − target)."""
     return nonnegative_least_squares(root @ columns, root @ target)
 
 
@@ -54,14 +55,14 @@ def wls_log(
     markov_time: float,
     output: OutputFilter | None = None,
 ) -> Estimates:
-    """Return coefficients and their u, too small, by weighted least squares of ln σ.
+    """Return coefficients and their u, which is too small, by weighted least squares of ln σ.
 
     Parameters
     ----------
     oadev : Deviations
     symbols : sequence of str
     dt, markov_time : float
-        s.
+        Sampling interval and time constant of the Gauss–Markov process, s.
     output : OutputFilter, optional
         The sensor's own filter.
     """
@@ -73,7 +74,7 @@ def wls_log(
     theta = _nonnegative(columns, measured, np.diag(np.sqrt(oadev.edf / 2) / measured))
     model = np.maximum(columns @ theta, 1e-3 * measured)
     for _ in range(_ROUNDS):
-        # ln σ² about the model: σ² (1 + ln(measured/σ²)).
+        # Linearise ln σ² around the model: σ² (1 + ln(measured/σ²)).
         target = model * (1 + np.log(measured / model))
         theta = _nonnegative(columns, target, np.diag(np.sqrt(oadev.edf / 2) / model))
         model = np.maximum(columns @ theta, 1e-3 * measured)
@@ -82,14 +83,14 @@ def wls_log(
 
 
 def allan_covariance(gamma: Array, factors: Sequence[int], n: int) -> Array:
-    """Return the exact covariance of overlapping Allan variances of Gaussian noise, (k, k).
+    """Return the exact covariance of overlapping Allan variances for Gaussian noise, (k, k).
 
     Parameters
     ----------
     gamma : (n,) array
         Variogram of the block means at lags 0 … n−1; γ(0) = 0.
     factors : sequence of int
-        Averaging factors m; every difference is used.
+        Averaging factors m; all differences are used.
     n : int
         Number of block means.
     """
@@ -114,7 +115,7 @@ def allan_covariance(gamma: Array, factors: Sequence[int], n: int) -> Array:
 
 
 def _pairs(lag: Array, first: int, second: int) -> Array:
-    """Return how many pairs of differences have each lag: t in 0 … first−1, t − lag in second."""
+    """Return the number of pairs of differences with each lag; t < first, t − lag < second."""
     return np.clip(np.minimum(first, second + lag) - np.maximum(0, lag), 0, None).astype(float)
 
 
@@ -126,17 +127,17 @@ def gmwm(
     start: Array,
     n: int,
 ) -> Estimates:
-    """Return coefficients and u by least squares with the model's exact covariance, iterated.
+    """Return coefficients and u by iterated least squares with the model's exact covariance.
 
     Parameters
     ----------
     oadev : Deviations
-        At octaves, of n block means without gaps.
+        Overlapping Allan deviation at octaves, from n block means without gaps.
     symbols : sequence of str
     dt, markov_time : float
-        s.
+        Sampling interval and time constant of the Gauss–Markov process, s.
     start : (p,) array
-        Squared coefficients to begin with.
+        Squared coefficients at the start of the iteration.
     n : int
     """
     factors = [round(float(t) / dt) for t in oadev.tau]
@@ -157,9 +158,10 @@ def gmwm(
 
 
 def slopes(oadev: Deviations) -> Estimates:
-    """Return N, B and K as read off the plot at slopes −½, 0 and +½; they have no u.
+    """Read N, B and K off the Allan plot at slopes −½, 0 and +½; they have no u.
 
-    N and K are the lines of these slopes through the averaging times whose local slope is nearest.
+    N and K are the lines with these slopes through the averaging times at which the local slope is
+    closest.
     """
     log_tau, log_value = np.log(oadev.tau), np.log(oadev.value)
     local = np.diff(log_value) / np.diff(log_tau)
@@ -175,12 +177,12 @@ def slopes(oadev: Deviations) -> Estimates:
 
 
 def slope_bias(white: float, flicker: float, walk: float) -> dict[str, float]:
-    """Return the factors by which B, and N at 1 s, are read too large off the plot.
+    """Return the factors by which B, and N at 1 s, are too large when read off the plot.
 
     Parameters
     ----------
     white, flicker, walk : float
-        N, B, K of the fit, SI; N and B above 0.
+        N, B and K of the fit, SI; N and B must be above 0.
     """
     floor = FLICKER_FLOOR * flicker**2
     return {

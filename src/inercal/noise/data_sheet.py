@@ -1,13 +1,14 @@
-"""Noise as a data sheet states it, as the coefficients N, B and K.
+"""Convert the noise stated on a data sheet to the coefficients N, B and K.
 
-A noise density of the form rms/√bandwidth is one-sided, N is the root of the two-sided density::
+A noise density in the form rms/√bandwidth is one-sided, whereas N is the root of the two-sided
+density::
 
     D² B_n = rms²,  D² = 2 N²          D one-sided density, B_n equivalent noise bandwidth
     N = D/√2 = rms/√(2 B_n)            N is also the angle or velocity random walk, σ_θ = N √t
     B_n = f₃ (π/2n)/sin(π/2n)          f₃ −3 dB frequency of a Butterworth filter of order n
-    min² = (2 ln2/π) B² + 2 N K/√3     min the minimum of the Allan deviation, at τ = √3 N/K
+    min² = (2 ln2/π) B² + 2 N K/√3     min is the minimum of the Allan deviation, at τ = √3 N/K
 
-If K is not known, B is taken as min/√(2 ln2/π), which is somewhat too large.
+If K is unknown, B is calculated as min/√(2 ln2/π), which is slightly too large.
 Sources: IEEE Std 952, annex B; IEEE Std 1293.
 """
 
@@ -34,15 +35,15 @@ _NO_UNCERTAINTY = (
 
 @dataclass(frozen=True)
 class SheetCoefficient:
-    """A coefficient that follows from a data sheet, SI.
+    """A coefficient calculated from a data sheet, SI.
 
     Parameters
     ----------
     symbol : "N", "B" or "K"
     values : tuple of float
-        One value for all axes, or one for each.
+        A single value for all axes, or one value for each axis.
     stated : str
-        What the data sheet states, with its kind, such as "0.008 °/s/√Hz (density)".
+        The value on the data sheet, with its kind, such as "0.008 °/s/√Hz (density)".
     """
 
     symbol: str
@@ -50,7 +51,7 @@ class SheetCoefficient:
     stated: str
 
     def of_axis(self, k: int) -> float:
-        """Return the value of axis k, 0 to 2."""
+        """Return the value for axis k, 0 to 2."""
         return self.values[0] if len(self.values) == 1 else self.values[k]
 
     @property
@@ -61,17 +62,17 @@ class SheetCoefficient:
 
 @dataclass(frozen=True)
 class DataSheetNoise:
-    """The noise that a data sheet states.
+    """Noise as stated on a data sheet.
 
     Parameters
     ----------
     name : str
         Name of the data sheet.
     rate_hz : float
-        Sampling rate; 0 if none is stated.
+        Sampling rate, Hz; 0 if none is stated.
     coefficients : dict of quantity to tuple of SheetCoefficient
     remarks : tuple of str
-        Doubts about the stated values.
+        Remarks on doubtful values.
     """
 
     name: str
@@ -91,11 +92,11 @@ class DataSheetNoise:
 
     @property
     def all_remarks(self) -> tuple[str, ...]:
-        """The remarks, and the statement that there is no uncertainty."""
+        """All remarks, including the statement that there is no uncertainty."""
         return (_NO_UNCERTAINTY, *self.remarks)
 
     def coefficient(self, quantity: SensorKind, symbol: str) -> SheetCoefficient | None:
-        """Return a coefficient, or None."""
+        """Return a coefficient, or None if it is not stated."""
         found = self.coefficients.get(quantity, ())
         return next((one for one in found if one.symbol == symbol), None)
 
@@ -108,7 +109,7 @@ def _triad(quantity: SensorKind, found: Sequence[SheetCoefficient], rate_hz: flo
 
 
 def white_noise(value: float, kind: WhiteKind) -> float:
-    """Return N, SI, of a one-sided noise density or of a random walk, which is N.
+    """Convert a one-sided noise density, or a random walk, which equals N, to N in SI.
 
     >>> round(white_noise(0.008, "density"), 6), white_noise(0.008, "random walk")
     (0.005657, 0.008)
@@ -117,7 +118,7 @@ def white_noise(value: float, kind: WhiteKind) -> float:
 
 
 def white_noise_of_rms(rms: float, bandwidth: float, kind: BandwidthKind) -> float:
-    """Return N, SI, of an rms value within a bandwidth, Hz.
+    """Convert an rms value within a bandwidth in Hz to N in SI.
 
     The noise is assumed to be white up to that bandwidth.
 
@@ -128,7 +129,7 @@ def white_noise_of_rms(rms: float, bandwidth: float, kind: BandwidthKind) -> flo
 
 
 def noise_bandwidth(bandwidth: float, kind: BandwidthKind) -> float:
-    """Return the equivalent noise bandwidth, Hz, of it or of a filter's −3 dB frequency.
+    """Convert a filter's −3 dB frequency to its noise bandwidth, Hz; keep a noise bandwidth.
 
     >>> [round(noise_bandwidth(1.0, kind), 4) for kind in ("first order", "second order")]
     [1.5708, 1.1107]
@@ -140,16 +141,16 @@ def noise_bandwidth(bandwidth: float, kind: BandwidthKind) -> float:
 
 
 def bias_instability(value: float, kind: BiasKind, others: float = 0.0) -> float:
-    """Return B, SI, of the minimum of an Allan deviation or of the coefficient itself.
+    """Convert the minimum of an Allan deviation, or the coefficient itself, to B in SI.
 
-    It is not a number if the other terms alone have a larger minimum.
+    The result is NaN if the minimum due to the other terms is already larger.
 
     Parameters
     ----------
     value : float
     kind : "minimum" or "coefficient"
     others : float
-        Minimum of the Allan deviation of white noise and random walk alone.
+        Minimum of the Allan deviation due to white noise and random walk only.
 
     >>> round(bias_instability(0.6643, "minimum"), 4)
     1.0
@@ -161,7 +162,7 @@ def bias_instability(value: float, kind: BiasKind, others: float = 0.0) -> float
 
 
 def minimum_without_flicker(white: float, walk: float) -> float:
-    """Return the minimum of the Allan deviation of white noise N and random walk K alone, SI.
+    """Return the minimum of the Allan deviation with only white noise N and random walk K, SI.
 
     >>> round(minimum_without_flicker(1.0, 3**0.5 / 2), 4)
     1.0
@@ -170,5 +171,5 @@ def minimum_without_flicker(white: float, walk: float) -> float:
 
 
 def shown(value: float, symbol: str, quantity: SensorKind) -> str:
-    """Return a coefficient in the unit in which it is printed: "0.339 °/√h"."""
+    """Return a coefficient as text in its display unit: "0.339 °/√h"."""
     return format_quantity(value, 0.0, coefficient_unit(symbol, quantity), 3)

@@ -1,4 +1,4 @@
-"""Compares measured noise with that of a data sheet, channel by channel."""
+"""Compare measured noise with that of a data sheet, channel by channel."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from inercal.noise.channel_noise import (
 from inercal.noise.data_sheet import DataSheetNoise, SheetCoefficient, shown
 from inercal.noise.sensor_noise import axis_coefficient, root_mean_of_squares
 
-_NEAR = 0.1  # of √2, within which a ratio suggests the other kind of white noise
+_NEAR = 0.1  # relative distance from √2 at which a ratio suggests the other kind of white noise
 _AXES = 3
 
 HEADS = ("channel", "term", "measured", "U (k = 2)", "data sheet", "unit", "measured / data sheet")
@@ -26,7 +26,7 @@ HEADS = ("channel", "term", "measured", "U (k = 2)", "data sheet", "unit", "meas
 
 @dataclass(frozen=True)
 class SheetComparison:
-    """A coefficient of a channel compared with that of a data sheet, SI.
+    """A measured coefficient compared with that of a data sheet, SI.
 
     Parameters
     ----------
@@ -34,9 +34,10 @@ class SheetComparison:
     quantity : "gyro" or "accelerometer"
     symbol : "N", "B" or "K"
     value, u : float
-        As measured; 0 and infinite if only a limit is known or nothing was found.
+        Measured value and its standard uncertainty; 0 and infinite if only a limit or nothing is
+        known.
     limit : float or None
-        Upper limit (95 %) if only that is known.
+        Upper limit (95 %), if only that is known.
     sheet : float
     """
 
@@ -50,22 +51,22 @@ class SheetComparison:
 
     @property
     def ratio(self) -> float | None:
-        """Measured over stated; None without a measured value."""
+        """Measured value divided by stated value; None without a measured value."""
         return self.value / self.sheet if self.value else None
 
     @property
     def ratio_u(self) -> float | None:
-        """Standard uncertainty of the ratio, from the measurement alone."""
+        """Standard uncertainty of the ratio, due to the measurement only."""
         return self.u / self.sheet if self.value else None
 
     @property
     def unit(self) -> str:
-        """The unit in which it is printed."""
+        """Unit for display."""
         return coefficient_unit(self.symbol, self.quantity)
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Row of a table with `HEADS`."""
+        """Cells of a table row with the columns `HEADS`."""
         size = si_factor(self.unit)
         sheet = format_number(self.sheet / size, 3)
         if not self.value:
@@ -85,13 +86,13 @@ class SheetComparison:
 def compare_with_sheet(
     analysis: NoiseAnalysis, sheet: DataSheetNoise
 ) -> tuple[SheetComparison, ...]:
-    """Return each channel's coefficients that the data sheet states.
+    """Compare those coefficients of each channel that the data sheet states.
 
     Raises
     ------
     InputError
-        No channel is of a kind that the data sheet states, or the data sheet has values for three
-        axes but the recording has another number of axes.
+        The recording has no channel of a kind that the data sheet states. Or the data sheet has
+        values for three axes, but the recording has a different number of axes.
     """
     found: list[SheetComparison] = []
     for quantity in QUANTITIES:
@@ -138,7 +139,7 @@ def kind_remarks(rows: Sequence[SheetComparison], sheet: DataSheetNoise) -> tupl
         if not ratios or stated is None or " rms " in stated.stated:
             continue
         is_density = stated.stated.endswith("(density)")
-        # Of a density √2 times N was taken off.
+        # A density was divided by √2 to obtain N.
         factor = sqrt(2) if is_density else 1 / sqrt(2)
         mean = root_mean_of_squares(ratios)
         if abs(mean / factor - 1) < _NEAR:
@@ -153,7 +154,7 @@ def kind_remarks(rows: Sequence[SheetComparison], sheet: DataSheetNoise) -> tupl
 
 
 def comparison_object(one: SheetComparison) -> dict[str, Any]:
-    """Return a comparison for JSON, SI."""
+    """Return a comparison as an object for JSON, SI."""
     return {
         "channel": one.channel,
         "symbol": one.symbol,

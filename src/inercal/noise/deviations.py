@@ -1,18 +1,18 @@
-"""Allan, modified, Hadamard, time and total deviations of a series of block means.
+"""Allan, modified, Hadamard, time and total deviations from a series of block means.
 
-With the cumulative sum x (x[0] = 0, x in units of y Δ) of y, (n,), and an averaging factor m, the
+Let x be the cumulative sum (x[0] = 0, x in units of y Δ) of y, (n,). For an averaging factor m, the
 averaging time is τ = m Δ. Each variance is a mean of squared differences (Riley, NIST SP 1065)::
 
     oadev   (x[i+2m] − 2 x[i+m] + x[i])²/(2 τ²)
     hdev    (x[i+3m] − 3 x[i+2m] + 3 x[i+m] − x[i])²/(6 τ²)          overlapping, blind to a ramp
-    mdev    as oadev of the means of m sums;  tdev = τ mdev/√3
-    totdev  as oadev of the series reflected at both ends
+    mdev    like oadev, from the means of m sums;  tdev = τ mdev/√3
+    totdev  like oadev, from the series reflected at both ends
 
 Above m = 1024 only every (m/16)-th difference is used, because neighbouring ones are nearly equal.
-The equivalent degrees of freedom take this into account: they fall by 0.5 % for white noise and
-slower noise, but for quantisation noise, whose neighbours are independent, to those of the
-differences used. With spacing "all" the overlapping Allan variance uses every difference, which are
-n²/4.
+The equivalent degrees of freedom take this into account. They decrease by 0.5 % for white and
+slower noise. For quantisation noise, whose neighbouring differences are independent, they decrease
+to those of the differences used. With spacing "all" the overlapping Allan variance uses all n²/4
+differences.
 """
 
 from collections.abc import Sequence
@@ -34,15 +34,15 @@ from inercal.noise.confidence import (
 # Hadamard total and modified total variance (Howe and Vernotte; NIST SP 1065, 5.2.11 to 5.2.14).
 #
 # The trend of each subsequence of three averaging times is removed. The subsequence is then
-# extended by its reflections at both ends to three times its length, and averaged. No bias is
-# corrected.
+# extended by reflection at both ends to three times its length, and averaged. No bias correction is
+# applied.
 _MOST = 1 << 22  # numbers in one block of subsequences
 
 
 def total_hadamard_variance(y: Array, m: int) -> tuple[float, int]:
-    """Return the Hadamard total variance of y, (n,), at factor m, and its number of subsequences.
+    """Return the Hadamard total variance of y, (n,), at factor m, and the number of subsequences.
 
-    At m = 1 it is the overlapping Hadamard variance, as SP 1065 defines it.
+    At m = 1 it is the overlapping Hadamard variance, as defined in SP 1065.
     """
     if m == 1:
         d = y[2:] - 2 * y[1:-1] + y[:-2]
@@ -52,15 +52,15 @@ def total_hadamard_variance(y: Array, m: int) -> tuple[float, int]:
 
 
 def total_modified_variance(x: Array, m: int) -> tuple[float, int]:
-    """Return the modified total variance of phases x, (n + 1,), and its number of subsequences."""
+    """Return the modified total variance of phases x, (n + 1,), and the number of subsequences."""
     total, count = _squares_of_subsequences(x, m)
     return total / (2 * float(m) ** 2 * count), count
 
 
 def _squares_of_subsequences(series: Array, m: int) -> tuple[float, int]:
-    """Return the sum over all subsequences of 3 m values, and their number.
+    """Return a sum over all subsequences of 3 m values, and the number of subsequences.
 
-    Of each it is the mean square of the second differences of means of m values.
+    Each subsequence contributes the mean square of the second differences of means of m values.
     """
     length = 3 * m
     half, middle = divmod(length, 2)
@@ -84,9 +84,9 @@ DeviationKind = Literal["adev", "oadev", "mdev", "hdev", "ohdev", "tdev", "totde
 Spacing = Literal["octave", "decade", "all"]
 KINDS: tuple[str, ...] = get_args(DeviationKind)
 SPACINGS: tuple[str, ...] = get_args(Spacing)
-FULL_OVERLAP = 1024  # averaging factor up to which every difference is used
-_OVERLAP = 16  # differences within an averaging time past that
-_MANY = 100  # averaging factors, beyond which names and edf are interpolated
+FULL_OVERLAP = 1024  # largest averaging factor at which every difference is used
+_OVERLAP = 16  # number of differences within an averaging time above it
+_MANY = 100  # averaging factors; with more, noise types and edf are interpolated
 _COMPILED_FROM, _COMPILED_FACTORS = 2e7, 1000  # samples times factors
 _PIECE = 1 << 15  # samples that stay in the processor's cache
 ALLAN, _HADAMARD = (1.0, -2.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
@@ -94,24 +94,27 @@ _PHASES = {"adev": 2, "oadev": 2, "mdev": 3, "tdev": 3, "hdev": 3, "ohdev": 3,
            "totdev": 1, "htot": 3, "mtot": 3}  # fmt: skip
 
 
+_FEWEST_EDF = 20.0  # the 95 % interval then reaches from 0.77 to 1.45 times the value
+
+
 @dataclass(frozen=True, eq=False)
 class Deviations:
-    """A deviation of one channel by averaging time.
+    """A deviation of one channel as a function of averaging time.
 
     Parameters
     ----------
     kind : str
-        Of `KINDS`.
+        One of `KINDS`.
     tau : (k,) array
         Averaging times, s.
     value, low, high : (k,) array
-        The deviation and the ends of its 95 % interval, in the unit of y (tdev: times s).
+        Deviation and the ends of its 95 % interval, in the unit of y (for tdev times s).
     edf : (k,) array
         Equivalent degrees of freedom.
     label : tuple of str
-        Type of noise by the lag-1 autocorrelation at each averaging time; only a label.
+        Noise type from the lag-1 autocorrelation at each averaging time; only a label.
     count : (k,) array of int
-        Differences that were used.
+        Number of differences that were used.
     """
 
     kind: str
@@ -123,6 +126,12 @@ class Deviations:
     label: tuple[str, ...]
     count: np.ndarray
 
+    @property
+    def lowest(self) -> int:
+        """Index of the smallest value among those that the recording determines well enough."""
+        usable = max(int(np.count_nonzero(self.edf >= _FEWEST_EDF)), 1)
+        return int(np.argmin(self.value[:usable]))
+
 
 def averaging_factors(n: int, spacing: Spacing, phases: int = 2) -> np.ndarray:
     """Return the averaging factors m with at least one difference: n ≥ phases · m.
@@ -132,9 +141,10 @@ def averaging_factors(n: int, spacing: Spacing, phases: int = 2) -> np.ndarray:
     n : int
         Number of block means.
     spacing : "octave", "decade" or "all"
-        Powers of 2; 1, 2, 4 of each decade; or every one.
+        Powers of 2; 1, 2 and 4 in each decade; or all factors.
     phases : int
-        Averaging times within a difference: 3 for Hadamard and modified deviations, otherwise 2.
+        Number of averaging times in a difference: 3 for Hadamard and modified deviations, otherwise
+        2.
     """
     last = max(n // phases, 1)
     if spacing == "all":
@@ -146,7 +156,7 @@ def averaging_factors(n: int, spacing: Spacing, phases: int = 2) -> np.ndarray:
 
 
 def cumulative_sum(y: Array) -> Array:
-    """Return x, (n + 1,), of y minus its mean, which cancels in every difference."""
+    """Return the cumulative sum x, (n + 1,), of y minus its mean, which cancels in differences."""
     x = np.empty(y.size + 1)
     x[0] = 0.0
     np.cumsum(y - y.mean(), out=x[1:])
@@ -174,7 +184,7 @@ def sum_of_squared_differences(
                 d += part
             else:
                 d += np.multiply(part, c, out=product[:size])
-        # Not d @ d: its threads wait for one another where the processor is busy.
+        # Do not use d @ d: its threads wait for one another if the processor is busy.
         total += float(np.add.reduce(np.multiply(d, d, out=product[:size])))
     return total, count
 
@@ -185,7 +195,7 @@ def stride_of(m: int) -> int:
 
 
 def default_strides(factors: np.ndarray) -> np.ndarray:
-    """Return `stride_of` of each averaging factor."""
+    """Return `stride_of` for each averaging factor."""
     return np.where(factors <= FULL_OVERLAP, 1, factors // _OVERLAP)
 
 
@@ -207,7 +217,7 @@ def _modified_variance(doubled: Array, m: int) -> tuple[float, int]:
 
 
 def _total_variance(x: Array, m: int) -> tuple[float, int]:
-    """Return the total variance: of x reflected about both of its ends."""
+    """Return the total variance, from x reflected at both of its ends."""
     head, tail = 2 * x[0] - x[1:m][::-1], 2 * x[-1] - x[-m:-1][::-1]
     extended = np.concatenate([head, x, tail])
     total, count = sum_of_squared_differences(extended, m, ALLAN, stride_of(m))
@@ -220,10 +230,10 @@ def variance(x: Array, m: int, kind: str) -> tuple[float, int]:
     Parameters
     ----------
     x : (n + 1,) array
-        Of `cumulative_sum`.
+        Result of `cumulative_sum`.
     m : int
     kind : str
-        Of `KINDS`; "tdev" is returned as the modified variance.
+        One of `KINDS`; for "tdev", the modified variance is returned.
     """
     if kind in ("mdev", "tdev"):
         return _modified_variance(_summed_twice(x), m)
@@ -245,21 +255,21 @@ def deviations(
 ) -> Deviations:
     """Return a deviation of y, (n,), with 95 % intervals.
 
-    The total deviations have the bias corrections of SP 1065 for the noise that the lag-1
-    autocorrelation names.
+    The total deviations include the bias corrections from SP 1065 for the noise type that follows
+    from the lag-1 autocorrelation.
 
     Parameters
     ----------
     y : (n,) array
-        Block means over `dt`, any unit.
+        Block means over `dt`, in any unit.
     dt : float
-        Δ, s.
+        Sampling interval Δ, s.
     kind : str
-        Of `KINDS`.
+        One of `KINDS`.
     spacing : "octave", "decade" or "all"
-        At "all" the overlapping Allan deviation uses every difference.
+        Averaging times; with "all", the overlapping Allan deviation uses every difference.
     factors : sequence of int, optional
-        Averaging factors instead of `spacing`.
+        Averaging factors to use instead of `spacing`.
 
     Raises
     ------
@@ -268,7 +278,7 @@ def deviations(
     """
     if kind not in KINDS:
         raise InputError(
-            f"there is no deviation {kind!r}; there are {', '.join(KINDS)}", key="--deviation"
+            f"there is no deviation {kind!r}; the kinds are {', '.join(KINDS)}", key="--deviation"
         )
     if y.size < 3:
         raise InputError(f"{y.size} values are too few for an Allan deviation; give at least 3")
@@ -292,7 +302,7 @@ def _variances(
 ) -> tuple[Array, list[int]]:
     """Return the variances at all factors, with Δ = 1, and their counts.
 
-    Only the overlapping Allan variance has other strides than those of `stride_of`.
+    Only the overlapping Allan variance can have strides other than those of `stride_of`.
     """
     if kind != "oadev" or x.size * min(factors.size, _COMPILED_FACTORS) < _COMPILED_FROM:
         if kind == "oadev":
@@ -305,7 +315,7 @@ def _variances(
         else:
             found = [variance(x, int(m), kind) for m in factors]
         return np.array([one[0] for one in found]), [one[1] for one in found]
-    # Numba takes a second to load, which only long work repays.
+    # Numba takes a second to load, which only pays off for long calculations.
     from inercal.noise._kernels import squared_second_differences
 
     factors, strides = factors.astype(np.int64), strides.astype(np.int64)
@@ -315,7 +325,7 @@ def _variances(
 
 
 def _names(x: Array, factors: np.ndarray) -> list[int]:
-    """Return α at each factor; of many factors, at the nearest of about a hundred."""
+    """Return α at each factor; if there are many factors, at the nearest of about a hundred."""
     nodes = _nodes(factors)
     alphas = [identify_noise(x, int(m)) for m in nodes]
     nearest = np.searchsorted(np.sqrt(nodes[1:] * nodes[:-1].astype(np.float64)), factors)
@@ -323,7 +333,7 @@ def _names(x: Array, factors: np.ndarray) -> list[int]:
 
 
 def _nodes(factors: np.ndarray) -> np.ndarray:
-    """Return about a hundred of many factors, evenly on a logarithmic scale."""
+    """Select about a hundred of many factors, evenly spaced on a logarithmic scale."""
     if factors.size <= _MANY:
         return factors
     places: Array = np.geomspace(float(factors[0]), float(factors[-1]), _MANY)
@@ -333,7 +343,7 @@ def _nodes(factors: np.ndarray) -> np.ndarray:
 def _interpolated_edf(
     kind: str, factors: np.ndarray, alphas: Sequence[int], n: int, strides: np.ndarray
 ) -> Array:
-    """Return the equivalent degrees of freedom, of many factors between a hundred of them."""
+    """Return the equivalent degrees of freedom, interpolated if there are many factors."""
     names, nodes = np.array(alphas), _nodes(factors)
     steps = np.maximum(np.rint(factors / strides).astype(np.int64), 1)
     overlap = dict(zip(factors.tolist(), steps.tolist(), strict=True))
@@ -355,7 +365,7 @@ def with_intervals(
     dt: float,
     strides: np.ndarray | None = None,
 ) -> Deviations:
-    """Return variances with Δ = 1 as deviations in the unit of y with their intervals.
+    """Convert variances with Δ = 1 to deviations in the unit of y, with their intervals.
 
     Parameters
     ----------
@@ -363,14 +373,14 @@ def with_intervals(
     factors : (k,) array of int
     variances : (k,) array
     counts : sequence of k int
-        Differences that were used.
+        Numbers of differences that were used.
     alphas : sequence of k int
     n : int
         Number of block means.
     dt : float
-        Δ, s.
+        Sampling interval Δ, s.
     strides : (k,) array of int, optional
-        Steps between these differences; by default `stride_of` of each factor.
+        Steps between these differences; by default `stride_of` for each factor.
     """
     strides = default_strides(factors) if strides is None else strides
     tau = factors * dt

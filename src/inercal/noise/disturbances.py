@@ -1,9 +1,10 @@
-"""Finds steps, knocks and bursts in a recording at rest, with their time, size and duration.
+"""Find steps, knocks and bursts in a recording at rest, with their time, size and duration.
 
-(a) A step at t changes the mean: |mean after − mean before| over averaging times of 1 to 128 s is
-compared with its scatter √2 σ(τ), whose robust estimate is the median of all differences. (b) A
-burst raises the variance of the differences of neighbours within windows of 10 s. Both limits are
-set by simulation of undisturbed recordings with white noise, flicker and random walk.
+(a) A step at time t changes the mean. The difference |mean after − mean before| over averaging
+times of 1 to 128 s is compared with its scatter √2 σ(τ), whose robust estimate is the median of all
+differences. (b) A burst increases the variance of the differences between neighbouring samples in
+windows of 10 s. Both limits were set by simulating undisturbed recordings with white noise, flicker
+and random walk.
 """
 
 from dataclasses import dataclass, replace
@@ -15,21 +16,21 @@ from inercal.basics.arrays import Array
 from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import block_means
 
-CHANGE_LIMIT = 6.0  # √2 σ(τ), of steps and knocks
-BURST_LEVEL = 0.00003  # nominal, of a channel: the tail of squared differences is heavier than χ²
-WINDOW = 10.0  # s, of bursts
+CHANGE_LIMIT = 6.0  # √2 σ(τ), for steps and knocks
+BURST_LEVEL = 0.00003  # nominal, per channel; squared differences have a heavier tail than χ²
+WINDOW = 10.0  # s, for bursts
 _LONGEST = 128.0  # s, over which means are compared
 _SHORTEST = 1.0  # s
 _MOST = 20  # disturbances of one channel
 _CHI_SQUARED_MEDIAN = 0.455
-_LARGEST_DIFFERENCE = 20.0  # of the usual square, that counts in a window
-_MEDIAN = 0.67449  # of the absolute value of a normal deviate
-_NO_SIZE = 0.1  # of the change of means that shows it: what is smaller is its misplaced rest
+_LARGEST_DIFFERENCE = 20.0  # times the usual square; larger ones are clipped in a window
+_MEDIAN = 0.67449  # median absolute value of a normal deviate
+_NO_SIZE = 0.1  # of the change of means that reveals it; smaller ones are remains of a removal
 _FEWEST = 8  # averaging times in a recording, below which its scatter is not known
 _MOST_SAMPLES = 1 << 20
 _CORRELATED_SAMPLES, _CORRELATED_LAGS = 1 << 15, 64
-_CORRELATED = 1.2  # times the samples for one degree of white noise, from which others count
-_WHITE_DIFFERENCES = 1.5  # samples for one degree of freedom of the differences of white noise
+_CORRELATED = 1.2  # times the samples per degree for white noise, above which correlation counts
+_WHITE_DIFFERENCES = 1.5  # samples per degree of freedom for the differences of white noise
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,12 @@ class Disturbance:
     ----------
     kind : "step", "knock" or "burst"
     time : float
-        Of its start, s from the first sample.
+        Start time, s after the first sample.
     seconds : float
-        How long it lasted; infinite for a step.
+        Duration, s; infinite for a step.
     size : float
-        Of a step or knock: the change of the mean, in the unit of the series. Of a burst: the sd
-        of the samples over that of the recording.
+        For a step or knock, the change of the mean in the unit of the series. For a burst, the
+        standard deviation of its samples divided by that of the recording.
     score : float
         Test statistic divided by its limit.
     """
@@ -62,14 +63,14 @@ class Disturbance:
 
 
 def find_disturbances(y: Array, dt: float) -> tuple[Disturbance, ...]:
-    """Return the disturbances of one channel without gaps, (n,), in the order of time.
+    """Return the disturbances in one channel without gaps, (n,), in time order.
 
     Parameters
     ----------
     y : (n,) array
-        Any unit.
+        Samples in any unit.
     dt : float
-        s.
+        Sampling interval, s.
     """
     bursts = find_bursts(y, dt)
     changes = find_changes(_without_bursts(y, dt, bursts), dt)
@@ -77,7 +78,7 @@ def find_disturbances(y: Array, dt: float) -> tuple[Disturbance, ...]:
 
 
 def _without_bursts(y: Array, dt: float, bursts: list[Disturbance]) -> Array:
-    """Return the samples with a line instead of each burst, whose means would look like knocks."""
+    """Replace each burst by a straight line, because its means would look like knocks."""
     if not bursts:
         return y
     work = y.astype(np.float64, copy=True)
@@ -93,10 +94,10 @@ def _without_bursts(y: Array, dt: float, bursts: list[Disturbance]) -> Array:
 
 
 def mean_changes(y: Array, dt: float) -> tuple[list[int], list[Array], list[float]]:
-    """Return factors m, and the difference of means at each sample and its scatter, by m.
+    """Return factors m, the difference of means at each sample for each m, and its scatter.
 
-    The scatter is infinite if there is none. The difference
-    at i is mean(y[i : i+m]) − mean(y[i−m : i]); it is 0 within m of both ends.
+    The difference at i is mean(y[i : i+m]) − mean(y[i−m : i]); it is 0 within m of both ends. If
+    there is no scatter, infinity is returned for it.
     """
     low = max(1, round(_SHORTEST / dt))
     factors = [low]
@@ -116,7 +117,7 @@ def mean_changes(y: Array, dt: float) -> tuple[list[int], list[Array], list[floa
 
 
 def find_changes(y: Array, dt: float) -> list[Disturbance]:
-    """Return the steps and knocks of a channel."""
+    """Return the steps and knocks in a channel."""
     m = -(-y.size // _MOST_SAMPLES)
     if m > 1:
         y, dt = block_means(y, m), dt * m
@@ -127,7 +128,7 @@ def find_changes(y: Array, dt: float) -> list[Disturbance]:
         factors, changes, scatters = mean_changes(work, dt)
         if not factors:
             break
-        # Extremes instead of arrays of scores, which would be as large as all changes.
+        # Use extremes instead of arrays of scores, which would be as large as all changes.
         scores = [
             max(float(one.max()), -float(one.min())) / scatter
             for one, scatter in zip(changes, scatters, strict=True)
@@ -136,7 +137,7 @@ def find_changes(y: Array, dt: float) -> list[Disturbance]:
         if scores[best] <= CHANGE_LIMIT:
             break
         one, start, stop, size = _describe(work, dt, factors[best], changes[best], scatters[best])
-        if (start, stop) in removed:  # what stays where it was removed cannot be removed
+        if (start, stop) in removed:  # what remains after a removal cannot be removed
             break
         work[start:stop] -= size
         removed.add((start, stop))
@@ -150,13 +151,13 @@ def _describe(
 ) -> tuple[Disturbance, int, int, float]:
     """Return the largest change, and what to subtract between which samples to remove it.
 
-    It is a knock where the mean returns: where the opposite change within 128 s is half as large or
-    more at the averaging time m that shows both best.
+    The change is a knock if the mean returns, which means that the opposite change within 128 s is
+    at least half as large. Both are compared at the averaging time m that shows them best.
     """
     peak = int(np.argmax(np.abs(change)))
     k = _change_place(y, peak, m)
     score = abs(float(change[peak])) / scatter / CHANGE_LIMIT
-    # Near an end of the recording means have fewer samples than the change at k is of.
+    # Near an end of the recording, the means have fewer samples than the change at k.
     size = float(y[k : k + m].mean() - y[max(k - m, 0) : k].mean())
     reach = round(_LONGEST / dt)
     low, high = max(k - reach, 0), min(k + reach + 1, y.size)
@@ -178,10 +179,10 @@ def _describe(
 
 
 def _change_place(y: Array, k: int, m: int) -> int:
-    """Return the sample about k ± m/2 that best splits samples k − m … k + m into two levels.
+    """Return the sample near k ± m/2 that best splits samples k − m … k + m into two levels.
 
-    A change within m of an end of the recording is largest at k = m from there: it is looked for up
-    to that end.
+    A change within m of an end of the recording appears largest at a distance m from that end.
+    Therefore the search extends up to that end.
     """
     start, stop = max(k - m, 0), min(k + m, y.size)
     z = y[start:stop] - y[start:stop].mean()
@@ -194,9 +195,9 @@ def _change_place(y: Array, k: int, m: int) -> int:
 
 
 def window_variances(y: Array, dt: float) -> tuple[Array, int]:
-    """Return the variance of differences within windows of 10 s, (w,), and samples in each.
+    """Return the variance of differences in windows of 10 s, (w,), and the samples per window.
 
-    Windows overlap by half.
+    Neighbouring windows overlap by half.
     """
     size = max(2, round(WINDOW / dt))
     d = np.diff(y) ** 2
@@ -210,15 +211,15 @@ def window_variances(y: Array, dt: float) -> tuple[Array, int]:
 
 
 def clipping_level(d: Array) -> float:
-    """Return the largest squared difference of neighbours that is used in a window.
+    """Return the largest squared difference between neighbours that is used in a window.
 
-    A step or a knock makes only one or two larger ones and must not look like a burst.
+    A step or a knock produces only one or two larger ones and must not look like a burst.
     """
     return _LARGEST_DIFFERENCE * float(np.median(d)) / _CHI_SQUARED_MEDIAN
 
 
 def find_bursts(y: Array, dt: float) -> list[Disturbance]:
-    """Return the bursts of a channel: groups of windows with too large a variance."""
+    """Return the bursts in a channel: groups of windows with too large a variance."""
     variances, size = window_variances(y, dt)
     step = size // 2
     found: list[Disturbance] = []
@@ -231,8 +232,8 @@ def find_bursts(y: Array, dt: float) -> list[Disturbance]:
 def samples_per_degree(y: Array) -> float:
     """Return the number of samples per degree of freedom of the variance of their differences.
 
-    It is 1 + 2 Σ r² with the autocorrelation r of the differences: 1.5 for white noise, and more
-    behind a low-pass filter.
+    It is 1 + 2 Σ r², where r is the autocorrelation of the differences. White noise gives 1.5, and
+    a low-pass filter increases it.
     """
     d = np.diff(y[:_CORRELATED_SAMPLES])
     largest = np.sqrt(clipping_level(d**2))
@@ -249,17 +250,17 @@ def samples_per_degree(y: Array) -> float:
 def bursts_of_windows(
     halves: Array, half: int, dt: float, per_degree: float = _WHITE_DIFFERENCES
 ) -> list[Disturbance]:
-    """Return the bursts of a channel without its samples; each is as long as its windows.
+    """Return the bursts in a channel without its samples; each is as long as its windows.
 
     Parameters
     ----------
     halves : (w,) array
-        Sums of `half` squared differences of neighbours, none above `clipping_level`.
+        Sums of `half` squared differences between neighbours, none above `clipping_level`.
     half : int
     dt : float
-        s.
+        Sampling interval, s.
     per_degree : float
-        See `samples_per_degree`.
+        Samples per degree of freedom; see `samples_per_degree`.
     """
     variances = (halves[:-1] + halves[1:]) / (2 * half)
     return [
@@ -275,7 +276,7 @@ def _burst(start: int, stop: int, dt: float, ratio: float, limit: float) -> Dist
 
 
 def _loud_windows(variances: Array, dof: float) -> list[tuple[int, int, float, float]]:
-    """Return first and last of each group of loud windows, its largest ratio, and the limit."""
+    """Return the first and last window of each loud group, its largest ratio, and the limit."""
     median = float(np.median(variances)) if variances.size >= _FEWEST else 0.0
     if median == 0:
         return []
@@ -290,9 +291,10 @@ def _loud_windows(variances: Array, dof: float) -> list[tuple[int, int, float, f
 
 
 def _extent(y: Array, start: int, stop: int, size: int, ratio: float) -> tuple[int, int]:
-    """Return the part of samples start … stop whose squared differences have most likely `ratio`.
+    """Return the part of samples start … stop whose squared differences most likely have `ratio`.
 
-    The likelihood ratio of a variance r times as large grows with d² above r ln r/(r − 1).
+    The likelihood ratio for a variance that is r times as large increases if d² exceeds r ln r/(r −
+    1).
     """
     start, stop = max(start - size // 2, 0), min(stop + size // 2, y.size - 1)
     d = np.diff(y[start : stop + 1]) ** 2

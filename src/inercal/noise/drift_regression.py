@@ -1,9 +1,9 @@
-"""Deterministic drift inside the likelihood: a ramp and a dependence on temperature.
+"""Deterministic drift in the likelihood: a ramp and a dependence on temperature.
 
     c = X β + e,   E e² = S        L = ½ Σ [ln S + (c − Xβ)²/S] + ½ ln|Xᵀ S⁻¹ X|   (REML)
 
-The regressors X are transformed like the data. Fitting and removing a line first would also remove
-random walk: the median of K would be 0.91 of the truth, while REML gives 0.994.
+The regressors X are transformed like the data. If a line were fitted and removed first, random walk
+would also be removed: the median of K would be 0.91 of the true value, whereas REML gives 0.994.
 """
 
 from dataclasses import dataclass, replace
@@ -17,19 +17,19 @@ from inercal.noise.numerics import dct2, pseudo_inverse
 from inercal.noise.selection import CANDIDATES, Selection, select_terms
 from inercal.noise.spectrum import Bins, Spectrum, expected_periodogram
 
-DRIFT_RATIO = 10.83  # of 2 L, by which a regressor enters: 0.1 %
+DRIFT_RATIO = 10.83  # drop of 2 L that is required to include a regressor: 0.1 %
 _ROUNDS = 4
 
 
 @dataclass(frozen=True)
 class DriftTerm:
-    """A regressor of the drift.
+    """One regressor of the drift.
 
     Parameters
     ----------
     name : "ramp", "temperature" or "temperature rate"
     value, u : float
-        Coefficient and standard uncertainty, SI: per s, per K, or per K/s.
+        Coefficient and its standard uncertainty, SI: per s, per K, or per K/s.
     """
 
     name: str
@@ -45,10 +45,10 @@ class DriftFit:
     ----------
     selection : Selection
     bins : Bins
-        Bins of the data without the drift, with the correction of REML.
+        Bins of the data without the drift, with the REML correction.
     terms : tuple of DriftTerm
     loss : float
-        L at the minimum, without the correction of REML.
+        L at the minimum, without the REML correction.
     """
 
     selection: Selection
@@ -62,7 +62,7 @@ def _transform(values: Array) -> Array:
 
 
 def _model(fit: NoiseFit, low: Spectrum, bins: Bins) -> Array:
-    """Return S of each coefficient of the low frequencies, (n−1,)."""
+    """Return S for each low-frequency coefficient, (n−1,)."""
     total = np.zeros(low.n - 1)
     for symbol, variance in fit.as_variances.items():
         time = fit.markov_time if symbol == "G" else 1.0
@@ -77,7 +77,7 @@ def _model(fit: NoiseFit, low: Spectrum, bins: Bins) -> Array:
 def _generalised(
     c: Array, x: Array, model: Array, kept: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array]:
-    """Return β, its covariance, and the share of each coefficient that β takes."""
+    """Return β, its covariance, and the share of each coefficient that β absorbs."""
     weight = kept / model
     size = np.sqrt((x**2).sum(axis=0))
     scaled = x / size
@@ -88,16 +88,16 @@ def _generalised(
 
 
 def drift_regressors(count: int, dt: float, temperature: Array | None) -> dict[str, Array]:
-    """Return the regressors of one piece: a ramp, the temperature and its rate.
+    """Return the drift regressors of one piece: a ramp, the temperature and its rate.
 
     Parameters
     ----------
     count : int
-        Block means.
+        Number of block means.
     dt : float
-        Of these, s.
+        Time between block means, s.
     temperature : array, optional
-        Its block means, K; ignored if it is constant or of another length.
+        Block means of the temperature, K; ignored if constant or of a different length.
     """
     found: dict[str, Array] = {"ramp": np.arange(count, dtype=np.float64) * dt}
     if temperature is not None and temperature.size == count and np.ptp(temperature) > 0:
@@ -113,19 +113,19 @@ def fit_drift(
     bins: Bins,
     candidates: tuple[str, ...] = CANDIDATES,
 ) -> DriftFit:
-    """Return the fit of terms together with these regressors.
+    """Fit the noise terms together with these regressors.
 
     Parameters
     ----------
     y : (n,) array
         Means whose transform is spectra[0].
     spectra : tuple of Spectrum
-        The low frequencies first.
+        Spectra, with the low frequencies first.
     regressors : mapping of name to (n,) array
     bins : Bins
-        Of the spectra, without a drift.
+        Bins of the spectra, without a drift.
     candidates : tuple of str
-        See `inercal.noise.selection.select_terms`.
+        Models to choose from; see `inercal.noise.selection.select_terms`.
     """
     low = spectra[0]
     names = tuple(regressors)
@@ -170,14 +170,14 @@ def find_drift(
     selection: Selection,
     candidates: tuple[str, ...] = CANDIDATES,
 ) -> DriftFit | None:
-    """Return the drift that the data show; None if 2 L drops by less than 10.83 for each term.
+    """Return the drift in the data; None if 2 L drops by less than 10.83 for each term.
 
     Parameters
     ----------
     y, spectra, regressors, bins, candidates
         As in `fit_drift`.
     selection : Selection
-        Without a drift.
+        Selection without a drift.
     """
     found: DriftFit | None = None
     taken: dict[str, Array] = {}

@@ -1,12 +1,12 @@
-"""Writes the noise of a sensor as states of a filter with steps of Δ and their Q, as YAML.
+"""Write sensor noise as states of a filter with steps of Δ and their Q, in YAML.
 
-A random walk of the bias has q = K² Δ; a Gauss–Markov state φ = e^(−Δ/T) and q = σ² (1 − φ²).
-Flicker is a chain of such states (`flicker_states`). White noise N has no state: N² Δ is the
-variance of the angle, or velocity, that it adds in a step.
+A random walk of the bias has q = K² Δ. A Gauss–Markov state has φ = e^(−Δ/T) and q = σ² (1 − φ²).
+Flicker is approximated by a chain of such states (`flicker_states`). White noise N has no state:
+N² Δ is the variance of the angle or velocity that it adds in one step.
 
-Between two averaging times the Allan variance of a chain of processes, with times T_k and variances
-v_k, approximates that of flicker with B = 1, 2 ln 2/π. The T_k, evenly spaced in ln T, and the
-v_k ≥ 0 minimise the largest misfit of the deviation.
+Between two averaging times, the Allan variance of a chain of processes with times T_k and variances
+v_k approximates that of flicker with B = 1, which is 2 ln 2/π. The T_k, evenly spaced in ln T, and
+the v_k ≥ 0 minimise the largest misfit of the deviation.
 """
 
 from dataclasses import dataclass
@@ -26,11 +26,11 @@ from inercal.noise.sensor_noise import (
 )
 from inercal.noise.terms import FLICKER_FLOOR, TERMS
 
-_POINTS = 24  # averaging times a decade
-_ENDS = np.geomspace(0.2, 1.6, 19)  # T of the ends over the averaging times of the ends
-_ROUNDS = 6  # of weights that even out the misfit
-_CONTINUOUS = 1e-6  # of the averaging times, Δ of the continuous-time variance
-_SHORTEST = 1.0  # s, of the averaging times of a chain; of slow sensors ten samples
+_POINTS = 24  # averaging times per decade
+_ENDS = np.geomspace(0.2, 1.6, 19)  # ratio of T at the ends to the averaging times at the ends
+_ROUNDS = 6  # number of reweightings that even out the misfit
+_CONTINUOUS = 1e-6  # of the averaging times; Δ used for the continuous-time variance
+_SHORTEST = 1.0  # s, shortest averaging time of a chain; for slow sensors, ten samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +40,10 @@ class FlickerStates:
     Parameters
     ----------
     times : (k,) array
-        T, s.
+        Time constants T, s.
     variances : (k,) array
     misfit : float
-        Largest relative error of the Allan deviation between the averaging times.
+        Largest relative error of the Allan deviation between the two averaging times.
     """
 
     times: Array
@@ -58,7 +58,7 @@ def flicker_states(shortest: float, longest: float, states: int) -> FlickerState
     ----------
     shortest, longest : float
     states : int
-        2 or more.
+        Number of states, at least 2.
     """
     tau: Array = np.geomspace(
         shortest, longest, int(_POINTS * np.log10(longest / shortest)) + 2, dtype=np.float64
@@ -84,19 +84,20 @@ def _chain(tau: Array, times: Array) -> FlickerStates:
         error = np.abs(np.sqrt(columns @ trial) - 1)
         if error.max() < misfit:
             variances, misfit = trial, float(error.max())
-        # Lawson's weights lead towards the least largest error.
+        # Lawson's weights converge to the smallest maximum error.
         weight = weight * np.sqrt(error / error.max() + 1e-3)
     return FlickerStates(times, variances, misfit)
 
 
 def filter_text(noise: SensorNoise, horizon: float) -> str:
-    """Return the states of a filter that describe the noise, SI; a triad has one value.
+    """Return filter states that describe the noise, SI, as text; a triad has a single value.
 
     Parameters
     ----------
     noise : SensorNoise
     horizon : float
-        s; averaging times of the chain end with it, or with half of a longer recording.
+        Longest averaging time of the chain, s; half of the recording's duration is used if it is
+        longer.
 
     Raises
     ------

@@ -1,13 +1,15 @@
-"""The sensor's own low-pass filter, found in the spectrum of a recording at rest.
+"""Find the sensor's own low-pass filter in the spectrum of a recording at rest.
 
 Each shape of `inercal.noise.output_filter` is fitted with the terms N, B and K, with and without
-white noise of the read-out behind it: Fisher scoring as in `inercal.noise.likelihood`, where
-dS/d ln f_c is one more column. The shape with the smallest Bayesian criterion is chosen, after
-adding 4 for a shape other than one pole and 4 for the floor.
+read-out white noise added after the filter. The fit uses Fisher scoring as in
+`inercal.noise.likelihood`, where dS/d ln f_c is an additional column. The shape with the smallest
+Bayesian criterion is chosen. A penalty of 4 is added for a shape other than one pole, and 4 for the
+floor.
 
-A filter is accepted if the criterion is more than 10 better than without one and its floor is at
-most a tenth of the white noise; with a larger floor it is white noise with a Gauss–Markov process,
-which has the same spectrum. The caller must test whether the fit then describes the recording.
+A filter is accepted if the criterion is more than 10 better than without a filter and its floor is
+at most a tenth of the white noise. With a larger floor it is white noise with a Gauss–Markov
+process, which has the same spectrum. The caller must test whether the fit then describes the
+recording.
 """
 
 from collections.abc import Sequence
@@ -33,40 +35,40 @@ from inercal.noise.output_filter import (
 )
 from inercal.noise.spectrum import Bins, FilterEffect
 
-NEEDED_GAIN = 10.0  # of the criterion, over no filter
+NEEDED_GAIN = 10.0  # of the criterion, compared with no filter
 LARGEST_FLOOR = 0.1  # F² over the white noise before the filter
-_PENALTY = 4.0  # of a shape other than one pole, and of a floor
+_PENALTY = 4.0  # for a shape other than one pole, and for a floor
 _STARTS = (0.02, 0.05, 0.12, 0.25, 0.42)  # f_c Δ
-_LOW_STARTS = (0.0008, 0.004)  # f_c Δ, of one pole
+_LOW_STARTS = (0.0008, 0.004)  # f_c Δ, for one pole
 _START_ROUNDS, _ROUNDS, _HALVINGS = 3, 40, 12
 _POLISHED = 5
-_STEP = 0.7  # of ln f_c
-_SLOPE_STEP = 0.01  # of ln f_c in its derivative
+_STEP = 0.7  # largest step of ln f_c
+_SLOPE_STEP = 0.01  # step of ln f_c for its derivative
 _LOWEST = 1e-5  # f_c Δ
-_HOPELESS = 1.0  # gain in L of the starts below which nothing is polished
-_OFFSET = 0.2  # of ln f_c: its column has coefficients ≥ 0
+_HOPELESS = 1.0  # gain in L from the starts, below which nothing is refined
+_OFFSET = 0.2  # of ln f_c, because the coefficients of its column must be ≥ 0
 _CONVERGED = 1e-4  # of L
 _AT_LIMIT = 0.99
 
 
 @dataclass(frozen=True, eq=False)
 class FilterFit:
-    """A shape fitted to bins.
+    """A filter shape fitted to bins.
 
     Parameters
     ----------
     shape : FilterShape
     log_cutoff : float
-        ln f_c Δ.
+        Logarithm of the cut-off, ln f_c Δ.
     theta : (p,) array
-        Squared coefficients of the terms, and F² last.
+        Squared coefficients of the terms, followed by F².
     has_floor : bool
         Whether F² is fitted.
     known_floor : float
-        F² that is known, SI².
+        Known part of F², SI².
     loss : float
     criterion : float
-        Bayesian, with penalties.
+        Bayesian criterion, including penalties.
     """
 
     shape: FilterShape
@@ -79,22 +81,22 @@ class FilterFit:
 
     @property
     def cutoff(self) -> float:
-        """f_c Δ."""
+        """Cut-off as f_c Δ."""
         return float(np.exp(self.log_cutoff))
 
     @property
     def white(self) -> float:
-        """N², of the plateau, SI²."""
+        """N² in the pass band (plateau), SI²."""
         return float(self.theta[0])
 
     @property
     def floor(self) -> float:
-        """F² that is fitted, SI²."""
+        """Fitted part of F², SI²."""
         return float(self.theta[-1])
 
     @property
     def is_possible(self) -> bool:
-        """Whether this can be a filter: its floor is small and its cut-off below half the rate."""
+        """Whether this can be a filter: small floor, and cut-off below half the sampling rate."""
         if self.floor > LARGEST_FLOOR * (self.white - self.floor - self.known_floor):
             return False
         return not self.shape.has_cutoff or self.cutoff < _AT_LIMIT * self.shape.highest
@@ -102,15 +104,15 @@ class FilterFit:
 
 @dataclass(frozen=True, eq=False)
 class FilterSearch:
-    """The best filter, and by how much the criterion is better than without one.
+    """The best filter, and how much the criterion improves compared with no filter.
 
     Parameters
     ----------
     best : FilterFit
     gain : float
     white_shift, white_spread : float
-        Mean of N over the shapes, weighted by the criterion, over that of the best, less 1; and
-        the standard deviation between them, relative.
+        Mean of N over the shapes, weighted by the criterion, relative to that of the best shape,
+        minus 1; and the relative standard deviation between the shapes.
     """
 
     best: FilterFit
@@ -120,12 +122,12 @@ class FilterSearch:
 
     @property
     def is_better(self) -> bool:
-        """Whether the recording is described better with a filter than without one."""
+        """Whether a filter improves the description of the recording sufficiently."""
         return self.gain > NEEDED_GAIN
 
 
 class _Problem:
-    """Fits of shapes to bins."""
+    """Fits of filter shapes to bins."""
 
     def __init__(self, bins: Bins, symbols: Sequence[str], known_floor: float):
         self.power, self.weight = bins.power, bins.weight
@@ -149,7 +151,7 @@ class _Problem:
         return change / (2 * _SLOPE_STEP) * terms
 
     def fit(self, shape: FilterShape, x: float, rounds: int, *, floor: bool) -> FilterFit:
-        """Return a fit after some rounds of scoring from ln f_c Δ = x."""
+        """Fit a shape with some rounds of scoring that start from ln f_c Δ = x."""
         top, bottom = float(np.log(shape.highest)), float(np.log(_LOWEST))
         terms = self.base.shape[1]
         response = self.response(shape, x)
@@ -195,23 +197,23 @@ class _Problem:
 
 
 def _starts(shape: FilterShape) -> tuple[float, ...]:
-    """Return the values of f_c Δ to start from; for an average, which has none, any one value."""
+    """Return the values of f_c Δ to start from; an average has no f_c and gets an arbitrary one."""
     if not shape.has_cutoff:
         return _STARTS[-1:]
     return (*_LOW_STARTS, *_STARTS) if shape is SHAPES[0] else _STARTS
 
 
 def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> FilterSearch | None:
-    """Return the best filter of a recording; None if every filter is clearly worse than none.
+    """Return the best filter for a recording; None if every filter is clearly worse than none.
 
     Parameters
     ----------
     bins : Bins
-        Fine ones.
+        Fine bins.
     symbols : sequence of str
-        Terms before the filter, N first.
+        Terms before the filter, starting with N.
     known_floor : float
-        F² of the rounding of the readings, N² in SI; 0 if no step is known.
+        F² due to rounding of the readings, N² in SI; 0 if no step is known.
     """
     problem = _Problem(bins, symbols, known_floor)
     _, plain = scored_fit(bins.power, bins.weight, problem.base)
@@ -232,7 +234,7 @@ def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> Filte
     best = polished[0]
     without = 2 * plain + len(symbols) * problem.scale
     weight = np.exp(-0.5 * np.array([one.criterion - best.criterion for one in polished]))
-    # Starts of one shape that end in one place are one candidate.
+    # Starts with the same shape that converge to the same place are one candidate.
     seen: list[FilterFit] = []
     for k, one in enumerate(polished):
         if any(
@@ -250,14 +252,14 @@ def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> Filte
 
 
 def apply_filter(bins: Bins, symbols: Sequence[str], search: FilterSearch) -> Bins:
-    """Return bins with the best filter of a search, whose cut-off and floor stay free.
+    """Return bins with the best filter of a search; its cut-off and floor remain free parameters.
 
     Parameters
     ----------
     bins : Bins
-        Fine ones.
+        Fine bins.
     symbols : sequence of str
-        As for `find_filter`.
+        Terms as in `find_filter`.
     search : FilterSearch
     """
     fit = search.best
@@ -295,7 +297,7 @@ def apply_filter(bins: Bins, symbols: Sequence[str], search: FilterSearch) -> Bi
 
 
 def settled_filter(bins: Bins, fit: NoiseFit) -> OutputFilter | None:
-    """Return the filter with the cut-off and the floor of a fit of terms to its bins, or None."""
+    """Return the filter with the cut-off and floor from a fit of terms to its bins, or None."""
     if bins.effect is None:
         return None
     output, nuisance = bins.effect.output, fit.nuisance

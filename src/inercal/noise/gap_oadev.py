@@ -1,13 +1,13 @@
-"""Allan deviations of a recording in pieces, either across the gaps or joined from the pieces.
+"""Allan deviation of a recording in pieces, either across the gaps or joined from the pieces.
 
-Samples lie on one grid of the sampling interval. A difference of means over m places of the grid
-counts where both are at least half full::
+The samples lie on one grid with the sampling interval. A difference of means over m grid places is
+used if both means are at least half full::
 
     σ²(m Δ) = ½ mean of (mean of the later m − mean of the earlier m)²
 
-Nothing is filled into the gaps. Means of fewer samples have more white noise, but with 20 gaps of
-60 s the variance is correct to 2 %. The equivalent degrees of freedom are those of the whole grid
-times the share of the differences that are used.
+The gaps are not filled. Means of fewer samples contain more white noise, but with 20 gaps of 60 s
+the variance is correct to 2 %. The equivalent degrees of freedom are those of the whole grid,
+multiplied by the share of the differences that are used.
 """
 
 from collections.abc import Sequence
@@ -28,19 +28,19 @@ from inercal.noise.deviations import (
 )
 from inercal.noise.pieces import Part
 
-_FULL = 0.5  # share of a mean's places with a sample
-_LARGEST_GRID = 4  # times the samples
-_BLOCK = 1 << 18  # differences at a time
+_FULL = 0.5  # share of a mean's grid places that must have a sample
+_LARGEST_GRID = 4  # times the number of samples
+_BLOCK = 1 << 18  # differences that are processed at a time
 _PHASES = 2
 
 
 def fits_grid(parts: Sequence[Part], dt: float) -> bool:
-    """Tell whether the grid has at most four times as many places as there are samples."""
+    """Return whether the grid has at most four times as many places as there are samples."""
     return _offsets(parts, dt)[-1] + len(parts[-1]) <= _LARGEST_GRID * sum(map(len, parts))
 
 
 def _offsets(parts: Sequence[Part], dt: float) -> list[int]:
-    """Return the place of each piece's first sample, at or after the end of the piece before."""
+    """Return the grid place of each piece's first sample; pieces do not overlap."""
     found: list[int] = []
     free = 0
     for one in parts:
@@ -55,9 +55,9 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
     Parameters
     ----------
     parts : sequence of Part
-        In the order of time.
+        Pieces in time order.
     dt : float
-        s.
+        Sampling interval, s.
     spacing : "octave", "decade" or "all"
     """
     offsets = _offsets(parts, dt)
@@ -83,7 +83,7 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
             squares.append(total / (2.0 * count))
             counts.append(count)
             shares.append(count / possible)
-    # The name of the noise, a label, is of the samples closed up.
+    # The noise type, which is only a label, is identified from the samples without the gaps.
     closed = cumulative_sum(np.concatenate([one.values for one in parts]))
     alphas = [identify_noise(closed, m) for m in factors]
     found = with_intervals(
@@ -102,7 +102,7 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
 
 
 def _masked_sum(x: Array, filled: Array, m: int, stride: int) -> tuple[float, int, int]:
-    """Return Σ (mean − mean)² where both are half full, their number, and that of all."""
+    """Return Σ (mean − mean)² over half-full pairs, their number, and that of all pairs."""
     starts: NDArray[np.int64] = np.arange(0, x.size - 2 * m, stride)
     total, count = 0.0, 0
     for first in range(0, starts.size, _BLOCK):
@@ -117,7 +117,7 @@ def _masked_sum(x: Array, filled: Array, m: int, stride: int) -> tuple[float, in
 
 
 def join_deviations(tables: Sequence[Deviations]) -> Deviations:
-    """Return the deviation of pieces, weighted by the number of differences of each."""
+    """Join the deviations of several pieces, weighted by their numbers of differences."""
     if len(tables) == 1:
         return tables[0]
     longest = max(tables, key=lambda one: one.tau.size)

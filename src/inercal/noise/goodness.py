@@ -1,11 +1,11 @@
-"""Tests by frequency and by averaging time whether the fitted terms describe a recording.
+"""Test, by frequency and by averaging time, whether the fitted terms describe a recording.
 
-A bin of w squared coefficients has the distribution of χ²: its residual is z = Φ⁻¹(F_w(w I/S)), a
-standard normal deviate if the model is right. (I/S − 1 would do for large w; of a single
-coefficient its square has such long tails that one bin in a thousand fails a decade.) Over a decade
-of frequency the mean square of z must not exceed 1.5, or what its few bins may reach by chance
-(3.5 standard deviations). The overlapping Allan deviation must be within its 95 % band at four in
-five averaging times.
+The squared coefficients in a bin of w of them are distributed as χ². The residual of a bin is z =
+Φ⁻¹(F_w(w I/S)), a standard normal deviate if the model is correct. For large w, I/S − 1 could be
+used instead. For a single coefficient, however, its square has such long tails that one bin in a
+thousand would fail a decade. Over a decade of frequency, the mean square of z must not exceed 1.5,
+or a higher limit if few bins may exceed 1.5 by chance (3.5 standard deviations). The overlapping
+Allan deviation must be within its 95 % band at four in five averaging times.
 """
 
 from dataclasses import dataclass
@@ -20,29 +20,29 @@ from inercal.noise.output_filter import filtered_model_avar
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import model_avar
 
-_LARGEST = 1.5  # mean square of a decade
+_LARGEST = 1.5  # limit of the mean square in a decade
 _QUANTILE = 3.5  # standard deviations of a decade's mean square
 _OUTSIDE = 0.2  # share of averaging times outside the band
-_IN_BAND = 2.0  # residual of the bins beside the worst one that belong to its band
-_PASSED = 0.5  # share of the Allan variance that a filter leaves at a time that is judged
-_CERTAIN = 3.0  # edf from which an averaging time is judged
+_IN_BAND = 2.0  # residual of neighbouring bins that belong to the band of the worst bin
+_PASSED = 0.5  # share of the Allan variance that a filter must pass at a tested averaging time
+_CERTAIN = 3.0  # smallest edf of a tested averaging time
 
 
 @dataclass(frozen=True)
 class Decade:
-    """The fit in a decade of frequency.
+    """Result of the test in one decade of frequency.
 
     Parameters
     ----------
     low, high : float
-        Hz.
+        Ends of the decade, Hz.
     mean_square : float
-        Of the residuals.
+        Mean square of the residuals.
     limit : float
     worst_low, worst_high : float
-        Band about the largest residual, Hz.
+        Band around the largest residual, Hz.
     level : float
-        Measured power over the model's in this band.
+        Measured power divided by the model's power in this band.
     """
 
     low: float
@@ -61,17 +61,17 @@ class Decade:
 
 @dataclass(frozen=True, eq=False)
 class Goodness:
-    """The result of testing a fit.
+    """Result of testing a fit.
 
     Parameters
     ----------
     frequency, residual : (b,) array
-        Of each bin: Hz, and z.
+        Frequency, Hz, and residual z of each bin.
     decades : tuple of Decade
     outside : int
-        Averaging times at which the model lies outside the 95 % band of the deviation.
+        Number of averaging times at which the model is outside the 95 % band of the deviation.
     judged : int
-        Averaging times that were compared.
+        Number of averaging times that were tested.
     """
 
     frequency: Array
@@ -92,13 +92,13 @@ class Goodness:
 
     @property
     def worst(self) -> Decade | None:
-        """The decade that the terms describe worst, among those that they do not describe."""
+        """The decade with the worst fit, if any decade fails the test."""
         bad = [one for one in self.decades if not one.fits]
         return max(bad, key=lambda one: one.mean_square / one.limit, default=None)
 
     @property
     def worst_band(self) -> tuple[float, float] | None:
-        """Ends of the band that the terms describe worst, Hz; None for a single frequency."""
+        """Ends of the band with the worst fit, Hz; None for a single frequency."""
         one = self.worst
         if one is None or one.worst_low == one.worst_high:
             return None
@@ -112,8 +112,8 @@ class Goodness:
             return "the terms describe the recording"
         if worst is None:
             return (
-                f"the terms do not fit the Allan deviation at {self.outside} of {self.judged} "
-                "averaging times"
+                f"at {self.outside} of {self.judged} averaging times the measured Allan deviation "
+                "is outside the range that the terms predict"
             )
         band = f"{worst.worst_low:.3g}–{worst.worst_high:.3g} Hz"
         if worst.worst_low == worst.worst_high:
@@ -125,7 +125,7 @@ class Goodness:
 
 
 def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
-    """Return how well a fit describes its bins and the Allan deviation."""
+    """Test how well a fit describes its bins and the Allan deviation."""
     residual = normal_deviate(bins.weight, bins.weight * bins.power / fit.model)
     top = np.log10(bins.frequency.max()) + 1e-9
     number = np.floor(top - np.log10(bins.frequency)).astype(int)
@@ -150,7 +150,7 @@ def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
     judged = oadev.edf >= _CERTAIN
     known = fit.as_variances, oadev.tau, bins.dt, fit.markov_time
     variance = filtered_model_avar(*known, bins.output)
-    # Averaging times that a filter of the sensor covers say all the same.
+    # Averaging times that are shorter than the response of a filter all show the same.
     judged &= variance >= _PASSED * model_avar(*known)
     expected = np.sqrt(variance)
     outside = (expected < oadev.low) | (expected > oadev.high)
@@ -161,9 +161,10 @@ def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
 def _worst_band(
     frequency: Array, residual: Array, weight: Array, ratio: Array
 ) -> tuple[float, float, float]:
-    """Return ends, Hz, and power over the model's, of the bins about the largest residual.
+    """Return the ends, Hz, and the relative power of the band around the largest residual.
 
-    They are its neighbours with a residual of the same sign beyond 2 standard deviations.
+    The band consists of neighbours whose residuals have the same sign and exceed 2 standard
+    deviations.
     """
     order = np.argsort(frequency, kind="stable")
     z = residual[order]

@@ -1,13 +1,14 @@
-"""Maximum likelihood of a sum of noise terms from binned squares of DCT-II coefficients.
+"""Maximum-likelihood fit of a sum of noise terms to binned squares of DCT-II coefficients.
 
-The coefficients c_k are nearly independent with variances S_k = Σ_j θ_j e_jk, θ_j ≥ 0 the squared
-noise coefficients. With the mean I of w squares in a bin, minus the log-likelihood is
+The coefficients c_k are nearly independent with variances S_k = Σ_j θ_j e_jk, where θ_j ≥ 0 are the
+squared noise coefficients. With the mean I of w squares in a bin, minus the log-likelihood is
 
     L = ½ Σ w [ln S + I/S]
 
-Fisher scoring is used: each step is a non-negative least squares with weights w/2S², halved while
-L rises. Covariance of θ: [½ Σ w e eᵀ/S²]⁻¹. k = 0 is left out, so that the bias costs nothing
-(REML). A quasi-Newton search in ln θ does not converge here: B runs to zero.
+Fisher scoring is used: each step is a non-negative least-squares fit with weights w/2S², and it is
+halved as long as L increases. The covariance of θ is [½ Σ w e eᵀ/S²]⁻¹. k = 0 is omitted, so that
+the unknown bias has no effect (REML). A quasi-Newton search in ln θ does not converge here, because
+B goes to zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,32 +22,32 @@ from inercal.noise.numerics import nonnegative_least_squares, pseudo_inverse, ro
 from inercal.noise.spectrum import Bins
 
 PROFILE_TWO_SIDED = 4.0  # rise of 2 L at the ends of an interval of ±2u
-PROFILE_ONE_SIDED = 2.706  # at an upper limit of 95 %
+PROFILE_ONE_SIDED = 2.706  # rise of 2 L at an upper limit of 95 %
 _STEPS, _HALVINGS = 60, 20
 _CONVERGED = 1e-7  # of L
 _START_GROUPS = 25
-_LOG_STEP = 0.02  # of ln T in its derivative
+_LOG_STEP = 0.02  # step of ln T for its derivative
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseFit:
-    """A fitted sum of terms.
+    """A fitted sum of noise terms.
 
     Parameters
     ----------
     symbols : tuple of str
     variances : (p,) array
-        θ, squared coefficients, SI².
+        Squared coefficients θ, SI².
     markov_time : float
-        T, s; 1 without a Gauss–Markov term.
+        Time constant T, s; 1 without a Gauss–Markov term.
     loss : float
         L at the minimum.
     model : (b,) array
-        S of each bin.
+        S in each bin.
     covariance : (p, p) array
-        Of θ; with a Gauss–Markov term (p + 1, p + 1), with ln T last.
+        Covariance of θ. With a Gauss–Markov term it is (p + 1, p + 1), with ln T last.
     nuisance, nuisance_u : (k,) array
-        Coefficients of the columns of the sensor's own filter, and their standard uncertainties.
+        Coefficients of the columns for the sensor's own filter, and their standard uncertainties.
     """
 
     symbols: tuple[str, ...]
@@ -65,7 +66,7 @@ class NoiseFit:
 
     @property
     def aic(self) -> float:
-        """Akaike's criterion."""
+        """Akaike's information criterion."""
         return 2 * self.loss + 2 * self.parameters
 
     def variance(self, symbol: str) -> float:
@@ -76,12 +77,12 @@ class NoiseFit:
 
     @property
     def as_variances(self) -> dict[str, float]:
-        """θ by term."""
+        """Squared coefficients θ by term."""
         return dict(zip(self.symbols, map(float, self.variances), strict=True))
 
 
 def loss(power: Array, weight: Array, model: Array) -> float:
-    """Return L of a model S, (b,)."""
+    """Return L for a model S, (b,)."""
     return 0.5 * float(weight @ (np.log(model) + power / model))
 
 
@@ -92,17 +93,17 @@ def scored_fit(
     fixed: Array | None = None,
     start: Array | None = None,
 ) -> tuple[Array, float]:
-    """Return θ, (p,), and L at the minimum, by Fisher scoring.
+    """Fit θ, (p,), by Fisher scoring, and return it with L at the minimum.
 
     Parameters
     ----------
     power, weight : (b,) array
     basis : (b, p) array
-        E of each bin for coefficients of 1.
+        Expected power in each bin for coefficients of 1.
     fixed : (b,) array, optional
         Part of S that is not fitted.
     start : (p,) array, optional
-        θ to begin with.
+        Start value of θ.
     """
     fixed = np.zeros_like(power) if fixed is None else fixed
     size = np.maximum(
@@ -134,7 +135,7 @@ def _weighted_nnls(columns: Array, target: Array, weight: Array) -> Array:
 
 
 def coarse_fit(power: Array, weight: Array, columns: Array, fixed: Array) -> Array:
-    """Return θ from about 25 groups of bins, each weighted by its content."""
+    """Estimate θ from about 25 groups of bins, each weighted by its content."""
     count = min(_START_GROUPS, power.size)
     size, longer = divmod(power.size, count)  # the first groups have one more
     group = np.arange(count)
@@ -152,24 +153,24 @@ def coarse_fit(power: Array, weight: Array, columns: Array, fixed: Array) -> Arr
 def information_inverse(weight: Array, columns: Array, model: Array) -> Array:
     """Return the covariance of the coefficients of columns of S, [½ Σ w e eᵀ/S²]⁻¹."""
     scaled = columns * (np.sqrt(weight / 2) / model)[:, None]
-    size = column_lengths(scaled)  # 1 of ln T of a term that vanishes
+    size = column_lengths(scaled)  # 1 for ln T of a term that is zero
     scaled = scaled / size
     return pseudo_inverse(scaled.T @ scaled) / np.outer(size, size)
 
 
 def basis_matrix(bins: Bins, symbols: Sequence[str], markov_time: float) -> Array:
-    """Return E of each bin, (b, p)."""
+    """Return the expected power in each bin for each term, (b, p)."""
     columns = [bins.markov_basis(markov_time) if one == "G" else bins.basis(one) for one in symbols]
     return np.stack(columns, axis=1)
 
 
 def _fit_columns(bins: Bins, basis: Array, start: Array | None = None) -> tuple[Array, float]:
-    """Return θ of the terms and of the filter's columns, (p + k,), and L."""
+    """Return θ for the terms and for the filter's columns, (p + k,), and L."""
     effect = bins.effect
     if effect is None:
         return scored_fit(bins.power, bins.weight, basis, start=start)
     if start is None:
-        # Without the filter's columns first, of which dS/d ln f_c may make S negative.
+        # First fit without the filter's columns, because dS/d ln f_c may make S negative.
         held = effect.known + effect.nuisance @ effect.start
         terms, _ = scored_fit(bins.power, bins.weight, basis, held)
         start = np.concatenate([terms, effect.start])
@@ -185,15 +186,15 @@ def _model(bins: Bins, basis: Array, theta: Array) -> Array:
 
 
 def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = None) -> NoiseFit:
-    """Return the fit of these terms; T of a Gauss–Markov term is fitted if not given.
+    """Fit these terms; T of a Gauss–Markov term is also fitted if it is not given.
 
     Parameters
     ----------
     bins : Bins
     symbols : sequence of str
-        Of `inercal.noise.terms.TERMS`.
+        Symbols from `inercal.noise.terms.TERMS`.
     markov_time : float, optional
-        T, s.
+        Time constant T, s.
     """
     symbols = tuple(symbols)
     if "G" in symbols and markov_time is None:
@@ -221,12 +222,12 @@ def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = No
 
 
 def extended(fit: NoiseFit, bins: Bins) -> NoiseFit:
-    """Return a fit with its spectrum evaluated at other bins."""
+    """Return a fit whose spectrum is evaluated at other bins."""
     return replace(fit, model=basis_matrix(bins, fit.symbols, fit.markov_time) @ fit.variances)
 
 
 def fit_again(bins: Bins, fit: NoiseFit) -> NoiseFit:
-    """Return a fit of the same terms and T to other bins; its covariance is not recomputed."""
+    """Fit the same terms with the same T to other bins; the covariance is not recomputed."""
     basis = basis_matrix(bins, fit.symbols, fit.markov_time)
     tail = np.zeros(0) if bins.effect is None else bins.effect.start
     start = np.concatenate([fit.variances, tail])
@@ -242,7 +243,7 @@ def fit_again(bins: Bins, fit: NoiseFit) -> NoiseFit:
 
 
 def _best_time(bins: Bins, symbols: tuple[str, ...]) -> float:
-    """Return T with the least L: the best of a grid, then parabolas in ln T."""
+    """Return the T with the smallest L: the best in a grid, refined by parabolas in ln T."""
 
     def at(log_time: float) -> float:
         return _fit_columns(bins, basis_matrix(bins, symbols, float(np.exp(log_time))))[1]
@@ -254,7 +255,7 @@ def _best_time(bins: Bins, symbols: tuple[str, ...]) -> float:
 
 
 def _parabola(at: Callable[[float], float], centre: float, values: Array, step: float) -> float:
-    """Return the place of the least value, from three values about `centre`."""
+    """Return the position of the minimum, starting from three values around `centre`."""
     low, mid, high = map(float, values)
     for _ in range(3):
         curvature = low - 2 * mid + high
@@ -273,7 +274,7 @@ def profile_limits(
 ) -> tuple[float, float]:
     """Return the coefficients at which 2 L has risen by `rise`, with the other terms refitted.
 
-    The lower end is 0 if L does not rise that far. T is kept.
+    The lower end is 0 if L does not rise that far. T is kept constant.
     """
     j = fit.symbols.index(symbol)
     basis = basis_matrix(bins, fit.symbols, fit.markov_time)
@@ -282,7 +283,7 @@ def profile_limits(
     if bins.effect is not None:
         others = np.column_stack([others, bins.effect.nuisance])
         known = bins.effect.known
-        tail = bins.effect.start  # with which S is above 0 whatever the terms
+        tail = bins.effect.start  # with it, S is positive for any terms
     start = np.concatenate([np.delete(fit.variances, j), tail])
 
     def risen(variance: float) -> float:

@@ -1,10 +1,10 @@
-"""Finds and removes lines in a spectrum (vibration, mains hum) before the terms are fitted.
+"""Find and remove spectral lines (vibration, mains hum) before the terms are fitted.
 
-A coefficient is a line where c_k² over the running median exceeds the χ²₁ quantile of .0001/n. The
-median of χ²₁ is 0.455. The window of the median grows with k: a narrow one scatters, and a wide
-one would not follow the spectrum of drift. A line includes two neighbours on each side, and a
-strong one as many as its leakage reaches. If the squares of segments are averaged, χ² has as many
-degrees of freedom as there are segments.
+A coefficient belongs to a line if c_k² divided by the running median exceeds the χ²₁ quantile for
+.0001/n. The median of χ²₁ is 0.455. The window of the median becomes wider with k, because a narrow
+window scatters and a wide one would not follow the spectrum of drift. A line includes two
+neighbours on each side; a strong line includes all coefficients that its leakage reaches. If the
+squares of several segments are averaged, χ² has as many degrees of freedom as there are segments.
 """
 
 from dataclasses import dataclass, replace
@@ -15,12 +15,12 @@ from inercal.basics.arrays import Array
 from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import Spectrum
 
-_FALSE = 0.0001  # lines in a spectrum without any
+_FALSE = 0.0001  # expected number of false lines in a spectrum
 _NARROWEST, _WIDEST = 101, 2001  # coefficients in the running median
 _LOWEST = 128  # coefficient below which the spectrum of drift is too steep for a median
 _NEIGHBOURS = 2
-_LEAKAGE = 0.2  # a line of P leaves P/(π d)² at a distance d: half the level at the last taken out
-_JOINED = 32  # coefficients between two that are parts of one line, which a short vibration widens
+_LEAKAGE = 0.2  # a line P leaves P/(π d)² at a distance d; removed up to half the level
+_JOINED = 32  # coefficients between two parts of one line, which a short vibration widens
 
 
 @dataclass(frozen=True)
@@ -58,14 +58,14 @@ def take_out_lines(spectrum: Spectrum) -> tuple[Spectrum, tuple[SpectralLine, ..
 
 
 def running_median(power: Array, first: int) -> Array:
-    """Return the median of the neighbours of each value, interpolated in logarithms.
+    """Return the running median around each value, interpolated in logarithms.
 
     Parameters
     ----------
     power : (m,) array
-        Of coefficients first, first + 1, ….
+        Squared coefficients first, first + 1, ….
     first : int
-        Windows are half as wide as their k, within 101 to 2001.
+        Number of the first coefficient k; a window is half as wide as its k, between 101 and 2001.
     """
     centres: list[int] = []
     medians: list[float] = []

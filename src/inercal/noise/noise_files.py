@@ -1,6 +1,6 @@
-"""Writes the noise of a sensor for other programs: run-file sections, Kalibr, ROS covariances.
+"""Write sensor noise for other programs: run-file sections, Kalibr, ROS covariances.
 
-A triad has one value for all axes: the root mean square over its axes. Kalibr's numbers are
+A triad has one value for all axes, the root mean square over its axes. Kalibr's values are
 continuous-time: N in rad/s/√Hz and m/s²/√Hz, K in rad/s²/√Hz and m/s³/√Hz.
 """
 
@@ -16,21 +16,21 @@ from inercal.noise.sensor_noise import SensorNoise, TriadNoise, require_rate
 from inercal.noise.terms import FLICKER_FLOOR
 from inercal.physics.quantities import SensorKind
 
-HORIZON = 100.0  # s, over which a filter without B is to be right
+HORIZON = 100.0  # s, over which a filter without B should be correct
 _KEYS = {"N": "white", "B": "bias_instability", "K": "random_walk"}
 NOISE_KEYS = tuple(_KEYS.values())
 _MARK = "# inercal noise"
 
 
 def section_lines(noise: TriadNoise) -> list[str]:
-    """Return the keys of [sensor.gyro] or [sensor.accelerometer] with u as comments."""
+    """Return the keys for [sensor.gyro] or [sensor.accelerometer], with u in comments."""
     lines: list[str] = []
     for symbol, (value, u) in noise.values.items():
         unit = coefficient_unit(symbol, noise.quantity)
         size = si_factor(unit)
         number = f"{value / size:.4g}"
         if symbol in noise.limits:
-            comment = "upper limit (95 %): not seen"
+            comment = "upper limit (95 %): not detected"
         elif u is None:
             comment = f"data sheet, without u: {noise.origins[symbol]}"
         else:
@@ -41,23 +41,24 @@ def section_lines(noise: TriadNoise) -> list[str]:
 
 
 def run_file_sections(noise: SensorNoise) -> dict[str, list[str]]:
-    """Return the lines of each section of a run file, by its name."""
+    """Return the lines for each section of a run file, by section name."""
     return {f"sensor.{quantity}": section_lines(one) for quantity, one in noise.triads.items()}
 
 
 def merge_sections(
     text: str, sections: dict[str, list[str]], replaced: Collection[str] = ()
 ) -> str:
-    """Return the text of a run file with these lines replacing the same keys in its sections.
+    """Merge these lines into the text of a run file, replacing the same keys in its sections.
 
     Parameters
     ----------
     text : str
-        Empty for a new file, which then contains only the sections.
+        Text of the run file; empty for a new file, which then contains only the sections.
     sections : dict of str to list of str
-        Of `run_file_sections`.
+        Lines from `run_file_sections`.
     replaced : collection of str
-        Keys to remove even if the sections lack them, because an earlier analysis wrote them.
+        Keys to remove even if the sections do not contain them, because an earlier analysis wrote
+        them.
     """
     lines = text.splitlines()
     for name, new in sections.items():
@@ -88,12 +89,12 @@ def merge_sections(
 def walk_for_filter(
     noise: TriadNoise, horizon: float, *, is_data_sheet: bool = False
 ) -> tuple[float, str]:
-    """Return K, SI, and its origin.
+    """Return K, SI, and a text that states its origin.
 
-    K is the value found. If only a limit is known, it is 0.664 B √(3/τ_h) with a horizon τ_h, s, or
-    without B the upper limit. It is 0 if a data sheet states neither.
+    K is the value that was found. If only a limit is known, K is 0.664 B √(3/τ_h) with a horizon
+    τ_h, s, or the upper limit if there is no B. K is 0 if a data sheet states neither.
     """
-    origin, done = ("data sheet", "stated") if is_data_sheet else ("fit", "seen")
+    origin, done = ("data sheet", "stated") if is_data_sheet else ("fit", "detected")
     if "K" in noise.values and "K" not in noise.limits:
         return noise.values["K"][0], f"from the {origin}"
     if "B" in noise.values:
@@ -102,12 +103,12 @@ def walk_for_filter(
             f"no random walk is {done}: K from the Allan deviation of B at {horizon:g} s"
         )
     if "K" in noise.values:
-        return noise.values["K"][0], "upper limit (95 %): no random walk is seen"
+        return noise.values["K"][0], "upper limit (95 %): no random walk is detected"
     return 0.0, f"neither a random walk nor a bias instability is {done}"
 
 
 def _require_walk(noise: TriadNoise, horizon: float, *, is_data_sheet: bool) -> tuple[float, str]:
-    """Return K and its origin; refuse a zero, which filters do not take."""
+    """Return K and its origin; refuse zero, which filters do not accept."""
     walk, why = walk_for_filter(noise, horizon, is_data_sheet=is_data_sheet)
     if not walk:
         raise InputError(
@@ -139,7 +140,7 @@ def _absence(noise: SensorNoise) -> str:
 
 
 def kalibr_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
-    """Return Kalibr's imu.yaml with the densities as they are; nothing is inflated.
+    """Return Kalibr's imu.yaml with the densities as they are, without any safety factor.
 
     Raises
     ------
@@ -168,12 +169,12 @@ def kalibr_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
 
 
 def ros_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
-    """Return covariances of sensor_msgs/Imu, N² Δ⁻¹ of each axis, and continuous-time densities.
+    """Return covariances for sensor_msgs/Imu, N² Δ⁻¹ per axis, and continuous-time densities.
 
     Raises
     ------
     InputError
-        A kind of axes has no white noise, or there is no sampling rate.
+        The axes of one kind have no white noise, or there is no sampling rate.
     """
     lines = [f"{_MARK}: ROS sensor_msgs/Imu, of {noise.source}"]
     names: dict[SensorKind, tuple[str, str]] = {
@@ -206,4 +207,4 @@ WRITERS: dict[str, Callable[[SensorNoise, float], str]] = {
     "ros": ros_text,
     "filter": filter_text,
 }
-"""The files for other programs, by their names."""
+"""Functions that write the files for other programs, by the program's name."""

@@ -1,6 +1,6 @@
-"""Typed wrappers of the SciPy functions that the estimators use, each imported on first use.
+"""Typed wrappers of the SciPy functions used by the estimators, each imported on first use.
 
-SciPy has no stubs, and importing its parts costs up to a second.
+SciPy has no stubs, and importing its parts takes up to a second.
 """
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
@@ -36,7 +36,7 @@ def sine_sums(values: Array) -> Array:
 
 
 def nonnegative_least_squares(a: Array, b: Array) -> Array:
-    """Return x ≥ 0 with the least |a x − b|, scaled by columns."""
+    """Return x ≥ 0 that minimises |a x − b|; columns are scaled for accuracy."""
     from scipy.optimize import nnls
 
     size = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
@@ -44,14 +44,14 @@ def nonnegative_least_squares(a: Array, b: Array) -> Array:
 
 
 def root_between(function: Callable[[float], float], low: float, high: float, xtol: float) -> float:
-    """Return a zero of a function with a change of sign between two places."""
+    """Return a zero of a function that changes sign between two points."""
     from scipy.optimize import brentq
 
     return float(brentq(function, low, high, xtol=xtol, rtol=1e-4))  # pyright: ignore
 
 
 def chi_squared_above(dof: float, probability: float) -> float:
-    """Return the value that χ² of `dof` exceeds with this probability.
+    """Return the value that χ² with `dof` degrees of freedom exceeds with this probability.
 
     >>> round(chi_squared_above(1, 0.05), 3)
     3.841
@@ -62,14 +62,14 @@ def chi_squared_above(dof: float, probability: float) -> float:
 
 
 def chi_squared_quantiles(dof: Array, probability: float) -> Array:
-    """Return the values that χ² of each `dof` exceeds with this probability."""
+    """Return the values that χ² exceeds with this probability, for each `dof`."""
     from scipy.special import chdtri
 
     return np.asarray(chdtri(dof, probability), dtype=np.float64)
 
 
 def pseudo_inverse(a: Array, rcond: float = 1e-12) -> Array:
-    """Return the pseudo-inverse of a symmetric matrix, scaled to a diagonal of ones."""
+    """Return the pseudo-inverse of a symmetric matrix, scaled to unit diagonal."""
     size = np.sqrt(np.diag(a))
     size = np.where(size > 0, size, 1.0)
     inverse = np.linalg.pinv(a / np.outer(size, size), rcond=rcond)
@@ -77,14 +77,14 @@ def pseudo_inverse(a: Array, rcond: float = 1e-12) -> Array:
 
 
 def normal_deviate(dof: Array, chi2: Array) -> Array:
-    """Return the standard normal deviates that are exceeded as seldom as χ² of each `dof`.
+    """Return standard normal deviates with the same tail probability as χ² for each `dof`.
 
     >>> normal_deviate(np.array([1.0]), np.array([3.8414588])).round(3)
     array([1.645])
     """
     from scipy.special import chdtr, chdtrc, ndtri
 
-    # From the smaller tail, which keeps its digits.
+    # Use the smaller tail, which retains its precision.
     below, above = np.asarray(chdtr(dof, chi2)), np.asarray(chdtrc(dof, chi2))
     smallest = np.finfo(float).tiny
     low, high = (ndtri(np.maximum(one, smallest)) for one in (below, above))

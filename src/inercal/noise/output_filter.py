@@ -1,21 +1,21 @@
 """A sensor's own low-pass filter: its possible shapes and their effect on noise.
 
-With w = 2π f Δ the power that passes is::
+With w = 2π f Δ, the power that the filter passes is::
 
     one pole                  (1−p)²/(1 − 2p cos w + p²),  p = e^(−2π f_c Δ)
     one pole, bilinear        1/(1 + (tan(w/2)/tan(π f_c Δ))²)
-    two equal poles           the square of it
+    two equal poles           the square of one pole
     Butterworth, bilinear     1/(1 + (tan(w/2)/tan(π f_c Δ))⁴)
     Butterworth, analog       Σ_m 1/(1 + ((f + m/Δ)/f_c)⁴), m = −2 … 2, over its value at f = 0
     average of m samples      (sin(m w/2)/(m sin(w/2)))²
-    two averages of 2         the square of it
+    two averages of 2         the square of an average of 2
 
-A sampled analog pole folds noise back and then has exactly the form of a digital one. The spectrum
-behind the filter, with the plateau N² and the noise F² that the read-out adds, is::
+A sampled analog pole aliases noise and then has exactly the form of a digital pole. The spectrum
+after the filter, with the plateau N² and the white noise F² added by the read-out, is::
 
     S = |H|² (N² e_N + B² e_B + K² e_K) + F² (1 − |H|²) e_N
 
-so N² is the white noise of the angle; the part N² − F² is before the filter.
+N² is therefore the white noise of the angle, and the part N² − F² is added before the filter.
 """
 
 from collections.abc import Callable
@@ -27,11 +27,11 @@ from inercal.basics.arrays import Array
 from inercal.noise.terms import TERMS, model_avar
 
 LEAST_RELATIVE_U = 0.01
-"""Of a cut-off: a shape that is 5 % wrong far above it moves it by almost 1 %, unnoticed."""
+"""Smallest relative u of a cut-off; an unnoticed shape error of 5 % shifts it by almost 1 %."""
 _ALIASES = np.arange(-2.0, 3.0)
 _BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90
-_GRID = 8192  # frequencies of the filter's share of an Allan variance
-_EXACT_UP_TO = 512  # averaging factor; above it sin⁴ has its mean
+_GRID = 8192  # frequencies used for the filter's effect on an Allan variance
+_EXACT_UP_TO = 512  # averaging factor; above it, sin⁴ is replaced by its mean
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,13 @@ class FilterShape:
     ----------
     name : str
     like : str
-        In a sentence: "one pole".
+        Description for use in a sentence: "one pole".
     poles : int
-        0 for an average.
+        Number of poles; 0 for an average.
     power : function of (w, c)
-        |H|² at w = 2π f Δ, with c = f_c Δ, which an average does not use.
+        |H|² at w = 2π f Δ, with c = f_c Δ; an average does not use c.
     highest : float
-        Largest f_c Δ of the search.
+        Largest f_c Δ in the search.
     """
 
     name: str
@@ -59,19 +59,19 @@ class FilterShape:
 
     @property
     def has_cutoff(self) -> bool:
-        """Whether it has a cut-off that is fitted."""
+        """Whether the filter has a cut-off that is fitted."""
         return self.poles > 0
 
 
 def _one_pole(w: Array, c: float) -> Array:
     p = np.exp(-2 * np.pi * c)
-    # 1 − cos w = 2 sin²(w/2) keeps its digits at low frequencies.
+    # Use 1 − cos w = 2 sin²(w/2), which is precise at low frequencies.
     return (1 - p) ** 2 / ((1 - p) ** 2 + 4 * p * np.sin(w / 2) ** 2)
 
 
 def _bilinear(order: int) -> Callable[[Array, float], Array]:
     def power(w: Array, c: float) -> Array:
-        # Products of sines and cosines: tan(w/2) is infinite at half the rate.
+        # Use products of sines and cosines, because tan(w/2) is infinite at half the rate.
         # A square of squares: a power of 4 is many times slower.
         own = ((np.sin(w / 2) * np.cos(np.pi * c)) ** 2) ** order
         cut = ((np.cos(w / 2) * np.sin(np.pi * c)) ** 2) ** order
@@ -113,25 +113,25 @@ SHAPES = (
 
 @dataclass(frozen=True)
 class OutputFilter:
-    """A filter of a sensor's output.
+    """The filter at the output of a sensor.
 
     Parameters
     ----------
     shape : FilterShape
     cutoff : float
-        f_c, Hz; not a number for an average.
+        Cut-off frequency f_c, Hz; NaN for an average.
     u : float
         Standard uncertainty of f_c, Hz.
     dt : float
-        Δ of the samples, s.
+        Sampling interval Δ, s.
     floor : float
-        F², SI², of the white noise behind the filter, including the known rounding noise.
+        White noise F², SI², added after the filter, including the known rounding noise.
     known_floor : float
-        The part of `floor` that the rounding of the readings causes.
+        The part of `floor` that is due to rounding of the readings.
     white_spread : float
         Relative standard deviation of N between the shapes that fit equally well.
     gain : float
-        Improvement of the Bayesian criterion by the filter.
+        Improvement of the Bayesian criterion due to the filter.
     """
 
     shape: FilterShape
@@ -154,15 +154,15 @@ class OutputFilter:
 
 
 def mean_power(shape: FilterShape, low: Array, high: Array, c: float) -> Array:
-    """Return |H|² averaged over bands, by Boole's rule of five points.
+    """Return |H|² averaged over bands, with Boole's five-point rule.
 
     Parameters
     ----------
     shape : FilterShape
     low, high : (b,) array
-        Ends of the bands, 2π f Δ.
+        Ends of the bands as 2π f Δ.
     c : float
-        f_c Δ.
+        Cut-off as f_c Δ.
     """
     nodes = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _BOOLE.size)
     return shape.power(nodes, c) @ _BOOLE
@@ -171,12 +171,12 @@ def mean_power(shape: FilterShape, low: Array, high: Array, c: float) -> Array:
 def filtered_avar(
     symbol: str, tau: Array, dt: float, markov_time: float, output: OutputFilter | None
 ) -> Array:
-    """Return the Allan variance of a term with a coefficient of 1 behind a filter.
+    """Return the Allan variance of a term with a coefficient of 1 after a filter.
 
-    The filter's effect is counted only for f ≤ 1/2Δ, without the aliases of B and K.
+    The filter's effect is only included for f ≤ 1/2Δ, without the aliases of B and K.
     """
     whole = TERMS[symbol].avar(tau, dt, markov_time)
-    if output is None or symbol == "Q":  # the rounding of increments is made behind the filter
+    if output is None or symbol == "Q":  # increments are rounded after the filter
         return whole
     f = (np.arange(_GRID, dtype=np.float64) + 0.5) / (2 * _GRID * dt)
     taken = (1 - output.power(f)) * TERMS[symbol].psd(f, dt, markov_time)
@@ -193,7 +193,7 @@ def filtered_model_avar(
     markov_time: float,
     output: OutputFilter | None,
 ) -> Array:
-    """Return the Allan variance of terms with squared coefficients behind a filter, SI."""
+    """Return the Allan variance of terms with squared coefficients after a filter, SI."""
     tau = np.asarray(tau)
     if output is None:
         return model_avar(variances, tau, dt, markov_time)

@@ -1,9 +1,9 @@
-"""The pieces of a recording between gaps, on one sampling interval.
+"""Split a recording at its gaps into pieces with a common sampling interval.
 
-A few single lost samples are skipped, which changes K by 1.5 % at 1 % losses. Larger gaps split the
-recording, and each piece has its own likelihood; bridging them by lines would change N by 10 % and
-K by a third. If stamps jitter by less than 0.3 Δ, samples are counted; otherwise they are averaged
-to blocks of equal time.
+A few single lost samples are closed up, which changes K by 1.5 % at 1 % losses. Larger gaps split
+the recording, and each piece has its own likelihood; interpolating the gaps would change N by 10 %
+and K by a third. If stamps jitter by less than 0.3 Δ, samples are counted; otherwise they are
+averaged over blocks of equal time.
 """
 
 from dataclasses import dataclass
@@ -18,28 +18,28 @@ from inercal.basics.units import format_count, format_duration
 from inercal.noise.spectrum import SHORTEST_PIECE
 from inercal.recordings import Recording
 
-FEWEST = 64  # samples of a recording
-FEW_LOST, LOST_SHARE = 2, 0.02  # samples in a gap, and of the recording, that are closed up
-JITTER = 0.3  # of Δ, robust sd of steps
+FEWEST = 64  # smallest number of samples in a recording
+FEW_LOST, LOST_SHARE = 2, 0.02  # largest gap in samples, and lost share, that are closed up
+JITTER = 0.3  # of Δ; robust standard deviation of steps
 _IRREGULAR_BLOCK = 4  # median steps in a block of equal time
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Series without gaps.
+    """Series without gaps, cut from one recording.
 
     Parameters
     ----------
     dt : float
-        Δ, s.
+        Sampling interval Δ, s.
     values : tuple of (n_i, m) array
-        All channels of each piece.
+        Readings of all channels in each piece.
     starts : tuple of float
-        Time of each piece's first sample, s from the recording's first.
+        Start time of each piece, s after the first sample of the recording.
     temperatures : tuple of (n_i,) array or None
-        Of each piece, K.
+        Temperature in each piece, K.
     remarks : tuple of str
-        What was skipped, split or left out.
+        Remarks on what was skipped, split or excluded.
     """
 
     dt: float
@@ -56,11 +56,11 @@ class Part:
     Parameters
     ----------
     values : (n,) array
-        SI.
+        Readings in SI units.
     start : float
-        Time of the first sample, s from the recording's first.
+        Start time, s after the first sample of the recording.
     temperature : (n,) array or None
-        K.
+        Temperature of each sample, K.
     """
 
     values: Array
@@ -77,12 +77,12 @@ class Part:
 
 
 def split_at_gaps(recording: Recording) -> Pieces:
-    """Return the pieces of a recording.
+    """Split a recording at its gaps.
 
     Raises
     ------
     InputError
-        Fewer than 64 samples, or no piece of 64.
+        There are fewer than 64 samples, or no piece has 64 samples.
     """
     time = recording.time - recording.time[0]
     where = f"{recording.source or 'recording'}: "
@@ -98,7 +98,7 @@ def split_at_gaps(recording: Recording) -> Pieces:
     spread = 1.4826 * float(np.median(np.abs(steps[plain] - np.median(steps[plain]))))
     if spread > JITTER * dt:
         return _equal_blocks(recording, time, dt)
-    # The median of rounded stamps would be off by their rounding.
+    # The median of rounded stamps would be wrong by their rounding.
     dt = float(steps[plain].mean())
     gaps = np.flatnonzero(lost >= 1)
     few = gaps[lost[gaps] <= FEW_LOST]
@@ -109,7 +109,7 @@ def split_at_gaps(recording: Recording) -> Pieces:
         if share <= LOST_SHARE:
             remarks.append(
                 f"{format_count(total, 'lost sample')} ({100 * share:.2g} %) in "
-                f"{format_count(few.size, 'gap')} of at most {FEW_LOST} were skipped"
+                f"{format_count(few.size, 'gap')} of at most {FEW_LOST} samples were skipped"
             )
             gaps = np.setdiff1d(gaps, few)
     bounds = np.concatenate([[0], gaps + 1, [time.size]])
@@ -130,7 +130,7 @@ def _cut(
         )
     if len(kept) < len(spans):
         left = sum(b - a for a, b in spans) - sum(b - a for a, b in kept)
-        remarks.append(f"{left} samples in pieces shorter than {SHORTEST_PIECE} were left out")
+        remarks.append(f"{left} samples in pieces shorter than {SHORTEST_PIECE} were excluded")
     if not kept or max(b - a for a, b in kept) < FEWEST:
         raise InputError(
             f"{recording.source or 'recording'}: no piece between gaps has {FEWEST} samples; "
@@ -148,7 +148,7 @@ def _cut(
 
 
 def _equal_blocks(recording: Recording, time: Array, dt: float) -> Pieces:
-    """Return means over blocks of equal time, for stamps that jitter."""
+    """Average over blocks of equal time, for stamps that jitter."""
     block = _IRREGULAR_BLOCK * dt
     number = np.floor(time / block).astype(np.int64)
     count = np.bincount(number)

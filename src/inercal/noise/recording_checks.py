@@ -1,19 +1,20 @@
-"""Checks units, motion and rounding of a recording that should be of a sensor at rest.
+"""Check units, motion and rounding in a recording that should be from a sensor at rest.
 
-Units are checked as in a calibration. Three accelerometers together read gravity. Fewer may be
-perpendicular to it, and more have other directions, so for these only too large readings are found.
+Units are checked as in a calibration. Three accelerometers together read gravity. Fewer
+accelerometers may be perpendicular to gravity, and more than three have other directions, so in
+these cases only readings that are too large are detected.
 
-Motion is a change that no disturbance at rest explains. (a) Accelerometers: gravity turns in the
-case. The median of a window is compared with the median of all windows; a change of 0.17 g, which
-gravity makes when it turns by 10°, is more than any bias drifts and more than a slow tilt of a
-bench. (b) Gyros: the sensor turns by 10° within a window of 5 s, or the median rate changes by as
-much (2 °/s) within two windows. A bias drifts more slowly, so that a temperature ramp passes
-whatever its size. Medians and integrals ignore knocks and bursts, because a vibration has a large
-rate but a small angle, unless the samples alias it to a slow swing.
+Motion is a change that no disturbance at rest can explain. (a) Accelerometers: gravity turns in the
+case. The median of each window is compared with the median of all windows. The limit is a change of
+0.17 g, which occurs if gravity turns by 10°. It exceeds the drift of any bias and the slow tilt of
+a bench. (b) Gyros: the sensor turns by 10° within a window of 5 s, or the median rate changes by as
+much (2 °/s) within two windows. A bias drifts more slowly, so a temperature ramp of any size
+passes. Medians and integrals are insensitive to knocks and bursts, because a vibration has a large
+rate but a small angle, unless sampling aliases it to a slow swing.
 
-If rounding to steps hides the noise, N cannot be determined. Below a noise of half a step the
-scatter of the readings depends on where the mean is between two steps: at 0.4 of a step N is read
-1.15 to 1.31 times too large, at 0.2 it is 0.56 to 2.5 times.
+If rounding to steps hides the noise, N cannot be determined. If the noise is below half a step, the
+scatter of the readings depends on the position of the mean between two steps. At 0.4 of a step, the
+reported N is 1.15 to 1.31 times too large; at 0.2 it is wrong by a factor of 0.56 to 2.5.
 """
 
 from collections.abc import Sequence
@@ -41,10 +42,10 @@ LARGEST_TURN = np.radians(10.0)  # of gravity in the case, or of the sensor with
 WINDOW = 5.0  # s
 _LARGEST_CHANGE = G0 * np.sin(LARGEST_TURN)  # m/s²
 _FEWEST = 8  # windows
-_DEVIATIONS = 8.0  # sd of a median by the white noise of the samples, which a change must exceed
-_MEDIAN_ABS = 0.67449  # of the absolute value of a normal deviate
-_MEDIAN_SD = 1.2533  # of a median over that of a mean, of normal deviates
-REFUSED, WARNED = 0.4, 0.5  # sd of the noise over the step
+_DEVIATIONS = 8.0  # a change must exceed this many sd of a median due to white noise
+_MEDIAN_ABS = 0.67449  # median absolute value of a normal deviate
+_MEDIAN_SD = 1.2533  # ratio of the sd of a median to that of a mean, for normal deviates
+REFUSED, WARNED = 0.4, 0.5  # sd of the noise divided by the step
 _LOOKED_AT = 100_000  # samples
 _EVEN = 1e-3  # of a step
 _LAGS = (1, 4, 16, 64)
@@ -56,9 +57,9 @@ def check_rest_units(recording: Recording, gravity: float | None) -> tuple[str, 
     Parameters
     ----------
     recording : Recording
-        Units of rate or acceleration, (n, m); its samples may be block means.
+        Recording in units of rate or acceleration, (n, m); its samples may be block means.
     gravity : float or None
-        Local gravity, m/s²; None if the readings contain no gravity or the sensor is carried
+        Local gravity, m/s². None if the readings do not contain gravity or if the sensor is carried
         around.
 
     Raises
@@ -104,12 +105,12 @@ def _in_si(recording: Recording, rows: slice, columns: list[int]) -> Array:
 
 
 def movement(recording: Recording) -> str:
-    """Return how a sensor moved in a recording that should be at rest; empty if it did not.
+    """Describe how the sensor moved in a recording that should be at rest; empty if it did not.
 
     Parameters
     ----------
     recording : Recording
-        Units of rate or acceleration, (n, m); its samples may be block means.
+        Recording in units of rate or acceleration, (n, m); its samples may be block means.
     """
     step = recording.median_step
     count = len(recording.time)
@@ -127,7 +128,7 @@ def movement(recording: Recording) -> str:
 
 
 class _Windows(NamedTuple):
-    """What counts of the windows of a channel: medians, their sd by white noise, angles."""
+    """Statistics of a channel's windows: medians, their sd due to white noise, and angles."""
 
     medians: Array
     sd: float
@@ -135,11 +136,11 @@ class _Windows(NamedTuple):
 
 
 def _windows(y: Array, step: float) -> _Windows:
-    """Return the summary of windows, (w, n)."""
+    """Return the statistics of windows, (w, n)."""
     size = y.shape[1]
     differences = float(np.median(np.abs(np.diff(y.ravel()))))
     sd = _MEDIAN_SD * differences / (np.sqrt(2) * _MEDIAN_ABS) / np.sqrt(size)
-    # Of each window its own mean: a bias turns nothing.
+    # Subtract each window's own mean, because a bias does not turn anything.
     angles = np.cumsum(y - y.mean(axis=1, keepdims=True), axis=1) * step
     extent: Array = angles.max(axis=1) - angles.min(axis=1)
     medians: Array = np.median(y, axis=1)
@@ -147,7 +148,7 @@ def _windows(y: Array, step: float) -> _Windows:
 
 
 def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
-    """Return in words how far the accelerometers depart from their median; empty if they do not."""
+    """Describe how far the accelerometers depart from their median; empty if they do not."""
     if not channels:
         return ""
     medians = np.stack([one.medians for one in channels], axis=1)
@@ -164,7 +165,7 @@ def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
 
 
 def _turn(channels: list[_Windows], starts: Array) -> str:
-    """Return how far the gyros turn or change within 5 s; empty if they do neither."""
+    """Describe how far the gyros turn or change within 5 s; empty if they do neither."""
     if not channels:
         return ""
     sd = float(np.hypot.reduce([one.sd for one in channels]))
@@ -187,12 +188,12 @@ def _turn(channels: list[_Windows], starts: Array) -> str:
 
 
 def rounding_step(y: Array) -> float:
-    """Return the step to which readings are rounded, in their unit; 0 if none is seen."""
+    """Return the step to which readings are rounded, in their unit; 0 if none is detected."""
     values = np.unique(y[:_LOOKED_AT])
     if values.size < 2 or values.size > 0.5 * min(y.size, _LOOKED_AT):
         return 0.0
     gaps = np.diff(values)
-    # Values that differ by rounding of the arithmetic are one value.
+    # Values that differ only by arithmetic rounding are the same value.
     gaps = gaps[gaps > 1e-9 * np.abs(values).max()]
     if not gaps.size:
         return 0.0
@@ -202,9 +203,9 @@ def rounding_step(y: Array) -> float:
 
 
 def noise_over_step(y: Array, step: float) -> float:
-    """Return the sd of the noise over the step, without that of the rounding, step²/12.
+    """Return the sd of the noise divided by the step, without the rounding noise, step²/12.
 
-    It uses differences at several lags, because those of neighbours are small behind a low-pass
+    It uses differences at several lags, because those between neighbours are small after a low-pass
     filter.
     """
     lags = [lag for lag in _LAGS if 2 * lag <= y.size]

@@ -1,18 +1,18 @@
-"""Which terms a recording supports, by Akaike's criterion, and which are significant.
+"""Select the terms that a recording supports, by Akaike's criterion, and test their significance.
 
-Candidates are N, NB, NK, NBK, NG, NGK, NBG, and each of them with quantisation where the best of
-these is significantly better. A Gauss–Markov process counts three parameters, σ, T and the search
-over T; counted as two, it was added to 8 to 15 % of simulated recordings without it. One whose T is
-at an end of the values tried is not a candidate, because in the recording it looks like white noise
-or a random walk. One that is not significant is not kept either.
+The candidates are N, NB, NK, NBK, NG, NGK and NBG. Each of them is also tried with quantisation if
+the best of these is significantly better. A Gauss–Markov process counts as three parameters: σ, T
+and the search over T. If counted as two, it was added to 8 to 15 % of simulated recordings without
+it. A candidate whose T is at an end of the tried values is discarded, because in the recording it
+looks like white noise or a random walk. A process that is not significant is also discarded.
 
-A variance lies on the boundary of its range when the term is absent, so that the likelihood ratio
-2 ΔL of one term is ½χ²₀ + ½χ²₁ (Self and Liang 1987). A term is present if the loss of
-every candidate without it is larger by at least half the limit below. In a model without a
-Gauss–Markov process, candidates with such a process are left out here, although it sometimes
-describes flicker or a random walk as well: B or K is significant only if the process describes the
-recording no better. B and K have the limit of `LEVEL` each; Q and G share it between the terms that
-are tested, and G also between the T that were searched.
+If a term is absent, its variance is on the boundary of its range, so the likelihood ratio 2 ΔL of
+one term is ½χ²₀ + ½χ²₁ (Self and Liang 1987). A term is present if the loss of every candidate
+without it is larger by at least half the limit below. For a model without a Gauss–Markov process,
+candidates with such a process are not considered in this test. However, the process sometimes
+describes flicker or a random walk equally well. Therefore B or K is significant only if the process
+does not describe the recording better. B and K each have the limit of `LEVEL`. Q and G share it
+between the tested terms, and G also between the values of T that were searched.
 """
 
 from collections.abc import Iterable
@@ -25,23 +25,23 @@ from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import Bins
 
 CANDIDATES = ("N", "NB", "NK", "NBK", "NG", "NGK", "NBG")
-LEVEL = 0.01  # probability that a term is falsely significant
-_TESTED = 4  # terms besides N that share the level of Q and G
-_EDGE = 1.1  # of the shortest and the longest T
+LEVEL = 0.01  # probability that a term is wrongly found significant
+_TESTED = 4  # number of terms besides N that share the level of Q and G
+_EDGE = 1.1  # margin at the shortest and the longest T
 
 
 @dataclass(frozen=True)
 class Significance:
-    """Whether a term is significant.
+    """Result of the significance test for a term.
 
     Parameters
     ----------
     ratio : float
-        2 ΔL to the best candidate without the term.
+        2 ΔL relative to the best candidate without the term.
     limit : float
         Limit that the ratio must exceed.
     is_replaced : bool
-        Whether a Gauss–Markov process fits better in its place, although it costs two more
+        Whether a Gauss–Markov process fits better in its place, although it has two additional
         parameters.
     """
 
@@ -62,13 +62,13 @@ class Significance:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The chosen model and its rivals.
+    """The chosen model and the other candidates.
 
     Parameters
     ----------
     fit : NoiseFit
     rivals : tuple of NoiseFit
-        The other candidates, the best first.
+        The other candidates, best first.
     significance : dict of str to Significance
         Significance of each term of the model except N.
     is_asked : bool
@@ -82,7 +82,7 @@ class Selection:
 
 
 def ratio_limit(tests: int) -> float:
-    """Return the limit of 2 ΔL of a variance on its boundary, where `tests` share `LEVEL`.
+    """Return the limit of 2 ΔL for a variance on its boundary if `tests` tests share `LEVEL`.
 
     Examples
     --------
@@ -93,19 +93,19 @@ def ratio_limit(tests: int) -> float:
 
 
 def select_terms(bins: Bins, candidates: Iterable[str] = CANDIDATES) -> Selection:
-    """Return the candidate with the least AIC, its rivals, and the significance of its terms.
+    """Select the candidate with the smallest AIC, and test the significance of its terms.
 
     Parameters
     ----------
     bins : Bins
     candidates : iterable of str
-        Each the symbols of its terms.
+        Candidates, each given by the symbols of its terms.
     """
     names = tuple(candidates)
     fits = [fit_terms(bins, one) for one in names]
     if names == CANDIDATES:
         fits = [one for one in fits if not is_time_limit(bins, one)]
-        if bins.output is None:  # behind a filter the floor of the read-out is in its place
+        if bins.output is None:  # with a filter, the read-out floor takes its place
             fits += _with_quantisation(bins, fits)
     best = min(fits, key=lambda one: one.aic)
     significance = _significance(bins, best, fits)
@@ -117,7 +117,7 @@ def select_terms(bins: Bins, candidates: Iterable[str] = CANDIDATES) -> Selectio
 
 
 def is_time_limit(bins: Bins, fit: NoiseFit) -> bool:
-    """Tell whether T is at an end of the values tried (white noise or random walk)."""
+    """Return whether T is at an end of the tried values (white noise or random walk)."""
     if "G" not in fit.symbols:
         return False
     shortest, longest = bins.times[[0, -1]]
@@ -125,10 +125,11 @@ def is_time_limit(bins: Bins, fit: NoiseFit) -> bool:
 
 
 def _with_quantisation(bins: Bins, fits: list[NoiseFit]) -> list[NoiseFit]:
-    """Return the candidates with quantisation, where the best of them is significantly better.
+    """Return the candidates with quantisation, if the best of them is significantly better.
 
-    They are tried beside all others: the best model without Q has too many terms, or too few,
-    where Q is present. The fullest and the best model show whether Q is worth the others.
+    They are tried in addition to all others, because the best model without Q has too many or too
+    few terms if Q is present. Adding Q to the fullest and to the best model shows whether it is
+    worth trying with the others.
     """
     best = min(fits, key=lambda one: one.aic)
     limit = min(one.loss for one in fits) - ratio_limit(_TESTED) / 2
@@ -139,7 +140,7 @@ def _with_quantisation(bins: Bins, fits: list[NoiseFit]) -> list[NoiseFit]:
     for one in fits:
         if one.symbols not in found:
             found[one.symbols] = _add_quantisation(bins, one)
-    # Of models without Q none may be preferred by its few terms alone.
+    # No model without Q may be preferred only because it has fewer terms.
     return [one for one in found.values() if one.loss <= limit]
 
 
@@ -170,13 +171,13 @@ def _significance(bins: Bins, best: NoiseFit, fits: list[NoiseFit]) -> dict[str,
 
 
 def significance_limit(symbol: str, cells: float = 1.0) -> float:
-    """Return the limit of 2 ΔL of a term.
+    """Return the limit of 2 ΔL for a term.
 
     Parameters
     ----------
     symbol : str
     cells : float
-        How many T that differ were searched for a Gauss–Markov process.
+        Number of distinct values of T that were searched for a Gauss–Markov process.
     """
     if symbol in "BK":
         return ratio_limit(1)

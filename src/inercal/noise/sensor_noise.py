@@ -1,6 +1,6 @@
-"""The noise of a sensor as other programs use it: one N, B and K for all axes of a kind.
+"""Sensor noise in the form that other programs use: one N, B and K for all axes of a kind.
 
-It comes from an analysis (`sensor_noise`) or from a data sheet (`inercal.noise.data_sheet`).
+It is taken from an analysis (`sensor_noise`) or a data sheet (`inercal.noise.data_sheet`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from inercal.noise.terms import FLICKER_FLOOR
 from inercal.noise.texts import filter_notes
 from inercal.physics.quantities import SensorKind
 
-MARKOV_PEAK = 0.617  # of σ: the largest Allan deviation of a Gauss–Markov process
+MARKOV_PEAK = 0.617  # of σ; largest Allan deviation of a Gauss–Markov process
 
 
 @dataclass(frozen=True)
@@ -27,17 +27,17 @@ class TriadNoise:
     axes : tuple of mapping of symbol to value
         Coefficients of each axis, or their upper limits; 0 or absent if neither is known.
     values : dict of symbol to (value, u)
-        N, B and K as root mean squares over the axes, without B if no axis has it. An axis with
-        only an upper limit uses that limit. A Gauss–Markov process is stated as the bias
+        N, B and K as root mean squares over the axes, without B if no axis has it. For an axis with
+        only an upper limit, that limit is used. A Gauss–Markov process is stated as the bias
         instability with the same peak. u is None if none is stated.
     limits : tuple of str
-        Symbols of `values` of which all axes have only an upper limit.
+        Symbols of `values` for which all axes have only an upper limit.
     notes : tuple of str
-        Origin of a value that is not a coefficient of an axis.
+        Notes on the origin of values that are not coefficients of an axis.
     rate_hz : float
-        0 if it is not known.
+        Sampling rate, Hz; 0 if unknown.
     origins : mapping of symbol to str
-        What a data sheet states, for comments.
+        The statements on a data sheet, for comments.
     """
 
     quantity: SensorKind
@@ -56,7 +56,7 @@ class SensorNoise:
     Parameters
     ----------
     source : str
-        The recording's file or the data sheet, for the files that are written.
+        The recording's file or the data sheet, as named in the written files.
     duration : float
         Duration of the recording, s; 0 for a data sheet.
     triads : dict of quantity to TriadNoise
@@ -70,7 +70,7 @@ class SensorNoise:
 
 
 def sensor_noise(analysis: NoiseAnalysis) -> SensorNoise:
-    """Return the noise that an analysis found.
+    """Convert the noise found by an analysis to a `SensorNoise`.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def require_stated(analysis: NoiseAnalysis) -> None:
     Raises
     ------
     InputError
-        A channel has none; the message names it, the coefficients, and the reason.
+        A channel has no coefficients; the message names it, the coefficients and the reason.
     """
     for one in analysis.channels:
         if one.refusal is not None:
@@ -110,7 +110,7 @@ def require_rate(noise: TriadNoise) -> float:
     Raises
     ------
     InputError
-        The data sheet states none.
+        The data sheet does not state the sampling rate.
     """
     if not noise.rate_hz:
         raise InputError(
@@ -138,7 +138,7 @@ def axis_coefficient(channel: ChannelNoise, symbol: str) -> tuple[float, float]:
 
 
 def root_mean_of_squares(values: Sequence[float]) -> float:
-    """Return the root mean square."""
+    """Return the root mean square of some values."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -149,7 +149,7 @@ def _triad(axes: Sequence[ChannelNoise], quantity: SensorKind) -> TriadNoise:
         pairs = [axis_coefficient(one, symbol) for one in axes]
         known = any(value for value, _ in pairs)
         if not known and symbol == "B":
-            continue  # K's limit stands for all drift that is not seen
+            continue  # the limit of K also covers any drift that is not detected
         pairs = [
             pair if pair[0] else (one.value_or_limit(symbol), 0.0)
             for one, pair in zip(axes, pairs, strict=True)

@@ -1,14 +1,13 @@
-"""Squared DCT-II coefficients of a recording in bins, whatever its length and gaps.
+"""Binned squares of DCT-II coefficients of a recording with any length and gaps.
 
-A series of up to 2¹⁷ block means has one transform. For a longer series, block means give the low
-frequencies, and segments of at most as many samples, whose squares are averaged, give the higher
-ones. Pieces between gaps are transformed one by one and their likelihoods added; no gap is bridged.
-
-With the orthonormal DCT-II c_k, k = 1 … n−1, of block means whose variogram is γ, exactly::
+A series of up to 2¹⁷ block means is transformed at once. For a longer series, block means give the
+low frequencies. Segments of at most as many samples, whose squares are averaged, give the higher
+ones. Pieces between gaps are transformed separately and their likelihoods are added; gaps are not
+bridged. For the orthonormal DCT-II c_k, k = 1 … n−1, of block means with the variogram γ, exactly::
 
     E c_k² = −(2/n) [Σ_h (n−h) γ(h) cos(πkh/n) − Σ_h γ(h) sin(πkh/n)/sin(πk/n)],  h = 1 … n−1
 
-The first sum is a DCT-I, the second a DST-I. Coefficient k = 0, the bias, is left out.
+The first sum is a DCT-I, the second a DST-I. Coefficient k = 0, the bias, is omitted.
 """
 
 from collections.abc import Sequence
@@ -24,15 +23,15 @@ from inercal.noise.output_filter import OutputFilter
 from inercal.noise.terms import TERMS
 
 Band = tuple[float, float]
-"""Lowest and highest frequency, Hz."""
+"""Lowest and highest frequency of a band, Hz."""
 LONGEST = 1 << 17  # values in one transform
 SHORTEST_PIECE = 16
-_SINGLE = 64  # coefficients that are bins of their own
-_LOGARITHMIC = 160  # bins above
+_SINGLE = 64  # coefficients that each form their own bin
+_LOGARITHMIC = 160  # bins above these
 _LEAKAGE, _STRONGEST = 1e-5, 0.9  # of the level that a tenth of the bins exceed
-_FINE = 300  # bins in a band at least, where a filter bends the spectrum
-_TIMES = 24  # of a Gauss–Markov process
-_BLOCK_SHARE = 0.1  # of the block means' frequencies that are used, where segments follow
+_FINE = 300  # smallest number of bins in a band where a filter bends the spectrum
+_TIMES = 24  # values of T for a Gauss–Markov process
+_BLOCK_SHARE = 0.1  # share of the block means' frequencies that are used if there are segments
 
 
 @lru_cache(maxsize=64)  # up to 1 MB each
@@ -42,17 +41,17 @@ def expected_periodogram(symbol: str, n: int, dt: float, markov_time: float = 1.
     Parameters
     ----------
     symbol : str
-        Of `TERMS`.
+        One of `TERMS`.
     n : int
         Number of block means.
     dt : float
-        Δ, s.
+        Sampling interval Δ, s.
     markov_time : float
-        T of a Gauss–Markov process, s.
+        Time constant T of a Gauss–Markov process, s.
     """
     h = np.arange(1, n, dtype=np.float64)
     gamma = TERMS[symbol].variogram(h, dt, markov_time)
-    # A line a + b h has closed sums; without it the transforms lose fewer digits.
+    # A line a + b h has closed-form sums; without it the transforms are more precise.
     slope = (gamma[-1] - gamma[0]) / max(n - 2, 1)
     constant = gamma[0] - slope
     gamma = gamma - (constant + slope * h)
@@ -78,16 +77,16 @@ class Spectrum:
     Parameters
     ----------
     n : int
-        Values in each transform.
+        Number of values in each transform.
     dt : float
-        Δ of the values, s.
+        Time Δ between the values, s.
     power : (n−1,) array
-        c_k², k = 1 … n−1, averaged over the segments.
+        Squares c_k², k = 1 … n−1, averaged over the segments.
     segments : int
     first, last : int
-        Coefficients that are used, half open.
+        Half-open range of the coefficients that are used.
     kept : (n−1,) array of bool
-        False at the lines that were taken out.
+        False at the lines that were removed.
     """
 
     n: int
@@ -101,9 +100,9 @@ class Spectrum:
 
 @lru_cache(maxsize=256)
 def bin_edges(first: int, last: int, *, fine: bool = False) -> tuple[int, ...]:
-    """Return the first coefficient of each bin from `first` to `last`, and `last`.
+    """Return the first coefficient of each bin from `first` to `last`, followed by `last`.
 
-    Fine bins are at most 1/300 of the coefficients wide.
+    Fine bins contain at most 1/300 of the coefficients.
     """
     single = np.arange(first, min(max(_SINGLE, first), last))
     edges = np.geomspace(max(_SINGLE, first), max(last, _SINGLE + 1), _LOGARITHMIC + 1)
@@ -120,7 +119,7 @@ def bin_edges(first: int, last: int, *, fine: bool = False) -> tuple[int, ...]:
 def binned_basis(
     symbol: str, n: int, dt: float, first: int, last: int, markov_time: float, *, fine: bool = False
 ) -> Array:
-    """Return E c_k² of a term averaged over each bin."""
+    """Return E c_k² of a term, averaged over each bin."""
     edges = np.array(bin_edges(first, last, fine=fine))
     expected = expected_periodogram(symbol, n, dt, markov_time)[first - 1 : last - 1]
     means = np.add.reduceat(expected, edges[:-1] - first) / np.diff(edges)
@@ -130,19 +129,19 @@ def binned_basis(
 
 @dataclass(frozen=True, eq=False)
 class FilterEffect:
-    """The effect of a filter of the sensor on the bins.
+    """The effect of the sensor's own filter on the bins.
 
     Parameters
     ----------
     output : OutputFilter
     response : (b,) array
-        |H|² averaged over each bin.
+        Power response |H|² averaged over each bin.
     known : (b,) array
         Part of S that is not fitted.
     nuisance : (b, k) array
-        Further columns of S with coefficients ≥ 0: dS/d ln f_c, and the floor of the read-out.
+        Additional columns of S with coefficients ≥ 0: dS/d ln f_c, and the read-out floor.
     start : (k,) array
-        Their coefficients at the filter that was found.
+        Coefficients of these columns for the filter that was found.
     """
 
     output: OutputFilter
@@ -159,18 +158,18 @@ class Bins:
     Parameters
     ----------
     power, weight, frequency : (b,) array
-        Mean of c_k², number of coefficients in it, and the mean frequency, Hz.
+        Mean of c_k², number of coefficients in it, and mean frequency, Hz.
     spectra : tuple of Spectrum
     dt : float
-        Δ of the samples, s.
+        Sampling interval Δ, s.
     used : array of bool
-        Which of all bins of the spectra have a coefficient that is kept.
+        Mask of those bins in all spectra that contain at least one kept coefficient.
     fine : bool
-        Whether the bins are those for a filter.
+        Whether the bins are fine, as needed for a filter.
     effect : FilterEffect or None
-        Of the sensor's own filter.
+        Effect of the sensor's own filter.
     limit : float
-        Frequency, Hz, from which on bins are left out.
+        Frequency, Hz, above which bins are excluded.
     """
 
     power: Array
@@ -190,7 +189,7 @@ class Bins:
 
     @cached_property
     def ends(self) -> tuple[Array, Array]:
-        """Lowest and highest frequency of each bin, Hz, with half a coefficient beyond."""
+        """Lowest and highest frequency of each bin, Hz, extended by half a coefficient."""
         low: list[Array] = []
         high: list[Array] = []
         for one in self.spectra:
@@ -215,37 +214,38 @@ class Bins:
         )
 
     def below(self, frequency: float) -> "Bins":
-        """Return the bins whose mean frequency is below one, Hz, without a filter."""
+        """Return the bins whose mean frequency is below the given one, Hz, without a filter."""
         return replace(self.take(self.frequency < frequency), limit=frequency)
 
     def strong_bins(self) -> "Bins":
-        """Return the bins that the leakage of the strongest frequencies does not cover.
+        """Return the bins that are not covered by leakage from the strongest frequencies.
 
-        The spectrum of a series whose last value differs from its first leaks into other bins, by
-        about 10⁻⁶ of the power. Far above the cut-off of a filter this is visible.
+        If the last value of a series differs from its first, its spectrum leaks into other bins by
+        about 10⁻⁶ of the power. This is visible far above the cut-off of a filter.
         """
         level = self.power / self.basis("N")
         return self.take(level > _LEAKAGE * np.quantile(level, _STRONGEST))
 
     def bins_of(self, spectra: Sequence[Spectrum]) -> "Bins":
-        """Return the like bins of other spectra of the same recording."""
+        """Return the corresponding bins of other spectra of the same recording."""
         bins = make_bins(spectra, self.dt, fine=self.fine)
         like = bins.take(self.used[np.flatnonzero(bins.used)])
         return replace(like, effect=self.effect, limit=self.limit)
 
     @cached_property
     def times(self) -> Array:
-        """Times T tried for a Gauss–Markov process, s, from 10 samples to a tenth of the longest.
+        """Values of T to try for a Gauss–Markov process, s: from 10 samples to 1/10 of the data.
 
-        In the recording a shorter T looks like white noise, and a longer one like a random walk.
+        In the recording, a shorter T looks like white noise, and a longer one like a random walk.
         """
         longest = max(one.n * one.dt for one in self.spectra)
         return np.geomspace(10 * self.dt, max(longest / 10, 20 * self.dt), _TIMES)
 
     def markov_basis(self, markov_time: float) -> Array:
-        """Return E of each bin for a Gauss–Markov process of sd 1, (b,), interpolated in ln T.
+        """Return E in each bin for a Gauss–Markov process with sd 1, (b,), interpolated in ln T.
 
-        Cubic through four of `times`; a transform for each T would take most of the time of a fit.
+        The interpolation is cubic through four of `times`, because a transform for each T would
+        take most of the time of a fit.
         """
         grid = np.log(self.times)
         place = (np.log(markov_time) - grid[0]) / (grid[1] - grid[0])
@@ -265,19 +265,19 @@ class Bins:
         return np.exp(logs)
 
     def basis(self, symbol: str, markov_time: float = 1.0) -> Array:
-        """Return E of each bin for a term with a coefficient of 1, (b,)."""
+        """Return E in each bin for a term with a coefficient of 1, (b,)."""
         parts = [
             binned_basis(symbol, one.n, one.dt, one.first, one.last, markov_time, fine=self.fine)
             for one in self.spectra
         ]
         expected = np.concatenate(parts)[self.used]
-        if self.effect is None or symbol == "Q":  # which the read-out makes, behind the filter
+        if self.effect is None or symbol == "Q":  # Q is added after the filter by the read-out
             return expected
         return expected * self.effect.response
 
 
 def make_bins(spectra: Sequence[Spectrum], dt: float, *, fine: bool = False) -> Bins:
-    """Return the bins of spectra; bins without a coefficient that is kept are left out."""
+    """Return the bins of spectra, without those that contain no kept coefficient."""
     power: list[Array] = []
     weight: list[Array] = []
     frequency: list[Array] = []
@@ -305,7 +305,7 @@ def make_bins(spectra: Sequence[Spectrum], dt: float, *, fine: bool = False) -> 
 
 
 def remove_band(spectrum: Spectrum, bands: Sequence[Band]) -> Spectrum:
-    """Return a spectrum without the coefficients within bands of frequency."""
+    """Return a spectrum without the coefficients in some frequency bands."""
     frequency = np.arange(1, spectrum.n) / (2 * spectrum.n * spectrum.dt)
     kept = spectrum.kept.copy()
     for low, high in bands:
@@ -320,7 +320,7 @@ def whole_spectrum(y: Array, dt: float) -> Spectrum:
 
 
 def block_means(y: Array, m: int) -> Array:
-    """Return the means of m values each, without the remaining values."""
+    """Return the means of m values each; omit the remaining values."""
     count = y.size // m
     return y[: count * m].reshape(count, m).mean(axis=1)
 
@@ -331,7 +331,7 @@ def piece_spectra(y: Array, dt: float) -> tuple[Spectrum, ...]:
         return (whole_spectrum(y, dt),)
     m = -(-y.size // LONGEST)
     blocks = whole_spectrum(block_means(y, m), dt * m)
-    size = y.size // m  # so that few samples are left over
+    size = y.size // m  # chosen so that few samples remain unused
     power = np.zeros(size - 1)
     for one in y[: m * size].reshape(m, size):
         power += squared_coefficients(one)
@@ -339,17 +339,17 @@ def piece_spectra(y: Array, dt: float) -> tuple[Spectrum, ...]:
 
 
 def join_long(blocks: Spectrum, power: Array, segments: int, dt: float) -> tuple[Spectrum, ...]:
-    """Return the spectrum of block means for low frequencies, and of segments for the others.
+    """Combine two spectra: block means for low frequencies, and segments for the others.
 
     Parameters
     ----------
     blocks : Spectrum
-        Of block means of the series.
+        Spectrum of the block means of the series.
     power : (n − 1,) array
-        Averaged squares of the coefficients of segments of n values.
+        Squared coefficients of segments of n values, averaged over the segments.
     segments : int
     dt : float
-        Of the samples in the segments, s.
+        Sampling interval in the segments, s.
     """
     limit = int(_BLOCK_SHARE * blocks.n)
     frequency = limit / (2 * blocks.n * blocks.dt)

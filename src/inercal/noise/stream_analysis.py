@@ -1,8 +1,8 @@
-"""The noise of a recording that comes in blocks, in bounded memory, with its gaps.
+"""Analyse the noise of a recording that arrives in blocks, with gaps, in bounded memory.
 
 Each piece between gaps has a `StreamedChannel` for each channel, and the likelihoods of the pieces
-are added, as for a recording in memory. Block means of the temperature are kept for a drift in one
-piece.
+are added, as for a recording in memory. Block means of the temperature are kept, so that drift can
+be fitted if there is only one piece.
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,7 +27,7 @@ from inercal.physics.quantities import SensorKind
 from inercal.physics.sensors import G0
 from inercal.recordings import Recording
 
-_MOST_STREAMS = 48  # channels times pieces; each keeps 3 MB and more
+_MOST_STREAMS = 48  # channels times pieces; each keeps at least 3 MB
 
 
 @with_one_thread
@@ -41,28 +41,28 @@ def analyse_noise_stream(
     source: str = "",
     gravity: float | None = G0,
 ) -> NoiseAnalysis:
-    """Return the noise of a recording without gaps that comes in pieces, in bounded memory.
+    """Determine the noise of a recording without gaps that arrives in pieces, in bounded memory.
 
-    Each channel keeps some 30 MB of 10⁸ samples (`inercal.noise.streaming`).
+    For 10⁸ samples, each channel needs about 30 MB (`inercal.noise.streaming`).
 
     Parameters
     ----------
     pieces : iterable of (k, m) array
-        The pieces in order; k may differ.
+        The pieces in order; k may differ from piece to piece.
     dt : float
-        Δ, s.
+        Sampling interval Δ, s.
     channels, units : sequence of m str
     terms : str, optional
         As in `analyse_noise`.
     source : str
-        For messages.
+        Name of the recording, for messages.
     gravity : float or None
         As in `analyse_noise`.
 
     Raises
     ------
     InputError
-        As `analyse_noise` raises it.
+        As in `analyse_noise`.
     """
     candidates = candidate_models(terms)
     stream = NoiseStream(dt, channels, units, source)
@@ -72,26 +72,26 @@ def analyse_noise_stream(
 
 
 class NoiseStream:
-    """Takes a recording block by block; then gives its noise.
+    """Collect a recording block by block, and then determine its noise.
 
     Parameters
     ----------
     dt : float
-        Δ, s.
+        Sampling interval Δ, s.
     channels, units : sequence of m str
     source : str
-        For messages.
+        Name of the recording, for messages.
 
     Raises
     ------
     InputError
-        A unit is neither of rate nor of acceleration.
+        A unit is neither a rate nor an acceleration.
     """
 
     def __init__(self, dt: float, channels: Sequence[str], units: Sequence[str], source: str = ""):
         self.dt = dt
         self.source = source
-        self.duration: float | None = None  # s, where times are known
+        self.duration: float | None = None  # s, if times are known
         self.remarks: list[str] = []
         self._channels = tuple(channels)
         self._quantities: list[SensorKind] = [
@@ -105,12 +105,12 @@ class NoiseStream:
         self.begin_piece(0.0)
 
     def begin_piece(self, start: float) -> None:
-        """End a piece at a gap.
+        """End the current piece at a gap and begin a new one.
 
         Parameters
         ----------
         start : float
-            Time of the next sample, s from the recording's first.
+            Time of the next sample, s after the first sample of the recording.
 
         Raises
         ------
@@ -124,7 +124,7 @@ class NoiseStream:
         if (len(self._pieces) + 1) * len(self._channels) > _MOST_STREAMS:
             raise InputError(
                 f"{self.source or 'recording'}: there are too many gaps for an analysis in "
-                f"blocks, by {start:.6g} s; analyse the parts between long gaps one by one",
+                f"blocks (up to {start:.6g} s); analyse the parts between long gaps one by one",
                 file=self.source or None,
             )
         self._starts.append(start)
@@ -132,13 +132,13 @@ class NoiseStream:
         self._temperatures.append(StreamedMeans())
 
     def add(self, values: Array, temperature: Array | None = None) -> None:
-        """Take the next samples of all channels, (k, m), in their units.
+        """Add the next samples of all channels, (k, m), in their units.
 
         Parameters
         ----------
         values : (k, m) array
         temperature : (k,) array, optional
-            K; of all samples or of none.
+            Temperatures, K; given either for all samples or for none.
         """
         if not len(values):
             return
@@ -159,11 +159,11 @@ class NoiseStream:
         Parameters
         ----------
         candidates : tuple of str
-            Of `candidate_models`.
+            Models from `candidate_models`.
         skipped_bands : sequence of (float, float)
-            Hz, left out of the fit.
+            Bands to exclude from the fit, Hz.
         sha256 : str
-            Of the recording.
+            Hash of the recording.
         gravity : float or None
             As in `analyse_noise`.
 
@@ -205,7 +205,7 @@ class NoiseStream:
             )
         if self._left_out:
             remarks.append(
-                f"{self._left_out} samples in pieces shorter than {FEWEST} were left out"
+                f"{self._left_out} samples in pieces shorter than {FEWEST} were excluded"
             )
         return tuple(remarks)
 
@@ -224,7 +224,9 @@ class NoiseStream:
             drift_regressors(values.size, dt, self._temperatures[0].means()) if single else {}
         )
         remarks = [text for part in parts for text in part.remarks(self._channels[k], self.source)]
-        remarks += [f"{low:g}–{high:g} Hz were left out of the fit" for low, high in skipped_bands]
+        remarks += [
+            f"{low:g}–{high:g} Hz were excluded from the fit" for low, high in skipped_bands
+        ]
         return ChannelSummary(
             channel=self._channels[k],
             quantity=self._quantities[k],

@@ -1,12 +1,13 @@
-"""Keeps what the analysis needs of a channel that comes in pieces, in bounded memory.
+"""Collect what a noise analysis needs from a channel that arrives in pieces, in bounded memory.
 
-Kept are the sums of squared differences of averaging factors to 1024, every 64th cumulative sum,
-one segment of 2¹⁷ samples with the averaged spectrum of those before, and the squared differences
-of neighbours by half a window of 10 s. Longer averaging times, block means for the low frequencies,
-and changes of the mean come from the kept cumulative sums. 10⁸ samples keep about 30 MB.
+The following data are kept: the sums of squared differences at averaging factors up to 1024, every
+64th cumulative sum, one segment of 2¹⁷ samples with the averaged spectrum of the earlier ones, and
+the squared differences between neighbours in half windows of 10 s. Longer averaging times, block
+means for the low frequencies, and changes of the mean are calculated from the kept cumulative sums.
+For 10⁸ samples, this takes about 30 MB.
 
-For another series beside the samples, such as the temperature, `StreamedMeans` keeps block means on
-the same grid as those of the channel for the low frequencies.
+For another series besides the samples, such as the temperature, `StreamedMeans` keeps block means
+on the same grid as those of the channel for the low frequencies.
 """
 
 import numpy as np
@@ -40,13 +41,13 @@ from inercal.noise.spectrum import (
 )
 
 KEPT_EVERY = 64
-_MANY = 4  # segments, beside which those samples are left out that fill no other
-_FIRST = 4096  # squared differences whose median sets the largest that counts
+_MANY = 4  # with this many segments, samples that do not fill another one are omitted
+_FIRST = 4096  # squared differences whose median determines the clipping level
 _SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1, dtype=np.int64)
 
 
 class StreamedMeans:
-    """Takes a series piece by piece; then gives its block means."""
+    """Collect a series piece by piece, and then return its block means."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -56,7 +57,7 @@ class StreamedMeans:
         self._first: list[Array] = []
 
     def add(self, y: Array) -> None:
-        """Take the next values, (k,), k ≥ 1."""
+        """Add the next values, (k,), k ≥ 1."""
         if not self.count:
             self._origin = float(y.mean())
         if self.count < LONGEST:
@@ -77,12 +78,12 @@ class StreamedMeans:
 
 
 class StreamedChannel:
-    """Takes one channel piece by piece; then gives its deviations, spectra and disturbances.
+    """Collect one channel piece by piece; then return its deviations, spectra and disturbances.
 
     Parameters
     ----------
     dt : float
-        Δ, s.
+        Sampling interval Δ, s.
     """
 
     def __init__(self, dt: float):
@@ -105,7 +106,7 @@ class StreamedChannel:
         self._last = np.zeros(0)
 
     def add(self, y: Array) -> None:
-        """Take the next samples, (k,), k ≥ 1."""
+        """Add the next samples, (k,), k ≥ 1."""
         if not self.count:
             self.origin = float(y.mean())
         y = y - self.origin
@@ -126,11 +127,11 @@ class StreamedChannel:
         return check_rounding([self._samples()], channel, source)
 
     def rounding_step(self) -> float:
-        """Return the step to which the readings are rounded; 0 if none is seen."""
+        """Return the step to which the readings are rounded; 0 if none is detected."""
         return rounding_step(self._samples())
 
     def _samples(self) -> Array:
-        """Return samples, 2¹⁷ of a long series."""
+        """Return samples of the series; if it is long, 2¹⁷ of them."""
         kept = LONGEST if self._segments else self._filled
         return self._segment[:kept] + self.origin
 
@@ -182,7 +183,7 @@ class StreamedChannel:
         self._differences = d[used:].copy()
 
     def cumulative_sums(self) -> Array:
-        """Return every 64th cumulative sum, from the first."""
+        """Return every 64th cumulative sum, from the first one on."""
         self._kept = [np.concatenate(self._kept)]
         return self._kept[0]
 
@@ -206,7 +207,7 @@ class StreamedChannel:
         return with_intervals("oadev", factors, np.array(variances), counts, alphas, n, self.dt)
 
     def low_values(self) -> tuple[Array, float]:
-        """Return block means of all samples, at most 2¹⁷, and their Δ, s."""
+        """Return block means of all samples, at most 2¹⁷, and the time Δ between them, s."""
         if self.count <= LONGEST:
             return self._segment[: self._filled], self.dt
         means = np.diff(self.cumulative_sums()) / KEPT_EVERY
@@ -214,7 +215,7 @@ class StreamedChannel:
         return block_means(means, m), self.dt * KEPT_EVERY * m
 
     def spectra(self) -> tuple[Spectrum, ...]:
-        """Return the spectra of low and of high frequencies."""
+        """Return the spectra for low and high frequencies."""
         values, dt = self.low_values()
         low = whole_spectrum(values, dt)
         if not self._segments or self.count <= LONGEST:
@@ -222,12 +223,12 @@ class StreamedChannel:
         found = join_long(low, self._power / self._segments, self._segments, self.dt)
         if self._segments >= _MANY or self._filled < LONGEST // 8:
             return found
-        # Of few segments what is left over is a large share of the samples.
+        # If there are few segments, the remaining samples are a large share of all samples.
         rest = squared_coefficients(self._segment[: self._filled])
         return *found, join_long(low, rest, 1, self.dt)[1]
 
     def disturbances(self) -> tuple[Disturbance, ...]:
-        """Return steps, knocks and bursts; changes are placed to 64 samples."""
+        """Return steps, knocks and bursts; the times of changes have a resolution of 64 samples."""
         self._sum_differences()
         means = np.diff(self.cumulative_sums()) / KEPT_EVERY
         halves = np.concatenate(self._half_sums)

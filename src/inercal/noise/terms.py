@@ -1,6 +1,7 @@
-"""The terms of a sensor's noise: spectrum, Allan variance and variogram of each, and its units.
+"""Terms of sensor noise: spectrum, Allan variance and variogram of each term, and its units.
 
-The series is y, block means over Δ of a rate or an acceleration. For a coefficient of 1, in SI::
+The series y consists of block means over Δ of a rate or an acceleration. For a coefficient of 1, in
+SI::
 
     term              S(f), two-sided        σ²(τ)              γ(h) = ½ E (y[t+h] − y[t])², h ≥ 1
     Q quantisation    (2π f)² Δ              3/τ²               2/Δ², at h = 1: 3/Δ²
@@ -21,15 +22,15 @@ import numpy as np
 from inercal.basics.arrays import Array
 
 FLICKER_FLOOR = float(2 * np.log(2) / np.pi)
-"""Allan variance of flicker noise with B = 1: the floor of the deviation is 0.664 B."""
-_SERIES_FROM = 32.0  # lag from which the second difference of h² ln h is a series
-_SMALL_RATIO = 2e-3  # τ/T below which the Allan variance of G is a series
-_SMALL_STEP = 0.1  # Δ/T below which the variogram of G is a series
+"""Allan variance of flicker noise with B = 1; the minimum of its Allan deviation is 0.664 B."""
+_SERIES_FROM = 32.0  # lag above which the second difference of h² ln h is computed as a series
+_SMALL_RATIO = 2e-3  # τ/T below which the Allan variance of G is computed as a series
+_SMALL_STEP = 0.1  # Δ/T below which the variogram of G is computed as a series
 
 
 @dataclass(frozen=True)
 class NoiseTerm:
-    """A term of the noise; its functions are for a coefficient of 1 in SI.
+    """One noise term; its functions are for a coefficient of 1 in SI.
 
     Parameters
     ----------
@@ -37,13 +38,13 @@ class NoiseTerm:
         "Q", "N", "B", "K" or "G".
     name : str
     psd : function of (f, Δ, T)
-        Two-sided density at frequencies, Hz.
+        Two-sided spectral density at frequencies, Hz.
     avar : function of (τ, Δ, T)
         Allan variance.
     variogram : function of (h, Δ, T)
-        At lags h = 1, 2, … of blocks of Δ.
+        Variogram at lags h = 1, 2, … of blocks of Δ.
     units : dict of str to str
-        Units in which the coefficient is printed, by the word for the sensor.
+        Display units of the coefficient, by the word for the sensor.
     """
 
     symbol: str
@@ -55,7 +56,7 @@ class NoiseTerm:
 
 
 def _flicker_variogram(h: Array, dt: float, _: float) -> Array:
-    """Return δ²(h² ln h)/2π; the direct difference loses h² ln h/(2 ln h) digits."""
+    """Return δ²(h² ln h)/2π; a series is used at large h, where the difference loses digits."""
     h = np.asarray(h, dtype=np.float64)
     near = np.minimum(h, _SERIES_FROM)
     below = near - 1

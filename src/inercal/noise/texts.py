@@ -1,4 +1,4 @@
-"""Texts of a noise analysis for the terminal and the page."""
+"""Texts about a noise analysis for the terminal and the page."""
 
 from math import inf, isinf
 
@@ -16,12 +16,12 @@ from inercal.noise.disturbances import Disturbance
 from inercal.noise.output_filter import OutputFilter
 from inercal.physics.quantities import QUANTITIES, SensorKind
 
-_WANTED = {"N": 0.01, "B": 0.1, "K": 0.2, "G": 0.2}  # relative u, of the length to record
+_WANTED = {"N": 0.01, "B": 0.1, "K": 0.2, "G": 0.2}  # relative u, for the required recording time
 SHOWN_UNIT: dict[SensorKind, str] = {one.sensor: one.bias_unit for one in QUANTITIES.values()}
-"""In which changes, lines and deviations are stated."""
+"""Unit in which changes, lines and deviations are stated."""
 FILTER_HEADS = ("channel", "shape", "cut-off, Hz", "U (k = 2)", "power at half the rate",
                 "gain of the criterion")  # fmt: skip
-_HALF_POWER = 0.5  # at the cut-off
+_HALF_POWER = 0.5  # power at the cut-off
 _HALF_RATE = 0.5  # f Δ
 
 
@@ -52,15 +52,15 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
 def channel_remarks(channel: ChannelNoise) -> list[str]:
     """Return the verdict on a channel, then its remarks, drift and disturbances, one per line."""
     found = [f"{channel.goodness.verdict} ({' + '.join(channel.fit.symbols)})"]
-    found += filter_remarks(channel)
+    found += [allan_minimum_text(channel), *filter_remarks(channel)]
     if (band := channel.goodness.worst_band) is not None:
-        found.append("--skip-band {:.3g}-{:.3g} would leave this band out of the fit".format(*band))
+        found.append("--skip-band {:.3g}-{:.3g} would exclude this band from the fit".format(*band))
     found += channel.remarks
     shown = SHOWN_UNIT[channel.quantity]
     for one in channel.drift:
         per = {"ramp": "s", "temperature": "K", "temperature rate": "(K/s)"}[one.name]
         size = format_quantity(one.value, COVERAGE * one.u, f"{shown}/{per}")
-        found.append(f"drift, {one.name}: {size} (k = 2), in the fit")
+        found.append(f"drift, {one.name}: {size} (k = 2), included in the fit")
     for line in channel.lines:
         found.append(
             f"line at {format_quantity(line.frequency, 0.0, 'Hz', 4)} with amplitude "
@@ -72,16 +72,26 @@ def channel_remarks(channel: ChannelNoise) -> list[str]:
     return found
 
 
+def allan_minimum_text(channel: ChannelNoise) -> str:
+    """Return the smallest Allan deviation with its averaging time."""
+    one = channel.oadev
+    k = one.lowest
+    shown = SHOWN_UNIT[channel.quantity]
+    size = format_quantity(float(one.value[k]), 0.0, shown, 3)
+    return f"smallest Allan deviation: {size} at {format_duration(float(one.tau[k]))}"
+
+
 def movement_text(movement: str, source: str) -> str:
-    """Return a sentence that says that a sensor moved, how, and what to do."""
+    """Return a sentence that says that the sensor moved, how it moved, and what to do."""
     return (
         f"{source or 'recording'}: the sensor was not at rest: {movement}. A noise analysis "
-        "needs a sensor at rest; give a recording at rest, or the part of this one at rest"
+        "needs a sensor at rest; give a recording at rest, or only the part of this one that is "
+        "at rest"
     )
 
 
 def recording_lengths(channel: ChannelNoise) -> list[str]:
-    """Return the recording time needed for the wanted relative u of each coefficient."""
+    """Return the recording time needed for the target u/value of each coefficient."""
     found: list[str] = []
     for symbol, relative in _WANTED.items():
         if channel.value(symbol):
@@ -94,7 +104,7 @@ def recording_lengths(channel: ChannelNoise) -> list[str]:
 
 
 def disturbance_text(one: Disturbance, quantity: SensorKind) -> str:
-    """Return the kind, time, length and size of a disturbance."""
+    """Return the kind, time, duration and size of a disturbance, as text."""
     shown = SHOWN_UNIT[quantity]
     size = format_quantity(one.size, 0.0, shown, 3)
     if one.kind == "burst":
@@ -108,7 +118,7 @@ def disturbance_text(one: Disturbance, quantity: SensorKind) -> str:
 
 
 def filter_remarks(channel: ChannelNoise) -> list[str]:
-    """Return what is known about the sensor's own filter, or why N, B, K are not stated."""
+    """Return a remark on the sensor's own filter, or on why N, B and K are not stated."""
     if channel.refusal is not None:
         return [channel.refusal.text]
     if channel.band < inf:
@@ -139,7 +149,7 @@ def filter_rows(channel: ChannelNoise) -> list[tuple[str, ...]]:
 
 
 def filter_notes(channel: ChannelNoise) -> list[str]:
-    """Return a short note on a filter, or on the band that was used, for a file."""
+    """Return a short note for a file on the filter, or on the band that was used."""
     if channel.band < inf:
         return [
             f"from frequencies below {channel.band:.3g} Hz, because an unknown filter changes "

@@ -1,1 +1,1 @@
-"""The sensor model, frames, the earth, motion and plans."""
+"""Sensor models, frames, the Earth, motion and test plans."""

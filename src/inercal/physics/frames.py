@@ -1,7 +1,7 @@
 """Rotations between frames, and two decompositions of a triad's matrix into shape and attitude.
 
-vec_a is a vector's components in frame a; mat_ab takes them from b to a: vec_a = mat_ab vec_b.
-Every function is batched over leading axes: it takes `(..., 3)` or `(..., 3, 3)`.
+vec_a contains a vector's components in frame a; mat_ab transforms them from b to a: vec_a = mat_ab
+vec_b. Every function is batched over leading axes: it accepts `(..., 3)` or `(..., 3, 3)`.
 
 A rotation vector ρ rotates by the angle θ = |ρ| about ρ/θ, right-handed (Rodrigues)::
 
@@ -21,7 +21,7 @@ from inercal.basics.errors import InputError
 
 
 def skew(v: ArrayLike) -> Array:
-    """Return [v×], the matrix of the cross product: skew(v) @ u = v × u.
+    """Return the cross-product matrix [v×], so that skew(v) @ u = v × u.
 
     Parameters
     ----------
@@ -39,12 +39,12 @@ def skew(v: ArrayLike) -> Array:
 
 
 def exp_so3(rotvec: ArrayLike) -> Array:
-    """Return the rotation by |rotvec| about rotvec, exact to rounding at any angle.
+    """Return the rotation matrix of a rotation vector, exact to rounding at any angle.
 
     Parameters
     ----------
     rotvec : (..., 3) array
-        rad.
+        Rotation vector, rad.
 
     Returns
     -------
@@ -61,13 +61,13 @@ def exp_so3(rotvec: ArrayLike) -> Array:
     theta = np.linalg.norm(np.asarray(rotvec, dtype=float), axis=-1)[..., None, None]
     divisor = np.where(theta == 0, 1.0, theta)
     first = np.where(theta == 0, 1.0, np.sin(theta) / divisor)
-    # (1 − cos θ)/θ² by the half angle, which does not cancel near 0.
+    # Compute (1 − cos θ)/θ² from the half angle, which avoids cancellation near 0.
     half = np.where(theta == 0, 0.5, np.sin(theta / 2) / divisor)
     return np.eye(3) + first * cross + 2 * half**2 * (cross @ cross)
 
 
 def left_jacobian(rotvec: ArrayLike) -> Array:
-    """Return J with exp(ρ + δ) = exp(J δ) exp(ρ) to first order in δ.
+    """Return the left Jacobian J, so that exp(ρ + δ) = exp(J δ) exp(ρ) to first order in δ.
 
     J = I + ((1 − cos θ)/θ²) [ρ×] + ((θ − sin θ)/θ³) [ρ×]² (Solà, Deray and Atchuthan 2018, A micro
     Lie theory for state estimation in robotics, equation 145).
@@ -75,7 +75,7 @@ def left_jacobian(rotvec: ArrayLike) -> Array:
     Parameters
     ----------
     rotvec : (..., 3) array
-        ρ, rad.
+        Rotation vector ρ, rad.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def left_jacobian(rotvec: ArrayLike) -> Array:
 
 
 def log_so3(mat: ArrayLike) -> Array:
-    """Return the rotation vector of a rotation, of length 0 … π; the inverse of `exp_so3`.
+    """Return the rotation vector, of length 0 … π, of a rotation matrix; the inverse of `exp_so3`.
 
     The unit quaternion is computed from its largest component, with full precision near 0 and near
     π (Shepperd, J. Guidance and Control 1 (1978) 223). At π, where ρ and −ρ are the same rotation,
@@ -130,7 +130,7 @@ def log_so3(mat: ArrayLike) -> Array:
 
 
 def attitude_from_vertical(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
-    """Return an attitude of a body with a given upward direction.
+    """Return the attitude of a body from its upward direction and its azimuth.
 
     The frame n is level: east, north, up. At `azimuth` 0 the body is the level frame n, tilted (by
     the shortest rotation where up's z is not negative); `azimuth` then rotates it about the
@@ -139,9 +139,9 @@ def attitude_from_vertical(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
     Parameters
     ----------
     up : (..., 3) array
-        The upward vertical in the body's frame b, of any length but 0.
+        The upward vertical in the body's frame b, with any nonzero length.
     azimuth : (...) array or float
-        rad.
+        Azimuth, rad.
 
     Returns
     -------
@@ -151,7 +151,7 @@ def attitude_from_vertical(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
     Raises
     ------
     InputError
-        A direction without length.
+        A direction has length 0 or is not finite.
     """
     up_b = np.asarray(up, dtype=float)
     length = np.linalg.norm(up_b, axis=-1, keepdims=True)
@@ -173,7 +173,7 @@ def attitude_from_vertical(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
 
 
 def decompose_triangular(mat: ArrayLike) -> tuple[Array, Array]:
-    """Return (L, Q) with mat = L Q: L lower triangular with a positive diagonal, Q a rotation.
+    """Return L, lower triangular with a positive diagonal, and a rotation Q, so that mat = L Q.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def decompose_triangular(mat: ArrayLike) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        A matrix that is singular, mirrored (determinant < 0) or not finite.
+        The matrix is singular, mirrored (determinant < 0) or not finite.
     """
     mat = _require_decomposable(mat)
     q, r = np.linalg.qr(np.swapaxes(mat, -1, -2))
@@ -196,7 +196,7 @@ def decompose_triangular(mat: ArrayLike) -> tuple[Array, Array]:
 
 
 def decompose_symmetric(mat: ArrayLike) -> tuple[Array, Array]:
-    """Return (S, Q) with mat = S Q: S symmetric positive definite, Q a rotation.
+    """Return S, symmetric and positive definite, and a rotation Q, so that mat = S Q.
 
     Q is the rotation nearest to `mat`.
 
@@ -212,7 +212,7 @@ def decompose_symmetric(mat: ArrayLike) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        A matrix that is singular, mirrored (determinant < 0) or not finite.
+        The matrix is singular, mirrored (determinant < 0) or not finite.
     """
     u, s, vh = np.linalg.svd(_require_decomposable(mat))
     shape = (u * s[..., None, :]) @ np.swapaxes(u, -1, -2)
@@ -220,11 +220,11 @@ def decompose_symmetric(mat: ArrayLike) -> tuple[Array, Array]:
 
 
 def _require_decomposable(mat: ArrayLike) -> Array:
-    """Return `mat`; refuse a matrix without a unique decomposition with a rotation."""
+    """Return `mat` as an array; reject it if its decomposition is not unique."""
     mat = np.asarray(mat, dtype=float)
     if not np.isfinite(mat).all():
         raise InputError("mat has values that are not finite; give a finite matrix", key="mat")
-    # With rows scaled to length 1 their directions decide on dependence, not their sensitivities.
+    # Scale rows to length 1, so that the test for dependence sees directions, not sensitivities.
     length = np.linalg.norm(mat, axis=-1, keepdims=True)
     rows = mat / np.where(length == 0, 1.0, length)
     values = np.linalg.svd(rows, compute_uv=False)

@@ -1,6 +1,6 @@
 """The terms of the interface, the reports and the public names, with symbols, units and sources.
 
-`glossary.toml` has the terms, and the tables of the sensors have the coefficients.
+The terms are in `glossary.toml`, and the coefficients come from the coefficient tables.
 docs/reference/glossary.md is the output of ``python -m inercal.physics.glossary``.
 """
 
@@ -15,23 +15,24 @@ from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
 
 _INTRODUCTION = """# Glossary
 
-The terms of inercal's interface, reports and public names. Definitions are in our words; the source
-is where a term is defined or used in this sense: IEEE Std 528 (inertial sensor terminology), 836
-(precision centrifuge testing), 952 (fibre-optic gyros), 1293 (accelerometers), 1431 (Coriolis
-vibratory gyros), 1554 (inertial sensor test equipment), VIM (JCGM 200), GUM (JCGM 100).
-[The error model](model.md) has the equations and signs.
+The terms of inercal's interface, reports and public names. Definitions are in our own words. The
+source column shows where a term is defined or used in this sense: IEEE Std 528 (inertial sensor
+terminology), 836 (precision centrifuge testing), 952 (fibre-optic gyros), 1293 (accelerometers),
+1431 (Coriolis vibratory gyros), 1554 (inertial sensor test equipment), VIM (JCGM 200), GUM
+(JCGM 100).
+[The error model](model.md) gives the equations and signs.
 """
 
 
 class Term(NamedTuple):
-    """One term.
+    """A glossary term.
 
     Parameters
     ----------
     name, text : str
         The term and its definition.
     symbol, unit, source : str
-        Empty if none.
+        Its symbol, unit and source, empty if there is none.
     """
 
     name: str
@@ -42,12 +43,12 @@ class Term(NamedTuple):
 
     @property
     def anchor(self) -> str:
-        """The name as part of an address."""
+        """The term's name in the form used in link addresses."""
         return re.sub(r"[^a-z0-9]+", "-", self.name.lower().replace("é", "e")).strip("-")
 
 
 class TermGroup(NamedTuple):
-    """The terms of a field; `prefix` makes the anchors of the coefficients' groups distinct."""
+    """The terms of one field; `prefix` keeps the anchors of coefficient groups distinct."""
 
     title: str
     terms: tuple[Term, ...]
@@ -56,7 +57,7 @@ class TermGroup(NamedTuple):
 
 @cache
 def glossary() -> tuple[TermGroup, ...]:
-    """Return all terms by field; the coefficients come last."""
+    """Return all terms grouped by field, with the coefficients last."""
     content = tomllib.loads(files("inercal").joinpath("glossary.toml").read_text(encoding="utf-8"))
     groups = [
         TermGroup(group["title"], tuple(Term(**term) for term in group["terms"]))
@@ -85,7 +86,7 @@ def _terms_by_name() -> dict[str, Term]:
 
 
 def find_term(name: str) -> Term:
-    """Return a term by its name or its symbol.
+    """Return the term with the given name or symbol.
 
     Raises
     ------
@@ -96,7 +97,7 @@ def find_term(name: str) -> Term:
 
 
 def glossary_markdown() -> str:
-    """Return the page of the documentation."""
+    """Return the glossary page of the documentation as Markdown."""
     parts = [_INTRODUCTION]
     for group in glossary():
         heads = "| term | symbol | unit | definition | source |\n|---|---|---|---|---|"

@@ -1,7 +1,7 @@
-"""The motion at a sensor: specific force, angular rate, angular acceleration.
+"""The motion at a sensor: specific force, angular rate and angular acceleration.
 
 All vectors are in the sensor's frame. `f` is specific force: an accelerometer at rest reads +g
-along the upward vertical. Arrays may carry leading axes of trials: `(..., n, 3)`.
+along the upward vertical. Arrays may have leading dimensions for trials: `(..., n, 3)`.
 """
 
 from dataclasses import dataclass, field
@@ -17,14 +17,14 @@ def _zero_vector() -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Specific force, angular rate, its derivative and temperature, sample by sample.
+    """Specific force, angular rate and its derivative, and temperature, sample by sample.
 
     Parameters
     ----------
     f : (..., n, 3) array
         Specific force at the sensor's origin, m/s².
     w : (..., n, 3) array
-        Angular rate against inertial space, rad/s.
+        Angular rate relative to inertial space, rad/s.
     dw : (..., n, 3) array
         Time derivative of `w`, rad/s².
     dT : (..., n) array or float

@@ -1,6 +1,6 @@
-"""A plan: the steps that a bench carries out, simulated or real.
+"""Plans: the steps that a simulated or real bench carries out.
 
-The label of a step names its section of the recording.
+Each step's label is the name of the corresponding section in the recording.
 """
 
 from collections.abc import Iterable, Sequence
@@ -11,21 +11,21 @@ from typing import Literal, Protocol
 from inercal.basics.errors import InputError
 
 Vector = tuple[float, float, float]
-_MOST_AXES = 3  # of a turntable
-_NOTICED = 0.15  # of a unit vector: `describe_direction` omits a smaller component
+_MOST_AXES = 3  # axes of a turntable
+_NOTICED = 0.15  # component of a unit vector; `describe_direction` omits smaller ones
 AXES: dict[str, Vector] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True)
 class Hold:
-    """Keep the sensor still with its body direction `up` (unit vector) against gravity."""
+    """Keep the sensor still with its body direction `up` (unit vector) pointing upwards."""
 
     label: str
     up: Vector
     seconds: float
 
     def describe(self) -> str:
-        """Return what to do: "−z up", "+z up, tilted 45° (+x rises)"."""
+        """Return the instruction for the operator: "−z up", "+z up, tilted 45° (+x rises)"."""
         main, tilted, rest = describe_direction(self.up).partition(" tilted ")
         return f"{main} up" + (f", {tilted.lstrip()}{rest}" if tilted else "")
 
@@ -34,7 +34,7 @@ class Hold:
 class Turn:
     """Turn the sensor about its body direction `axis` (unit vector) by `angle`, rad.
 
-    The axis points vertically up; a positive angle is counter-clockwise seen from above.
+    The axis points vertically upwards; a positive angle is counter-clockwise when seen from above.
     """
 
     label: str
@@ -43,16 +43,17 @@ class Turn:
     seconds: float
 
     def describe(self) -> str:
-        """Return what to do: "turn by +360° about +z"."""
+        """Return the instruction for the operator: "turn by +360° about +z"."""
         return f"turn by {self.angle * 180 / pi:+.0f}° about {describe_direction(self.axis)}"
 
 
 @dataclass(frozen=True)
 class Attitude:
-    """An attitude on the arm of a centrifuge: the outward and the upward direction in the body.
+    """An attitude on a centrifuge arm: the outward and the upward direction in the body frame.
 
-    `out` (unit vector) points from the spindle to the sensor, `up` (unit vector, at right angles)
-    along the spindle. Attitudes of different names are different mountings; "" is unnamed.
+    `out` (unit vector) points from the spindle to the sensor, and `up` (unit vector, perpendicular
+    to `out`) points along the spindle. Attitudes with different names are different mountings; ""
+    means that the attitude has no name.
     """
 
     out: Vector
@@ -62,20 +63,20 @@ class Attitude:
 
 @dataclass(frozen=True)
 class Spin:
-    """Turn the arm of a centrifuge at a steady `rate`, rad/s, the sensor in one attitude.
+    """Turn the arm of a centrifuge at a steady `rate`, rad/s, with the sensor in one attitude.
 
     Parameters
     ----------
     label : str
     rate : float
-        rad/s against the ground, positive in the sense of the bench.
+        Rate of the arm relative to the ground, rad/s, with the bench's sign convention.
     seconds : float
-        Length of the dwell; 0 is an unknown number of whole turns.
+        Duration of the dwell; 0 means an unknown number of whole turns.
     attitude : Attitude or None
-        None is unknown: the norm of readings does not depend on it.
+        None if it is unknown: the norm of the readings does not depend on it.
     azimuth : float or None
-        Azimuth of the arm, rad, where the row is of one azimuth, as on a platform that turns
-        against the arm. None is the mean over the dwell.
+        Azimuth of the arm, rad, if the row was measured at a single azimuth, as on a
+        counter-rotating platform. None means that the row is the mean over the dwell.
     """
 
     label: str
@@ -85,7 +86,7 @@ class Spin:
     azimuth: float | None = None
 
     def describe(self) -> str:
-        """Return what to do: "spin at 60 rpm, +x outwards, −z up", "at rest, +z up"."""
+        """Return the instruction: "spin at 60 rpm, +x outwards, −z up", "at rest, +z up"."""
         text = f"spin at {self.rate * 30 / pi:.4g} rpm".replace("-", "−")
         if self.rate == 0:
             text = "at rest"
@@ -105,20 +106,22 @@ class Index:
     ----------
     label : str
     angle : float
-        Of the head, rad.
+        Angle of the head, rad.
     sense : 1 or -1
-        Of the pass: forward or reverse.
+        Direction of the pass: 1 is forward, −1 is reverse.
     level : float
-        Tilt of the base about the spindle by a level on it, rad, in the sense of `angle`.
+        Tilt of the base about the spindle, measured by a level on the base, rad, with the sign of
+        `angle`.
     reading : float
-        Reading of the autocollimator minus that of the nominal angle, rad, in the sense of `angle`.
+        Autocollimator reading minus the reading at the nominal angle, rad, with the sign of
+        `angle`.
     seconds : float
-        Length of the hold.
+        Duration of the hold.
 
     Raises
     ------
     InputError
-        An angle, a level or a reading that is not finite.
+        An angle, a level or a reading is not finite.
     """
 
     label: str
@@ -134,26 +137,26 @@ class Index:
                 raise _step_error(self, name, f"its {name} is {value}; it must be finite")
 
     def describe(self) -> str:
-        """Return what to do: "head at 30°, forward"."""
+        """Return the instruction for the operator: "head at 30°, forward"."""
         return f"head at {degrees(self.angle):.6g}°, {'forward' if self.sense > 0 else 'reverse'}"
 
 
 @dataclass(frozen=True)
 class Position:
-    """Bring the axes of a turntable to angles and stay there.
+    """Move the axes of a turntable to given angles and hold them there.
 
     Parameters
     ----------
     label : str
     angles : tuple of 1 to 3 float
-        rad, the outermost axis first; an axis goes to the nearest of the equivalent angles.
+        Angles, rad, outermost axis first; each axis moves to the nearest equivalent angle.
     seconds : float
-        Length of the hold.
+        Duration of the hold.
 
     Raises
     ------
     InputError
-        Other than one to three angles, an angle that is not finite, a hold that is not > 0.
+        There are not one to three angles, an angle is not finite, or the hold is not > 0.
     """
 
     label: str
@@ -168,7 +171,7 @@ class Position:
             )
 
     def describe(self) -> str:
-        """Return what to do: "axes at 90°, 45°, 0°"."""
+        """Return the instruction for the operator: "axes at 90°, 45°, 0°"."""
         return f"{'axes' if len(self.angles) > 1 else 'axis'} at {_format_degrees(self.angles)}"
 
 
@@ -180,18 +183,18 @@ class Rotation:
     ----------
     label : str
     axis : 0, 1 or 2
-        0 is the outermost.
+        The axis to turn; 0 is the outermost.
     angle : float
-        rad, right-handed about the axis; it may be several turns.
+        Angle to turn by, rad, right-handed about the axis; it may be several turns.
     rate : float
-        rad/s in the steady part, > 0; a turn too short to reach it stays below.
+        Rate during the steady part, rad/s, > 0; a turn that is too short does not reach it.
     angles : tuple of float or None
-        rad, to which all axes are brought first; None is their present angles.
+        Angles, rad, to which all axes are moved first; None leaves them at their present angles.
 
     Raises
     ------
     InputError
-        No such axis, an angle that is zero, a rate that is not > 0, or a value that is not finite.
+        There is no such axis, the angle is zero, the rate is not > 0, or a value is not finite.
     """
 
     label: str
@@ -214,11 +217,11 @@ class Rotation:
 
     @property
     def seconds(self) -> float:
-        """Duration of the angle at the rate, without the time to speed up and to slow down."""
+        """Duration of the turn at its steady rate, without acceleration and deceleration, s."""
         return abs(self.angle) / self.rate
 
     def describe(self) -> str:
-        """Return what to do: "turn the outermost axis by +720° at 10 °/s"."""
+        """Return the instruction for the operator: "turn the outermost axis by +720° at 10 °/s"."""
         turn = f"turn the {('outermost', 'second', 'third')[self.axis]} axis by "
         turn += f"{degrees(self.angle):+.6g}° at {degrees(self.rate):.6g} °/s"
         return turn if self.angles is None else f"{turn}, from {_format_degrees(self.angles)}"
@@ -233,25 +236,25 @@ Indexings = Sequence[Index]
 
 
 class Step(Protocol):
-    """One step of a plan; a kind of bench in another package may have its own steps."""
+    """One step of a plan; a bench kind from another package may define its own steps."""
 
     @property
     def label(self) -> str:
-        """Its name, in rows and recordings."""
+        """The step's name in rows and recordings."""
         ...
 
     @property
     def seconds(self) -> float:
-        """Duration; 0 where nothing depends on it."""
+        """Duration, s; 0 if nothing depends on it."""
         ...
 
     def describe(self) -> str:
-        """Return what to do, in words."""
+        """Return the instruction for the operator, in words."""
         ...
 
 
 def table_steps(steps: Iterable[Step]) -> list[TableStep]:
-    """Return the positions and rotations of a plan: on a turntable all of its steps."""
+    """Return the positions and rotations of a plan; on a turntable these are all of its steps."""
     return [step for step in steps if isinstance(step, Position | Rotation)]
 
 
@@ -264,7 +267,7 @@ def _refuse_angles(step: Step, angles: tuple[float, ...]) -> None:
 
 
 def _step_error(step: Step, key: str, text: str) -> InputError:
-    """Return the refusal of a field of a step: "position p1: seconds is 0; it must be > 0"."""
+    """Return the error for a field of a step: "position p1: seconds is 0; it must be > 0"."""
     kind = "rotation" if isinstance(step, Rotation) else "position"
     return InputError(f"{kind} {step.label}: {text}", key=key, names=(step.label,))
 
@@ -274,14 +277,14 @@ def _format_degrees(angles: tuple[float, ...]) -> str:
 
 
 def describe_direction(vector: Vector) -> str:
-    """Return a body direction in words: the nearest axis, and the axes that rise when it is up.
+    """Describe a body direction by its nearest axis and by the axes that rise when it points up.
 
     >>> describe_direction((0.0, 0.0, -1.0))
     '−z'
     >>> describe_direction((0.7071, 0.0, 0.7071))
     '+z tilted 45° (+x rises)'
     """
-    # Of equal components the last axis is the main axis: most housings lie with z up.
+    # If components are equal, the last axis is the main axis: most housings lie with z up.
     names = [
         (("+" if part > 0 else "−") + name, abs(part))
         for part, name in zip(vector[::-1], reversed(AXES), strict=True)
@@ -297,17 +300,17 @@ def describe_direction(vector: Vector) -> str:
 
 
 def arm_attitude(psi: float, theta: float) -> Attitude:
-    """Return the attitude of a two-axis dividing head on the arm, at rad ψ and θ.
+    """Return the attitude of a two-axis dividing head on the arm, at the angles ψ and θ, rad.
 
-    Outwards is (cos ψ cos θ, sin ψ, cos ψ sin θ) in the body, up is (sin θ, 0, −cos θ): the
-    positions of Wang and Li 2021.
+    In the body frame the outward direction is (cos ψ cos θ, sin ψ, cos ψ sin θ) and the upward
+    direction is (sin θ, 0, −cos θ). These are the positions in Wang and Li 2021.
     """
     out = (cos(psi) * cos(theta), sin(psi), cos(psi) * sin(theta))
     return Attitude(out, (sin(theta), 0.0, -cos(theta)))
 
 
 def six_positions(seconds: float = 10.0) -> tuple[Hold, ...]:
-    """Return the holds x_p, x_a, y_p, …: each axis up (p), then down (a)."""
+    """Return the six holds x_p, x_a, y_p, …, in which each axis points up (p), then down (a)."""
     holds: list[Hold] = []
     for name, (x, y, z) in AXES.items():
         holds += [Hold(name + "_p", (x, y, z), seconds), Hold(name + "_a", (-x, -y, -z), seconds)]
@@ -317,24 +320,25 @@ def six_positions(seconds: float = 10.0) -> tuple[Hold, ...]:
 def ferraris_plan(
     seconds: float = 10.0, angle: float | tuple[float, ...] = 2 * pi, turn_seconds: float = 8.0
 ) -> tuple[HandStep, ...]:
-    """Return the six holds and the turns x_rot, y_rot, z_rot (Ferraris et al. 1995).
+    """Return the six holds followed by the turns x_rot, y_rot, z_rot (Ferraris et al. 1995).
 
     Parameters
     ----------
     seconds, turn_seconds : float
-        Length of each hold and of each turn.
+        Duration of each hold and of each turn.
     angle : float or tuple of 3 float
-        rad, of all turns, or of those about x, y and z.
+        Angle of all turns, or the angles of the turns about x, y and z, rad.
 
     Raises
     ------
     InputError
-        Another number of angles than one or three.
+        The number of angles is neither one nor three.
     """
     angles = angle if isinstance(angle, tuple) else (angle,) * len(AXES)
     if len(angles) != len(AXES):
         raise InputError(
-            f"turn has {len(angles)} angles; give one, or three, of the turns about x, y and z",
+            f"turn has {len(angles)} angles; give one for all turns, or three for the turns about "
+            "x, y and z",
             key="[method] turn",
         )
     turns = [

@@ -1,4 +1,4 @@
-"""What an axis measures, as records: words, units, and the names of bias and scale factor."""
+"""The quantities that an axis can measure: their words, units and coefficient names."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from typing import Literal
 
 Measures = Literal["f", "w"]
 SensorKind = Literal["accelerometer", "gyro"]
-"""The symbol of a quantity in `QUANTITIES`."""
+"""The words for the two kinds of sensor."""
 
 
 @dataclass(frozen=True)
@@ -16,17 +16,18 @@ class Quantity:
     Parameters
     ----------
     symbol : "f" or "w"
-        The letter in `Axis.measures`, "f".
+        The letter used in `Axis.measures`, such as "f".
     name : str
-        "specific force".
+        Name of the quantity, such as "specific force".
     sensor, sensors : str
-        The word for what measures it, which also names its section of a run file; its plural.
+        The word for a sensor of this quantity, which is also the name of its section in a run file,
+        and its plural.
     unit, ascii_unit : str
-        The SI unit, and the same in ASCII for exported files.
+        The SI unit, and its ASCII form for exported files.
     reading_unit, bias_unit, noise_unit : str
         Units of readings, of biases and of white noise in messages and reports.
     bias, scale : str
-        Short names of its bias and scale factor in the table of coefficients.
+        Short names of the bias and the scale factor in the coefficient table.
     """
 
     symbol: Measures

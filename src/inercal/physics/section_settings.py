@@ -1,7 +1,7 @@
-"""The base of the sections of a run file, and the conversion of their quantities to SI.
+"""The base classes for the sections of a run file, and the conversion of their quantities to SI.
 
-A section is a model whose values with units are text: "60 µg/√Hz". A key has an example where its
-default is none or says nothing: error messages show it.
+A section is a pydantic model in which values with units are text, such as "60 µg/√Hz". A key has an
+example if its default is None or uninformative; error messages show this example.
 """
 
 from dataclasses import dataclass
@@ -16,44 +16,44 @@ from inercal.physics.earth import gravity_at_unknown_height, normal_gravity
 
 
 class Limit(NamedTuple):
-    """The largest possible value of a deviation, SI, and its meaning: "a bench can tilt, 1°"."""
+    """The largest plausible deviation, SI, and what it means: "a bench can tilt, 1°"."""
 
     value: float
     meaning: str
 
 
 _MIDDLE_LATITUDE = 0.785  # rad
-_GRAVITY_RANGE = 0.08  # m/s², from the equator to the poles and to the heights where people live
+_GRAVITY_RANGE = 0.08  # m/s², between the equator, the poles and all inhabited heights
 # The estimators neglect the square of a tilt.
 SMALL_ANGLE = Limit(0.0175, "a bench can tilt, 1°")
-# Keys that enter no result: names, and the truth of a simulation.
+# Keys that do not affect any result: names, and the true values of a simulation.
 DESCRIPTION: dict[str, JsonValue] = {"role": "description"}
-# Keys that shape only the plan or its simulation: limits of a table's motion, and the position of
+# Keys that affect only the plan or its simulation: limits of a table's motion, and the position of
 # the IMU on it, because accelerometers are used only at rest.
 PLANNING: dict[str, JsonValue] = {"role": "plan"}
 
 
 @dataclass(frozen=True)
 class BenchUsage:
-    """How a run uses its bench, as far as keys of the bench depend on it.
+    """How a run uses its bench, which decides which keys of the bench have an effect.
 
     Parameters
     ----------
     method : str
     turns : bool
-        Whether its plan has turns of a known angle.
+        Whether the plan has turns by known angles.
     attitudes : bool
         Whether the method knows the attitudes; otherwise it estimates them.
     gyros : bool
-        Whether there are gyros.
+        Whether the sensor has gyros.
     means : bool
-        Whether the data are means.
+        Whether the data are means rather than samples.
     rest : bool
         Whether the whole recording is one rest.
     angles : bool
         Whether the angles of a table are used.
     qualified : tuple of str
-        Keys of [bench] that a qualification replaces.
+        Keys of [bench] whose values come from a qualification.
     """
 
     method: str
@@ -67,7 +67,7 @@ class BenchUsage:
 
 
 class Section(BaseModel):
-    """A section of a run file: a key that it does not declare is refused."""
+    """A section of a run file; it rejects keys that it does not declare."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
@@ -76,36 +76,39 @@ MISSING_GRAVITY = 'give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and he
 
 
 class BenchSection(Section):
-    """[bench]: what every kind has. Gravity is given, or computed from latitude and height."""
+    """The keys of [bench] that every kind of bench has.
+
+    Gravity is given, or computed from latitude and height.
+    """
 
     gravity: str | None = Field(None, examples=["9.8073 m/s² ± 0.2 mm/s²"])
     latitude: str | None = Field(None, examples=["48.1 °"])
     height: str | None = Field(None, examples=["520 m"])
     qualification: str | tuple[str, ...] | None = Field(
         None,
-        description="files of inercal qualify, in place of keys",
+        description="files from inercal qualify, which replace keys",
         examples=["head.qualification.json"],
     )
     name: str = Field(
         "",
-        description="what the laboratory calls it",
+        description="the laboratory's name for the bench",
         examples=["table 2"],
         json_schema_extra=DESCRIPTION,
     )
     check_standard: str | None = Field(
         None,
-        description="file of inercal control: the check standard of this bench",
+        description="file from inercal control: the check standard of this bench",
         examples=["REF-1.control.json"],
     )
     check_standard_age: str | None = Field(
         None,
-        description="longest time from its last measurement to the run",
+        description="longest time allowed between its last measurement and the run",
         examples=["24 h"],
     )
 
     @property
     def without_gravity(self) -> bool:
-        """Whether a method of this kind of bench may do without gravity."""
+        """Whether this kind of bench has a method that does not need gravity."""
         return False
 
     @model_validator(mode="after")
@@ -120,25 +123,25 @@ class BenchSection(Section):
         return self
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that change no result in this use, each with the reason."""
+        """Return the keys that do not affect any result in this usage, each with the reason."""
         return {}
 
 
 def key_error(
     key: str, text: str, file: Path | None = None, names: tuple[str, ...] = ()
 ) -> InputError:
-    """Return the refusal of a key of a run file, "run.toml: [bench] radius: …", with its data."""
+    """Return the error for a key of a run file: "run.toml: [bench] radius: …"."""
     where = key if file is None else f"{file}: {key}"
     return InputError(f"{where}: {text}", file=file, key=key, names=names)
 
 
 def si_value(text: str, like: str, key: str) -> float:
-    """Return a quantity given as text, SI; an error names `key`.
+    """Return the SI value of a quantity given as text; an error names `key`.
 
     Raises
     ------
     InputError
-        What `parse_quantity` refuses, or an uncertainty, which no result would depend on.
+        `parse_quantity` rejects the text, or it has an uncertainty, on which no result depends.
     """
     quantity = measured_constant(text, like, key, last_digit=False)
     if quantity.sd:
@@ -147,9 +150,9 @@ def si_value(text: str, like: str, key: str) -> float:
 
 
 def measured_constant(text: str, like: str, key: str, *, last_digit: bool = True) -> Measured:
-    """Return a measured constant given as text, SI; an error names `key`.
+    """Return the SI value and uncertainty of a constant given as text; an error names `key`.
 
-    Without "±" it has the uncertainty of its last digit, if `last_digit`.
+    Without "±", the uncertainty is that of the last digit if `last_digit` is true.
     """
     try:
         return parse_quantity(text, like, last_digit=last_digit)
@@ -158,12 +161,12 @@ def measured_constant(text: str, like: str, key: str, *, last_digit: bool = True
 
 
 def section_constant(section: BenchSection, name: str, like: str) -> Measured:
-    """Return a measured constant that the section states, SI."""
+    """Return the SI value and uncertainty of a constant stated in the section."""
     return measured_constant(getattr(section, name), like, f"[bench] {name}")
 
 
 def section_length(section: BenchSection, name: str) -> Measured:
-    """Return a measured length that must be positive, m."""
+    """Return a measured length, m, which must be positive."""
     length = section_constant(section, name, "m")
     if length.value <= 0:
         raise key_error(f"[bench] {name}", f"{getattr(section, name)!r} must be positive")
@@ -173,7 +176,7 @@ def section_length(section: BenchSection, name: str) -> Measured:
 def section_deviation(
     section: BenchSection, name: str, like: str, limit: Limit | None = None
 ) -> float:
-    """Return a standard deviation that the section states, SI."""
+    """Return a standard deviation stated in the section, SI."""
     key, text = f"[bench] {name}", getattr(section, name)
     value = si_value(text, like, key)
     if value < 0:
@@ -184,7 +187,7 @@ def section_deviation(
 
 
 def section_harmonics(section: BenchSection, name: str) -> tuple[float, ...]:
-    """Return several deviations that must be small angles, rad."""
+    """Return several standard deviations, rad, which must be small angles."""
     key, texts = f"[bench] {name}", getattr(section, name)
     values = tuple(si_value(text, "°", key) for text in texts)
     if not all(0 <= sd <= SMALL_ANGLE.value for sd in values):
@@ -193,7 +196,7 @@ def section_harmonics(section: BenchSection, name: str) -> tuple[float, ...]:
 
 
 def section_gravity(section: BenchSection) -> Measured:
-    """Return gravity as given, or computed from latitude and height."""
+    """Return gravity as stated, or computed from latitude and height."""
     if section.gravity is None:
         if section.latitude is None:
             return gravity_at_unknown_height(_MIDDLE_LATITUDE)  # nothing depends on it
@@ -205,12 +208,12 @@ def section_gravity(section: BenchSection) -> Measured:
     if not 9.5 < gravity.value < 10.0:
         raise key_error(
             "[bench] gravity",
-            f"{section.gravity!r} is not possible; give gravity on earth, 9.76 to 9.84 m/s²",
+            f"{section.gravity!r} is not possible; give gravity on Earth, 9.76 to 9.84 m/s²",
         )
     if gravity.sd > _GRAVITY_RANGE:
         raise key_error(
             "[bench] gravity",
-            f"the uncertainty in {section.gravity!r} is more than gravity varies on earth, "
+            f"the uncertainty in {section.gravity!r} exceeds the variation of gravity on Earth, "
             f"{_GRAVITY_RANGE} m/s²; give a smaller one, or latitude instead",
         )
     return gravity

@@ -1,4 +1,4 @@
-"""The main path: from a run file to a calibration; drafts, plans, budgets and checks of it.
+"""The main path from a run file to a calibration, with drafts, plans, budgets and checks.
 
 run file ─> recording ─> audit ─> marks ─> observations ─> method's estimator ─> calibration
 """
@@ -41,6 +41,7 @@ from inercal.pipeline.stated_noise import stated_noise_findings
 from inercal.pipeline.stated_values import (
     constant_notes,
     find_assumed_constants,
+    gravity_notes,
     require_small_assumed_share,
 )
 from inercal.pipeline.temperature_fit import fit_over_temperatures, with_common_errors
@@ -67,33 +68,35 @@ def calibrate(
     also: str | Sequence[str] | None = None,
     **data_keys: Any,
 ) -> Outcome:
-    """Calibrate from a run file, or from data and sections that are given here. Writes nothing.
+    """Calibrate from a run file, or from data and sections given as arguments.
 
     Parameters
     ----------
     data : Run or path, or with `method`: path, Recording, DataFrame, Arrow table, mapping or array
-        A run file; or the data themselves: a file, or a table whose columns have names. The columns
-        of an array are "1", "2", ….
+        A run file; or the data themselves, as a file or as a table whose columns have names. The
+        columns of an array are named "1", "2", ….
     progress : callable, optional
-        Called after each generation of a search: number, least sum of squares, worst error.
+        Called after each generation of a search with its number, smallest sum of squares and
+        largest error.
     method : str or mapping
         Name of the method, or the keys of [method].
     sensor, bench, environment, specification, job : mapping
-        The keys of these sections of a run file. Files that they name are relative to the working
-        folder.
+        The keys of these run-file sections. Paths of files that they name are relative to the
+        working folder.
     also : "auto" or sequence of str, optional
-        In place of [method] also: coefficients beside the method's own; "auto" adds those that the
-        score tests ask for.
+        Replaces [method] also: coefficients to estimate in addition to the method's own; "auto"
+        adds those that the score tests point to.
     **data_keys
-        The keys of [data] of a run file, such as `rate`, `accelerometer`, `kind`. `marks` may be a
-        mapping of each label to the samples of its section, (start, end).
+        The keys of the run-file section [data], such as `rate`, `accelerometer`, `kind`. `marks`
+        may be a mapping from each label to the samples of its section, (start, end).
 
     Raises
     ------
     InercalError
-        The run file, the recording or the marks cannot be used, or coefficients are not observed.
+        If the run file, the recording or the marks cannot be used, or if the data do not determine
+        all coefficients.
     TypeError
-        Data of another type, or sections without a method.
+        If the data have an unsupported type, or if sections are given without a method.
 
     Examples
     --------
@@ -129,17 +132,18 @@ def calibrate(
             return _calibrate(run, progress, also)
     if data_keys or any(one is not None for one in sections.values()):
         raise TypeError(
-            "a run file states all sections: give method with data, or a run file alone"
+            "a run file already states all sections: give either only a run file, or data with "
+            "method"
         )
     if isinstance(data, str | PathLike):
         return _calibrate(read(fspath(data)), progress, also)
     if isinstance(data, Run):
         return _calibrate(data, progress, also)
-    raise TypeError(f"data are a {type(data).__name__}: state method, sensor and bench too")
+    raise TypeError(f"data are a {type(data).__name__}: give method, sensor and bench too")
 
 
 def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) -> FittedRun:
-    """Estimate from a run that was read and checked."""
+    """Run the estimator of a run that was read and checked."""
     stated = run
     inputs = run.kind.observe(run)
     try:
@@ -223,12 +227,13 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
             *observations.notes,
             *estimate.notes,
             *(() if thermal is None else thermal.notes),
+            *gravity_notes(bench, sensor, estimate),
             *constant_notes(bench, assumed),
             *uncounted_notes(run, estimate, expected),
             *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
-        # Estimators of a track weigh samples by the stated noise, or state these themselves.
+        # Estimators that follow a track weight samples by the stated noise, or set these values.
         noise_dof=estimate.noise_dof if observations.track is not None else observations.dof,
         noise_channels=len(sensor.axes),
     )
@@ -258,7 +263,7 @@ def _calibrate(
     progress: "Callable[[Generation], None] | None",
     also: str | Sequence[str] | None = None,
 ) -> Outcome:
-    """Calibrate from a run that was read and checked; what is advised was tried."""
+    """Calibrate from a run that was read and checked, and try the advice before it is given."""
     if also is not None:
         try:
             stated = changed_run(stated, (also_change(also),))
@@ -335,7 +340,7 @@ def _search_history(run: Run, generations: "Sequence[Generation]") -> "SearchHis
 def _possible_causes(
     inputs: EstimatorInput, sensor: Sensor, zero_rates: Sequence[Finding], error: InercalError
 ) -> str:
-    """Return what may have caused that the estimator refused: units, temperatures, rests."""
+    """Return possible reasons why the estimator refused the data: units, temperatures, rests."""
     causes = [finding.message for finding in inputs.findings if finding.what == "missing"]
     if inputs.rests is not None:
         causes.append(inputs.rests.finding.message)
@@ -345,8 +350,8 @@ def _possible_causes(
         free = " ".join(error.directions).split()
         if set(temperature_coefficients(sensor)) & set(free):
             low, high = float(t.min()) - ZERO_CELSIUS, float(t.max()) - ZERO_CELSIUS
-            rows = f"the rows are at {low:.2f} to {high:.2f} °C: coefficients of temperature need"
-            causes.insert(0, f"{rows} rows at temperatures that differ by more")
+            rows = f"the rows are at {low:.2f} to {high:.2f} °C, but temperature coefficients need"
+            causes.insert(0, f"{rows} rows over a wider range of temperatures")
     return "".join(f"; {cause}" for cause in causes)
 
 

@@ -1,13 +1,14 @@
-"""`[method] also = "auto"`: a run adds the coefficients that its score tests ask for.
+"""`[method] also = "auto"`: a run adds the coefficients that its score tests point to.
 
-While the tests reject the model, and the best of the causes tested is a group of coefficients that
-the advice of the verdict lets the method estimate, the advice is followed. An addition must hold in
-the new fit: χ² fell as the score promised (`RunAdvisor.on_cause`), and the coefficients x with
-covariance C differ from zero, W = xᵀC⁻¹x, at the level of all tests together. The score tests share
-that level among all candidates, so that a model without faults grows in less than 1 % of runs.
+The run follows the advice of the verdict as long as the tests reject the model and the best tested
+cause is a group of coefficients that the advice lets the method estimate. An addition must be
+confirmed by the new fit: χ² must fall as the score predicted (`RunAdvisor.on_cause`), and the
+coefficients x with covariance C must differ from zero, W = xᵀC⁻¹x, at the level of all tests
+together. The score tests share that level among all candidates, so a correct model is extended in
+less than 1 % of runs.
 
 At most `MOST_ADDITIONS` groups are added, and at most half of the degrees of freedom are used.
-Coefficients of temperature are left to [method] temperature_order.
+Temperature coefficients are never added; [method] temperature_order chooses them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,14 +30,14 @@ MOST_ADDITIONS = 5
 def with_added_coefficients(
     fitted: FittedRun, advise: Callable[[FittedRun], RunAdvisor]
 ) -> tuple[FittedRun, RunAdvisor, tuple[Addition, ...]]:
-    """Return the fit with all coefficients that were added, its advisor, and what was added.
+    """Return the fit with all added coefficients, its advisor, and the additions.
 
     Parameters
     ----------
     fitted : FittedRun
-        Without additions.
+        The fit without additions.
     advise : callable
-        From a fit to its advisor.
+        Function that returns the advisor of a fit.
     """
     advisor, additions = advise(fitted), tuple[Addition, ...]()
     least_dof = fitted.estimate.score_tests.dof / 2
@@ -49,7 +50,7 @@ def with_added_coefficients(
 
 
 def _larger_fit(fitted: FittedRun, advisor: RunAdvisor) -> tuple[FittedRun, Addition] | None:
-    """Return the fit with the coefficients that explain the residuals best; None where none do."""
+    """Return the fit with the coefficients that explain the residuals best; None if none do."""
     sensor, estimate = fitted.run.sensor, fitted.estimate
     possible = fitted.run.method.possible(sensor)
     cause = assess(estimate, len(sensor.coefficients), possible).best
@@ -80,10 +81,10 @@ def _larger_fit(fitted: FittedRun, advisor: RunAdvisor) -> tuple[FittedRun, Addi
 def _groups(
     cause: SuspectedCause, fitted: FittedRun, possible: Sequence[str]
 ) -> Iterator[SuspectedCause]:
-    """Yield a cause together with the like coefficients of other axes, and by itself.
+    """Yield the cause extended by the same coefficients of other axes, then the cause only.
 
-    That the tests find one axis does not make the others zero, and left out they would bias the
-    result by more than its U.
+    If the tests point to one axis, the coefficients of the others may still differ from zero. Left
+    out, they would bias the result by more than its U.
     """
     tests = fitted.estimate.score_tests
     for score in tests.scores:
@@ -102,7 +103,7 @@ def _groups(
 
 
 def _is_significant(cause: SuspectedCause, fitted: FittedRun, larger: FittedRun) -> bool:
-    """Return whether added coefficients differ from zero by the stated covariance of the fit."""
+    """Return whether added coefficients differ significantly from zero in the new fit."""
     tests, estimate = fitted.estimate.score_tests, larger.estimate
     score = next(one for one in tests.scores if one.name == cause.name)
     at = [estimate.names.index(name) for name in cause.components]

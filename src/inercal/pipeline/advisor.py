@@ -1,14 +1,14 @@
-"""Advice that was followed before it is given: the run with changed keys is calibrated again.
+"""Advice that is tried before it is given: the run with changed keys is calibrated again.
 
-A change that the run file, the plan or the data refuse is no advice, nor is one by which χ² falls
-far less than the cause explains. Of coefficients that no test shows, a recording is not calibrated
-again: it would take as long as the calibration itself.
+A change is not advised if the run file, the plan or the data refuse it, or if χ² falls by far less
+than the cause explains. Advice on undetectable coefficients is not tried on a recording, because
+that would take as long as the calibration itself.
 """
 
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import ceil, floor, log10
+from math import ceil, degrees, floor, log10
 
 import numpy as np
 
@@ -23,11 +23,11 @@ from inercal.estimation import Estimate
 from inercal.pipeline.outcome import FittedRun
 from inercal.runfile import Run, from_sections
 
-_ENOUGH = 0.9  # of the fall of χ² that a cause explains
-_SAME = 1.0  # of χ²
-_PRIOR = "prior of "  # begins the name of the prior of a coefficient
+_ENOUGH = 0.9  # least fraction of the decrease of χ² that a cause explains
+_SAME = 1.0  # difference of χ² that counts as equal
+_PRIOR = "prior of "  # start of the name of a coefficient's prior
 _HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
-# Keys of parameters that no line of a bench declares.
+# Keys of parameters that the bench does not declare.
 _KEYS = {"g": "gravity", "earth_up": "latitude", "index": "indexing", "rate": "rate_error"}
 _UNITS = {
     "rad": ("rad", 1.0),
@@ -41,7 +41,7 @@ _UNITS = {
 
 
 class RunAdvisor:
-    """Advice on one run.
+    """An advisor for one run, which tries its advice.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class RunAdvisor:
     row_word : str
         Word for a row of the data.
     fit : callable
-        From a run to its fit.
+        Function that returns the fit of a run.
     """
 
     def __init__(self, fitted: FittedRun, row_word: str, fit: Callable[[Run], FittedRun]) -> None:
@@ -59,14 +59,14 @@ class RunAdvisor:
         self._tried: dict[str, FittedRun | None] = {}
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
-        """Return the keys that count or estimate a cause; an action where none do."""
+        """Return the keys that include or estimate a cause, or an action if there are none."""
         before, best = self._estimate.score_tests.chi2, None
         for changes in self._alternatives(cause):
             completed = self._completed(changes)
             after = self._chi2_after(completed)
             if after is None or before - after < _ENOUGH * cause.chi2 - cause.dof:
                 continue
-            # More keys only for what they explain beyond fewer.
+            # Prefer fewer keys unless more keys explain more.
             if best is None or best.chi2 is None or after < best.chi2 - _SAME:
                 best = Advice(cause.name, completed, chi2=after)
             if after < cause.remaining_chi2 + _SAME:
@@ -74,7 +74,7 @@ class RunAdvisor:
         return best or Advice(cause.name, action=action_on(cause, self.row_word))
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
-        """Return the key that estimates coefficients of which no test shows anything, if any."""
+        """Return the key that estimates these undetectable coefficients, if there is one."""
         shown = {
             name
             for score in self._estimate.score_tests.scores
@@ -91,7 +91,7 @@ class RunAdvisor:
         return Advice(", ".join(accepted), self._completed((also(accepted),)))
 
     def on_changes(self, advice: Advice) -> Advice | None:
-        """Return the advice of a method with its key completed, if it can be followed."""
+        """Return the advice of a method with complete keys, or None if it cannot be followed."""
         completed = self._completed(advice.changes)
         after = self._chi2_after(completed)
         if after is None or after > self._estimate.score_tests.chi2:
@@ -99,7 +99,7 @@ class RunAdvisor:
         return replace(advice, changes=completed, chi2=after)
 
     def followed(self, advice: Advice) -> FittedRun:
-        """Return the fit with the changed keys of an advice that was given here."""
+        """Return the fit with the changed keys of an advice that this advisor gave."""
         fitted = self._tried[repr(advice.changes)]
         assert fitted is not None
         return fitted
@@ -115,14 +115,14 @@ class RunAdvisor:
         return True
 
     def _chi2_after(self, changes: tuple[Change, ...]) -> float | None:
-        """Return χ² of the run with changes; None where it is refused."""
+        """Return χ² of the changed run; None if the run is refused."""
         estimate = self._estimate_after(changes)
         return None if estimate is None else estimate.score_tests.chi2
 
     def _estimate_after(self, changes: tuple[Change, ...]) -> Estimate | None:
-        """Return the estimate of the run with changes; None where it is refused.
+        """Return the estimate of the changed run; None if the run is refused.
 
-        A search of minutes is not repeated.
+        A global search takes minutes and is not repeated.
         """
         if self._run.search is not None:
             return None
@@ -136,7 +136,7 @@ class RunAdvisor:
         return None if fitted is None else fitted.estimate
 
     def _completed(self, changes: tuple[Change, ...]) -> tuple[Change, ...]:
-        """Return changes with the coefficients that the run file adds already."""
+        """Return the changes, including the coefficients that the run file already adds."""
         stated = self._run.sections.get("method", {}).get("also", ())
         stated = () if self._run.adds_coefficients else stated
         return tuple(
@@ -147,7 +147,7 @@ class RunAdvisor:
         )
 
     def _alternatives(self, cause: SuspectedCause) -> list[tuple[Change, ...]]:
-        """Return changes that may count a cause, the shortest first."""
+        """Return the changes that may include a cause in the model, the shortest first."""
         if cause.changes:
             return [cause.changes]
         if cause.kind == "coefficient" and set(cause.components) <= set(self._possible):
@@ -161,14 +161,14 @@ class RunAdvisor:
         return [changes] if cause.kind == "bench" and (changes := self._of_bench(cause)) else []
 
     def _of_bench(self, cause: SuspectedCause) -> tuple[Change, ...]:
-        """Return the keys of [bench] with deviations as large as the parameters depart."""
+        """Return the [bench] keys with deviations as large as the departures of the parameters."""
         sizes: dict[str, tuple[str, float]] = {}
         stated = self._run.sections.get("bench", {})
         harmonics = list(stated.get("harmonics", ("1 ″", "1 ″")))
         if cause.components[0].startswith(_PRIOR):
             return self._of_priors(cause)
-        # The data leave some components open, such as the sum of what differs between sections:
-        # of k components of equal deviation the least sizes have d directions.
+        # The data may not determine all components, for example a sum over sections. Then the
+        # smallest sizes of k components with equal deviation have only d directions.
         departures = np.array(cause.least_sizes or cause.sizes)
         open_ = cause.dof < len(cause.components)
         typical = float(np.sqrt(np.nansum(departures**2) / max(cause.dof, 1)))
@@ -198,7 +198,7 @@ class RunAdvisor:
         )
 
     def _of_priors(self, cause: SuspectedCause) -> tuple[Change, ...]:
-        """Return priors of coefficients with deviations as large as the data depart from them."""
+        """Return coefficient priors with deviations as large as the departures of the data."""
         sensor, means = self._run.sensor, dict[str, float]()
         for prior in self._run.priors:
             means |= dict(zip(prior.names, prior.mean.tolist(), strict=True))
@@ -211,7 +211,7 @@ class RunAdvisor:
         return tuple(changes)
 
     def _key(self, name: str) -> str:
-        """Return the key of [bench] that states a parameter."""
+        """Return the [bench] key that states a parameter."""
         for field, one in declarations(type(self._run.bench)).items():
             names = [field] if isinstance(one.parameters, str) else one.parameters
             if name in names:
@@ -220,20 +220,21 @@ class RunAdvisor:
         return _KEYS.get(name, _KEYS.get(stem, stem))
 
     def _text(self, stated: str | None, full: str, size: float, departure: float) -> str:
-        """Return a deviation, or a measured constant with a deviation, as a run file has it.
+        """Return a deviation, or a measured constant with ±, as it is written in a run file.
 
-        Of a constant that a bench takes as exact: the value that the data show.
+        For a constant that the bench takes as exact, return the value that the data suggest.
         """
         parameter = self._expected.get(full)
         name = ErrorName(full).name
         unit, factor = _UNITS["rad/s" if name == "earth_up" else self._unit(full)]
+        if name == "latitude":
+            unit, factor = "°", degrees(1)
         deviation = f"{_rounded_up(size * factor)} {unit}"
         value = getattr(self._run.bench, {"g": "gravity"}.get(name, name), None)
         declared = parameter is not None or name in declarations(type(self._run.bench))
         if isinstance(value, float) and not declared:
-            angle = unit == "rad"
             moved = value + departure
-            return f"{np.degrees(moved):.4g} °" if angle else f"{moved * factor:.6g} {unit}"
+            return f"{degrees(moved):.4g} °" if unit == "rad" else f"{moved * factor:.6g} {unit}"
         if not isinstance(value, Measured):
             return deviation
         before = stated.partition("±")[0].strip() if stated else ""
@@ -251,12 +252,12 @@ class RunAdvisor:
 
 
 def changed_run(run: Run, changes: tuple[Change, ...]) -> Run:
-    """Return a run with changed keys, of the same data where no key of [data] changes.
+    """Return a run with changed keys; it keeps its data unless a key of [data] changes.
 
     Raises
     ------
     InputError
-        As of `from_sections`.
+        As `from_sections`.
     """
     changed = from_sections(run.path, with_changes(run.sections, changes), run.sha256)
     same = not any(one.section.startswith("data") for one in changes)
@@ -265,6 +266,6 @@ def changed_run(run: Run, changes: tuple[Change, ...]) -> Run:
 
 
 def _rounded_up(size: float) -> str:
-    """Return a positive number with two digits, not smaller."""
+    """Return a positive number as text, rounded up to two digits."""
     step = 10.0 ** (floor(log10(size)) - 1)
     return f"{ceil(size / step) * step:.6g}"

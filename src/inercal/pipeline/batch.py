@@ -1,7 +1,7 @@
-"""Many sensors of one type by the same plan: tables of their means, calibrated together.
+"""Calibrate many sensors of one type together, from tables of means with the same plan.
 
-All sensors share bench, plan, deviations and priors, so that one problem with an axis of trials
-holds them; the estimators solve it in compiled code, in blocks.
+All sensors share bench, plan, deviations and priors. Together they form one problem with a trial
+axis, which the estimators solve in compiled code, block by block.
 """
 # pyright: reportMissingTypeStubs=false
 
@@ -24,27 +24,28 @@ from inercal.recordings import Observations
 from inercal.recordings.data.recording_loader import reader_columns
 from inercal.runfile import Run
 
-_BLOCK = 2000  # sensors, whose estimates with all nuisances are in memory at once
+_BLOCK = 2000  # number of sensors whose estimates, with all nuisances, are in memory at once
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BatchCalibration:
-    """Coefficients of n sensors of one type.
+    """The coefficients of n sensors of one type.
 
     Parameters
     ----------
     sensor : Sensor
-        The type, with the p coefficients that were estimated.
+        Sensor type with the p coefficients that were estimated.
     method, estimator : str
     values : (n, p) array
-        SI.
+        Coefficients in SI units.
     covariance : (n, p, p) array
-        To state: with the Birge ratio of each sensor whose χ² exceeds its 95 % bound.
+        Covariance to state; it includes the Birge ratio of each sensor whose χ² exceeds its 95 %
+        bound.
     chi2 : (n,) array
     dof : int
         Degrees of freedom of each χ².
     converged : (n,) array of bool
-        False where no minimum was found: such values must not be used.
+        False where no minimum was found; such values must not be used.
     """
 
     sensor: Sensor
@@ -63,17 +64,17 @@ class BatchCalibration:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The coefficients, in the order of `values`."""
+        """Names of the coefficients, in the order of `values`."""
         return self.sensor.coefficients
 
     @property
     def std(self) -> Array:
-        """Standard uncertainties to state, (n, p) SI."""
+        """Standard uncertainties to state, (n, p), in SI units."""
         return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
 
     @property
     def p_value(self) -> Array:
-        """Probability of a χ² at least as large if noise and model are as stated, (n,)."""
+        """Probability of a χ² at least this large if noise and model are as stated, (n,)."""
         return scipy.special.chdtrc(self.dof, self.chi2) if self.dof else np.ones(len(self.chi2))
 
 
@@ -86,25 +87,25 @@ def calibrate_batch(
     bench: Mapping[str, object] | None = None,
     **data_keys: Any,
 ) -> BatchCalibration:
-    """Calibrate many sensors of one type from their means: one call, in compiled code.
+    """Calibrate many sensors of one type from their means in one call.
 
-    Values and covariances are those of `calibrate` for each sensor. There is no verdict: plan,
-    bench and the first sensor are checked as by `calibrate`, the others by `p_value` and
-    `converged`.
+    Values and covariances are the same as from `calibrate` for each sensor, but they are computed
+    in compiled code. There is no verdict: plan, bench and the first sensor are checked as in
+    `calibrate`; use `p_value` and `converged` to check the other sensors.
 
     Parameters
     ----------
     data : mapping of str to array
-        A table of means; each column of readings is (n, r), of n sensors and r rows, the others
-        are (r,).
+        A table of means. Each column of readings is (n, r) for n sensors and r rows; the other
+        columns are (r,).
     method, sensor, bench, **data_keys
-        As of `calibrate`; `kind` is "means".
+        As in `calibrate`; `kind` is "means".
 
     Raises
     ------
     InercalError
-        As of `calibrate`; or a column whose shape does not fit, an estimator that takes one
-        recording at a time.
+        As `calibrate`; also if the shape of a column does not fit, or if the estimator accepts only
+        one recording at a time.
 
     Examples
     --------
@@ -132,8 +133,8 @@ def calibrate_batch(
     if len(counts) != 1 or 0 in counts:
         shapes = ", ".join(f"{name} {column.shape}" for name, column in varied.items())
         raise InputError(
-            f"calibrate_batch: columns have the shapes {shapes or 'of one sensor'}; give each "
-            "column of readings as (sensors, rows)",
+            f"calibrate_batch: the columns have the shapes {shapes or 'of one sensor'}; give each "
+            "column of readings as an array (sensors, rows)",
             key="data",
         )
     first = {name: column[0] if name in varied else column for name, column in columns.items()}
@@ -142,8 +143,8 @@ def calibrate_batch(
     with stated_run(first, sections, keys) as run:
         if run.adds_coefficients:
             raise InputError(
-                '[method] also: "auto" may add other coefficients to each sensor, but all '
-                "sensors of a batch need the same ones; state them",
+                '[method] also: "auto" may add different coefficients for each sensor, but all '
+                "sensors of a batch need the same ones; state them as a list",
                 key="[method] also",
             )
         return _calibrate_all(run, columns, counts.pop())
@@ -184,14 +185,14 @@ def _readings(
     Raises
     ------
     InputError
-        Another column than readings differs between sensors, or a reading is not finite.
+        If a column other than the readings differs between sensors, or a reading is not finite.
     """
     names = {axis: column for axis, column, _ in reader_columns(run).channels}
     rows = len(observations.labels)
     if other := tuple(n for n, one in columns.items() if one.ndim > 1 and n not in names.values()):
         raise InputError(
-            f"calibrate_batch: column {other[0]!r} differs between sensors; only the readings "
-            f"{', '.join(names.values())} may, give it as ({rows},)",
+            f"calibrate_batch: column {other[0]!r} differs between sensors, but only the readings "
+            f"{', '.join(names.values())} may differ; give it as an array ({rows},)",
             key="data",
             names=other,
         )

@@ -1,12 +1,13 @@
-"""What a calibration records of its run: conditions, provenance, ranges of its data, shared errors.
+"""Facts about a run that its calibration records, such as conditions and data ranges.
 
-Ranges are those of means where a method uses means of rests or of constant rates, and of samples
-where rates change or a method follows samples: gyros during turns, on a turntable or between rests,
-accelerometers while a turntable holds.
+They also include the provenance and the errors shared with other calibrations. The ranges are those
+of means if a method uses means of rests or of constant rates. They are those of samples if rates
+change or a method follows samples: for gyros during turns, on a turntable or between rests, and for
+accelerometers while a turntable holds its position.
 
-Only errors that the run file states are shared with other calibrations of the same bench
-(`SharedError`). An error that a run estimates from its own data, such as the clock of a separate
-readback file, belongs to that run alone; errors shared through a prior calibration are not
+Only errors that the run file states are shared with other calibrations on the same bench
+(`SharedError`). An error that a run estimates from its own data, such as the clock offset of a
+separate readback file, belongs to that run only. Errors shared through a prior calibration are not
 propagated.
 """
 
@@ -36,15 +37,15 @@ from inercal.recordings.io.column_table import file_sha256
 from inercal.recordings.io.simulation_mark import read_simulation_mark
 from inercal.runfile import Run
 
-_LEAST_KNOWN = 0.1  # of the stated variance, that the data take away
-_LEAST_OWN = 1e-4  # of the variance of a bench estimate, where runs share all of it
-_GRAVITY = "g"  # the parameter of each bench
+_LEAST_KNOWN = 0.1  # fraction of the stated variance by which the data must reduce it
+_LEAST_OWN = 1e-4  # least independent fraction of a bench estimate's variance
+_GRAVITY = "g"  # the parameter that every bench has
 _BLOCK = 1 << 16  # samples
 KEPT_CORRECTIONS = "corrections that the readings hold"
 
 
 def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
-    """Return the conditions of the measurement and of a search, for people."""
+    """Return the conditions of the measurement, and of a search, as readable text."""
     conditions = dict(inputs.conditions)
     recording = inputs.recording
     t = inputs.observations.temperature if recording is None else recording.temperature
@@ -67,7 +68,7 @@ def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
 
 
 def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
-    """Return names and SHA-256 of the files of a run, the time and the version of inercal."""
+    """Return the names and SHA-256 of a run's files, the time, and the version of inercal."""
     further: dict[str, str] = {}
     if run.data.gyro_file is not None and (gyros := gyro_file(run)) is not None:
         further["gyro recording"] = str(run.data.gyro_file)
@@ -94,7 +95,7 @@ def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
 
 
 def _simulation(run: Run, inputs: EstimatorInput) -> str:
-    """Return by what the data are known to be simulated; empty where nothing says so."""
+    """Return the evidence that the data are simulated; empty if there is none."""
     if inputs.recording is None:
         mark = read_simulation_mark(run.file(run.data.file))
     else:
@@ -103,7 +104,7 @@ def _simulation(run: Run, inputs: EstimatorInput) -> str:
 
 
 def validity(sensor: Sensor, inputs: EstimatorInput) -> Validity:
-    """Return the ranges of the data that were used, None where nothing measured them."""
+    """Return the ranges of the data that were used; None for quantities that were not measured."""
     return Validity(
         rate=_finite_range(_readings(sensor, inputs, "w")),
         force=_finite_range(_readings(sensor, inputs, "f")),
@@ -113,7 +114,7 @@ def validity(sensor: Sensor, inputs: EstimatorInput) -> Validity:
 
 def _finite_range(parts: Iterator[Array]) -> Range | None:
     low, high = np.inf, -np.inf
-    for values in parts:  # one by one: all together are as large as the recording
+    for values in parts:  # one by one, because all together are as large as the recording
         finite = values[np.isfinite(values)]
         low = min(low, float(finite.min(initial=np.inf)))
         high = max(high, float(finite.max(initial=-np.inf)))
@@ -140,7 +141,7 @@ def _readings(sensor: Sensor, inputs: EstimatorInput, kind: str) -> Iterator[Arr
 
 
 def _turning(sensor: Sensor, inputs: EstimatorInput, at: list[int]) -> Iterator[Array]:
-    """Yield the readings of gyros, SI, during turns: the mean of a turn hides its rate."""
+    """Yield the gyro readings during turns, SI, because the mean of a turn hides its rate."""
     recording = inputs.recording
     turns = {step.label for step in inputs.steps if isinstance(step, Turn)}
     if recording is None or not turns:
@@ -173,21 +174,21 @@ def _temperatures(inputs: EstimatorInput) -> Iterator[Array]:
 def shared_errors(
     run: Run, estimate: Estimate, expected: Mapping[str, Parameter], count: int
 ) -> tuple[SharedError, ...]:
-    """Return the errors of the bench that outlast the run and contribute to the covariance.
+    """Return the bench errors that last longer than the run and contribute to the covariance.
 
     Parameters
     ----------
     run : Run
     estimate : Estimate
-        Its first `count` parameters are the sensor's coefficients.
+        Estimate whose first `count` parameters are the sensor's coefficients.
     expected : mapping of str to Parameter
-        The bench's parameters that act, by full name.
+        Bench parameters that have an effect, by full name.
     count : int
     """
     declared = {q.name: q for q in run.bench.parameters}
     shared = list(qualified_errors(run, estimate, expected, count))
     for name, q in expected.items():
-        # A reader may declare more than the run's bench: a latitude with its uncertainty.
+        # A reader may declare more than the run's bench, such as a latitude with its uncertainty.
         if q.scope != "run" or q.sd <= 0 or declared.get(q.name, q) != q:
             continue
         if q.name in run.qualified.parameters.names:
@@ -203,21 +204,21 @@ def shared_errors(
 def bench_estimates(
     estimate: Estimate, expected: Mapping[str, Parameter], count: int
 ) -> tuple[BenchEstimate, ...]:
-    """Return what the data themselves show of the bench's parameters of the run.
+    """Return the bench parameters as estimated from the data of the run only.
 
     Parameters
     ----------
     estimate : Estimate
-        Its first `count` parameters are the sensor's coefficients.
+        Estimate whose first `count` parameters are the sensor's coefficients.
     expected : mapping of str to Parameter
-        The bench's parameters that act, by full name.
+        Bench parameters that have an effect, by full name.
     count : int
 
     Returns
     -------
     tuple of BenchEstimate
-        Without parameters of which the data know less than a third of what was stated, and those
-        whose stated values are correlated.
+        Estimates, except for parameters for which the data give more than about three times the
+        stated uncertainty, and for parameters whose stated values are correlated.
     """
     known = {
         name: (k, expected[name])
@@ -248,7 +249,7 @@ def bench_estimates(
 
 
 def _determination(run: Run, q: Parameter, std: float) -> str:
-    """Return the SHA-256 of a stated error, equal for equal statements about the same object.
+    """Return a SHA-256 that is equal for equal stated errors of the same object.
 
     Local gravity belongs to the place and is the same for all benches there; every other error
     belongs to the bench of this kind and name.
@@ -259,5 +260,5 @@ def _determination(run: Run, q: Parameter, std: float) -> str:
 
 
 def _stated_deviation(bench: Bench, q: Parameter) -> float:
-    """Return the stated deviation: a bench may add its own to that of gravity."""
+    """Return the stated deviation, because a bench may add its own to that of gravity."""
     return bench.gravity.sd if q.name == _GRAVITY else q.sd

@@ -1,12 +1,13 @@
-"""A plan in a chamber, in simulation: temperatures of the sensing element and of its sensor.
+"""Simulate a plan in a temperature chamber, with true and recorded temperatures.
 
-The chamber goes from one set temperature to the next at a rate; the sensing element follows it with
-the time constant of the case, and the temperature sensor is behind the element by its lag::
+The chamber goes from one set temperature to the next at a given rate. The sensing element follows
+the chamber with the time constant of the case, and the temperature sensor follows the element with
+its own lag::
 
     τ_case dT/dt = T_chamber − T,     τ dR/dt = T − R
 
-In soaks the plan is carried out at each temperature, after a wait at rest; in a ramp the
-chamber moves while the plan is carried out.
+With soaks, the plan is carried out at each temperature after a wait at rest. With a ramp, the
+chamber temperature changes while the plan is carried out.
 """
 
 from collections.abc import Sequence
@@ -27,16 +28,16 @@ from inercal.recordings.environment import ChamberProfile, Environment
 
 @dataclass(frozen=True, eq=False)
 class ChamberRun:
-    """A plan carried out in a chamber.
+    """A plan that is carried out in a chamber.
 
     Parameters
     ----------
     simulated_motion : SimulatedMotion
-        With the waits, at rest; its motion has ΔT and dT/dt of the sensing element.
+        Motion including the waits at rest, with ΔT and dT/dt of the sensing element.
     recorded : (trials, n) array
-        Temperature as recorded, K.
+        Recorded temperature, K.
     order : (n,) array of int
-        Number of each sample in the plan without waits.
+        Index of each sample in the plan without waits.
     """
 
     simulated_motion: SimulatedMotion
@@ -45,7 +46,7 @@ class ChamberRun:
 
 
 def steps_of_soaks(steps: Sequence[Any], environment: Environment) -> list[Any]:
-    """Return the steps of all soaks, one soak after the other; the labels count the visits."""
+    """Return the steps of all soaks in sequence, with labels that count the visits."""
     count = len(environment.profile.temperatures) if environment.kind == "soaks" else 1
     every = [step for _ in range(count) for step in steps]
     names = number_repeated_names([step.label for step in every])
@@ -53,20 +54,20 @@ def steps_of_soaks(steps: Sequence[Any], environment: Environment) -> list[Any]:
 
 
 def require_profile(environment: Environment) -> ChamberProfile:
-    """Return the profile; refuse one that states no course of temperatures.
+    """Return the chamber profile, and refuse one without temperatures or a rate of change.
 
     Raises
     ------
     InputError
-        Naming the key that is missing.
+        If a key is missing; the message names it.
     """
     profile = environment.profile
     needed = {"temperatures": len(profile.temperatures) > 1, "ramp_rate": profile.rate > 0}
     for key, stated in needed.items():
         if not stated:
             raise InputError(
-                f"[environment] {key} is missing; a simulation needs the temperatures of the "
-                f'chamber and the rate between them: add {key}, such as ramp_rate = "2 K/min"',
+                f"[environment] {key} is missing; a simulation needs the chamber temperatures and "
+                f'the rate of change between them: add {key}, such as ramp_rate = "2 K/min"',
                 key=f"[environment] {key}",
             )
     return profile
@@ -79,23 +80,23 @@ def in_chamber(
     reference: float,
     rng: np.random.Generator,
 ) -> ChamberRun:
-    """Return a plan with the waits in a chamber and its temperatures.
+    """Return a plan in a chamber, including the waits and the temperatures.
 
     Parameters
     ----------
     done : SimulatedMotion
-        Of `steps_of_soaks(steps, environment)`.
+        Motion of the steps from `steps_of_soaks(steps, environment)`.
     environment : Environment
     rate_hz : float
     reference : float
-        Of the sensor's model, K.
+        Reference temperature of the sensor's model, K.
     rng : Generator
-        Draws the error of the recorded temperature of each soak.
+        Random generator for the error of the recorded temperature in each soak.
 
     Raises
     ------
     InputError
-        No temperatures or no rate are stated.
+        If the temperatures or the rate are not stated.
     """
     profile = require_profile(environment)
     if environment.kind == "soaks":
@@ -106,7 +107,7 @@ def in_chamber(
     lag = 0.0 if environment.lag is None else environment.lag.value
     recorded = _follow(element, lag, 1 / rate_hz)
     trials = moved.motion.f.shape[0]
-    # On the way between soaks the error is that of the soak before.
+    # Between soaks the error is that of the previous soak.
     errors = environment.temperature_sd * rng.standard_normal((trials, soak.max() + 1))
     motion = replace(moved.motion, dT=element - reference, dTdt=np.gradient(element, 1 / rate_hz))
     return ChamberRun(replace(moved, motion=motion), recorded + errors[:, soak], order)
@@ -115,7 +116,7 @@ def in_chamber(
 def repeatability_errors(
     environment: Environment, sensor: Any, labels: NDArray[np.str_], trials: int, rng: Any
 ) -> Array:
-    """Return the scatter of the biases from soak to soak, (trials, n, m) SI."""
+    """Return the random bias changes from soak to soak, (trials, n, m) SI."""
     sizes = {"f": environment.force_repeatability, "w": environment.rate_repeatability}
     soak = _visit_of_samples(labels)
     drawn = rng.standard_normal((trials, soak.max() + 1, len(sensor.axes)))
@@ -123,7 +124,7 @@ def repeatability_errors(
 
 
 def _visit_of_samples(labels: NDArray[np.str_]) -> NDArray[np.int64]:
-    """Return the number of the soak of each sample by the visit in its label, from 0."""
+    """Return the soak number of each sample, from 0, taken from the visit in its label."""
     names, place = np.unique(labels, return_inverse=True)
     visit = np.array([visit_number(name) - 1 for name in names.tolist()])
     number = np.where(labels == "", 0, visit[place.reshape(labels.shape)])
@@ -133,7 +134,7 @@ def _visit_of_samples(labels: NDArray[np.str_]) -> NDArray[np.int64]:
 def _soak_course(
     done: SimulatedMotion, profile: ChamberProfile, rate_hz: float
 ) -> tuple[SimulatedMotion, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the motion with the waits; chamber temperature, soak and place of each sample."""
+    """Return the motion with waits, and each sample's chamber temperature, soak and index."""
     visit = _visit_of_samples(done.labels)
     order: list[NDArray[np.int64]] = []
     set_points: list[Array] = []
@@ -164,7 +165,7 @@ def _soak_course(
 def _ramp_course(
     done: SimulatedMotion, profile: ChamberProfile, rate_hz: float
 ) -> tuple[SimulatedMotion, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the motion, its first sample held while the chamber waits, and the temperatures."""
+    """Return the motion, whose first sample is held while the chamber waits, and temperatures."""
     wait, n = round(profile.wait * rate_hz), done.labels.size
     turning = np.array(profile.temperatures)
     reached = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(turning)) / profile.rate)])
@@ -182,7 +183,7 @@ def _ramp_course(
 def _rearranged(
     done: SimulatedMotion, order: NDArray[np.int64], held: NDArray[np.bool_], rate_hz: float
 ) -> SimulatedMotion:
-    """Return the samples in an order in which some are held: those have no label."""
+    """Return the samples in a new order in which some are held; held samples have no label."""
     f, w = (np.broadcast_to(v, done.motion.f.shape) for v in (done.motion.f, done.motion.w))
     return replace(
         done,
@@ -194,14 +195,14 @@ def _rearranged(
 
 
 def _follow(driving: Array, time_constant: float, step: float) -> Array:
-    """Return what follows a course, (n,), with a time constant from its first value."""
+    """Return the first-order response to an input (n,), starting from its first value."""
     if time_constant <= 0:
         return driving
     # The import takes long, and few simulations need it.
     from scipy.signal import lfilter  # pyright: ignore
 
     keep = float(np.exp(-step / time_constant))
-    # Between samples the course is straight: weights of its value after and before a step.
+    # The input is linear between samples; weight its values after and before each step.
     after = 1 - (1 - keep) * time_constant / step
     before = 1 - keep - after
     start = [(1 - after) * driving[0]]

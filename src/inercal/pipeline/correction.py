@@ -1,4 +1,4 @@
-"""Recordings of a run corrected by a calibration."""
+"""Correct the recording of a run with a calibration."""
 
 import math
 from dataclasses import replace
@@ -19,33 +19,33 @@ from inercal.recordings.data import recording_loader
 from inercal.recordings.data.recording_loader import readback_columns, reader_columns
 from inercal.runfile import Run, read
 
-_ALL = 3  # axes that measure every component
-_MARGIN = 0.01  # of the range of the rates
-_DIGITS = 9  # significant, of numbers in a text file
-_LARGEST_EXACT = 1e22  # powers of ten beyond are rounded
+_ALL = 3  # number of axes that measure every component
+_MARGIN = 0.01  # fraction of the range of the rates
+_DIGITS = 9  # significant digits of numbers in a text file
+_LARGEST_EXACT = 1e22  # larger powers of ten are rounded
 _TEMPERATURE_DECIMALS = 6
 
 
 def load_recording(run: Run) -> Recording:
-    """Read and audit the run's recording.
+    """Read and audit the recording of a run.
 
     Raises
     ------
     InputError
-        It cannot be read, or the audit refuses it.
+        If it cannot be read, or the audit refuses it.
     """
     return run.kind.audit(recording_loader.load_recording(run), run.sensor, run.bench)
 
 
 def _require_same_corrections(calibration: Calibration, recording: Recording, run: Run) -> None:
-    """Refuse readings that hold other corrections than those the calibration was made from."""
+    """Refuse readings with other corrections than the readings of the calibration had."""
     made_from = calibration.conditions.get(KEPT_CORRECTIONS, "")
     if recording.kept_corrections == made_from:
         return
     raise InputError(
-        f"{run.path}: the readings of {recording.source} contain the corrections ("
-        f"{recording.kept_corrections or 'none'}), but the calibration is for readings with ("
-        f"{made_from or 'none'}): one of them would be applied twice or not at all; state "
+        f"{run.path}: the corrections in the readings of {recording.source} "
+        f"({recording.kept_corrections or 'none'}) differ from those in the readings of the "
+        f"calibration ({made_from or 'none'}), so one would be applied twice or not at all; state "
         "[data] corrections as in the run of the calibration",
         file=run.path,
         key="[data] corrections",
@@ -53,7 +53,7 @@ def _require_same_corrections(calibration: Calibration, recording: Recording, ru
 
 
 def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Finding, ...]:
-    """Return a warning where gyros read rates beyond those they were calibrated at."""
+    """Return a warning if gyros read rates outside the range of the calibration."""
     one = METHODS.get(calibration.method)
     limits = None if calibration.validity is None else calibration.validity.rate
     if one is None or not one.constant_rates or limits is None:
@@ -69,7 +69,7 @@ def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Findi
     ends = " to ".join(f"{math.degrees(value):.4g}" for value in limits)
     reached = math.degrees(float(rate.flat[np.argmax(np.abs(rate))]))
     text = (
-        f"{beyond.sum()} samples are beyond the rates of the calibration, {ends} °/s: the rate "
+        f"{beyond.sum()} samples are outside the rates of the calibration, {ends} °/s: the rate "
         f"reaches {reached:.4g} °/s, where scale factors and nonlinear terms were not measured"
     )
     return (Finding("warning", "range", text.replace("-", "−")),)
@@ -78,7 +78,7 @@ def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Findi
 def _temperatures_beyond(
     calibration: Calibration, recording: Recording, outside: NDArray[np.bool_]
 ) -> tuple[Finding, ...]:
-    """Return a warning that counts the samples beyond the temperatures of the calibration."""
+    """Return a warning with the number of samples outside the calibration's temperatures."""
     if not outside.any() or recording.temperature is None:
         return ()
     assert calibration.validity is not None
@@ -88,8 +88,8 @@ def _temperatures_beyond(
     )
     beyond = recording.temperature[outside] - ZERO_CELSIUS
     text = (
-        f"{int(outside.sum())} samples at {beyond.min():.2f} to {beyond.max():.2f} °C are beyond "
-        f"the temperatures of the calibration, {ends} °C: a polynomial is unknown there"
+        f"{int(outside.sum())} samples at {beyond.min():.2f} to {beyond.max():.2f} °C are outside "
+        f"the temperatures of the calibration, {ends} °C, where its polynomials are not valid"
     )
     return (Finding("warning", "extrapolation", text.replace("-", "−")),)
 
@@ -97,35 +97,35 @@ def _temperatures_beyond(
 def apply(
     calibration: Calibration, run: Run | str | Path, *, extrapolate: bool = False
 ) -> Recording:
-    """Correct the recording that a run file names.
+    """Correct the recording that a run file names, using a calibration.
 
     Parameters
     ----------
     calibration : Calibration
     run : Run or path
     extrapolate : bool
-        Whether samples beyond the temperatures of the calibration are corrected, too. They are
-        then marked in the column `extrapolated`, 1 beyond and 0 elsewhere, and counted.
+        Whether samples outside the temperatures of the calibration are corrected too. They are
+        then counted and marked in the column `extrapolated`: 1 outside and 0 elsewhere.
 
     Returns
     -------
     Recording
-        Channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), as far as the sensor has them; with one
-        or two accelerometers specific force across them is taken as zero. Labels and readback
-        columns keep their names and units. A finding says where the rate is beyond those of a
-        calibration at constant rates.
+        Recording with the channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), as far as the sensor
+        has them. With one or two accelerometers, the specific force across them is taken as zero.
+        Labels and readback columns keep their names and units. A finding tells if the rate is
+        outside the range of a calibration at constant rates.
 
     Raises
     ------
     InercalError
-        The recording cannot be used, has another readout than the calibration, or was taken beyond
-        its temperatures.
+        If the recording cannot be used, has another readout than the calibration, or was taken
+        outside the calibration's temperatures.
     """
     run = run if isinstance(run, Run) else read(run)
     if run.data.kind == "means":
         raise InputError(
-            f"{run.path}: [data] kind is means; give the run file of a recording: only a recording "
-            "can be corrected",
+            f"{run.path}: [data] kind is means, but only a recording can be corrected; give the "
+            "run file of a recording",
             file=run.path,
             key="[data] kind",
         )
@@ -161,7 +161,7 @@ def apply(
         )
     axes = calibration.sensor.axes
     count = {kind: sum(axis.measures == kind for axis in axes) for kind in ("f", "w")}
-    # Motion across one sensor axis, or across two, is unknown and taken as zero.
+    # With only one or two sensor axes, the motion across them is unknown and taken as zero.
     zero = np.zeros((1, 3))
     motion = calibration.correct(
         recording,
@@ -188,23 +188,24 @@ def apply(
 
 
 def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
-    """Return a corrected recording as `inercal apply` writes it.
+    """Return a corrected recording in the form in which `inercal apply` writes it.
 
-    The temperature has the unit of the run file, which its name states: "temperature [°C]".
+    The temperature is in the unit of the run file, which its column name states, such as
+    "temperature [°C]".
 
     Parameters
     ----------
     corrected : Recording
-        Of `apply`.
+        Recording returned by `apply`.
     run : Run
     text : bool
-        Whether the file holds numbers as text: then they have nine significant digits, and times
-        at least four digits beyond those of the step.
+        Whether the file contains numbers as text. They then have nine significant digits, and times
+        have at least four digits more than the time step.
     """
     if corrected.temperature is not None:
         unit: str = run.data.temperature_unit
         own = run.data.thermometer.values(corrected.temperature)
-        # Sums with 273.15 leave digits that no sensor has.
+        # Adding 273.15 leaves more digits than any sensor has.
         own: Array = np.round(own, _TEMPERATURE_DECIMALS)
         readback = {f"temperature [{unit}]": own, **corrected.readback}
         corrected = replace(corrected, temperature=None, readback=readback)
@@ -223,7 +224,7 @@ def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
 
 
 def _significant(values: Array) -> Array:
-    """Return numbers with nine significant digits: 1e-8 of 1 g, less than any sensor's noise."""
+    """Round to nine significant digits: 1e-8 of 1 g, which is below the noise of any sensor."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         size = np.floor(np.log10(np.abs(values)))
         factor = 10.0 ** (_DIGITS - 1 - size)

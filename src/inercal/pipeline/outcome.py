@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 
 class FittedRun(NamedTuple):
-    """A run, the orders of its temperatures chosen, what was read, and the estimate.
+    """A run with chosen temperature orders, its data and its estimate.
 
-    `stated` is the run before its orders were chosen.
+    `stated` is the run before its temperature orders were chosen.
     """
 
     stated: Run
@@ -49,23 +49,23 @@ class FittedRun(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Outcome(ReportInput):
-    """All results of a calibration run: what its bench reports, `ReportInput`, and the rest.
+    """All results of a calibration run, including the `ReportInput` of its bench.
 
     Parameters
     ----------
     calibration : Calibration
     kind : Kind
-        Of the bench.
+        Kind of bench.
     findings : tuple of Finding
-        Of the audit and of the checks against the plan.
+        Findings of the audit and of the checks against the plan.
     verdict : Verdict
-        The grade, its reasons, few lines in plain words, and all that explains them.
+        The grade, its reasons, a few lines in plain words, and their explanation.
     rests : RestDetection or None
-        Thresholds and marks, where rests were detected without a plan.
+        Thresholds and marks if rests were detected without a plan.
     search : SearchHistory or None
-        Of an estimator that searches.
+        History of the search if the estimator searches.
     temperature_fit : TemperatureFit or None
-        Soaks, orders and prediction errors, where temperatures were stated or tested.
+        Soaks, orders and prediction errors if temperatures were stated or tested.
     plots : tuple of Plot
         Figures that the method adds to the report.
     """
@@ -97,7 +97,7 @@ class Outcome(ReportInput):
         return self.calibration.sensor
 
     def sensed_motion(self, w: Array | None = None) -> Motion:
-        """As `ReportInput.sensed_motion`."""
+        """Return the motion of the sensor, as `ReportInput.sensed_motion` does."""
         seen = self.observations
         dT = seen.temperature_offset(self.sensor.reference_temperature)
         output = self.sensor.to_output(seen.mean)

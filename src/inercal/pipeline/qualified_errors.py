@@ -1,8 +1,8 @@
-"""The errors of qualified parameters of a bench, which calibrations share.
+"""The errors of qualified bench parameters, which calibrations share.
 
-Calibrations by the same qualification share J Σ Jᵀ with J = ∂c/∂b₀. It is stored by
-the columns of J L, Σ = L Lᵀ: column j is the part of parameter j that those before it do not
-explain, so that the columns of different parameters are independent.
+Calibrations with the same qualification share the covariance J Σ Jᵀ with J = ∂c/∂b₀. It is stored
+as the columns of J L, where Σ = L Lᵀ. Column j is the part of parameter j that the parameters
+before it do not explain, so the columns of different parameters are independent.
 """
 
 from collections.abc import Mapping
@@ -19,15 +19,15 @@ from inercal.runfile import Run
 def qualified_errors(
     run: Run, estimate: Estimate, expected: Mapping[str, Parameter], count: int
 ) -> tuple[SharedError, ...]:
-    """Return the shared errors of the qualified parameters.
+    """Return the shared errors due to the qualified parameters.
 
     Parameters
     ----------
     run : Run
     estimate : Estimate
-        Its first `count` parameters are the sensor's coefficients.
+        Estimate whose first `count` parameters are the sensor's coefficients.
     expected : mapping of str to Parameter
-        The bench's parameters that act, by full name.
+        Bench parameters that have an effect, by full name.
     count : int
     """
     known = run.qualified.parameters
@@ -40,7 +40,7 @@ def qualified_errors(
             slopes[:, k] = slope[:count]
     if not slopes.any():
         return ()
-    # Of all of them: one that does not act itself may act through one that builds on it.
+    # Use all of them: a parameter without an effect may act through another that builds on it.
     root = np.linalg.cholesky(joint_prior(known)[1])
     parts = slopes @ root
     return tuple(
@@ -60,10 +60,10 @@ def qualified_errors(
 def uncounted_notes(
     run: Run, estimate: Estimate, expected: Mapping[str, Parameter]
 ) -> tuple[str, ...]:
-    """Return which qualifications do not enter the uncertainty, and why.
+    """Return notes on qualifications that are not included in the uncertainty, with reasons.
 
-    An estimator that takes the bench as exact has neither a sensitivity to a parameter of the bench
-    nor the parameter among its unknowns. Other parameters do not act in these steps.
+    An estimator that takes the bench as exact has no sensitivity to a bench parameter and does not
+    estimate it. Other parameters have no effect in the steps of the run.
     """
     lines: list[str] = []
     for file, one in zip(run.qualified.files, run.qualified.each, strict=True):
@@ -72,13 +72,13 @@ def uncounted_notes(
             continue
         acting = any(q.name in left_out for q in expected.values())
         reason = (
-            f"estimator {run.estimator} does not count it"
+            f"estimator {run.estimator} does not take it into account"
             if acting
-            else "it does not act in this run"
+            else "it has no effect in this run"
         )
         lines.append(
-            f"Qualification {file}: the uncertainty of {', '.join(left_out)} is not in U, because "
-            f"{reason}. Its values do correct the bench."
+            f"Qualification {file}: the uncertainty of {', '.join(left_out)} is not included in U, "
+            f"because {reason}. Its values do correct the bench."
         )
     return tuple(lines)
 
@@ -87,7 +87,7 @@ def _is_counted(name: str, estimate: Estimate, expected: Mapping[str, Parameter]
     found = [full for full, q in expected.items() if q.name == name and q.sd > 0]
     if any(estimate.sensitivity(full, expected[full].sd) is not None for full in found):
         return True
-    # Those of each position or dwell may be eliminated with the noise of its row.
+    # Parameters of each position or dwell may be eliminated together with the noise of its row.
     lasting = [full for full, q in expected.items() if q.scope == "run" and q.sd > 0]
     return any(expected[full].scope != "run" for full in found) and any(
         estimate.sensitivity(full, expected[full].sd) is not None for full in lasting
@@ -95,7 +95,7 @@ def _is_counted(name: str, estimate: Estimate, expected: Mapping[str, Parameter]
 
 
 def qualification_conditions(run: Run) -> dict[str, str]:
-    """Return the qualifications of a run, for people."""
+    """Return the qualifications of a run as readable text."""
     return {
         f"qualification {file}": (
             f"{one.kind} of {one.date}"
@@ -107,7 +107,7 @@ def qualification_conditions(run: Run) -> dict[str, str]:
 
 
 def _acting(known: QualifiedParameters, expected: Mapping[str, Parameter]) -> list[int]:
-    """Return the places of the qualified parameters of the run that act and are not exact."""
+    """Return the indices of qualified run parameters that have an effect and are not exact."""
     return [
         k
         for k, name in enumerate(known.names)

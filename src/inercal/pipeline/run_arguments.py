@@ -1,4 +1,4 @@
-"""Sections and data given as arguments of a call, as a run: the same checks as of a run file."""
+"""Build a run from sections and data given as arguments, with the same checks as a run file."""
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,14 +28,14 @@ _TIME, _LABEL, _TEMPERATURE = "time", "label", "temperature"
 
 
 def columns_in_memory(data: object) -> dict[str, NDArray[Any]]:
-    """Return the columns by name; those of an array without names are "1", "2", ….
+    """Return the columns by name; the columns of an array without names are "1", "2", ….
 
     Raises
     ------
     TypeError
-        Not a table; the message says what is accepted.
+        If the data are not a table; the message lists the accepted types.
     InputError
-        A column that holds neither numbers, dates nor text.
+        If a column contains neither numbers, dates nor text.
     """
     if isinstance(data, Recording):
         return _recording_columns(data)
@@ -44,9 +44,9 @@ def columns_in_memory(data: object) -> dict[str, NDArray[Any]]:
     if array is not None and array.dtype.names is None:
         if array.ndim == 2:
             return {str(k + 1): array[:, k] for k in range(array.shape[1])}
-        raise TypeError(f"data are an array of shape {array.shape}; calibrate takes {ACCEPTED}")
+        raise TypeError(f"data are an array of shape {array.shape}; calibrate accepts {ACCEPTED}")
     if not (isinstance(data, Mapping) or any(hasattr(source, name) for name in _TABLE_ATTRIBUTES)):
-        raise TypeError(f"data are a {type(source).__name__}; calibrate takes {ACCEPTED}")
+        raise TypeError(f"data are a {type(source).__name__}; calibrate accepts {ACCEPTED}")
     return dict(table_from_frame(source, ReadRequest(), "data").columns)
 
 
@@ -61,7 +61,7 @@ def _recording_columns(recording: Recording) -> dict[str, NDArray[Any]]:
 
 
 def recording_keys(recording: Recording) -> dict[str, object]:
-    """Return the keys of [data] by which a recording's own columns are read."""
+    """Return the keys of [data] that select the columns of a recording."""
     keys: dict[str, object] = {_TIME: _TIME}
     for key, letter in (("accelerometer", "a"), ("gyro", "g")):
         if axes := [name for name in recording.channels if name.startswith(letter)]:
@@ -73,7 +73,7 @@ def recording_keys(recording: Recording) -> dict[str, object]:
     return keys
 
 
-_CALL = "inercal.calibrate"  # what messages name in place of a run file
+_CALL = "inercal.calibrate"  # name that messages use in place of a run file
 _TABLE, _MARKS = "data.npz", "marks.json"
 
 
@@ -81,26 +81,26 @@ _TABLE, _MARKS = "data.npz", "marks.json"
 def stated_run(
     data: object, sections: Mapping[str, object], data_keys: Mapping[str, object]
 ) -> Generator[Run]:
-    """Yield the run of sections that are stated as arguments, with data in memory or in a file.
+    """Yield the run for sections given as arguments, with data in memory or in a file.
 
-    Data in memory take the way of a file, so that every check of a file holds for them.
+    Data in memory are handled like a file, so that they pass through the same checks.
 
     Parameters
     ----------
     data : object
-        As of `inercal.calibrate`.
+        As in `inercal.calibrate`.
     sections : mapping of str to mapping
-        The sections of a run file but [data], by name; those that are None are not stated. Files
-        that they name are relative to the working folder. [method] may be its name alone.
+        The sections of a run file except [data], by name; a section that is None is not stated.
+        Paths of files are relative to the working folder. [method] may be just the method's name.
     data_keys : mapping
-        Keys of [data] but `file`; `marks` may be a mapping of labels to samples.
+        Keys of [data] except `file`; `marks` may be a mapping from labels to samples.
 
     Raises
     ------
     TypeError
-        Data of another type.
+        If the data have an unsupported type.
     InercalError
-        The sections or the data cannot be used; also raised from within.
+        If the sections or the data cannot be used; it is also raised from within the context.
     """
     with TemporaryDirectory(prefix="inercal-") as name:
         folder = Path(name)
@@ -137,7 +137,7 @@ def stated_run(
 
 
 def _marks_as_json(marks: Mapping[str, object]) -> str:
-    """Return marks as the file of marks has them; samples may be a pair or `start` and `end`."""
+    """Return marks as text for a marks file; samples may be a pair or `start` and `end`."""
     return dumps(
         {
             str(label): dict(zip(("start", "end"), map(int, cast(Any, bounds)), strict=True))
@@ -149,7 +149,7 @@ def _marks_as_json(marks: Mapping[str, object]) -> str:
 
 
 def _plain(value: object) -> Any:
-    """Return a value as TOML would read it: lists in place of tuples, texts in place of paths."""
+    """Return a value as a TOML parser would: lists instead of tuples, text instead of paths."""
     if isinstance(value, Mapping):
         return {str(key): _plain(one) for key, one in cast(Mapping[object, object], value).items()}
     if isinstance(value, list | tuple):

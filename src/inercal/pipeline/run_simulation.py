@@ -1,4 +1,4 @@
-"""Simulation of a run: its plan on the simulated bench, as columns that the run file reads."""
+"""Simulate a run: its plan on a simulated bench, in the columns that the run file reads."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,32 +31,33 @@ from inercal.recordings.io.simulation_mark import SIMULATION_OF
 from inercal.runfile import Run, read
 
 _ROUNDING = 1e-9
-_MOST_SAMPLES = 1e8  # of a simulation, all trials together: 5 GB for an IMU
+_MOST_SAMPLES = 1e8  # in a simulation with all its trials: 5 GB for an IMU
 
 
 def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) -> Recording:
-    """Simulate the run's plan on its bench, with the sensor's truth and noise.
+    """Simulate the plan of a run on its bench, with the true coefficients and noise of its sensor.
 
     Parameters
     ----------
     run : Run or path
-        [sensor.truth] states the coefficients, all others are zero; [data] rate is the sampling
-        rate.
+        Run whose [sensor.truth] states the true coefficients (all others are zero) and whose [data]
+        rate is the sampling rate.
     seed : int
     trials : int, optional
-        Independent repetitions on a leading axis; None is one recording without that axis.
+        Number of independent repetitions, on a leading axis; None gives one recording without that
+        axis.
 
     Raises
     ------
     InputError
-        No sampling rate, or an unknown coefficient in the truth.
+        If the sampling rate is missing, or the truth contains an unknown coefficient.
     """
     run = run if isinstance(run, Run) else read(run)
     return _simulate_run(run, np.random.default_rng(seed), seed, trials)[0]
 
 
 def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]:
-    """Simulate the files that the run file names: the recording and further files of the bench.
+    """Simulate the files that a run file names: the recording and further files of the bench.
 
     Parameters
     ----------
@@ -66,8 +67,8 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
     Returns
     -------
     dict of str to Recording
-        By the names in [data], the recording first; columns and times are as [data] states them,
-        ready to be written.
+        Recordings by their names in [data], with the recording of the sensor first. Columns and
+        times are as [data] states them, ready to be written.
 
     Raises
     ------
@@ -77,7 +78,8 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
     run = run if isinstance(run, Run) else read(run)
     if run.data.file in run.data.further_files().values():
         raise InputError(
-            f"{run.path}: [data] names {run.data.file} twice; a simulation needs a file for each",
+            f"{run.path}: [data] names {run.data.file} twice, but a simulation needs two separate "
+            "files",
             file=run.path,
             key="[data]",
         )
@@ -94,7 +96,7 @@ def _simulate_run(
 ) -> tuple[Recording, SimulatedMotion]:
     if run.rate_hz is None:
         raise InputError(
-            f"{run.path}: [data] rate is missing; a simulation needs it: add rate, such as "
+            f"{run.path}: [data] rate is missing, but a simulation needs it: add rate, such as "
             f'rate = "100 Hz"',
             file=run.path,
             key="[data] rate",
@@ -102,8 +104,8 @@ def _simulate_run(
     samples = run.rate_hz * run.kind.seconds(run.bench, run.steps) * (trials or 1)
     if samples > _MOST_SAMPLES:
         raise InputError(
-            f"{run.path}: the simulation would have {samples:.2g} samples; the limit is "
-            f"{_MOST_SAMPLES:.0e}: lower [data] rate or [method] seconds",
+            f"{run.path}: the simulation would have {samples:.2g} samples, but the limit is "
+            f"{_MOST_SAMPLES:.0e}: reduce [data] rate or [method] seconds",
             file=run.path,
             key="[data] rate",
         )
@@ -150,7 +152,7 @@ def _simulate_run(
 
 
 def _require_chamber(run: Run) -> None:
-    """Refuse to simulate temperatures that are not stated, or soaks of a bench without visits."""
+    """Refuse missing temperatures, or soaks on a bench whose positions cannot be repeated."""
     assert run.environment is not None
     try:
         require_profile(run.environment)
@@ -158,15 +160,15 @@ def _require_chamber(run: Run) -> None:
         raise error.located(run.path) from None
     if run.environment.kind == "soaks" and run.kind.name != "hand":
         raise InputError(
-            f"{run.path}: [environment] kind: method {run.method.name} has no positions that come "
-            'again at another temperature; write kind = "ramp"',
+            f"{run.path}: [environment] kind: method {run.method.name} has no positions that can "
+            'be repeated at another temperature; write kind = "ramp"',
             file=run.path,
             key="[environment] kind",
         )
 
 
 def _stated_labels(run: Run, labels: NDArray[np.str_]) -> NDArray[np.str_]:
-    """Return the labels as a recording has them: those of the positions, at each visit."""
+    """Return the labels as in a recording: the labels of the positions at each visit."""
     if run.environment is None or run.kind.name != "hand" or run.method.unknown_attitudes:
         return labels
     names, place = np.unique(labels, return_inverse=True)
@@ -175,17 +177,17 @@ def _stated_labels(run: Run, labels: NDArray[np.str_]) -> NDArray[np.str_]:
 
 
 def apply_data_columns(run: Run, recording: Recording) -> Recording:
-    """Return the recording with columns and times as in the run file's data, to be written."""
+    """Return the recording with columns and times as [data] states them, ready to be written."""
     if is_pattern(run.file(run.data.file)):
         raise InputError(
-            f"{run.path}: [data] file: a simulation is one file; write its name without a star",
+            f"{run.path}: [data] file: a simulation writes one file; give its name without a star",
             file=run.path,
             key="[data] file",
         )
     for key in ("gyro_file", "gyro_time"):
         if getattr(run.data, key) is not None:
             raise InputError(
-                f"{run.path}: [data] {key}: a simulation is one file; remove {key}",
+                f"{run.path}: [data] {key}: a simulation writes one file; remove {key}",
                 file=run.path,
                 key=f"[data] {key}",
             )
@@ -229,19 +231,19 @@ def read_out(
     rng: np.random.Generator,
     drift: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return the output of the sensor, (..., n, m) in output units, with noise and limits.
+    """Return the sensor output, (..., n, m) in output units, with noise and saturation.
 
     Parameters
     ----------
     sensor : Sensor
     motion : Motion
-        (..., n, 3), at `rate_hz`.
+        Motion, (..., n, 3), sampled at `rate_hz`.
     c : (p,) array
-        Coefficients in SI.
+        Coefficients in SI units.
     rate_hz : float
     rng : Generator
     drift : (..., n, m) array, optional
-        Of the biases, SI.
+        Drift of the biases, SI.
     """
     reading = sensor.forward(motion, c)
     if drift is not None:
@@ -259,7 +261,7 @@ def read_out(
 
 
 def _round_to_codes(axis: Axis, output: np.ndarray) -> np.ndarray:
-    """Return output in whole codes, without the rounding errors of the scale factor."""
+    """Round the output to whole codes, without the rounding errors of the scale factor."""
     step = axis.noise.quantisation * abs(axis.readout.scale)
     codes = round(step)
     if codes < 1 or abs(step / codes - 1) > _ROUNDING:

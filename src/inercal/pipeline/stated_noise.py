@@ -1,18 +1,20 @@
-"""The noise that a run file states, compared with that of the data: too large, or too small.
+"""Compare the noise that a run file states with the noise in the data.
 
-In a recording the density of the means' noise is compared with [sensor] white. Besides white noise
-N a mean over T contains bias instability B, random walk K and the quantisation step q: at most
-B² + K² T/3 + q²/12 of variance, which is allowed for. In motion and in a hand readings contain more
-than the sensor's noise: only a white noise that is too large shows there.
+For a recording, the noise density of the means is compared with [sensor] white. Besides white noise
+N, a mean over T contains bias instability B, random walk K and the quantisation step q. Their
+variance is at most B² + K² T/3 + q²/12, and the comparison allows for it. In motion and in a hand,
+readings contain more than the sensor's noise, so only a stated white noise that is too large can be
+detected there.
 
-From a table of means the noise is stated alone, and the residuals show it
-(`inercal.estimation.noise_scale`). The residuals also show where noise and bench together were
-stated too large, which is a remark: a bench may be better than one can state.
+For a table of means the noise is only known from statements, and the residuals show whether it is
+right (`inercal.estimation.noise_scale`). The residuals also show if noise and bench together were
+stated too large. This is only a remark, because a bench may be better than one can state.
 
-A noise that was stated too large counts from a factor of 1.3 on that chance does not explain. It is
-a warning where uncertainties follow from it: in a table of means, and in a method that weighs its
-readings by the stated noise, where the residuals are then too small. Where they follow from the
-noise of the recording it is a remark below a factor of 2, from which on unit or scale are in doubt.
+Noise that was stated too large is reported if the factor is at least 1.3 and chance does not
+explain it. The report is a warning if the uncertainties depend on the stated noise: for a table of
+means, and for a method that weights its readings by the stated noise, if the residuals are also too
+small. If the uncertainties depend on the noise in the recording, the report is only a remark for a
+factor below 2. A larger factor makes unit or scale doubtful.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -33,18 +35,18 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations, Severity
 
-_LARGE_RATIO = 2.0  # of noise, beyond which unit or scale are in doubt
+_LARGE_RATIO = 2.0  # ratio of noise above which unit or scale are doubtful
 _SEEN = 0.5  # steps: smaller noise is hidden by the rounding of the readings
-_LEAST_RATIO = 1.3  # stated over found; less is of no matter, and a stated 1.5 is always beyond it
-_LEVEL = 1e-3  # of all comparisons of a run together
+_LEAST_RATIO = 1.3  # stated over observed; less does not matter, and a stated 1.5 always exceeds it
+_LEVEL = 1e-3  # significance level of all comparisons of a run together
 
 
 class _Comparison(NamedTuple):
-    """The stated standard deviation over that found, of one axis or of all of a kind."""
+    """Ratio of the stated to the observed standard deviation, for one axis or a kind of axes."""
 
     ratio: float
-    axis: int  # place in the sensor
-    p_value: float  # that chance makes the noise found as small as this
+    axis: int  # index in the sensor
+    p_value: float  # probability that the observed noise is this small by chance
 
 
 def stated_noise_findings(
@@ -56,19 +58,19 @@ def stated_noise_findings(
     recorded: bool,
     by_hand: bool,
 ) -> tuple[Finding, ...]:
-    """Return findings on noise that is not as stated, each with its factor.
+    """Return findings about noise that differs from the stated noise, each with its factor.
 
     Parameters
     ----------
     estimate : Estimate
-        Without a trial axis.
+        Object without a trial axis.
     observations : Observations
-        Without a trial axis.
+        Object without a trial axis.
     sensor : Sensor
     steps : sequence of r Step
-        Of each row.
+        Step of each row.
     recorded : bool
-        Whether the rows are means over a recording; otherwise their deviations are stated.
+        Whether the rows are means from a recording; otherwise their deviations are stated.
     by_hand : bool
         Whether the sensor is held by hand.
     """
@@ -104,7 +106,7 @@ def stated_noise_findings(
 def _recorded_noise(
     observations: Observations, sensor: Sensor, steps: Sequence[Step], by_hand: bool, severe: bool
 ) -> Iterator[Finding]:
-    """Yield a finding for each kind of axes whose noise in a recording is not as stated."""
+    """Yield a finding for each kind of axes whose noise in a recording differs from stated."""
     variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
     rounding, hidden = observations.rounding, np.zeros(len(sensor.axes), dtype=np.bool_)
     if rounding is not None:
@@ -125,7 +127,7 @@ def _recorded_noise(
         low = np.median(density / stated, axis=0)
         high = np.median((density / most)[resting], axis=0) if resting.any() else np.ones(len(own))
         too_small = int(np.argmax(high))
-        # In a hand one number stands for the accelerometers together.
+        # By hand, one number is used for all accelerometers together.
         each = observations.dof / (len(own) if by_hand and kind == "f" else 1)
         compared = _most_significant(low, each)
         unit, section = quantity.noise_unit, quantity.sensor
@@ -148,19 +150,19 @@ def _recorded_noise(
             f"[sensor.{section}]"
         )
         if severity == "warning" and ratio > 1 and severe:
-            text += "; U follows from the stated noise and is too large"
+            text += "; U is computed from the stated noise and is too large"
         yield Finding(severity, "noise", text, name, factor=ratio)
 
 
 def _most_significant(low: Array, dof: float) -> _Comparison | None:
-    """Return where the noise found, over that stated, is too small for chance: one axis or all.
+    """Return the comparison, of one axis or all, whose noise is too small to be chance.
 
     Parameters
     ----------
     low : (m,) array
-        Variance found over that stated, of each axis.
+        Ratio of observed to stated variance of each axis.
     dof : float
-        Degrees of freedom of each.
+        Degrees of freedom of each axis.
     """
     m, worst = len(low), int(np.argmin(low))
     mean = float(np.mean(low))
@@ -177,14 +179,14 @@ def _most_significant(low: Array, dof: float) -> _Comparison | None:
 
 
 def _smaller(ratio: float, dof: float) -> float:
-    """Return the probability of a variance as small as this ratio to the stated one."""
+    """Return the probability that the ratio of observed to stated variance is this small."""
     if np.isinf(dof):
         return 0.0 if ratio < 1 else 1.0
     return float(scipy.special.chdtr(dof, dof * ratio))
 
 
 def _noise_of_means(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
-    """Yield a finding for each kind of axes whose deviations of means are stated too large."""
+    """Yield a finding for each kind of axes whose means have too large a stated deviation."""
     rows = estimate.rows()
     if rows is None or len(estimate.observations) != len(rows.residual):
         return
@@ -202,14 +204,14 @@ def _noise_of_means(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
 
 def _means_finding(section: str, ratio: float) -> Finding:
     text = (
-        f"the means scatter less than stated: [data.sd] of {section} is {_times(ratio)}; U follows "
-        "from it and is too large"
+        f"the means scatter less than stated: [data.sd] of {section} is {_times(ratio)}; U is "
+        "computed from it and is too large"
     )
     return Finding("warning", "noise", text, factor=ratio)
 
 
 def _times(ratio: float) -> str:
-    """Return how much too large or too small a stated noise is."""
+    """Return a text on how much too large or too small a stated noise is."""
     return (
         f"{format_number(max(ratio, 1 / ratio), 2)} times too {'large' if ratio > 1 else 'small'}"
     )

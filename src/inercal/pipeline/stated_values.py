@@ -1,12 +1,12 @@
-"""Constants of a bench that a run file states without "±", and what they share in a result.
+"""Bench constants that a run file states without "±", and their contribution to a result.
 
 Their uncertainty is taken as half a unit of the last digit
-(`inercal.basics.units.parse_quantity`). Their part in u of a coefficient is the decrease of u when
-the constant is taken as exact::
+(`inercal.basics.units.parse_quantity`). Their contribution to u of a coefficient is the decrease of
+u when the constant is taken as exact::
 
     part² = u² − u²(exact)
 
-Where the part is larger than the rest, the assumption would determine the result: the run is
+If this part is larger than the rest, the assumption would dominate the result, and the run is
 refused.
 """
 
@@ -22,8 +22,13 @@ from inercal.basics.parameters import Parameter
 from inercal.basics.units import Measured, format_quantity, format_value_and_uncertainty, si_factor
 from inercal.benches import Bench
 from inercal.estimation import Estimate
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.earth import COMPUTED_GRAVITY_SD
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_words import coefficient_words
 
-_CONSTANT_UNITS = {  # of messages, by key of [bench]
+_MIN_IMPROVEMENT = 1.5  # ratio of U without and with a better gravity that is worth a note
+_CONSTANT_UNITS = {  # units in messages, by key of [bench]
     "gravity": "m/s²",
     "latitude": "°",
     "radius": "m",
@@ -34,12 +39,12 @@ _CONSTANT_UNITS = {  # of messages, by key of [bench]
 
 
 def find_assumed_constants(expected: Mapping[str, Parameter]) -> dict[str, tuple[str, ...]]:
-    """Return the keys of constants without "±", each with the names of its parameters.
+    """Return the keys of constants stated without "±", each with the names of its parameters.
 
     Parameters
     ----------
     expected : mapping of str to Parameter
-        The bench's parameters that act, by full name.
+        Bench parameters that have an effect, by full name.
     """
     names: dict[str, tuple[str, ...]] = {}
     for name, parameter in expected.items():
@@ -49,7 +54,7 @@ def find_assumed_constants(expected: Mapping[str, Parameter]) -> dict[str, tuple
 
 
 def constant_notes(bench: Bench, assumed: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Return a line for each constant without "±": the uncertainty that was used."""
+    """Return a line for each constant without "±", with the uncertainty that was used."""
     return tuple(f"{_describe_constant(bench, key)}. State ± to replace it." for key in assumed)
 
 
@@ -72,24 +77,24 @@ def require_small_assumed_share(
     bench: Bench,
     solve: Callable[[Bench], Estimate],
 ) -> None:
-    """Refuse an assumed uncertainty that is the larger part of u of a coefficient.
+    """Refuse an assumed uncertainty that dominates u of a coefficient.
 
     Parameters
     ----------
     assumed : mapping of str to tuple of str
         Keys of the constants, with the names of their parameters.
     estimate : Estimate
-        Its first `count` parameters are the sensor's coefficients.
+        Estimate whose first `count` parameters are the sensor's coefficients.
     count : int
     bench : Bench
     solve : callable
-        Returns the estimate on another bench; used where a constant is not a parameter of the
-        estimate.
+        Function that returns the estimate for another bench; used if a constant is not a parameter
+        of the estimate.
 
     Raises
     ------
     InputError
-        The message names the key, the coefficient and the share.
+        If there is such a constant; the message names the key, the coefficient and the share.
     """
     variance = np.diagonal(estimate.covariance)[:count]
     for key, names in assumed.items():
@@ -120,7 +125,7 @@ def _variance_part(estimate: Estimate, count: int, names: Sequence[str]) -> Arra
 
 
 def _with_exact_constant(bench: Bench, key: str) -> Bench:
-    """Return the bench with the constants of a key exact."""
+    """Return the bench with the constants of a key taken as exact."""
     constant: Measured | tuple[Measured, ...] = getattr(bench, key)
     exact: Any = (
         replace(constant, sd=0.0)
@@ -128,3 +133,44 @@ def _with_exact_constant(bench: Bench, key: str) -> Bench:
         else tuple(replace(value, sd=0.0) for value in constant)
     )
     return replace(bench, **{key: exact})
+
+
+def gravity_notes(bench: Bench, sensor: Sensor, estimate: Estimate) -> tuple[str, ...]:
+    """Return a note if gravity dominates the U of coefficients, which no more readings can reduce.
+
+    The note also gives the U that would remain with gravity computed from latitude and height.
+
+    Parameters
+    ----------
+    bench : Bench
+    sensor : Sensor
+    estimate : Estimate
+        Without a trial axis. Its first parameters are the coefficients.
+    """
+    gravity, p = getattr(bench, "gravity", None), len(sensor.coefficients)
+    if not isinstance(gravity, Measured) or not gravity.sd > COMPUTED_GRAVITY_SD:
+        return ()
+    slopes = estimate.sensitivity("g", gravity.sd)
+    if slopes is None:
+        return ()
+    old = estimate.std[:p]
+    left = (COMPUTED_GRAVITY_SD / gravity.sd) ** 2
+    part = np.square(slopes[:p] * gravity.sd)
+    new = np.sqrt(np.maximum(old**2 - (1 - left) * part, 0.0))
+    weak = np.flatnonzero(old > _MIN_IMPROVEMENT * new)
+    if not weak.size:
+        return ()
+    names = [sensor.coefficients[k] for k in weak]
+    k = int(weak[np.argmax(new[weak])])
+    line = sensor.coefficient(sensor.coefficients[k])
+    before, after = (
+        format_value_and_uncertainty(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)
+    )
+    u = format_value_and_uncertainty(0.0, COVERAGE * gravity.sd)[1]
+    words = coefficient_words(sensor, ", ".join(names), names)
+    return (
+        f"Most of the U of the {words} comes from gravity (± {u} m/s²), so more readings cannot "
+        "reduce it. State latitude and height, or measured gravity, in [bench]. With latitude and "
+        f"height the U of {sensor.coefficients[k]} would drop from {before} to {after} "
+        f"{line.unit}.",
+    )

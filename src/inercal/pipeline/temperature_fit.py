@@ -1,11 +1,11 @@
-"""Fits over temperatures: errors that a soak's rows share, orders by test, soaks left out.
+"""Fit over temperatures, with errors shared within a soak and a choice of orders.
 
-1. A first fit with the highest orders gives the slopes ∂y/∂T, by which an error of a soak's
-   temperature acts (`inercal.recordings.environment.soaks`).
-2. Orders of bias, scale factor and misalignment are those of the least AIC
+1. A first fit with the highest orders gives the slopes ∂y/∂T, which convert an error of a soak's
+   temperature into an error of the readings (`inercal.recordings.environment.soaks`).
+2. The orders of bias, scale factor and misalignment are those with the least AIC
    (`inercal.pipeline.temperature_orders`).
-3. Each soak is left out once. Its rows add χ²(all) − χ²(without it) to χ²: the square of their
-   prediction error in units of its uncertainty, n components.
+3. Each soak is left out once. Its rows increase χ² by χ²(all) − χ²(without it), which is the square
+   of their prediction error in units of its uncertainty, with n components.
 """
 
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ from inercal.pipeline.temperature_orders import (
     used_orders,
     with_orders,
 )
-from inercal.recordings import Finding, Observations, temperature_rate
+from inercal.recordings import Finding, Observations
 from inercal.recordings.data import EstimatorInput
 from inercal.recordings.environment import Environment
 from inercal.recordings.environment.soaks import (
@@ -48,25 +48,25 @@ from inercal.runfile import Run
 from inercal.runfile.environment_section import MAX_ORDERS, ORDERED
 
 LEAST_SPAN = 10.0  # K
-LARGEST_PREDICTION_RATIO = 1.3  # of a prediction error, rms, to its standard uncertainty
-_TOO_LOW = 100.0  # χ²/ν beyond which an order is called too low
+LARGEST_PREDICTION_RATIO = 1.3  # rms prediction error divided by its standard uncertainty
+_TOO_LOW = 100.0  # χ²/ν above which an order is called too low
 _NO_SOAKS = np.zeros(0)
 
 
 @dataclass(frozen=True)
 class SoakLeftOut:
-    """The rows of a soak predicted by the other soaks.
+    """The prediction of a soak's rows from the other soaks.
 
     Parameters
     ----------
     temperature : float
-        Of the soak, K.
+        Temperature of the soak, K.
     ratio : float
-        Prediction error over its standard uncertainty, rms over the readings.
+        Prediction error divided by its standard uncertainty, rms over the readings.
     components : int
-        How many readings.
+        Number of readings.
     inside : bool
-        Whether soaks on both sides of it remain.
+        Whether there are other soaks on both sides of it.
     """
 
     temperature: float
@@ -77,25 +77,25 @@ class SoakLeftOut:
 
 @dataclass(frozen=True, eq=False)
 class TemperatureFit:
-    """What was done about the temperatures of a run.
+    """How the temperatures of a run were treated.
 
     Parameters
     ----------
     soaks : (s,) array
-        Temperatures of the soaks in their order, K; empty of a ramp.
+        Temperatures of the soaks in their order, K; empty for a ramp.
     orders : mapping of "f" or "w" to Orders
-        Used; empty where they were not stated or tested.
+        Orders that were used; empty if they were not stated or tested.
     tests : tuple of OrderTest
         All orders that were compared.
     left_out : tuple of SoakLeftOut
     ratio : float
         χ²/ν of the fit.
     loops : tuple of SoakLoop
-        Of temperatures that were reached from below and from above.
+        Loops at temperatures that were reached from below and from above.
     axes : tuple of m Axis
-        Of the loops.
+        Axes of the loops.
     drift : float
-        Largest change of the recorded temperature within a section, K; NaN of means.
+        Largest change of the recorded temperature within a section, K; NaN for means.
     """
 
     soaks: NDArray[np.float64]
@@ -109,7 +109,7 @@ class TemperatureFit:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Warnings: orders that are too low, soaks that the others do not predict."""
+        """Warnings about orders that are too low and soaks that the others do not predict."""
         if self.orders and self.ratio > _TOO_LOW:
             text = (
                 f"χ²/ν is {self.ratio:.3g}: the orders in temperature are too low for these "
@@ -122,8 +122,8 @@ class TemperatureFit:
             return ()
         worst = max(bad, key=lambda one: one.ratio)
         text = (
-            f"the soak at {worst.temperature - ZERO_CELSIUS:.1f} °C is predicted by the others "
-            f"with an error of {worst.ratio:.2f} times its uncertainty, rms; more than "
+            f"the other soaks predict the soak at {worst.temperature - ZERO_CELSIUS:.1f} °C with "
+            f"an rms error of {worst.ratio:.2f} times its uncertainty; more than "
             f"{LARGEST_PREDICTION_RATIO * _bound(worst):.2f} means that the order or the noise is "
             "wrong"
         )
@@ -131,12 +131,12 @@ class TemperatureFit:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Orders and prediction errors, in words."""
+        """Text lines on orders and prediction errors."""
         lines: list[str] = []
         for kind, orders in self.orders.items():
             by = "by AIC" if any(one.kind == kind for one in self.tests) else "as stated"
             lines.append(
-                f"orders in temperature of {QUANTITIES[kind].sensors}, {by}: bias {orders[0]}, "
+                f"temperature orders of {QUANTITIES[kind].sensors}, {by}: bias {orders[0]}, "
                 "scale factor "
                 f"{orders[1]}, misalignment {orders[2]}"
             )
@@ -147,13 +147,13 @@ class TemperatureFit:
         ratios = [one.ratio for one in self.left_out if one.components]
         if ratios:
             lines.append(
-                "prediction error of a soak left out, in units of its uncertainty, rms: at most "
-                f"{max(ratios):.2f}"
+                "rms prediction error of a soak that is left out, in units of its uncertainty: at "
+                f"most {max(ratios):.2f}"
             )
         return tuple(lines)
 
     def _largest_loop(self) -> str:
-        """Return the largest loop of each kind of axes, in words."""
+        """Return a text on the largest loop of each kind of axes."""
         texts: list[str] = []
         for kind, (_, unit) in BIAS_UNITS.items():
             own = [k for k, axis in enumerate(self.axes) if axis.measures == kind]
@@ -167,33 +167,34 @@ class TemperatureFit:
             half = format_quantity(float(at.half[k]), 0.0, unit, 3)
             texts.append(f"{half} of {self.axes[k].name} at {celsius:.1f} °C")
         return (
-            f"half the loop between rising and falling temperature is at most {', '.join(texts)}; "
-            "it is not corrected"
+            f"half the hysteresis loop between rising and falling temperature is at most "
+            f"{', '.join(texts)}; it is not corrected"
         )
 
 
 def _bound(one: SoakLeftOut) -> float:
-    """Return what chance adds to the ratio of few readings: two standard deviations of χ²/n."""
+    """Return the bound on the ratio by chance for few readings: two standard deviations of χ²/n."""
     return float(np.sqrt(1 + 2 * np.sqrt(2 / one.components)))
 
 
 def fit_over_temperatures(
     run: Run, inputs: EstimatorInput
 ) -> tuple[Run, EstimatorInput, TemperatureFit | None]:
-    """Return run and observations as they are to be estimated, and what was tested.
+    """Return the run and observations for the final estimate, and the tests that were made.
 
-    Without [environment] and [method] temperature_order both are unchanged, and the last is None.
+    Without [environment] and [method] temperature_order, run and observations are unchanged and the
+    tests are None.
 
     Parameters
     ----------
     run : Run
-        With the terms of the highest orders, where orders are tested.
+        Run that includes the terms of the highest orders if orders are to be tested.
     inputs : EstimatorInput
 
     Raises
     ------
     InputError
-        The temperatures do not support the orders.
+        If the temperatures do not support the orders.
     """
     environment, stated = run.environment, run.temperature_order
     if environment is None and stated is None:
@@ -207,7 +208,7 @@ def fit_over_temperatures(
     if stated == "auto" and not weighs:
         raise key_error(
             "[method] temperature_order",
-            f"method {run.method.name} tests no orders over {environment.kind}: state them, such "
+            f"method {run.method.name} cannot test orders for {environment.kind}: state them, such "
             "as [1, 1, 0]",
         )
     if observations.track is not None:
@@ -242,18 +243,18 @@ def fit_over_temperatures(
 
 
 def _orders_of(run: Run) -> dict[Measures, Orders]:
-    """Return the orders in use by kind of axes; none where they were not stated or tested."""
+    """Return the orders in use by kind of axes; empty if they were not stated or tested."""
     return {} if run.temperature_order is None else used_orders(run.sensor)
 
 
 def with_common_errors(run: Run, inputs: EstimatorInput, estimate: Estimate) -> Estimate:
-    """Return the estimate of a run with the errors of [environment] that it has not weighed.
+    """Add the common errors in [environment] that the estimate does not yet include.
 
     Parameters
     ----------
     run : Run
     inputs : EstimatorInput
-        As they were estimated.
+        Observations as used for the estimate.
     estimate : Estimate
     """
     environment = run.environment
@@ -271,7 +272,7 @@ def with_common_errors(run: Run, inputs: EstimatorInput, estimate: Estimate) -> 
 
 
 def _ordered_ramp(run: Run, inputs: EstimatorInput) -> tuple[Run, EstimatorInput, TemperatureFit]:
-    """Return the run of a ramp with the orders of least AIC, where they are tested."""
+    """Return the run of a ramp with the orders of least AIC, if they are tested."""
     tests: tuple[OrderTest, ...] = ()
     if run.temperature_order == "auto":
         fit = _Solver(run, inputs).solve(inputs.observations, run.sensor)
@@ -281,17 +282,25 @@ def _ordered_ramp(run: Run, inputs: EstimatorInput) -> tuple[Run, EstimatorInput
 
 
 def _row_rates(inputs: EstimatorInput) -> Array | None:
-    """Return the mean rate of the temperature in each row, (r,) K/s; None of means."""
+    """Return the slope of the temperature within each section, (r,) K/s; None for means.
+
+    Each slope uses only the samples of its section, because another soak may follow in the file.
+    """
     recording = inputs.recording
     if recording is None or recording.temperature is None or not inputs.marks:
         return None
-    rate = temperature_rate(recording.time, recording.temperature)
-    by_label = {mark.label: float(rate[mark.start : mark.stop].mean()) for mark in inputs.marks}
+    by_label: dict[str, float] = {}
+    for mark in inputs.marks:
+        time = recording.time[mark.start : mark.stop]
+        time = time - time.mean()
+        square = float(time @ time)
+        product = float(time @ recording.temperature[mark.start : mark.stop])
+        by_label[mark.label] = product / square if square else 0.0
     return np.array([by_label[label] for label in inputs.observations.labels])
 
 
 def _require_temperatures(run: Run, observations: Observations) -> None:
-    """Refuse a temperature that is absent, constant, or spans less than `LEAST_SPAN`."""
+    """Refuse a temperature that is missing, constant, or spans less than `LEAST_SPAN`."""
     kelvin = (
         observations.temperature if observations.track is None else observations.track.temperature
     )
@@ -299,7 +308,7 @@ def _require_temperatures(run: Run, observations: Observations) -> None:
     if kelvin is None:
         raise key_error(
             "[data] temperature",
-            f"is missing: {names} need the sensor's temperature; name its column",
+            f"it is missing, but {names} need the sensor's temperature; name its column",
         )
     span = float(np.ptp(kelvin))
     if span < LEAST_SPAN:
@@ -307,22 +316,22 @@ def _require_temperatures(run: Run, observations: Observations) -> None:
         raise key_error(
             "[data] temperature",
             f"the temperatures are {low:.2f} to {high:.2f} °C, a span of {span:.2g} K; "
-            f"coefficients of temperature need {LEAST_SPAN:g} K or more",
+            f"temperature coefficients need {LEAST_SPAN:g} K or more",
         )
 
 
 def _refuse_soaks_of_samples(run: Run) -> None:
-    """Refuse soaks where filters follow samples."""
+    """Refuse soaks for filters that follow the samples."""
     if run.environment is not None and run.environment.kind == "soaks":
         raise key_error(
             "[environment] kind",
-            f"method {run.method.name} follows samples while the temperature moves; write kind = "
-            '"ramp"',
+            f"method {run.method.name} follows the samples while the temperature changes; write "
+            'kind = "ramp"',
         )
 
 
 def _within_levels(run: Run, levels: int) -> Run:
-    """Return the run with terms that so many temperatures determine; refuse stated orders."""
+    """Limit the terms to those that this many temperatures determine; refuse higher orders."""
     stated = run.temperature_order
     if isinstance(stated, tuple):
         for quantity, order in zip(ORDERED, stated, strict=True):
@@ -330,7 +339,7 @@ def _within_levels(run: Run, levels: int) -> Run:
                 raise key_error(
                     "[method] temperature_order",
                     f"order {order} of the {quantity} needs {order + 1} soaks at different "
-                    f"temperatures; there are {levels} (further apart than {SOAK_SPREAD:g} K)",
+                    f"temperatures, but there are {levels} (more than {SOAK_SPREAD:g} K apart)",
                 )
     if stated != "auto":
         return run
@@ -356,7 +365,7 @@ class _Solver:
     def leave_out(
         self, observations: Observations, sensor: Sensor, whole: Estimate
     ) -> tuple[SoakLeftOut, ...]:
-        """Return the prediction errors of the soaks; none where a soak is needed or χ² is none."""
+        """Return the prediction errors of the soaks that the fit can do without."""
         number, temperatures = soak_numbers(observations), soak_temperatures(observations)
         if not whole.dof:
             return ()

@@ -1,4 +1,4 @@
-"""Check of the units of gyro columns: at rest a gyro reads its bias.
+"""Check the units of gyro columns, because a gyro at rest should read only its bias.
 
 `inercal.recordings.io.rest_norm` checks the accelerometers.
 """
@@ -24,20 +24,20 @@ def check_zero_rates(
     priors: Sequence[Gaussian],
     columns: Sequence[str | int],
 ) -> tuple[Finding, ...]:
-    """Return a warning where gyros at rest read more than a bias that can be expected.
+    """Return a warning if gyros at rest read more than a plausible bias.
 
     Parameters
     ----------
     observations : Observations
-        Means in SI by the nominal readout, without a trial axis.
+        Means in SI units from the nominal readout, without a trial axis.
     sensor : Sensor
     steps : sequence of r Step
-        Of each row; rests are those of class `Hold` and `Position`.
+        Step of each row; rests are steps of the classes `Hold` and `Position`.
     priors : sequence of Gaussian
-        A prior on a bias states what is expected: the difference from its mean may be 20 °/s, or
-        the expanded uncertainty of the prior if that is larger.
+        Priors on biases; the difference from the mean of a prior may be 20 °/s, or its expanded
+        uncertainty if that is larger.
     columns : sequence of str or int
-        Of [data] gyro, in the order of the sensor's gyros.
+        Columns in [data] gyro, in the order of the sensor's gyros.
     """
     resting = [isinstance(step, Hold | Position) for step in steps]
     if observations.track is not None or not any(resting):
@@ -56,7 +56,7 @@ def check_zero_rates(
 
 
 def _expected_values(priors: Sequence[Gaussian]) -> dict[str, tuple[float, float]]:
-    """Return mean and standard deviation of each name that has a prior."""
+    """Return the mean and standard deviation of each coefficient that has a prior."""
     return {
         name: (float(prior.mean[..., k]), sqrt(float(prior.covariance[k, k])))
         for prior in priors

@@ -1,4 +1,4 @@
-"""Findings of the audit and other checks of a recording."""
+"""Findings from the audit and from other checks of a recording."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,8 +7,8 @@ from typing import Literal
 from inercal.basics.run_file_advice import Change
 
 Severity = Literal["note", "warning", "refused"]
-_APART = 5  # messages of one cause that stay apart
-_LISTED = 12  # places that a merged message lists
+_APART = 5  # up to this many messages with the same cause are listed separately
+_LISTED = 12  # number of places that a merged message lists
 
 
 @dataclass(frozen=True)
@@ -19,21 +19,22 @@ class Finding:
     ----------
     severity : "note", "warning" or "refused"
         A refused recording is not used: `inercal.recordings.io.audit.require_accepted` raises an
-        error.
+        error for it.
     what : str
         Kind of finding: "gap", "saturation", ...
     message : str
-        One clear line.
+        The message, in one clear line.
     channel : str or None
-        The channel; None for all channels.
+        The affected channel; None if the finding concerns all channels.
     start, stop : int or None
-        Half-open range of samples; None for all samples.
+        Half-open range of affected samples; None if the finding concerns all samples.
     changes : tuple of Change
-        Keys of the run file that would take the finding away.
+        Changes of run-file keys that would remove the finding.
     factor : float or None
-        Of a stated noise that contradicts the data: the stated standard deviation over that found.
+        The stated standard deviation divided by the one found, if the stated noise contradicts the
+        data.
     merged : tuple of Finding
-        The findings that this one stands for, where it stands for several.
+        The individual findings, if this finding summarizes several.
     """
 
     severity: Severity
@@ -48,10 +49,10 @@ class Finding:
 
 
 def merge_findings(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """Return the findings, those of one event merged into one, in the order of the first.
+    """Merge the findings that belong to the same event; keep the order of first appearance.
 
-    Findings of one severity and kind belong to one event if their messages are equal, or if they
-    concern the same samples of the same channel.
+    Two findings of the same severity and kind belong to the same event if their messages are equal,
+    or if they concern overlapping samples of the same channel.
     """
     groups: list[list[Finding]] = []
     for one in findings:
@@ -75,7 +76,7 @@ def _is_of_one_event(one: Finding, other: Finding) -> bool:
 
 
 def _merged(group: Sequence[Finding]) -> Finding:
-    """Return one finding for several that are alike."""
+    """Return one finding that summarizes several findings about the same event."""
     first = group[0]
     if len(group) == 1:
         return first
@@ -95,10 +96,11 @@ def _merged(group: Sequence[Finding]) -> Finding:
 
 
 def merge_messages(messages: Sequence[str]) -> tuple[str, ...]:
-    """Return messages without repetition, in the order of the first of each.
+    """Return the messages without repetition, in order of first appearance.
 
-    Equal messages become one that says how often it came. Of one cause, which follows the first
-    colon, more than five become one with all places.
+    Identical messages are replaced by one that states how often it occurred. The text after the
+    first colon is the cause. More than five messages with the same cause are replaced by one that
+    lists all their places.
     """
     by_cause: dict[str, list[str]] = {}
     for message in messages:

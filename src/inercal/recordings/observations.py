@@ -1,4 +1,4 @@
-"""Observations in SI: means over the sections of a recording."""
+"""Observations in SI units: mean readings over the sections of a recording."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,22 +26,23 @@ if TYPE_CHECKING:
 class Transitions:
     """Motion of the sensor from each rest to the next, as ranges of samples.
 
-    A transition is weighted from the mean attitude of one rest to that of the next: the weight of a
-    sample rises from 0 to 1 along samples `start` to `left`, and falls along `reached` to `stop`.
+    A transition leads from the mean attitude during one rest to that during the next. The weight of
+    a sample therefore rises from 0 to 1 between samples `start` and `left`, and falls back to 0
+    between `reached` and `stop`.
 
     Parameters
     ----------
     time : (n,) array
-        s, of each sample of the recording.
+        Time of each sample of the recording, s.
     output : (n, m) array
         Readings of the sensor's axes in output units.
     rest : (k,) array of int
-        Row of the observations at the begin of each transition; it ends at the next row.
+        Row of the observations where each transition begins; it ends at the next row.
     start, left, reached, stop : (k,) arrays of int
-        Samples: `left` is the last sample of the rest before, `reached` the first sample of the
-        rest after, `stop` the last sample of the transition.
+        Sample numbers: `left` is the last sample of the preceding rest, `reached` the first sample
+        of the following rest, and `stop` the last sample of the transition.
     temperature : (n,) array or None
-        K, of each sample.
+        Temperature at each sample, K.
     """
 
     time: Array
@@ -55,7 +56,7 @@ class Transitions:
 
     @property
     def duration(self) -> Array:
-        """Effective duration of each transition, (k,) s: rotation over a constant rate."""
+        """Effective duration of each transition, (k,) s: its rotation over a constant rate."""
         t = self.time
         ends = t[self.left] - t[self.start] + t[self.stop] - t[self.reached]
         return t[self.reached] - t[self.left] + 0.5 * ends
@@ -63,22 +64,23 @@ class Transitions:
 
 @dataclass(frozen=True, eq=False)
 class HalfSectionChanges:
-    """Changes of the readings of r sections at rest from the first half to the second.
+    """Changes of the readings from the first to the second half of r sections at rest.
 
     Parameters
     ----------
     change : (r, m) array
-        Mean of the second half less that of the first, output units.
+        Mean of the second half minus mean of the first half, output units.
     integral : (r, m) array
-        Integral of the readings over time, with the weight by which a rate rotates the first mean
-        attitude into the second: from 0 to 1 across the first half, and back; output units times s.
+        Weighted integral of the readings over time, output units times s. The weight with which a
+        rate rotates the mean attitude of the first half into that of the second rises from 0 to 1
+        during the first half and falls back to 0 during the second.
     seconds : (r,) array
         Integral of that weight.
     square : (r,) array
-        Sum of the weights' squares times the step squared, s²: the variance of an integral over
-        that of a sample.
+        Sum of the squared weights times the squared time step, s²: the variance of an integral
+        divided by the variance of a sample.
     warming : (r,) array or None
-        Mean temperature of the second half less that of the first, K.
+        Mean temperature of the second half minus that of the first half, K.
     """
 
     change: Array
@@ -90,55 +92,56 @@ class HalfSectionChanges:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Means over sections of a recording: a row for each hold or turn.
+    """Mean readings over the sections of a recording: one row for each hold or turn.
 
     Parameters
     ----------
     labels : tuple of r str
         Name of each row.
     mean : (..., r, m) array
-        Mean reading in SI after the nominal readout.
+        Mean readings in SI units, after the nominal readout is applied.
     covariance : (..., r, m, m) array
         Covariance of each mean.
     duration, time : (r,) array
-        s; length of the section and time of its middle.
+        Duration of each section and time of its middle, s.
     samples : (r,) array of int
-        Number of samples of each mean.
+        Number of samples in each mean.
     channels : tuple of m str
         Names of the sensor's axes.
     dof : float
-        Degrees of freedom of the covariance; infinite when it was stated.
+        Degrees of freedom of the covariance; infinite if the covariance was stated.
     drift : (r, r, m) array or None
-        Covariance between rows of each channel's slow drift, which `covariance` excludes.
+        Covariance between rows due to each channel's slow drift; not included in `covariance`.
     drift_mean : (r, m) array or None
-        The drift that `mean` contains, as the slopes within rows show it; what they leave open is
-        in `drift`. `without_drift` takes it off; where it is left, `full_covariance` includes it.
+        The part of the drift in `mean` that the slopes within the rows reveal; the uncertainty that
+        remains is in `drift`. `without_drift` subtracts it. As long as it is not subtracted,
+        `full_covariance` includes it.
     rounding : RoundingErrors or None
-        Errors by coarse steps of the channels; of their covariance between rows the diagonal is
+        Errors due to coarse steps of the channels. The diagonal of their covariance between rows is
         part of `covariance`.
     transitions : Transitions or None
         Transitions between neighbouring rows, for methods that integrate the rate between rests.
     halves : HalfSectionChanges or None
-        Changes of the readings within each row, for sensors in a hand that have gyros.
+        Changes of the readings within each row, for hand-held sensors that include gyros.
     track : Track or None
-        The samples themselves, for filters.
+        The individual samples, for filters.
     tests : tuple of ModelTest
-        Tests of the noise within sections, where a recording was averaged.
+        Tests of the noise within sections, if the rows are means of a recording.
     notes : tuple of str
-        Results on the noise of the sections, in words.
+        Statements about the noise in the sections, in words.
     timed : bool
-        Whether `time` was measured; for a table of means it is the order of the rows.
+        Whether `time` was measured; for a table of means it is only the order of the rows.
     temperature : (..., r) array or None
-        K, the mean over the samples of each row.
+        Mean temperature over the samples of each row, K.
     common : (..., r, m, k) array or None
-        Effect on each reading of k independent errors of unit variance, which rows have in common;
+        Effects of k independent errors of unit variance, shared by the rows, on each reading;
         `full_covariance` includes them.
 
     Raises
     ------
     InputError
-        Wrong shapes, a mean, covariance or temperature that is not finite, a covariance that is
-        not symmetric or has a negative variance, or a section without samples.
+        A shape is wrong; a mean, covariance or temperature is not finite; a covariance is not
+        symmetric or has a negative variance; or a section has no samples.
     """
 
     labels: tuple[str, ...]
@@ -185,12 +188,13 @@ class Observations:
             )
         not_finite = "that is not finite"
         finite = np.isfinite(self.mean)
-        if not finite.all():  # of all numbers first: a reduction of short rows is slow
+        if not finite.all():  # test all numbers at once first: a reduction of short rows is slow
             self._refuse(~finite.all(-1), "mean", not_finite)
         self._refuse(~np.isfinite(self.covariance).all((-2, -1)), "covariance", not_finite)
         variance = np.diagonal(self.covariance, axis1=-2, axis2=-1)
         self._refuse((variance < 0).any(-1), "covariance", "with a negative variance")
-        # Rounding in a product J C Jᵀ leaves a last-bit asymmetry, compared with the variances.
+        # Rounding in a product J C Jᵀ leaves a last-bit asymmetry, so compare it with the
+        # variances.
         scale = np.sqrt(variance[..., :, None] * variance[..., None, :])
         skew = np.abs(self.covariance - np.swapaxes(self.covariance, -1, -2))
         self._refuse((skew > 1e-9 * scale).any((-2, -1)), "covariance", "that is not symmetric")
@@ -210,7 +214,7 @@ class Observations:
 
     @property
     def between_rows(self) -> Array | None:
-        """Covariance between rows by drift and rounding, (r, r, m), which `covariance` excludes."""
+        """Covariance between rows due to drift and rounding, (r, r, m), not in `covariance`."""
         if self.rounding is None:
             return self.drift
         shared = self.rounding.shared
@@ -218,7 +222,7 @@ class Observations:
 
     @property
     def full_covariance(self) -> Array:
-        """Covariance of all readings, (..., r·m, r·m) by rows: with drift and all common errors."""
+        """Covariance of all readings, (..., r·m, r·m), including drift and all common errors."""
         r, m = self.mean.shape[-2:]
         full = np.zeros((*self.covariance.shape[:-3], r, m, r, m))
         for k in range(r):
@@ -236,13 +240,13 @@ class Observations:
         return full
 
     def without_drift(self) -> "Observations":
-        """Return the observations with `drift_mean` taken off the means."""
+        """Return the observations with `drift_mean` subtracted from the means."""
         if self.drift_mean is None:
             return self
         return replace(self, mean=self.mean - self.drift_mean, drift_mean=None)
 
     def temperature_offset(self, reference: float) -> Array:
-        """Return the temperature of each row minus a reference, (..., r) K; () of 0 without one."""
+        """Return each row's temperature minus a reference, (..., r) K; 0 if not recorded."""
         return np.zeros(()) if self.temperature is None else self.temperature - reference
 
     @property
@@ -262,7 +266,7 @@ class Observations:
         )
 
     def of_trials(self, part: slice) -> "Observations":
-        """Return some trials, of one leading axis; what all trials share stays whole."""
+        """Return some of the trials along a single leading axis; keep what all trials share."""
 
         def some(array: Array, own: int) -> Array:
             return array[part] if array.ndim > own and len(array) > 1 else array
@@ -277,7 +281,7 @@ class Observations:
         )
 
     def rows(self, at: Sequence[int]) -> "Observations":
-        """Return some rows, without transitions, changes within rows and samples."""
+        """Return some of the rows, without transitions, changes within rows, and samples."""
         kept = list(at)
         drift, t = self.drift, self.temperature
         return replace(
@@ -300,9 +304,9 @@ class Observations:
 
 
 def join_observations(one: Observations, other: Observations) -> Observations:
-    """Return the rows of both, of the same channels; their drifts are taken as independent.
+    """Return the rows of two sets of observations with the same channels, with independent drifts.
 
-    The result has temperatures only where both have.
+    The result has temperatures only if both sets have them.
     """
     r, s, m = len(one.labels), len(other.labels), len(one.channels)
     course = None

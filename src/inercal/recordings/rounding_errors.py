@@ -1,15 +1,15 @@
-"""The errors that coarse steps of the readings leave in means, and which rows have in common.
+"""Errors of means that result from coarse steps of the readings, and their correlation.
 
-The error of a mean has the variance β² of `inercal.estimation.uncertainty.rounding`. Rows i and j
-whose means differ by d share their place between two steps if d is small against the step q. Their
-errors have
+The error of a mean has the variance β² from `inercal.estimation.uncertainty.rounding`. Two rows i
+and j whose means differ by d lie at nearly the same place between two steps if d is small compared
+with the step q. The covariance of their errors is
 
     cov = β² exp(−d²/2q²)
 
-which is a covariance for any means. Where a row has near ones, it has an independent error of up to
-the same size besides: true values that differ by part of a step, by the earth's rate, drift or
-sensitivity to acceleration, are read alike. A channel in motion crosses many steps, and its errors
-average out: β²/n for n samples.
+which is a valid covariance for any means. A row whose mean is close to others also has an
+independent error of up to the same size, because true values that differ by a fraction of a step
+(due to the earth's rate, drift or sensitivity to acceleration) give the same reading. A channel in
+motion crosses many steps, and its errors average out: β²/n for n samples.
 """
 
 from collections.abc import Sequence
@@ -26,8 +26,8 @@ from inercal.estimation.uncertainty.rounding import mean_rounding_variance
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 
-_CROSSED = 1.0  # steps: a scatter that averages rounding out
-NOISY = 0.6  # steps of noise; beyond, rounding leaves no error in a mean
+_CROSSED = 1.0  # steps: a scatter of this size averages rounding errors out
+NOISY = 0.6  # steps: with more noise than this, rounding leaves no error in a mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +37,15 @@ class ReadingSteps:
     Parameters
     ----------
     step : (m,) array
-        SI; 0 where rounding has no effect on a mean. The width of the band about zero where a
-        channel has one in which it reads the same.
+        Step of the readings in SI units; 0 where rounding has no effect on a mean. For a channel
+        with a dead band about zero, in which the reading does not change, the width of that band.
     noise : (m,) array
-        Standard deviation of the noise over the step, by its lower bound.
+        Lower bound of the standard deviation of the noise, divided by the step.
     dead_band : (m,) array of bool
-        Whether the step is such a band.
+        Whether the step is such a dead band.
     text : (m,) array
-        Standard deviation of the error by the digits in which the steps are written, SI: steps of
-        .02 °/s in rad/s with four decimals are uneven by a third.
+        Standard deviation of the error due to the number of digits in which the steps are written,
+        SI. For example, steps of .02 °/s written in rad/s with four decimals are uneven by a third.
     """
 
     step: Array
@@ -55,7 +55,7 @@ class ReadingSteps:
 
     @property
     def variance(self) -> Array:
-        """Variance of the error of a mean at rest, (m,) SI."""
+        """Variance of the rounding error of a mean at rest, (m,) SI."""
         shares = [
             mean_rounding_variance(noise) if step else 0.0
             for step, noise in zip(self.step.tolist(), self.noise.tolist(), strict=True)
@@ -65,16 +65,17 @@ class ReadingSteps:
     def errors_of_means(
         self, mean: Array, samples: Array | None = None, scatter: Array | None = None
     ) -> "RoundingErrors | None":
-        """Return the errors of the means of r rows; None where rounding leaves none.
+        """Return the rounding errors of the means of r rows; None if rounding leaves no error.
 
         Parameters
         ----------
         mean : (..., r, m) array
-            SI; of several trials the first shows which rows are near one another.
+            Means in SI units. With several trials, the first one decides which rows are close to
+            each other.
         samples : (r,) array, optional
-            Numbers of samples; needed with `scatter`.
+            Number of samples in each row; needed with `scatter`.
         scatter : (r, m) array, optional
-            Standard deviations of the samples of each row, SI. Without it all rows are at rest.
+            Standard deviation of the samples in each row, SI. If omitted, all rows are at rest.
         """
         variance = self.variance
         if not variance.any():
@@ -95,19 +96,20 @@ class ReadingSteps:
         return RoundingErrors(between, self)
 
     def moving(self, scatter: Array) -> NDArray[np.bool_]:
-        """Return which readings cross many steps, by their standard deviations (..., m), SI.
+        """Return which readings cross many steps, given their standard deviations (..., m), SI.
 
-        A gyro across the axis of a turn does not: it reads as at rest.
+        A gyro perpendicular to the axis of a turn does not cross many steps: it reads as if at
+        rest.
         """
         return np.asarray(scatter > _CROSSED * self.step, dtype=np.bool_)
 
     def as_at_rest(self, off: Array, first: int) -> NDArray[np.bool_]:
-        """Return which readings may have the error of the rests.
+        """Return which readings may have the same rounding error as the rests.
 
         Parameters
         ----------
         off : (n, k) array
-            Readings of the channels from `first` on, minus those at rest, SI.
+            Readings of the channels from index `first` on, minus their readings at rest, SI.
         first : int
         """
         near = np.where(self.dead_band, 0.5, _CROSSED) * self.step
@@ -115,18 +117,18 @@ class ReadingSteps:
 
 
 class RoundedChannel(NamedTuple):
-    """A channel whose steps leave more error than noise in the means of its rests.
+    """A channel whose reading steps cause more error than noise in the means of its rests.
 
     Parameters
     ----------
     channel : str
     step : float
-        SI; of a dead band its width.
+        Step in SI units; for a dead band, its width.
     noise : float
-        Standard deviation of the noise over the step, by its lower bound.
+        Lower bound of the standard deviation of the noise, divided by the step.
     dead_band : bool
     std : float
-        Standard deviation of the error that the rests have in common, SI.
+        Standard deviation of the error that all rests share, SI.
     """
 
     channel: str
@@ -138,15 +140,16 @@ class RoundedChannel(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RoundingErrors:
-    """Errors by rounding of the means of r rows of m channels.
+    """Rounding errors of the means of r rows of m channels.
 
     Parameters
     ----------
     covariance : (r, r, m) array
-        Between the rows, of each channel, SI. The diagonal is part of the means' own covariance.
+        Covariance between rows for each channel, SI. The diagonal is part of the means' own
+        covariance.
     steps : ReadingSteps
     channels : tuple of RoundedChannel
-        Those that matter beside the noise of the means.
+        Channels whose rounding error is not negligible compared with the noise of the means.
     """
 
     covariance: Array
@@ -155,7 +158,7 @@ class RoundingErrors:
 
     @property
     def variances(self) -> Array:
-        """Variance of each mean, (r, m)."""
+        """Variance of the rounding error of each mean, (r, m)."""
         return np.diagonal(self.covariance, axis1=0, axis2=1).T
 
     @property
@@ -164,28 +167,28 @@ class RoundingErrors:
         return self.covariance * (1 - np.eye(len(self.covariance)))[..., None]
 
     def with_independent(self, variance: Array) -> "RoundingErrors":
-        """Return the errors with an independent error of each mean added, variances (m,)."""
+        """Return the errors after adding an independent error with variances (m,) to each mean."""
         added = np.eye(len(self.covariance))[..., None] * variance
         return replace(self, covariance=self.covariance + added)
 
     def rows(self, at: Sequence[int]) -> "RoundingErrors":
-        """Return the errors of some rows."""
+        """Return the rounding errors of some of the rows."""
         return replace(self, covariance=self.covariance[np.ix_(at, at)])
 
 
 def _rounded_channels(
     sensor: Sensor, steps: ReadingSteps, covariance: Array, variance: Array
 ) -> tuple[RoundedChannel, ...]:
-    """Return the channels whose steps leave more error than noise in a mean.
+    """Return the channels whose steps cause more error than noise in a mean.
 
     Parameters
     ----------
     sensor : Sensor
     steps : ReadingSteps
     covariance : (r, m, m) array
-        Of the means, without rounding.
+        Covariance of the means, without rounding errors.
     variance : (m,) array
-        Of the error by rounding of a mean, SI.
+        Variance of the rounding error of a mean, SI.
     """
     noise = np.median(
         np.diagonal(covariance, axis1=-2, axis2=-1).reshape(-1, variance.size), axis=0
@@ -206,16 +209,16 @@ def _rounded_channels(
 def add_rounding(
     sensor: Sensor, rounding: RoundingErrors, covariance: Array, variance: Array
 ) -> tuple[RoundingErrors, Array, tuple[str, ...]]:
-    """Return the errors with their channels, the covariance of the means with them, and notes.
+    """Return the errors with their channels, the covariance including the errors, and notes.
 
     Parameters
     ----------
     sensor : Sensor
     rounding : RoundingErrors
     covariance : (..., r, m, m) array
-        Of the means, without rounding.
+        Covariance of the means, without rounding errors.
     variance : (m,) array
-        Of the error by rounding of a mean, SI.
+        Variance of the rounding error of a mean, SI.
     """
     channels = _rounded_channels(sensor, rounding.steps, covariance, variance)
     added = rounding.variances[:, :, None] * np.eye(variance.size)
@@ -226,7 +229,7 @@ def add_rounding(
 def join_rounding_errors(
     one: RoundingErrors | None, other: RoundingErrors | None, r: int, s: int
 ) -> RoundingErrors | None:
-    """Return the errors of r and then s rows of two recordings; they are independent."""
+    """Join the errors of r rows of one recording and s rows of another; they are independent."""
     known = [errors for errors in (one, other) if errors is not None]
     covariance = join_covariances(one and one.covariance, other and other.covariance, r, s)
     if covariance is None:
@@ -236,9 +239,9 @@ def join_rounding_errors(
 
 
 def join_covariances(one: Array | None, other: Array | None, r: int, s: int) -> Array | None:
-    """Return the covariance of r and then s independent rows, (r + s, r + s, m); None for neither.
+    """Join the covariances of r and s independent rows, (r + s, r + s, m); None if both are None.
 
-    Without a covariance, rows have the covariance 0.
+    If only one covariance is None, its rows get the covariance 0.
     """
     known = other if one is None else one
     if known is None:
@@ -252,7 +255,7 @@ def join_covariances(one: Array | None, other: Array | None, r: int, s: int) -> 
 
 
 def _rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple[str, ...]:
-    """Return a line on each kind of channels that are rounded, and on dead bands."""
+    """Return one line for each kind of channel that is rounded, and one for dead bands."""
     kinds = {axis.name: axis.measures for axis in sensor.axes}
     notes: list[str] = []
     for kind, quantity in QUANTITIES.items():
@@ -273,9 +276,9 @@ def _rounding_notes(sensor: Sensor, channels: Sequence[RoundedChannel]) -> tuple
                 f"noise ({names})"
             )
             effect = (
-                "rests cannot show the bias better than this (k = 2), however many there are"
+                "the bias cannot be determined from rests better than this (k = 2)"
                 if kind == "w"
-                else "rounding gives each mean this error (k = 2)"
+                else "each mean has this rounding error (k = 2)"
             )
             notes.append(f"{what}; {effect}, and U includes it: {errors} {quantity.bias_unit}")
     return tuple(notes)

@@ -1,4 +1,4 @@
-"""Samples of a run as recorded, and marks of its sections."""
+"""Recorded samples of a run, and marks for its sections."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -15,12 +15,12 @@ from inercal.basics.line_numbers import LineBreaks, line_of_row
 from inercal.basics.units import format_count
 from inercal.recordings.findings import Finding
 
-STAMP_ROUNDING = 2e-6  # s: stamps in whole µs, or since 1970 in s as float64, are rounded by less
-GAP_FACTOR = 1.5  # a step of time longer than this many median steps has lost samples
+STAMP_ROUNDING = 2e-6  # s; stamps in whole µs, or float64 s since 1970, are rounded by less
+GAP_FACTOR = 1.5  # samples are missing where a time step exceeds this many median steps
 
 
 def sample_count(seconds: float, step: float) -> int:
-    """Return the samples in a time; the rounding of stamps does not decide about half a sample.
+    """Return the number of samples in a time span; rounding of the stamps does not change it.
 
     >>> [sample_count(0.1, step) for step in (0.04, 0.0399999)]
     [2, 2]
@@ -30,7 +30,7 @@ def sample_count(seconds: float, step: float) -> int:
 
 @dataclass(frozen=True)
 class Mark:
-    """Samples `start` to `stop`, half open, belong to the step `label`."""
+    """A range of samples, `start` to `stop` (half open), that belongs to the plan step `label`."""
 
     label: str
     start: int
@@ -44,7 +44,8 @@ class Recording:
     Parameters
     ----------
     time : (n,) array
-        s, of each sample, from the first row of the file on: absolute times have too many digits.
+        Time of each sample, s, counted from the first row of the file (absolute times need too many
+        digits).
     data : (..., n, m) array
         Readings in output units.
     channels, units : tuple of m str
@@ -52,42 +53,44 @@ class Recording:
     labels : (n,) array of str or None
         Name of the section that each sample belongs to.
     temperature : (..., n) array or None
-        K.
+        Temperature of each sample, K.
     readback : mapping of str to (..., n) array
-        Quantities that the bench measured itself, SI.
+        Quantities that the bench itself measured, SI.
     findings : tuple of Finding
-        Findings of the audit.
+        Findings from the audit.
     source, sha256 : str
-        The file and its hash; empty without a file.
+        Name of the file and its hash; empty if there is no file.
     first_row : int
-        Line of sample 0 in the file; 0 where sample k is not in line first_row + k.
+        Line of sample 0 in the file; 0 if sample k is not in line first_row + k.
     line_breaks : tuple of (sample, line)
-        Where first_row is 0: samples that do not follow the line of the sample before, as after a
-        blank line, sample 0 included; empty where lines are not known.
+        If first_row is 0: sample 0 and all samples that are not on the line after the preceding
+        sample, for example after a blank line. Empty if the lines are unknown.
     original : (n,) array of int or None
-        Number of each sample in the file, where the audit dropped or sorted samples.
+        Number of each sample in the file, if the audit dropped or sorted samples.
     label_name : str
-        Column to which labels are written.
+        Name of the column for labels when the recording is written.
     time_name : str
-        Column to which times are written.
+        Name of the column for times when the recording is written.
     origin : Fraction or None
-        Time 0 by the clock of the file, ns, since 1970 where it states dates; None without a clock.
+        Time 0 on the file's clock, ns, counted from 1970 if the file states dates; None without a
+        clock.
     first_stamp : float
-        What a written file has in place of time 0, s, as the file that was read; 0 for dates.
+        Time stamp that a written file uses for time 0, s, as in the file that was read; 0 for
+        dates.
     kept_corrections : str
-        Corrections by another program that the readings hold, with its parameters; empty where
-        none are known.
+        Corrections that another program has already applied to the readings, with its parameters;
+        empty if none are known.
     devices : str
-        Which sensors the readings are of, with the numbers that their controller gave them; empty
-        where it is not known.
+        The sensors from which the readings come, with the numbers that their controller gave them;
+        empty if unknown.
     simulation : str
-        By what the samples are known to be simulated, such as "simulation of run.toml, seed 0";
-        empty where nothing says so.
+        The simulation that produced the samples, such as "simulation of run.toml, seed 0"; empty if
+        the file does not state one.
 
     Raises
     ------
     InputError
-        No sample, two channels of the same name, or arrays of unequal lengths.
+        There are no samples, two channels have the same name, or arrays have unequal lengths.
     """
 
     time: Array
@@ -138,12 +141,12 @@ class Recording:
 
     @property
     def stamps(self) -> Array:
-        """Times by the clock of the file that was read, (n,) s; for display and for writing."""
+        """Times on the clock of the file that was read, (n,) s; for display and for writing."""
         return self.time + self.first_stamp
 
     @property
     def duration(self) -> float:
-        """Time of the last sample minus that of the first, s."""
+        """Time from the first to the last sample, s."""
         return float(self.time[-1] - self.time[0])
 
     @cached_property
@@ -153,7 +156,7 @@ class Recording:
         Raises
         ------
         InputError
-            A single sample, or a median step that is not positive.
+            There is only one sample, or the median step is not positive.
         """
         steps = np.diff(self.time)
         step = float(np.median(steps, overwrite_input=True)) if steps.size else 0.0
@@ -168,34 +171,34 @@ class Recording:
 
     @property
     def rate_hz(self) -> float:
-        """One over the median time between samples, Hz."""
+        """Sampling rate, 1 divided by the median time between samples, Hz."""
         return 1 / self.median_step
 
     @cached_property
     def gaps(self) -> Indices:
-        """Samples before and after each gap, (n_gaps, 2): steps above 1.5 median steps."""
+        """Samples before and after each gap, (n_gaps, 2): each step above 1.5 median steps."""
         before = np.flatnonzero(np.diff(self.time) > GAP_FACTOR * self.median_step)
         return np.stack([before, before + 1], axis=-1)
 
     def span(self, start: int, stop: int) -> float:
-        """Return the duration of samples start to stop (half open), s, by their stamps.
+        """Return the duration of samples start to stop (half open) according to their stamps, s.
 
-        The number of samples times the median step would be wrong for rounded stamps.
+        The number of samples times the median step would be wrong if the stamps are rounded.
         """
         n = stop - start
         return float(self.time[stop - 1] - self.time[start]) * n / (n - 1)
 
     def where(self, sample: int) -> str:
-        """Return the place of a sample in words: its line if known, else its number."""
+        """Return where a sample is, in words: its line if known, otherwise its sample number."""
         line = self.line(sample)
         return f"sample {sample}" if line is None else f"line {line}"
 
     def line(self, sample: int) -> int | None:
-        """Return the line of a sample in the file; None where it is not known."""
+        """Return the line of a sample in the file; None if unknown."""
         return line_of_row(sample, self.first_row, self.line_breaks)
 
     def take(self, samples: "Indices | NDArray[np.bool_] | slice") -> "Recording":
-        """Return chosen samples, without findings and lines, which count samples."""
+        """Return the chosen samples, without findings and line numbers."""
         changes: dict[str, Any] = {
             "time": self.time[samples],
             "data": self.data[..., samples, :],
@@ -208,7 +211,7 @@ class Recording:
         return replace(self, findings=(), first_row=0, line_breaks=(), **changes)
 
     def slice(self, start: int, stop: int) -> "Recording":
-        """Return samples start to stop (half open), with their findings."""
+        """Return the samples from start to stop (half open), with their findings."""
         start, stop, _ = slice(start, stop).indices(self.time.size)
         findings = tuple(
             f

@@ -1,9 +1,10 @@
-"""Recorded temperatures: how a column states them, which are possible, their course and lag.
+"""Recorded temperatures: units of a column, possible values, rate of change and sensor lag.
 
-Nothing is below 0 K, and no inertial sensor is calibrated outside −100 to 300 °C: such numbers are
-raw counts of a thermometer, °C that were declared as K, or a lost decimal point.
+No temperature is below 0 K, and no inertial sensor is calibrated outside −100 to 300 °C. Such
+numbers are raw counts of a thermometer, values in °C that were declared as K, or values with a lost
+decimal point.
 
-A temperature sensor with the lag τ reads R while the sensing element is at T = R + τ dR/dt.
+A temperature sensor with the lag τ reads R when the sensing element is at T = R + τ dR/dt.
 """
 
 from collections.abc import Callable
@@ -19,21 +20,21 @@ from inercal.recordings.samples import Recording
 
 LOWEST, HIGHEST = ZERO_CELSIUS - 100.0, ZERO_CELSIUS + 300.0  # K
 _LEAST_KELVIN = 213.0
-COUNTS = ("LSB", "V")  # units of a raw thermometer
+COUNTS = ("LSB", "V")  # units of an unscaled thermometer
 ALLOW = "[data] allow_temperature = true"
 
 
 class TemperatureReadout(NamedTuple):
-    """A column of temperatures: T = zero + size · value.
+    """Conversion of a temperature column to kelvin: T = zero + size · value.
 
     Parameters
     ----------
     unit : str
-        Of the values.
+        Unit of the values.
     size : float
-        K for one unit.
+        Size of one unit, K.
     zero : float
-        K at value 0.
+        Temperature at value 0, K.
     allowed : bool
         Whether temperatures outside −100 to 300 °C are accepted.
     """
@@ -44,30 +45,30 @@ class TemperatureReadout(NamedTuple):
     allowed: bool = False
 
     def kelvin(self, values: Array) -> Array:
-        """Return values of the column in K."""
+        """Convert values of the column to K."""
         return self.zero + self.size * values
 
     def values(self, kelvin: Array) -> Array:
-        """Return temperatures, K, in the unit of the column."""
+        """Convert temperatures from K to the unit of the column."""
         return (kelvin - self.zero) / self.size
 
     def possible_kelvin(
         self, values: Array, column: str, place: Callable[[int], str], file: str = ""
     ) -> Array:
-        """Return values of a column, (n,), in K; those that are not finite stay.
+        """Convert values of a column, (n,), to K; values that are not finite stay as they are.
 
         Parameters
         ----------
         values : (n,) array
         column : str
         place : callable
-            From the number of a row to its place in words.
+            Function that returns the place of a row, given its number, in words.
         file : str, optional
 
         Raises
         ------
         InputError
-            A temperature that is not possible, with its place.
+            A temperature is impossible; the message states its place.
         """
         kelvin = self.kelvin(values)
         row = first_impossible(kelvin, allowed=self.allowed)
@@ -84,10 +85,10 @@ class TemperatureReadout(NamedTuple):
         )
 
     def _advice(self, values: Array) -> str:
-        """Return what may be wrong with the values of a column."""
+        """Return a hint on what may be wrong with the values of a column."""
         finite = values[np.isfinite(values)]
         if first_impossible(finite + ZERO_CELSIUS) is None and self.unit != "°C":
-            return 'as °C they are possible: state temperature_unit = "°C"'
+            return 'the values are possible in °C: state temperature_unit = "°C"'
         if self.unit in COUNTS:
             return "check temperature_scale and temperature_zero"
         if np.all(finite == np.rint(finite)):
@@ -108,19 +109,19 @@ def temperature_readout(
     *,
     allowed: bool = False,
 ) -> TemperatureReadout:
-    """Return the readout of a column of temperatures.
+    """Return the readout of a temperature column.
 
     Parameters
     ----------
     unit : str
     scale, zero : str or None
-        Of raw counts or volts: "340 LSB/K", and the temperature at 0, "36.53 °C".
+        Only for raw counts or volts: the scale, "340 LSB/K", and the temperature at 0, "36.53 °C".
     allowed : bool
 
     Raises
     ------
     InputError
-        A unit that is no temperature, or counts without scale and zero.
+        The unit is not a temperature unit, or raw counts lack a scale or a zero.
     """
     if unit not in COUNTS:
         for key, value in (("temperature_scale", scale), ("temperature_zero", zero)):
@@ -155,14 +156,14 @@ def _value(text: str, like: str, key: str) -> float:
 
 
 def first_impossible(kelvin: Array, *, allowed: bool = False) -> int | None:
-    """Return the place of the first temperature, (n,) K, that is not possible; None if all are.
+    """Return the index of the first impossible temperature in (n,) K; None if all are possible.
 
     Parameters
     ----------
     kelvin : (n,) array
-        Values that are not finite are not judged.
+        Temperatures; values that are not finite are ignored.
     allowed : bool
-        Whether temperatures outside −100 to 300 °C are accepted; below 0 K none is.
+        Whether temperatures outside −100 to 300 °C are accepted; values below 0 K never are.
     """
     bad = kelvin < 0
     if not allowed:
@@ -172,7 +173,7 @@ def first_impossible(kelvin: Array, *, allowed: bool = False) -> int | None:
 
 
 def seems_kelvin(values: Array) -> bool:
-    """Return whether temperatures, (n,), are those of a bench in K, from −60 °C on."""
+    """Return whether temperatures, (n,), look like bench temperatures in K (−60 °C and above)."""
     finite = values[np.isfinite(values)]
     if not finite.size or first_impossible(finite) is not None:
         return False
@@ -180,14 +181,14 @@ def seems_kelvin(values: Array) -> bool:
 
 
 def impossible_text(kelvin: float, remedy: str = ALLOW) -> str:
-    """Return a temperature and why it is not possible, in words, with what would allow it."""
+    """State a temperature, why it is impossible, and which option accepts it."""
     celsius = f"{kelvin - ZERO_CELSIUS:.6g} °C"
     if kelvin < 0:
         return f"{celsius}, below absolute zero"
     return f"{celsius}, outside −100 to 300 °C ({remedy} accepts it)"
 
 
-SMOOTHING = 8.0  # s; longer would bias lags of 20 s, shorter leaves the sensor's noise in the rate
+SMOOTHING = 8.0  # s; longer would bias lags of 20 s, shorter would leave sensor noise in the rate
 TEMPERATURE_VARIATION = 0.5  # K; a smaller variation counts as constant temperature
 
 
@@ -204,9 +205,9 @@ def temperature_rate(time: Array, kelvin: Array) -> Array:
     Parameters
     ----------
     time : (n,) array
-        s.
+        Times, s.
     kelvin : (..., n) array
-        K.
+        Temperatures, K.
     """
     if time.size < 2:
         return np.zeros(kelvin.shape)
@@ -216,7 +217,7 @@ def temperature_rate(time: Array, kelvin: Array) -> Array:
 
 
 def ahead_of_lag(recording: Recording, lag: float) -> Recording:
-    """Return a recording with the temperature of the sensing element, R + τ dR/dt, for a lag, s."""
+    """Convert the temperature to that of the sensing element, R + τ dR/dt, for a lag τ in s."""
     kelvin = recording.temperature
     if kelvin is None or not lag:
         return recording
@@ -224,7 +225,7 @@ def ahead_of_lag(recording: Recording, lag: float) -> Recording:
 
 
 def _box(values: Array, half: int) -> Array:
-    """Return means over 2 half + 1 samples; beyond the ends the course goes on evenly."""
+    """Return moving averages over 2 half + 1 samples; the series is extended by odd reflection."""
     if half < 1:
         return values
     first, last = values[..., :1], values[..., -1:]

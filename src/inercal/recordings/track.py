@@ -1,4 +1,4 @@
-"""The samples of a run in SI, for estimators that follow them."""
+"""Individual samples of a run in SI units, for estimators that process them in sequence."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,45 +16,47 @@ from inercal.recordings.temperature import temperature_varies
 class AngleQuality(NamedTuple):
     """Uncertainty of a table's angles at each sample, where a host interpolated its readings.
 
-    `noise_gain` is the sum of the squares of the interpolation's weights: the variance of the
-    angles' noise over that of one reading. A filter uses no angle whose gain is infinite.
-    `interpolation_sd` is infinite where nothing bounds the table's motion between two readings.
+    `noise_gain` is the sum of the squared interpolation weights: the noise variance of the
+    interpolated angle divided by that of one reading. A filter ignores angles with infinite gain.
+    `interpolation_sd` is infinite where the table's motion between two readings is not bounded.
     """
 
     noise_gain: Array  # (n,)
     interpolation_sd: Array  # (n,) rad
 
     def where(self, rows: "NDArray[np.bool_] | Indices | slice") -> "AngleQuality":
-        """Return the quality at some of the samples."""
+        """Return the angle quality at some of the samples."""
         return AngleQuality(self.noise_gain[rows], self.interpolation_sd[rows])
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """The samples of a run in SI, for estimators that follow them.
+    """Individual samples of a run in SI units, for estimators that process them in sequence.
 
     Parameters
     ----------
     time : (n,) array
-        s, by the sensor's clock.
+        Time on the sensor's clock, s.
     reading : (..., n, m) array
         Readings of the sensor's axes after the nominal readout, m/s² or rad/s.
     angles : (..., n, k) array
-        Readback of the table's axes, rad, the outermost first, unwrapped; k is 0 without a table.
+        Unwrapped angles read back from the table's axes, rad, outermost axis first; k is 0 without
+        a table.
     hold : (n,) array of int
-        Number of the hold of each sample, from 0; -1 while the table moves.
+        Number of the hold that each sample belongs to, from 0; -1 while the table moves.
     temperature : (..., n) array or None
-        K.
+        Temperature, K.
     angle_quality : AngleQuality or None
-        None where each sample has an angle that was read at its time, with the readback's noise.
+        None if every sample has an angle that was read at the same time, with the noise of the
+        readback.
     samples_are_means : bool
-        Whether a sample is the mean of its reading over one period about its time, as of an IMU
-        that integrates, and not the reading at its time.
+        Whether each sample is the mean over one sample period centred at its time, as in an IMU
+        that integrates its readings, instead of the reading at that time.
 
     Raises
     ------
     InputError
-        Unequal lengths, or a temperature that is not finite.
+        The lengths are unequal, or a temperature is not finite.
     """
 
     time: Array
@@ -93,7 +95,7 @@ class Track:
                 )
 
     def slice(self, start: int, stop: int) -> "Track":
-        """Return samples start to stop (half open)."""
+        """Return the samples from start to stop (half open)."""
         return self._select(slice(start, stop))
 
     @property
@@ -116,14 +118,14 @@ class Track:
         )
 
     def angle_variance(self, variance: float) -> Array:
-        """Return the variance of the angles at each sample, (n,) rad².
+        """Return the variance of the angle at each sample, (n,) rad².
 
-        Infinite where the angles are not usable.
+        The variance is infinite where the angle is not usable.
 
         Parameters
         ----------
         variance : float
-            Of the noise of one reading of the table, rad².
+            Noise variance of one reading of the table, rad².
         """
         if self.angle_quality is None:
             return np.full(self.time.size, variance)
@@ -131,25 +133,25 @@ class Track:
         return variance * gain + sd**2
 
     def trial(self, *index: int) -> "Track":
-        """Return a single trial; all trials share a temperature without axes of trials."""
+        """Return a single trial; a temperature without trial axes is shared by all trials."""
         t = self.temperature
         t = t[index] if t is not None and t.ndim > 1 else t
         return replace(self, reading=self.reading[index], angles=self.angles[index], temperature=t)
 
     def temperature_offset(self, reference: float) -> Array | None:
-        """Return the temperature of each sample minus a reference, (..., n) K; None without one."""
+        """Return each sample's temperature minus a reference, (..., n) K; None if not recorded."""
         return None if self.temperature is None else self.temperature - reference
 
     @property
     def temperature_varies(self) -> bool:
-        """Whether the recorded temperatures differ, as of `Observations`."""
+        """Whether the recorded temperatures vary, by the same criterion as in `Observations`."""
         return temperature_varies(self.temperature)
 
 
 def join_tracks(tracks: Sequence[Track]) -> Track:
-    """Return the tracks of one run one after the other, each of one trial.
+    """Concatenate the tracks of one run; each track has a single trial.
 
-    Temperature and quality of the angles are left out where a track lacks them.
+    Temperature and angle quality are omitted if any track lacks them.
     """
     temperatures = [one.temperature for one in tracks if one.temperature is not None]
     qualities = [one.angle_quality for one in tracks if one.angle_quality is not None]

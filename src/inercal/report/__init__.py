@@ -1,6 +1,6 @@
 """Reports, histories, budgets and worksheets, each a single self-contained HTML page.
 
-Figures are SVG inside the page, whose colours follow the reader's light or dark scheme.
+Figures are embedded as SVG. Their colours follow the reader's light or dark scheme.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from inercal.pipeline.drafts import Draft
 from inercal.pipeline.refused_recording import InspectedRecording
 from inercal.recordings import Recording
 
-if TYPE_CHECKING:  # reports do without a register, and most without a noise analysis
+if TYPE_CHECKING:  # imported later: reports need no register, and most need no noise analysis
     from matplotlib.axes import Axes
 
     from inercal.laboratory.check_standard import ControlCharts
@@ -40,7 +40,9 @@ def write_report(
     *,
     for_customer: bool = False,
 ) -> Path:
-    """Write the report completely or not at all. Return its path.
+    """Write the report of a calibration and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
@@ -49,9 +51,9 @@ def write_report(
     truth : mapping of str to float, optional
         True coefficients of a simulation, in SI by full name; missing ones are zero.
     history : SensorHistory, optional
-        Calibrations of the sensor, which become a section.
+        Earlier calibrations of the sensor, shown in a section of their own.
     for_customer : bool
-        Whether keys of the run file and what to do next are left out.
+        Whether to omit run-file keys and recommended next steps.
 
     Raises
     ------
@@ -70,12 +72,13 @@ def plot_residuals(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
     ----------
     outcome : Outcome
     axes : matplotlib.axes.Axes, optional
-        New ones by default; `axes.figure.savefig` writes SVG or PDF.
+        Axes to draw on; new ones by default. `axes.figure.savefig` writes SVG or PDF.
 
     Raises
     ------
     InputError
-        matplotlib is missing, or the method has only residuals of the whole recording.
+        matplotlib is missing, or the method's residuals belong to the whole recording instead of
+        rows.
     """
     with _extras():
         from inercal.report.figures import residual_axes
@@ -89,7 +92,7 @@ def plot_coverage(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
     ----------
     outcome : Outcome
     axes : matplotlib.axes.Axes, optional
-        New ones by default.
+        Axes to draw on; new ones by default.
 
     Raises
     ------
@@ -102,14 +105,16 @@ def plot_coverage(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
 
 
 def write_refusal(seen: InspectedRecording, sensor: Sensor, message: str, path: str | Path) -> Path:
-    """Write the page of a recording that was refused, completely or not at all. Return its path.
+    """Write the page about a recording that could not be calibrated, and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
     seen : InspectedRecording
     sensor : Sensor
     message : str
-        Why it was refused.
+        Reason why no calibration was made.
     path : path
 
     Raises
@@ -128,16 +133,19 @@ def write_history(
     next_one: "Recalibration | None" = None,
     noise: Sequence["NoiseEntry"] = (),
 ) -> Path:
-    """Write the page of a sensor's history completely or not at all. Return its path.
+    """Write the page with a sensor's history and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
     history : SensorHistory
     path : path
     next_one : Recalibration, optional
-        When to calibrate next, by the user's limits; by default by those of the newest calibration.
+        Date of the next calibration, from the user's limits. By default, the limits of the newest
+        calibration are used.
     noise : sequence of NoiseEntry
-        Noise analyses of the sensor, which the page shows too.
+        Noise analyses of the sensor, also shown on the page.
 
     Raises
     ------
@@ -148,7 +156,7 @@ def write_history(
 
 
 def noise_history_page(sensor: "SensorEntry", noise: "Sequence[NoiseEntry]") -> str:
-    """Return the page of the noise of a sensor without calibrations, HTML.
+    """Return the HTML page about the noise of a sensor that has no calibrations.
 
     Raises
     ------
@@ -165,7 +173,7 @@ def history_page(
     next_one: "Recalibration | None" = None,
     noise: Sequence["NoiseEntry"] = (),
 ) -> str:
-    """Return the page of a sensor's history, HTML.
+    """Return the HTML page with a sensor's history.
 
     Raises
     ------
@@ -180,14 +188,16 @@ def history_page(
 def write_control(
     charts: "ControlCharts", path: str | Path, doubtful: "Sequence[CalibrationEntry] | None" = None
 ) -> Path:
-    """Write the page of a check standard's charts, completely or not at all. Return its path.
+    """Write the page with a check standard's control charts, and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
     charts : ControlCharts
     path : path
     doubtful : sequence of CalibrationEntry, optional
-        Calibrations of a register while the bench was doubtful.
+        Calibrations in the register that were made while the bench was doubtful.
 
     Raises
     ------
@@ -202,14 +212,16 @@ def write_control(
 def write_bench_control(
     charts: "BenchCharts", path: str | Path, doubtful: "Sequence[CalibrationEntry]" = ()
 ) -> Path:
-    """Write the page of a bench's charts, completely or not at all. Return its path.
+    """Write the page with a bench's control charts, and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
     charts : BenchCharts
     path : path
     doubtful : sequence of CalibrationEntry
-        Calibrations of a register while the bench was doubtful.
+        Calibrations in the register that were made while the bench was doubtful.
 
     Raises
     ------
@@ -222,7 +234,9 @@ def write_bench_control(
 
 
 def write_draft(draft: Draft, path: str | Path) -> Path:
-    """Write the page of a drafted run file, completely or not at all. Return its path.
+    """Write the page about a drafted run file, and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
@@ -245,16 +259,18 @@ def write_noise(
     path: str | Path,
     sheet: "DataSheetNoise | None" = None,
 ) -> Path:
-    """Write the page of a noise analysis completely or not at all. Return its path.
+    """Write the page with a noise analysis, and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
     analysis : NoiseAnalysis
     recording : Recording
-        The analysed recording, in SI.
+        The analysed recording, in SI units.
     path : path
     sheet : DataSheetNoise, optional
-        A data sheet to show beside the coefficients.
+        A data sheet to compare with the coefficients.
 
     Raises
     ------
@@ -267,7 +283,9 @@ def write_noise(
 
 
 def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
-    """Write the page of an error budget completely or not at all. Return its path.
+    """Write the page with an error budget, and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
@@ -287,7 +305,9 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
 
 
 def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
-    """Write the page of a worksheet completely or not at all. Return its path.
+    """Write the page with a worksheet, and return its path.
+
+    The file is written completely or not at all.
 
     Parameters
     ----------
@@ -323,7 +343,7 @@ def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
     return write_text(path, page)
 
 
-_MOST_SHEET_ROWS = 24  # of a group that one sheet of paper holds
+_MOST_SHEET_ROWS = 24  # largest group that fits on one sheet of paper
 _EXTRA = ("report", "reports need matplotlib and jinja2", ("matplotlib", "jinja2", "markupsafe"))
 
 
@@ -332,7 +352,7 @@ def _extras() -> AbstractContextManager[None]:
 
 
 def require_report_packages() -> None:
-    """Refuse to start work whose report could not be written.
+    """Raise an error if the packages for reports are missing, so that no work is lost.
 
     Raises
     ------

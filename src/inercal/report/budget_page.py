@@ -1,4 +1,4 @@
-"""The page of an error budget, with its tables and the contributions as bars."""
+"""HTML page for an error budget, with tables and bars for the contributions."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -24,12 +24,12 @@ from inercal.report.templates import render
 _COLOURS = {"line": MINUS, "others": FAINT, "total": MUTED}
 _WIDTH, _COLUMNS = 9.0, 2
 _BAR_HEIGHT, _TITLE_HEIGHT = 0.17, 0.34  # inches
-_MIN_SHARE = 1e-4  # of the variance: a hundredth of the length
-_NAME_WIDTH, _NUMBER_WIDTH = 1.5, 0.55  # inches, left and right of the bars
+_MIN_SHARE = 1e-4  # share of the variance: one hundredth of the length
+_NAME_WIDTH, _NUMBER_WIDTH = 1.5, 0.55  # inches, margins left and right of the bars
 
 
 def budget_page(budget: Budget, under: str) -> str:
-    """Return the page as HTML; `under` is the text under the sensor's name."""
+    """Return the page as HTML, with the text `under` below the sensor's name."""
     sensor = budget.experiment.sensor
     parts = [_coefficient_budget(budget, k, name) for k, name in enumerate(sensor.coefficients)]
     return render(
@@ -46,7 +46,7 @@ def budget_page(budget: Budget, under: str) -> str:
 
 
 def _coefficient_budget(budget: Budget, k: int, name: str) -> dict[str, Any]:
-    """Return what the page shows of a coefficient; the last row of the table is the total."""
+    """Return the values shown for one coefficient; the last row of the table is the total."""
     line, rows = budget.experiment.sensor.coefficient(name), contribution_rows(budget, k)
     stated, bias, error = uncertainty_and_bias_cells(budget, k)
     return {
@@ -65,9 +65,9 @@ def _coefficient_budget(budget: Budget, k: int, name: str) -> dict[str, Any]:
 
 @drawing.style
 def contribution_bars(panels: Sequence[tuple[str, Sequence[BudgetRow]]]) -> Markup:
-    """Return a figure with one panel for each coefficient, and bars in the order of its rows.
+    """Return a figure with one panel for each coefficient and one bar for each contribution.
 
-    Bars are Monte Carlo results; dots are contributions to first order.
+    Bars are Monte Carlo results; dots are first-order contributions.
     """
     drawn = [(title, [row for row in rows if _is_visible(row)]) for title, rows in panels]
     lines = [drawn[k : k + _COLUMNS] for k in range(0, len(drawn), _COLUMNS)]
@@ -95,7 +95,7 @@ def _draw_panel(axes: Axes, title: str, rows: Sequence[BudgetRow]) -> None:
     largest = max(max(row.size, row.linear) for row in rows) or 1.0
     sizes = [row.size / largest for row in rows]
     axes.barh(places, sizes, height=0.7, color=[_COLOURS[row.kind] for row in rows])
-    # With an edge in the colour of the paper, so that a dot within its bar is visible.
+    # The edge has the colour of the paper, so that a dot within its bar is visible.
     axes.plot([row.linear / largest for row in rows], places, "o", ms=3.6, mfc=INK, mec=PAPER,
               mew=0.6, clip_on=False, zorder=3)  # fmt: skip
     axes.set_xlim(0, 1)

@@ -1,4 +1,4 @@
-"""The page of a report: computes what each section shows and fills in the template."""
+"""HTML page for a calibration report: computes the contents of each section."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -64,17 +64,17 @@ def calibration_page(
     *,
     for_customer: bool = False,
 ) -> str:
-    """Return the whole page, HTML.
+    """Return the whole page as HTML.
 
     Parameters
     ----------
     outcome : Outcome
     truth : mapping of str to float or None
-        True coefficients of a simulation, SI.
+        True coefficients of a simulation, in SI units.
     register : SensorHistory, optional
         Calibrations of the sensor.
     for_customer : bool
-        Whether keys of the run file and what to do next are left out.
+        Whether to omit run-file keys and recommended next steps.
     """
     estimate, calibration = outcome.estimate, outcome.calibration
     kind = outcome.kind
@@ -147,7 +147,7 @@ def calibration_page(
 
 
 def specification_rows(outcome: Outcome) -> tuple[list[str], list[LimitRow]] | None:
-    """Return a sentence about the limits and a row for each; None without limits."""
+    """Return sentences about the limits and one row for each limit, or None without limits."""
     calibration = outcome.calibration
     if calibration.conformity is None:
         return None
@@ -157,7 +157,7 @@ def specification_rows(outcome: Outcome) -> tuple[list[str], list[LimitRow]] | N
 
 
 def _residual_figure(outcome: Outcome) -> Markup | None:
-    """Return the figure of residuals; None if there are none."""
+    """Return the figure of residuals, or None if there are no residuals."""
     if uses_whole_recording(outcome):
         return step_residual_figure(residuals_by_step(outcome))
     estimate = outcome.estimate
@@ -165,8 +165,8 @@ def _residual_figure(outcome: Outcome) -> Markup | None:
 
 
 def _history_section(register: "SensorHistory") -> tuple[list[Markup], Markup]:
-    """Return what a history says, and its figures with the table of verdicts."""
-    # Here, for a history comes with what the register needs, which reports do without.
+    """Return the conclusions from a sensor's history, and its figures with the table."""
+    # Imported here because most reports do not need the register.
     from inercal.report.sensor_history_page import history_section, summary_lines
 
     return summary_lines(register), history_section(register)
@@ -175,7 +175,7 @@ def _history_section(register: "SensorHistory") -> tuple[list[Markup], Markup]:
 def _filter_figures(
     outcome: Outcome, truth: Mapping[str, float] | None
 ) -> dict[str, Markup | None] | None:
-    """Return the figures of how filters came to the result; None of other estimators."""
+    """Return the figures of the filters over time, or None for other estimators."""
     found, track, bench = outcome.estimate.courses, outcome.observations.track, outcome.bench
     if not found:
         return None
@@ -191,14 +191,14 @@ def _filter_figures(
 
 
 def has_norm_residuals(outcome: Outcome) -> bool:
-    """Whether the residuals are those of the norms of the readings, one in each row."""
+    """Return whether each row has only one residual, from the norm of its readings."""
     rows, axes = len(outcome.observations.labels), len(outcome.observations.channels)
     named = all(name.startswith("|f|") for name in outcome.estimate.observations)
     return axes > 1 and (named or outcome.estimate.whitened.size == rows)
 
 
 def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
-    """Return the key facts, each a name and a text of one or two lines."""
+    """Return the key facts, each as a name and a text of one or two lines."""
     provenance, recording = outcome.calibration.provenance, outcome.recording
     turns = sum(isinstance(step, Turn | Rotation) for step in outcome.steps)
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
@@ -230,9 +230,9 @@ def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
 def attitude_rows(
     outcome: Outcome, found: Sequence[MeasuredDirection]
 ) -> list[tuple[str, str, str, str, str]]:
-    """Return label, description, deviation angle, seconds and samples of positions and turns.
+    """Return the table of positions and turns: label, description, angle, seconds, samples.
 
-    The axis of a turn has no deviation angle, because it was used to estimate the gyros'
+    The deviation angle is empty for a turn, because its axis was used to estimate the gyros'
     misalignments.
     """
     observed = outcome.observations
@@ -264,18 +264,20 @@ _BEST_ORDERS = 5
 
 @dataclass(frozen=True)
 class TemperatureSection:
-    """What the page shows about temperatures."""
+    """Contents of the section about temperatures."""
 
     figure: Markup
     celsius: tuple[str, ...]
-    rows: list[tuple[str, str, str, list[str]]]  # name, meaning, unit, value ± U at each
+    rows: list[
+        tuple[str, str, str, list[str]]
+    ]  # name, meaning, unit, value ± U at each temperature
     orders: tuple[OrderTest, ...]
     left_out: tuple[SoakLeftOut, ...]
     zero: float = ZERO_CELSIUS
 
 
 def temperature_section(outcome: Outcome) -> TemperatureSection | None:
-    """Return the section; None if no coefficient depends on a temperature that varied."""
+    """Return the section, or None if no coefficient depends on a temperature that varied."""
     calibration, found = outcome.calibration, outcome.temperature_fit
     limits = None if calibration.validity is None else calibration.validity.temperature
     if limits is None or not calibration.sensor.uses("dT") or limits[1] - limits[0] < 1.0:
@@ -311,7 +313,7 @@ def _temperature_rows(
 
 @drawing.style
 def curve_figure(curves: Sequence[TemperatureCurve], kelvin: Array) -> Markup:
-    """Return the curves with bands of ±2 u, a panel for each coefficient of all axes."""
+    """Return the curves with bands of ±2 u; each coefficient has one panel for all axes."""
     named: dict[str, list[TemperatureCurve]] = {}
     for one in curves:
         axis, term = CoefficientName(one.name).parts

@@ -1,4 +1,4 @@
-"""The pages of control charts, for a check standard and for a bench from its own runs."""
+"""HTML pages with control charts, for a check standard or for a bench from its own runs."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -35,13 +35,13 @@ _LASTING_WORDS: dict[LastingKind, tuple[str, str]] = {
 
 
 def control_page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | None = None) -> str:
-    """Return the whole page, HTML.
+    """Return the whole page as HTML.
 
     Parameters
     ----------
     found : ControlCharts
     doubtful : sequence of CalibrationEntry, optional
-        Calibrations of a register while the bench was doubtful.
+        Calibrations in the register that were made while the bench was doubtful.
     """
     lines = [sentence(line) for line in control_lines(found)]
     return render(
@@ -73,12 +73,12 @@ def control_page(found: ControlCharts, doubtful: Sequence[CalibrationEntry] | No
 
 
 def _doubtful_rows(entries: Sequence[CalibrationEntry]) -> list[tuple[str, str, str, str]]:
-    """Return the rows of the section of doubtful calibrations."""
+    """Return the table rows for the section about doubtful calibrations."""
     return [(f"#{one.id}", one.sensor, day(one.measured), one.method) for one in entries]
 
 
 def _times(found: ControlCharts) -> Array:
-    """Return when each day was measured, in days since 1970."""
+    """Return the measurement time of each day, in days since 1970."""
     times = (max(found.sessions[k].measured for k in one) for one in found.days.sessions)
     return np.array([drawing.days(time) for time in times])
 
@@ -122,13 +122,13 @@ def _axis_figure(found: ControlCharts, places: list[int], name: str) -> Markup:
 
 
 def bench_control_page(found: BenchCharts, doubtful: Sequence[CalibrationEntry] = ()) -> str:
-    """Return the whole page, HTML.
+    """Return the whole page as HTML.
 
     Parameters
     ----------
     found : BenchCharts
     doubtful : sequence of CalibrationEntry
-        Calibrations of a register while the bench was doubtful.
+        Calibrations in the register that were made while the bench was doubtful.
     """
     lines = [sentence(line) for line in bench_lines(found)]
     return render(
@@ -168,7 +168,7 @@ def _draw_chart(
     beyond: NDArray[np.bool_],
     limits: tuple[float, float],
 ) -> None:
-    """Draw the chart of one quantity.
+    """Draw the control chart for one quantity.
 
     Parameters
     ----------
@@ -176,11 +176,12 @@ def _draw_chart(
     times : (n,) array
         Days since 1970.
     values : three arrays
-        Of the days of reference; of the others, of one day and of the lasting change.
+        Values on the reference days, values on the other days, and the statistic for a lasting
+        change.
     beyond : array of bool
         Days with a signal.
     limits : (float, float)
-        Of one day and of the lasting change.
+        Limits for a single day and for a lasting change.
     """
     first, z, lasting = values
     m = len(first)
@@ -195,9 +196,9 @@ def _draw_chart(
 
 
 def _draw_points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_]) -> None:
-    """Draw the points of a chart; those beyond a limit as diamonds."""
+    """Draw the points of a chart; points beyond a limit are diamonds."""
     axes.plot(at[~beyond], values[~beyond], "o", ms=3.0, mfc=INK, mec=INK, mew=0)
-    # Another shape, open and larger: to be told without colour too.
+    # A different shape, open and larger, so that it can be recognised without colour.
     axes.plot(at[beyond], values[beyond], "D", ms=5.0, mfc=PAPER, mec=WARN, mew=1.4, zorder=3)
     axes.grid(axis="y", color=FAINT, lw=0.3)
     axes.set_axisbelow(True)

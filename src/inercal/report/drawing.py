@@ -1,7 +1,7 @@
-"""Draws figures as SVG in the colours of the page, such as `var(--ink)`, light or dark.
+"""Tools to draw figures as SVG in the colours of the page, such as `var(--ink)`.
 
-matplotlib knows no CSS variables, so figures are drawn in the stand-in colours below, which no
-figure uses otherwise, and the SVG's text is changed afterwards.
+matplotlib does not support CSS variables, so figures are first drawn in the placeholder colours
+below, which are not used elsewhere. The colours are then replaced in the SVG text.
 """
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
@@ -28,20 +28,24 @@ X, Y, Z = "#010a05", "#010a06", "#010a07"
 WARN, PLUS, MINUS, PAPER = "#010a08", "#010a09", "#010a0a", "#010a0b"
 AXES = (X, Y, Z)
 MAX_NAMES = 20
-"""Names along an axis, at most: more cannot be read."""
-SHAPES = ("o", "s", "^")  # for those who do not see the colours, and for black and white prints
-_WIDTH = 9.0  # inches, of a page's figure
-_LEFT, _RIGHT, _ABOVE = 0.75, 0.05, 0.25  # inches, of the room around each of its axes
-LETTER_WIDTH = 0.062  # inches, of a digit at 7 points
+"""Largest number of names along an axis; more would not be readable."""
+SHAPES = (
+    "o",
+    "s",
+    "^",
+)  # for readers who cannot distinguish the colours, and for black and white prints
+_WIDTH = 9.0  # inches, width of a figure on a page
+_LEFT, _RIGHT, _ABOVE = 0.75, 0.05, 0.25  # inches, margins around each of its axes
+LETTER_WIDTH = 0.062  # inches, width of a digit at 7 points
 _VARIABLES = {
     INK: "ink", MUTED: "muted", FAINT: "faint", BAND: "band", X: "x", Y: "y", Z: "z",
     WARN: "warn", PLUS: "plus", MINUS: "minus", PAPER: "paper",
 }  # fmt: skip
 _STYLE: dict[Any, Any] = {  # the stubs list the keys as literals
-    "font.family": "DejaVu Sans",  # comes with matplotlib; the page's own font is narrower
+    "font.family": "DejaVu Sans",  # included in matplotlib; the font of the page is narrower
     "font.size": 8.0,
     "svg.fonttype": "none",
-    "text.parse_math": False,  # a label's "$" is a character
+    "text.parse_math": False,  # "$" in a label is an ordinary character
     "text.color": INK,
     "axes.labelcolor": INK,
     "axes.edgecolor": MUTED,
@@ -51,7 +55,7 @@ _STYLE: dict[Any, Any] = {  # the stubs list the keys as literals
     "axes.spines.right": False,
     "axes.titlesize": 8.5,
     "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # nothing stands above axes: no need to look for it
+    "axes.titley": 1.0,  # there is nothing above the axes, so skip the search for it
     "axes.unicode_minus": True,
     "axes.formatter.limits": (-3, 5),  # longer numbers would not fit beside the axes
     "xtick.color": MUTED,
@@ -67,25 +71,25 @@ _STYLE: dict[Any, Any] = {  # the stubs list the keys as literals
     "figure.facecolor": "none",
 }
 style = matplotlib.rc_context(_STYLE)
-"""Decorator of functions that make a figure."""
-_X_MARGIN = 12.0  # of the ticks' unit, at both ends
+"""Decorator for functions that make a figure."""
+_X_MARGIN = 12.0  # fraction of the tick unit, at both ends
 
 
 def svg(figure: Figure, name: str, description: str) -> Markup:
-    """Return the figure as an SVG element for a page.
+    """Return a figure as an SVG element for a page.
 
     Parameters
     ----------
     figure : Figure
     name : str
-        Prefix of its ids; each figure of a page needs a different one.
+        Prefix of the ids in the SVG; each figure on a page needs a different one.
     description : str
         Text that describes the figure for readers who cannot see it.
     """
     text = StringIO()
     unnamed = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with matplotlib.rc_context({**_STYLE, "svg.hashsalt": name}), warnings.catch_warnings():
-        # The reader's browser has glyphs that the font used for measuring lacks.
+        # The font used for measuring may lack glyphs, but the reader's browser has them.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         figure.savefig(text, format="svg", metadata=unnamed)
     body = text.getvalue()
@@ -94,7 +98,7 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     box = re.search(r'viewBox="[^"]*"', head)
     assert box
     body = re.sub(r' d="[^"]*"', _round_coordinates, body)
-    body = re.sub(r"\n +", "\n", body)  # one byte in twenty is an indent
+    body = re.sub(r"\n +", "\n", body)  # indentation is one byte in twenty
     for old, new in (
         ('id="', f'id="{name}-'),
         ("url(#", f"url(#{name}-"),
@@ -108,7 +112,7 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
 
 
 def _round_coordinates(path: re.Match[str]) -> str:
-    """Return a path's coordinates without what is below 1/100 point."""
+    """Return a path with its coordinates rounded to 1/100 point."""
     return re.sub(r"(\.\d\d)\d+", r"\1", path[0])
 
 
@@ -117,14 +121,15 @@ def panels(
 ) -> tuple[Figure, list[list[Axes]]]:
     """Return a figure and its rows of axes.
 
-    All sizes are explicit, because matplotlib's layouts draw everything twice more to measure it.
+    All sizes are given explicitly, because matplotlib's automatic layouts draw everything two more
+    times to measure it.
 
     Parameters
     ----------
     height : float
         Height of each axes, inches.
     below : sequence of float
-        Room under each row, inches.
+        Space below each row, inches.
     columns : int
     half : bool
         Whether the figure has half the width, for `halves`.
@@ -145,13 +150,13 @@ def panels(
 
 
 def halves(figures: Sequence[Markup]) -> Markup:
-    """Return two figures of half the width side by side, or below each other on a phone."""
+    """Return two half-width figures side by side, or one below the other on a phone."""
     each = Markup("").join(Markup("<div>{}</div>").format(one) for one in figures)
     return Markup('<div class="halves">{}</div>').format(each)
 
 
 def label_room(labels: Sequence[str]) -> float:
-    """Return the room that these names of positions need under their axes, inches."""
+    """Return the space that the names of positions need below the axes, inches."""
     if not labels:
         return 0.05
     return (
@@ -169,17 +174,17 @@ def _needs_upright_labels(labels: Sequence[str]) -> bool:
 def name_positions(
     axes: Axes, labels: Sequence[str], *, named: bool = True, worst: Sequence[int] = ()
 ) -> None:
-    """Put a name under each whole number of the x axis, and a faint line between neighbours.
+    """Put a name under each whole number on the x axis, and faint lines between them.
 
     Parameters
     ----------
     axes : Axes
     labels : sequence of str
-        If there are too many to be readable, some are left out.
+        Names of the positions. If there are too many to be readable, some are omitted.
     named : bool
         Whether names are written at all.
     worst : sequence of int
-        Indices of the names to prefer, the most important first.
+        Indices of the names that must not be omitted, the most important first.
     """
     axes.set_xticks([])
     axes.set_xlim(-0.6, len(labels) - 0.4)
@@ -191,7 +196,7 @@ def name_positions(
     under, top, centre = axes.get_xaxis_text1_transform(4)
     angle = 90 if _needs_upright_labels(labels) else 0
     every = -(-len(labels) // MAX_NAMES)
-    # Texts: a tick of matplotlib costs several times as much.
+    # Drawn as texts, because matplotlib's ticks take several times as long.
     chosen: list[int] = []
     for k in (*worst, *range(0, len(labels), every)):
         if all(2 * abs(k - other) >= every for other in chosen if other != k):
@@ -201,7 +206,7 @@ def name_positions(
 
 
 def grid(height: float, below: float, count: int, columns: int) -> tuple[Figure, list[Axes]]:
-    """Return a figure and this many axes, row by row; the remaining places stay empty."""
+    """Return a figure with `count` axes in rows; the remaining places stay empty."""
     figure, rows = panels(height, [below] * -(-count // columns), columns)
     places = [axes for row in rows for axes in row]
     for axes in places[count:]:
@@ -210,14 +215,15 @@ def grid(height: float, below: float, count: int, columns: int) -> tuple[Figure,
 
 
 def days(time: str) -> float:
-    """Return a time in ISO 8601 in days since 1970, as axes of dates take it."""
+    """Convert a time in ISO 8601 to days since 1970, as matplotlib's date axes require."""
     return datetime.fromisoformat(time).timestamp() / 86_400.0
 
 
 def date_ticks() -> AutoDateLocator:
-    """Return the places of at most six dates along an axis.
+    """Return a locator for at most six dates along an axis.
 
-    The minimum is two, because with three matplotlib finds no interval for ten weeks or 31 months.
+    The minimum is two, because with a minimum of three matplotlib finds no interval for ten weeks
+    or 31 months.
     """
     return AutoDateLocator(minticks=2, maxticks=6)
 
@@ -225,14 +231,14 @@ def date_ticks() -> AutoDateLocator:
 def name_dates(
     axes: Axes, formats: Sequence[str] | None = None, zero_formats: Sequence[str] | None = None
 ) -> None:
-    """Name the dates along an axis of days since 1970.
+    """Label an axis in days since 1970 with dates.
 
     Parameters
     ----------
     axes : Axes
     formats, zero_formats : sequence of str, optional
-        Formats of ticks a year, a month, … apart, and of those at the start of the next longer
-        unit.
+        Date formats for ticks one year, one month, … apart, and for ticks at the start of the next
+        longer unit.
     """
     locator = date_ticks()
     axes.xaxis.set_major_locator(locator)
@@ -242,13 +248,13 @@ def name_dates(
 
 
 def add_legend(axes: Axes) -> None:
-    """Put the legend in one line above the axes, aligned right."""
+    """Put the legend in one line above the axes, aligned to the right."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=99, borderpad=0)
 
 
 @style
 def draw_plot(plot: Plot) -> Markup | None:
-    """Return a plot as SVG; None if it has no panels."""
+    """Return a plot as SVG, or None if it has no panels."""
     if not plot.panels:
         return None
     several = len(plot.panels) > 1

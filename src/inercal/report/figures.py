@@ -1,4 +1,4 @@
-"""Figures of residuals, of bench errors compared with their statement, and of correlations."""
+"""Figures of residuals, of bench errors compared with their stated values, and of correlations."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -40,35 +40,37 @@ from inercal.report.drawing import (
 )
 
 SENSOR_KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
-# Parts of rows that are no axis, such as "velocity east"
+# Parts of rows that are not axes, such as "velocity east"
 _ROW_KINDS = {
     "attitude": ("Attitude after turns", "″", np.pi / 648_000),
     "velocity": ("Velocity after turns", "mm/s", 1e-3),
 }
 BAND_LIMIT = 2.0
-"""Standard deviations that are shaded."""
-_OBSERVATION_NAME = re.compile(r"([^\[\]]+)\[([^\[\]]+)\]")  # of an observation: the axis, the row
+"""Half-width of the shaded band, in standard deviations."""
+_OBSERVATION_NAME = re.compile(
+    r"([^\[\]]+)\[([^\[\]]+)\]"
+)  # name of an observation: the axis, the row
 _GROUP_UNITS = {
     "m/s²": ("mm/s²", 1e-3),
     "m/s": ("mm/s", 1e-3),
     "rad/s": ("°/h", np.pi / 648_000),
     "rad": ("mrad", 1e-3),
 }
-_FINE_ANGLE = ("″", np.pi / 648_000)  # of angles below 1 mrad
+_FINE_ANGLE = ("″", np.pi / 648_000)  # for angles below 1 mrad
 _COMPONENTS = {1: ("norm",), 2: ("across 1", "across 2"), 3: ("x", "y", "z")}
 _LEVEL_AXES = ("east", "north", "up")
 _MARKERS = (*SHAPES, "D", "v", "<", ">")
-_MAX_NUMBERED = 14  # so many coefficients leave room for numbers in their cells
+_MAX_NUMBERED = 14  # with at most this many coefficients, the cells have room for numbers
 
 
 @drawing.style
 def residuals(outcome: Outcome) -> Markup:
-    """Return whitened residuals (above) and residuals in units (below), by position and turn."""
+    """Return the residuals by position and turn: whitened above, and in units below."""
     if outcome.estimate.groups:
         return _group_residual_figure(outcome)
     seen = _residual_table(outcome)
     kinds = list(dict.fromkeys(kind for kind in seen.kinds))
-    # Turns have a figure of their own below that of means.
+    # Turns are in a separate figure below that of the means.
     groups = {"residuals": SENSOR_KINDS, "residuals_of_turns": _ROW_KINDS}
     figures = [
         _residual_figures(seen, shown, name)
@@ -79,7 +81,7 @@ def residuals(outcome: Outcome) -> Markup:
 
 
 def _residual_figures(seen: "_ResidualTable", kinds: Sequence[str], name: str) -> Markup:
-    """Return the figures of some kinds of residuals: several are halves."""
+    """Return the figures for some kinds of residuals, at half width if there are several."""
     if len(kinds) == 1:
         return _residual_panels(seen, kinds[0], name, half=False)
     return drawing.halves(
@@ -88,7 +90,7 @@ def _residual_figures(seen: "_ResidualTable", kinds: Sequence[str], name: str) -
 
 
 def _residual_panels(seen: "_ResidualTable", kind: str, name: str, *, half: bool) -> Markup:
-    """Return the figure of one kind of residuals."""
+    """Return the figure for one kind of residuals."""
     at = [k for k, own in enumerate(seen.kinds) if own == kind]
     has = np.flatnonzero((~np.isnan(seen.whitened[:, at])).any(axis=1))
     rows = [seen.rows[k] for k in has.tolist()]
@@ -109,17 +111,17 @@ def _residual_panels(seen: "_ResidualTable", kind: str, name: str, *, half: bool
 
 
 class _ResidualTable(NamedTuple):
-    """Residuals as a table, (rows, parts), NaN if a row has not that part."""
+    """Residuals as a table, (rows, parts), with NaN where a row lacks a part."""
 
     rows: Sequence[str]
     parts: Sequence[str]
-    kinds: Sequence[str]  # of each part, "f" or "w"
+    kinds: Sequence[str]  # kind of each part, "f" or "w"
     whitened: Array
     plain: Array
 
 
 def _residual_table(outcome: Outcome) -> _ResidualTable:
-    """Return the residuals by the names of their observations, "ax[z_p]", or by their shape."""
+    """Arrange the residuals in a table, by the observation names such as "ax[z_p]" or by shape."""
     estimate, sensor = outcome.estimate, outcome.calibration.sensor
     measures = {axis.name: axis.measures for axis in sensor.axes}
     named = [_OBSERVATION_NAME.fullmatch(name) for name in estimate.observations]
@@ -142,7 +144,7 @@ def _residual_table(outcome: Outcome) -> _ResidualTable:
 
 
 def _row_kind(part: str) -> str:
-    """Return the kind of a part that is no axis: "velocity" of "velocity east", or "f"."""
+    """Return the kind of a part that is not an axis: "velocity" for "velocity east", or "f"."""
     word = part.partition(" ")[0]
     return word if word in _ROW_KINDS else "f"
 
@@ -150,7 +152,7 @@ def _row_kind(part: str) -> str:
 def residual_tables(
     outcome: Outcome,
 ) -> Iterator[tuple[Sequence[str], Sequence[str], Array]]:
-    """Yield labels, parts and residuals in standard deviations, (rows, parts), for each kind."""
+    """Yield, for each kind, the labels, the parts and the whitened residuals (rows, parts)."""
     estimate = outcome.estimate
     if estimate.groups:
         for group in estimate.groups:
@@ -187,18 +189,18 @@ def _group_residual_figure(outcome: Outcome) -> Markup:
             axes.set_ylabel(words)
         left.set_title(group.name)
         if len(parts) > 1:
-            drawing.add_legend(right)  # on the left the title may be long
+            drawing.add_legend(right)  # on the left, because the title may be long
     return svg(figure, "residuals", "Residuals of each kind of observation, by step")
 
 
 @drawing.style
 def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
-    """Return the figure of estimated minus stated errors of the bench, in stated deviations.
+    """Return the figure of estimated minus stated bench errors, in stated standard deviations.
 
     Parameters
     ----------
     pulls : mapping of str to sequence of (str, float)
-        By position, turn or "run": names of parameters and how far each is from its expectation.
+        Names of parameters and their deviations from the stated value, by position, turn or "run".
     """
     names = list(dict.fromkeys(name for found in pulls.values() for name, _ in found))
     table = np.full((len(pulls), len(names)), np.nan)
@@ -224,13 +226,16 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
 
 
 def rows_beyond_band(values: Array) -> list[int]:
-    """Return the rows of (rows, parts) beyond the band, the farthest first."""
+    """Return the indices of rows with values outside the band, the largest deviation first."""
     size = np.nanmax(np.abs(values), axis=1, initial=0.0)
     return [k for k in np.argsort(-size, kind="stable").tolist() if size[k] > BAND_LIMIT]
 
 
 def draw_dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> None:
-    """Draw (rows, parts) by row, with a colour and shape for each part and optionally the band."""
+    """Draw values (rows, parts) by row, with a colour and a shape for each part.
+
+    The ±2 band is optional.
+    """
     if band:
         _draw_band(axes, values)
     else:
@@ -243,7 +248,7 @@ def draw_dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) ->
 
 
 def _draw_band(axes: Axes, values: Array) -> None:
-    """Draw the ±2 band and leave room for it and for the values."""
+    """Draw the ±2 band, and scale the axes to show the band and the values."""
     reach = 1.25 * max(BAND_LIMIT * 1.25, float(np.nanmax(np.abs(values), initial=0.0)))
     axes.axhspan(-BAND_LIMIT, BAND_LIMIT, color=BAND, lw=0, zorder=0)
     axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
@@ -252,7 +257,7 @@ def _draw_band(axes: Axes, values: Array) -> None:
 
 @drawing.style
 def correlations(estimate: Estimate) -> Markup:
-    """Return the correlation coefficients of the wanted parameters, the lower triangle."""
+    """Return the figure of the coefficients' correlations, as a lower triangle."""
     names = estimate.wanted
     p = len(names)
     matrix = estimate.select(names).correlation
@@ -284,7 +289,7 @@ def correlations(estimate: Estimate) -> Markup:
 
 
 def _draw_colour_scale(axes: Axes) -> None:
-    """Draw the scale of the shades into the empty upper triangle."""
+    """Draw the colour scale into the empty upper triangle."""
     key = axes.inset_axes((0.62, 0.9, 0.36, 0.035))
     _draw_squares(key, [(k, 0) for k in range(9)], np.linspace(-1, 1, 9).tolist())
     key.set(xlim=(-0.5, 8.5), ylim=(-0.5, 0.5))
@@ -295,24 +300,24 @@ def _draw_colour_scale(axes: Axes) -> None:
 
 
 def _draw_squares(axes: Axes, cells: Sequence[tuple[int, int]], strengths: Sequence[float]) -> None:
-    """Fill cells by their correlations; if there is none, the page shows, light or dark."""
+    """Fill the cells according to their correlations; cells without one stay transparent."""
     square = 0.46 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     shades = [(PLUS if r > 0 else MINUS, min(abs(r), 1.0)) for r in strengths]
     corners = [square + cell for cell in cells]
     axes.add_collection(PolyCollection(corners, facecolors=shades, edgecolors=BAND, linewidths=0.3))
 
 
-_BAND = ("0.5", 0.16)  # grey, on light and on dark
+_BAND = ("0.5", 0.16)  # grey, on light and dark pages
 
 
 def _new_axes() -> Axes:
-    from matplotlib import pyplot  # which no report needs
+    from matplotlib import pyplot  # imported here because no report needs it
 
     return pyplot.subplots(layout="constrained")[1]
 
 
 def residual_axes(outcome: Outcome, axes: Axes | None) -> Axes:
-    """Draw the residuals by row, in standard deviations, with the band of ±2."""
+    """Draw the residuals by row, in standard deviations, with a band of ±2."""
     axes = _new_axes() if axes is None else axes
     axes.axhspan(-BAND_LIMIT, BAND_LIMIT, color=_BAND, lw=0, zorder=0)
     axes.axhline(0, color="0.6", lw=0.8, zorder=0)
@@ -325,16 +330,16 @@ def residual_axes(outcome: Outcome, axes: Axes | None) -> Axes:
     every = -(-len(names) // MAX_NAMES)
     axes.set_xticks(range(0, len(names), every), names[::every], rotation=90)
     axes.set_ylabel("residual, standard deviations")
-    axes.set_title(f"{outcome.calibration.sensor.name}: the band of ±2 contains 95 of 100")
+    axes.set_title(f"{outcome.calibration.sensor.name}: about 95 % lie within the ±2 band")
     axes.legend()
     return axes
 
 
 def coverage_axes(outcome: Outcome, axes: Axes | None) -> Axes:
-    """Draw the measured directions of the body by longitude and latitude, degrees."""
+    """Draw the measured directions in the case by longitude and latitude, in degrees."""
     found = outcome.kind.directions(outcome)
     if not found:
-        raise InputError("the method states no attitudes, so there is no coverage to draw")
+        raise InputError("the method does not state attitudes, so there is no coverage to draw")
     axes = _new_axes() if axes is None else axes
     turned = np.array([isinstance(one.step, Turn | Rotation) for one in found])
     x, y, z = np.array([one.unit_vector for one in found]).T

@@ -1,4 +1,4 @@
-"""Figures of estimators over time: filters with innovations and path, and a genetic search."""
+"""Figures of the filters over time, and of the progress of a genetic search."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.norm_equations import SearchHistory
 
 MAX_POINTS = 290
-"""Of each line, at most."""
+"""Largest number of points in a line."""
 _STYLES = ("-", "--", ":")
-_PAUSE_STEPS = 4.0  # of the usual step
-_LEGEND_SHARE = 0.13  # of the width
-_MEAN_FRACTION = 40  # the running mean is over this part of the epochs
+_PAUSE_STEPS = 4.0  # in usual time steps
+_LEGEND_SHARE = 0.13  # fraction of the width
+_MEAN_FRACTION = 40  # the running mean covers this fraction of the epochs
 
 
 class _CoefficientGroup(NamedTuple):
-    """Coefficients of one group and unit of one filter."""
+    """Coefficients of one filter that have the same group and unit."""
 
     course: FilterHistory
     title: str
@@ -47,7 +47,7 @@ class _CoefficientGroup(NamedTuple):
 
 @drawing.style
 def convergence_figure(outcome: Outcome, truth: Mapping[str, float] | None) -> Markup:
-    """Return each estimate minus the truth or the final result, with ±2σ, over time."""
+    """Return the figure of estimates minus the truth or the final result over time, with ±2σ."""
     sensor, courses = outcome.calibration.sensor, outcome.estimate.courses
     kinds = [kind for course in courses for kind in _coefficient_groups(course, sensor)]
     figure, panels = drawing.panels(2.1, [0.45] * len(kinds))
@@ -61,7 +61,7 @@ def convergence_figure(outcome: Outcome, truth: Mapping[str, float] | None) -> M
 
 
 def _coefficient_groups(course: FilterHistory, sensor: Sensor) -> list[_CoefficientGroup]:
-    """Return the coefficients that a course estimates, by group and unit."""
+    """Return the coefficients that a filter estimates, by group and unit."""
     groups: dict[tuple[str, str], list[str]] = {}
     for name in course.names:
         if name in sensor.coefficients:
@@ -102,7 +102,7 @@ def _draw_convergence(
 
 
 def _set_symmetric_scale(axes: Axes, last: float) -> None:
-    """Scale logarithmically to both sides, linearly within the last uncertainty."""
+    """Scale an axis linearly within the final uncertainty and logarithmically outside it."""
     base = 10.0 ** np.floor(np.log10(last))
     axes.set_yscale("symlog", linthresh=base)
     reach = max(map(abs, axes.get_ylim()))
@@ -115,7 +115,7 @@ def _set_symmetric_scale(axes: Axes, last: float) -> None:
 
 
 class _StateGroup(NamedTuple):
-    """States that are drawn together."""
+    """Filter states that are drawn together."""
 
     title: str
     states: tuple[str, ...]
@@ -124,7 +124,7 @@ class _StateGroup(NamedTuple):
 
 @drawing.style
 def smoothed_figure(courses: Sequence[FilterHistory], sensor: Sensor) -> Markup | None:
-    """Return the smoothed states over time, with ±2σ; None without smoothed states."""
+    """Return the smoothed states over time with ±2σ, or None without smoothed states."""
     found = [(one, one.smoothed) for one in courses if one.smoothed is not None]
     if not found:
         return None
@@ -143,7 +143,7 @@ def smoothed_figure(courses: Sequence[FilterHistory], sensor: Sensor) -> Markup 
 def _state_groups(
     course: FilterHistory, made: SmoothedStates, sensor: Sensor
 ) -> tuple[_StateGroup, _StateGroup]:
-    """Return the attitude and the drift of a filter."""
+    """Return the attitude states and the drift states of a filter."""
     tilt, drift = (
         tuple(name for name in made.names if name.startswith(first)) for first in ("phi_", "drift[")
     )
@@ -171,14 +171,14 @@ def _draw_states(axes: Axes, time: Array, made: SmoothedStates, line: _StateGrou
 
 
 def _state_label(state: str) -> str:
-    """Return a state's name for the legend."""
+    """Return the name of a state for the legend."""
     level = {"phi_e": "east", "phi_n": "north", "phi_u": "up"}
     return level.get(state, state.removeprefix("drift[").removesuffix("]"))
 
 
 @drawing.style
 def innovation_figure(courses: Sequence[FilterHistory]) -> Markup:
-    """Return the running mean of NIS per component of each filter, with the expected value 1."""
+    """Return the figure of each filter's NIS per component, as a running mean."""
     figure, ((axes,),) = drawing.panels(1.7, [0.45])
     axes.axhline(1, color=WARN, lw=0.9, ls="--", label="as stated")
     for k, course in enumerate(courses):
@@ -194,7 +194,7 @@ def innovation_figure(courses: Sequence[FilterHistory]) -> Markup:
 
 
 def _break_at_pauses(time: Array, values: Array) -> tuple[Array, Array]:
-    """Return a line that is broken by NaN if a filter paused."""
+    """Insert NaN into a line at each pause of the filter, so that the line is interrupted."""
     steps = np.diff(time)
     if not steps.size:
         return time, values
@@ -203,9 +203,9 @@ def _break_at_pauses(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def running_nis(course: FilterHistory) -> tuple[Array, Array]:
-    """Return time and the running mean of NIS per component over a fortieth of the epochs.
+    """Return the time and the running mean of NIS per component, over 1/40 of the epochs.
 
-    Epochs at which the attitude was reset have no innovation, so they are left out.
+    Epochs at which the attitude was reset have no innovation, so they are omitted.
     """
     taken = course.nis > 0
     time, nis = course.time[taken], course.nis[taken] / max(course.innovation.shape[1], 1)
@@ -219,7 +219,7 @@ def running_nis(course: FilterHistory) -> tuple[Array, Array]:
 
 @drawing.style
 def path_figure(track: Track, bench: Turntable) -> Markup:
-    """Return the angles of the axes over time, with holds shaded."""
+    """Return the figure of the axis angles over time, with the holds shaded."""
     figure, ((axes,),) = drawing.panels(1.9, [0.45])
     picks = thin_indices(track.time.size, 2 * MAX_POINTS)
     for k, name in enumerate(bench.names):
@@ -241,19 +241,19 @@ def path_figure(track: Track, bench: Turntable) -> Markup:
 
 
 def thin_indices(count: int, most: int = MAX_POINTS) -> NDArray[np.int64]:
-    """Return at most `most` evenly spaced indices below `count`, with the first and the last."""
+    """Return at most `most` evenly spaced indices below `count`, including both ends."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
 
 
 @drawing.style
 def search_figure(search: "SearchHistory") -> Markup:
-    """Return the best member after each generation, as in Fig. 6 of the source of the search."""
+    """Return the figure of the best member after each generation, as in Fig. 6 of the source."""
     number = np.array([g.number for g in search.generations])
     cost = np.array([g.cost for g in search.generations])
     worst = 100 * np.array([g.worst for g in search.generations])
     figure, rows = drawing.panels(1.9, [0.45], 2)
     left, right = rows[0]
-    mark = "." if number.size == 1 else ""  # time may end a search at once
+    mark = "." if number.size == 1 else ""  # the time limit may end a search immediately
     left.plot(number, cost, marker=mark, color=INK, lw=1.1)
     left.set_ylabel("sum of squares, g⁴")
     right.plot(number, worst, marker=mark, color=INK, lw=1.1)

@@ -1,4 +1,4 @@
-"""Plots of a noise analysis: deviations and spectrum with the terms, residuals, and time plots."""
+"""Figures for a noise analysis: Allan deviation, spectrum, residuals and time plots."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -20,10 +20,10 @@ from inercal.report.drawing import BAND, FAINT, INK, MUTED, WARN, X, Y, Z, svg
 
 _COLOURS = {"Q": MUTED, "N": X, "B": Y, "K": Z, "G": Y}
 _DASHES = {"Q": ":", "N": "--", "B": "-.", "K": (0, (6, 2)), "G": (0, (3, 1, 1, 1))}
-_POINTS = 1500  # of the time picture
-_WINDOWS = 10  # of the dynamic Allan deviation
+_POINTS = 1500  # points in the figure over time
+_WINDOWS = 10  # windows of the dynamic Allan deviation
 _RATIO_TAUS = 3
-_CELLS = 32  # of the spectrogram, along each axis
+_CELLS = 32  # cells of the spectrogram along each axis
 
 
 def _log_axes(axes: Axes, x: str, y: str) -> None:
@@ -36,7 +36,7 @@ def _log_axes(axes: Axes, x: str, y: str) -> None:
 
 
 def _plain_decades(axes: Axes) -> None:
-    """Label the decades as plain numbers: text in the SVG knows no exponents."""
+    """Label the decades with plain numbers, because text in the SVG cannot have exponents."""
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() == "log":
             axis.set_major_formatter("{x:g}")
@@ -45,7 +45,7 @@ def _plain_decades(axes: Axes) -> None:
 
 @drawing.style
 def deviation_figure(channel: ChannelNoise) -> Markup:
-    """Return the Allan deviation with its band and terms, and the spectrum beside it."""
+    """Return the figure of the Allan deviation and the spectrum, with the fitted terms."""
     figure, ((left,),) = drawing.panels(3.0, [0.5], half=True)
     other, ((right,),) = drawing.panels(3.0, [0.5], half=True)
     unit = SHOWN_UNIT[channel.quantity]
@@ -83,7 +83,8 @@ def _draw_spectrum(axes: Axes, channel: ChannelNoise) -> None:
     expected = passed * model_psd(
         fit.as_variances, bins.frequency, channel.dt, fit.markov_time
     ) + floor * (1 - passed)
-    # Power over the model carries the aliases of blocks; times the density it lies on its line.
+    # Power divided by the model includes the aliases of blocks; multiplied by the density, it lies
+    # on the model line.
     density = np.sqrt(bins.power / fit.model * expected) / size
     axes.plot(bins.frequency, density, ".", ms=2.5, color=MUTED, label="measured")
     order = np.argsort(bins.frequency)
@@ -106,7 +107,7 @@ def _draw_spectrum(axes: Axes, channel: ChannelNoise) -> None:
 
 
 def _passed(channel: ChannelNoise) -> tuple[Array, float]:
-    """Return the power that the sensor's own filter passes at each bin, and the floor behind it."""
+    """Return the fraction of power that the sensor's filter passes, and the floor behind it."""
     frequency = channel.bins.frequency
     if channel.output is None:
         return np.ones_like(frequency), 0.0
@@ -115,7 +116,7 @@ def _passed(channel: ChannelNoise) -> tuple[Array, float]:
 
 @drawing.style
 def residual_figure(channel: ChannelNoise) -> Markup:
-    """Return the residuals of the fit by frequency, in standard deviations."""
+    """Return the figure of the fit's residuals over frequency, in standard deviations."""
     figure, ((axes,),) = drawing.panels(1.5, [0.45])
     found = channel.goodness
     axes.axhspan(-2, 2, color=BAND, lw=0)
@@ -133,7 +134,7 @@ def residual_figure(channel: ChannelNoise) -> Markup:
 
 @drawing.style
 def time_figure(channel: ChannelNoise, time: Array, y: Array) -> Markup:
-    """Return means over time with the disturbances, and the Allan deviation of ten windows."""
+    """Return the figure of means over time and of the Allan deviation in ten windows."""
     figure, ((top,), (low,)) = drawing.panels(1.4, [0.1, 0.45])
     unit = SHOWN_UNIT[channel.quantity]
     m = max(1, y.size // _POINTS)
@@ -153,11 +154,12 @@ def time_figure(channel: ChannelNoise, time: Array, y: Array) -> Markup:
 
 
 def _draw_ratios(axes: Axes, time: Array, y: Array) -> None:
-    """Draw the ratio of each window's Allan deviation to the recording's, at three times."""
+    """Draw each window's Allan deviation relative to the overall one, at three averaging times."""
     size = y.size // _WINDOWS
     longest = int(np.log2(max(size // 8, 1)))
     factors = np.unique(2 ** np.linspace(0, longest, _RATIO_TAUS).astype(int))
-    # Not the analysis's interval, which is that of blocks where stamps jitter.
+    # The analysis interval is not used here, because with jittering stamps it is the block
+    # interval.
     dt = float(np.median(np.diff(time)))
     overall = deviations(y, dt, factors=factors.tolist())
     parts = [
@@ -182,7 +184,7 @@ def _draw_ratios(axes: Axes, time: Array, y: Array) -> None:
 
 @drawing.style
 def spectrogram_figure(channel: ChannelNoise, dt: float, y: Array) -> Markup | None:
-    """Return the power over time and frequency, relative to its median; None if too short."""
+    """Return the spectrogram relative to its median, or None if the recording is too short."""
     size = y.size // _CELLS
     if size < 8 * _CELLS:
         return None
@@ -191,7 +193,7 @@ def spectrogram_figure(channel: ChannelNoise, dt: float, y: Array) -> Markup | N
     segments = segments - segments.mean(axis=1, keepdims=True)
     power = np.abs(np.fft.rfft(segments * window, axis=1))[:, 1:] ** 2
     edges = np.arange(_CELLS) * power.shape[1] // _CELLS
-    # The largest of a cell: a line is narrower than a cell.
+    # Each cell shows its maximum, because a spectral line is narrower than a cell.
     cells = np.maximum.reduceat(power, edges, axis=1)
     decibel = 10 * np.log10(cells / np.median(cells))
     shade = np.clip((decibel - 3) / 25, 0, 1)

@@ -1,4 +1,4 @@
-"""A sensor's noise over time, as a section of its history or a page of its own."""
+"""A sensor's noise over time, as a section of its history page or as a separate page."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -20,11 +20,11 @@ from inercal.report.templates import render
 
 _COLUMNS = 2
 _COLOURS = (X, Y, Z, INK, MUTED, WARN)
-_SHIFT = 0.006  # of the time shown, between channels
+_SHIFT = 0.006  # fraction of the time shown, offset between channels
 
 
 def noise_history_section(entries: Sequence[NoiseEntry]) -> Markup:
-    """Return the section, HTML; empty without analyses."""
+    """Return the section as HTML, which is empty without analyses."""
     if not entries:
         return Markup("")
     trends = noise_trends(tuple(entries))
@@ -43,7 +43,7 @@ def noise_history_section(entries: Sequence[NoiseEntry]) -> Markup:
 
 
 def noise_history_page(sensor: SensorEntry, entries: Sequence[NoiseEntry]) -> str:
-    """Return the page, HTML, of a sensor without calibrations but with at least one analysis."""
+    """Return the HTML page for a sensor with at least one noise analysis but no calibrations."""
     return render(
         "sensor_noise.html",
         sensor=sensor,
@@ -60,7 +60,7 @@ def _date(one: NoiseEntry) -> str:
 
 @drawing.style
 def noise_trend_figure(trends: Sequence[NoiseTrend]) -> Markup:
-    """Return the coefficients over time, a panel for each symbol and unit."""
+    """Return the figure of the coefficients over time, with a panel for each symbol and unit."""
     groups: dict[tuple[str, str], list[NoiseTrend]] = {}
     for one in trends:
         groups.setdefault((one.symbol, one.unit), []).append(one)

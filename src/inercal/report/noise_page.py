@@ -1,4 +1,4 @@
-"""The page of a noise analysis: the coefficients, then the plots of each channel."""
+"""HTML page for a noise analysis: the coefficients, then the plots for each channel."""
 
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from inercal.report.templates import render
 def noise_page(
     analysis: NoiseAnalysis, recording: Recording, sheet: DataSheetNoise | None = None
 ) -> str:
-    """Return the page, HTML; with a data sheet it shows the coefficients beside it."""
+    """Return the page as HTML, with a comparison if a data sheet is given."""
     compared = () if sheet is None else compare_with_sheet(analysis, sheet)
     of_sheet = () if sheet is None else (*sheet.all_remarks, *kind_remarks(compared, sheet))
     good = all(one.goodness.fits for one in analysis.channels)
@@ -72,7 +72,7 @@ def _view(channel: ChannelNoise, recording: Recording) -> dict[str, Any]:
     k = recording.channels.index(channel.channel)
     y = recording.data[:, k] * si_factor(recording.units[k])
     time = recording.time - recording.time[0]
-    step = recording.median_step  # larger than Δ where a long recording is thinned
+    step = recording.median_step  # larger than Δ if a long recording was decimated
     has_lines = channel.lines and step < 1.5 * channel.dt
     return {
         "name": channel.channel,
@@ -89,7 +89,7 @@ def _view(channel: ChannelNoise, recording: Recording) -> dict[str, Any]:
 
 
 def _slope_bias(channel: ChannelNoise) -> str:
-    """Return how the readings of slopes differ from the coefficients; empty without any."""
+    """Describe the differences between slope readings and coefficients; empty without any."""
     texts: list[str] = []
     for symbol, (value, _) in channel.comparison.get("slopes", {}).items():
         if reported := channel.value(symbol):
@@ -99,7 +99,7 @@ def _slope_bias(channel: ChannelNoise) -> str:
 
 
 def _comparison(channel: ChannelNoise) -> list[tuple[str, ...]]:
-    """Return method, and value ± u of N, B and K by it, as the other estimators find them."""
+    """Return the rows for the other estimators: method, then N, B and K as value ± u."""
     rows: list[tuple[str, ...]] = []
     for method, found in channel.comparison.items():
         cells: list[str] = []

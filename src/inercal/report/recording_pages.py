@@ -1,4 +1,4 @@
-"""Pages of a recording without a result: a drafted run file, or a refused recording."""
+"""HTML pages for recordings without a calibration: a drafted run file, or a refusal."""
 
 import numpy as np
 from markupsafe import Markup
@@ -12,7 +12,7 @@ from inercal.report.traces import scatter_figure, signal_figure
 
 
 def draft_page(draft: Draft) -> str:
-    """Return the whole page, HTML."""
+    """Return the whole page as HTML."""
     return render(
         "draft.html",
         name=draft.path.name,
@@ -27,7 +27,7 @@ def draft_page(draft: Draft) -> str:
 
 
 def _signals(draft: Draft) -> Markup:
-    """Return the signals with the rests shaded."""
+    """Return the figure of the signals, with the rests shaded."""
     assert draft.rests is not None
     kinds = {"accelerometer": "a", "gyro": "g"}
     data = np.hstack([draft.readings[kind] for kind in draft.readings])
@@ -41,7 +41,7 @@ def _signals(draft: Draft) -> Markup:
 
 
 def refusal_page(seen: InspectedRecording, sensor: Sensor, message: str) -> str:
-    """Return the whole page, HTML."""
+    """Return the whole page as HTML."""
     marks = sorted(seen.rests.marks, key=lambda mark: mark.start)
     time = seen.recording.time - seen.recording.time[0]
     return render(

@@ -1,7 +1,7 @@
-"""Summarises, for each step, the residuals of a method that uses all samples of a recording.
+"""Summary of residuals by step, for methods that use all samples of a recording.
 
-Tens of thousands of whitened residuals r, each with variance 1, cannot be shown one by one. For
-the n residuals of a step, if the model is right:
+A recording has tens of thousands of whitened residuals r with variance 1, too many to show one by
+one. If the model is right, the n residuals of a step satisfy:
 
     √n mean(r)    differs from 0 by about 1; more means a bias or an angle that does not fit
     rms(r)        differs from 1 by about 1/√(2n); more means that the noise is not as stated
@@ -23,25 +23,25 @@ from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, svg
 from inercal.report.figures import BAND_LIMIT, draw_dots, rows_beyond_band
 
-_MOVES_LABEL = "moves"  # what is between the steps
+_MOVES_LABEL = "moves"  # label of the time between the steps
 
 
 class StepResiduals(NamedTuple):
-    """Whitened residuals of one kind of sensors by step."""
+    """Whitened residuals by step for one kind of sensor."""
 
     title: str
     parts: tuple[str, ...]
     labels: tuple[str, ...]
     mean: Array  # (k, 3), times √n
     rms: Array  # (k, 3)
-    counts: NDArray[np.int64]  # (k,) of each component
+    counts: NDArray[np.int64]  # (k,) number of residuals in each component
 
 
 def uses_whole_recording(outcome: Outcome) -> bool:
-    """Tell whether the residuals of an outcome are those of a whole recording."""
+    """Return whether the residuals of an outcome belong to the whole recording."""
     if outcome.observations.track is None:
         return False
-    from inercal.methods.turntable_trajectory import METHOD  # loads Numba
+    from inercal.methods.turntable_trajectory import METHOD  # imported here because it loads Numba
 
     return outcome.calibration.method == METHOD.name
 
@@ -76,7 +76,7 @@ def _split_by_step(
 ) -> StepResiduals:
     seen = outcome.observations
     within: dict[str, NDArray[np.bool_]] = {}
-    left = np.ones(time.size, dtype=bool)  # steps may touch: an epoch is of the first of them
+    left = np.ones(time.size, dtype=bool)  # steps may touch; an epoch belongs to the first of them
     for label, middle, seconds in zip(seen.labels, seen.time, seen.duration, strict=True):
         within[label] = left & (np.abs(time - middle) <= seconds / 2)
         left &= ~within[label]
@@ -92,7 +92,7 @@ def _split_by_step(
 
 @drawing.style
 def step_residual_figure(found: Sequence[StepResiduals]) -> Markup:
-    """Return means (left) and sizes (right) of whitened residuals by step."""
+    """Return the figure of the residuals' means (left) and sizes (right), by step."""
     figure, rows = drawing.panels(1.65, [drawing.label_room(one.labels) for one in found], 2)
     for (left, right), one in zip(rows, found, strict=True):
         draw_dots(left, one.mean, one.parts, band=True)

@@ -1,4 +1,4 @@
-"""The tables of the report as text, rounded as the uncertainties allow."""
+"""Tables of the report as text, rounded according to the uncertainties."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -19,9 +19,9 @@ from inercal.pipeline import Outcome
 from inercal.pipeline.truth import true_coefficients
 
 _MINUS_PATTERN = re.compile(r"(?<![^\s(\[e=,;:|])-(?=[\d.])")
-_MIN_CORRELATION = 0.5  # correlations from here on are named
+_MIN_CORRELATION = 0.5  # smallest correlation that is listed
 _MAX_PAIRS = 8
-_MAX_LISTED = 10  # candidates
+_MAX_LISTED = 10  # number of candidates shown
 _KIND_TEXTS = {
     "coefficient": "coefficient, not estimated",
     "bench": "bench error, larger than stated",
@@ -32,7 +32,7 @@ _KIND_TEXTS = {
 
 @dataclass(frozen=True)
 class CoefficientRow:
-    """One coefficient as printed; `error` is in standard uncertainties if the truth is known."""
+    """One coefficient as printed; `error` is in standard uncertainties, if known."""
 
     name: str
     symbol: str
@@ -48,7 +48,7 @@ class CoefficientRow:
 
 @dataclass(frozen=True)
 class AxisGroup:
-    """The coefficients of one kind of axes; `axes` contains the rows of each."""
+    """The coefficients for one kind of axis; `axes` contains the rows for each axis."""
 
     title: str
     axes: tuple[tuple[CoefficientRow, ...], ...]
@@ -64,22 +64,22 @@ class Grid:
 
 
 def typeset_minus(text: str) -> str:
-    """Return text with true minus signs before numbers; hyphens within words stay."""
+    """Replace hyphens before numbers by minus signs, but keep hyphens within words."""
     return _MINUS_PATTERN.sub("−", text)
 
 
 def sentence(line: str) -> str:
-    """Return a line as a sentence, with true minus signs."""
+    """Format a line as a sentence with proper minus signs."""
     return typeset_minus(f"{line[0].upper()}{line[1:]}.")
 
 
 def sentence_with_index(line: str) -> Markup:
-    """Return a line as a sentence of HTML, whose E_n has an index."""
+    """Format a line as an HTML sentence in which E_n has a subscript."""
     return Markup.escape(sentence(line)).replace("E_n", Markup("E<sub>n</sub>"))
 
 
 def coefficients(outcome: Outcome, truth: Mapping[str, float] | None) -> list[AxisGroup]:
-    """Return the coefficients by kind and axis, with U = k u in the units of the sensor's table."""
+    """Return the coefficients by kind and axis, with U = k u in customary units."""
     calibration = outcome.calibration
     true = None if truth is None else true_coefficients(calibration, truth)
     groups: list[AxisGroup] = []
@@ -124,15 +124,15 @@ def _coefficient_row(
 
 
 def bench_tables(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float]]]]:
-    """Return the estimated errors of the bench, and how far they are from the stated ones.
+    """Return the estimated errors of the bench, and their deviations from the stated values.
 
     Returns
     -------
     list of Grid
-        For the run, the positions and the turns.
+        Tables for the run, the positions and the turns.
     dict of str to list of (str, float)
-        By position, turn or "run": parameters with (estimated − stated) in stated standard
-        deviations.
+        Parameters with their (estimated − stated) values in stated standard deviations, by
+        position, turn or "run".
     """
     estimate, expected = outcome.estimate, outcome.expected
     found = [name for name in estimate.names if name not in estimate.wanted]
@@ -169,7 +169,7 @@ def bench_tables(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str
 
 
 def _row_index(name: str, outcome: Outcome) -> int:
-    """Return the row of the observations that a parameter belongs to; the first for others."""
+    """Return the observation row to which a parameter belongs, or the first row."""
     label, labels = ErrorName(name).place, outcome.observations.labels
     return labels.index(label) if label in labels else 0
 
@@ -212,7 +212,7 @@ def _stated_text(parameter: Parameter, si: float) -> str:
 
 
 def strongest_correlations(estimate: Estimate) -> list[str]:
-    """Return the strongest correlations in words, at most eight; empty if none reaches ½."""
+    """Describe the strongest correlations, at most eight; empty if none reaches 0.5."""
     names = estimate.wanted
     matrix = estimate.select(names).correlation
     rows, columns = np.tril_indices(len(names), -1)
@@ -227,7 +227,7 @@ def strongest_correlations(estimate: Estimate) -> list[str]:
 
 
 def correction_matrix(outcome: Outcome) -> Grid | None:
-    """Return C and o of motion = C (output − o); None if the model is not affine."""
+    """Return C and o in motion = C (output − o), or None if the model is not affine."""
     calibration = outcome.calibration
     sensor = calibration.sensor
     if not sensor.affine:
@@ -235,7 +235,7 @@ def correction_matrix(outcome: Outcome) -> Grid | None:
     slope, offset = calibration.affine_correction()
     rounding = 1e-14 * float(np.abs(slope).max())
     kinds = [kind for kind in "fw" if any(axis.measures == kind for axis in sensor.axes)]
-    # Plain minus signs: these numbers are there to be copied.
+    # Plain minus signs, because these numbers are meant to be copied.
     components = [f"{kind}_{a}" for kind in kinds for a in "xyz"]
     rows = [
         (name, tuple(f"{x:.7g}" if abs(x) > rounding else "0" for x in row))
@@ -246,7 +246,7 @@ def correction_matrix(outcome: Outcome) -> Grid | None:
 
 
 def candidate_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """Return the candidates with the smallest p-values, the smallest first."""
+    """Return the table rows of the candidates with the smallest p-values, smallest first."""
     score_tests, suspect = outcome.estimate.score_tests, outcome.verdict.suspect
     seen = [one for one in score_tests.scores if one.dof]
     first = sorted(seen, key=lambda one: (one.p_value, -one.chi2))[:_MAX_LISTED]
@@ -266,12 +266,12 @@ def candidate_rows(outcome: Outcome) -> list[dict[str, Any]]:
 
 
 def candidate_count(outcome: Outcome) -> int:
-    """Return how many candidates were scored."""
+    """Return the number of candidates that were tested."""
     return sum(one.dof > 0 for one in outcome.estimate.score_tests.scores)
 
 
 def short_p_value(p: float) -> str:
-    """Return a p-value as a cell of a table."""
+    """Format a p-value for a table cell."""
     return f"{p:.2f}" if p >= 0.01 else p_value_text(p).removeprefix("= ")
 
 
@@ -287,7 +287,7 @@ def _size_text(outcome: Outcome, one: ScoreTest) -> str:
 
 
 def _shift_text(outcome: Outcome, one: ScoreTest) -> str:
-    """Return the largest shift in U, and the coefficient that it shifts."""
+    """Describe the largest shift, in U, and the coefficient that is shifted."""
     names = outcome.calibration.sensor.coefficients
     expanded = COVERAGE * outcome.estimate.std[: len(names)]
     shift = np.abs(one.shift[: len(names)]) / np.where(expanded > 0, expanded, np.inf)

@@ -1,4 +1,4 @@
-"""The page of a sensor's history, its figures, and its section in a calibration report."""
+"""HTML page with a sensor's history, and the same content as a section of a report."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -38,7 +38,7 @@ from inercal.report.templates import render
 
 
 def recalibration_section(found: Recalibration) -> Markup:
-    """Return the table of intervals and the conclusions from it, HTML."""
+    """Return the table of calibration intervals and the conclusions from it, as HTML."""
     heads, cells = interval_table(found)
     rows = [
         (one.name, typeset_minus(limit_text(found, one)), *row)
@@ -55,9 +55,11 @@ _VERDICT_WORDS: dict[TrendVerdict, str] = {
 }
 _HEIGHT, _LABEL_ROOM = 1.3, 0.4  # inches
 _COLUMNS = 2
-_TIME_MARGIN = 0.04  # of the time that is shown
-_LARGEST_MARGIN = 30.0  # days to both sides, of a short time: its points stay apart
-# Of ticks a year, a month, … apart, and of those at the begin of a longer such time.
+_TIME_MARGIN = 0.04  # fraction of the time shown
+_LARGEST_MARGIN = (
+    30.0  # days added on both sides if the time is short, so that its points stay apart
+)
+# Formats for ticks one year, one month, … apart, and for ticks at the start of a longer unit.
 _FORMATS = ["%Y", "%Y-%m", "%d", "%H:%M", "%H:%M", "%S"]
 _ZERO_FORMATS = ["", "%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M"]
 _YEAR = YEAR / 86_400.0  # days
@@ -65,7 +67,7 @@ _YEAR = YEAR / 86_400.0  # days
 
 @dataclass(frozen=True)
 class AxisHistory:
-    """The coefficients of one axis as rows, a figure, and a table of all calibrations."""
+    """History of one axis: rows for its coefficients, a figure and a table of all calibrations."""
 
     axis: str
     rows: list[dict[str, str]]
@@ -79,7 +81,7 @@ def sensor_history_page(
     next_one: Recalibration | None = None,
     noise: Sequence[NoiseEntry] = (),
 ) -> str:
-    """Return the page, HTML; without `next_one` by the limits of the newest calibration."""
+    """Return the page as HTML; the default limits are those of the newest calibration."""
     groups, lines = _axis_histories(history), summary_lines(history)
     return render(
         "over_time.html",
@@ -98,12 +100,12 @@ def sensor_history_page(
 
 
 def history_section(history: SensorHistory) -> Markup:
-    """Return the figures and the table of verdicts, HTML."""
+    """Return the figures and the table of verdicts as HTML."""
     return _render_section(_axis_histories(history))
 
 
 def summary_lines(history: SensorHistory) -> list[Markup]:
-    """Return the results of a history as sentences; the first is the summary."""
+    """Return the conclusions from a history as sentences, beginning with the summary."""
     named = [
         f"{word}: {', '.join(names)}"
         for verdict, word in _VERDICT_WORDS.items()
@@ -116,7 +118,9 @@ def summary_lines(history: SensorHistory) -> list[Markup]:
 
 
 def _render_section(groups: list[AxisHistory]) -> Markup:
-    return Markup(render("over_time_section.html", groups=groups))  # of a template that escapes
+    return Markup(
+        render("over_time_section.html", groups=groups)
+    )  # escaped, because it is for a template
 
 
 def _verdict_counts(history: SensorHistory) -> str:
@@ -152,7 +156,7 @@ def _axis_histories(history: SensorHistory) -> list[AxisHistory]:
 
 
 def _coefficient_row(trend: CoefficientTrend) -> dict[str, str]:
-    """Return the newest value, E_n, both U, drift a year, verdict and it in words."""
+    """Return the table cells for one coefficient: newest value, E_n, U, drift and verdict."""
     value, expanded = format_point(trend, -1)
     mean_expanded, next_use_expanded = format_bands(trend)
     slope, slope_expanded = format_slope(trend)
@@ -181,7 +185,7 @@ def _cell(trend: CoefficientTrend, place: int) -> str:
 
 
 def _entry_rows(history: SensorHistory) -> list[tuple[str, ...]]:
-    """Return number, date, method, bench, run, who entered it and the p-value of each entry."""
+    """Return the table rows for the entries: number, date, method, bench, run, person, p-value."""
     return [
         (
             f"#{entry.id}",
@@ -202,14 +206,14 @@ def _date(time: str) -> str:
 
 @drawing.style
 def trend_figure(history: SensorHistory, found: Sequence[CoefficientTrend], name: str) -> Markup:
-    """Return the trends of one axis, one panel each.
+    """Return the figure of one axis's trends, with one panel for each coefficient.
 
     Parameters
     ----------
     history : SensorHistory
     found : sequence of CoefficientTrend
     name : str
-        Name of the figure; each figure of a page needs a different one.
+        Name of the figure; each figure on a page needs a different one.
     """
     figure, panels = drawing.grid(_HEIGHT, _LABEL_ROOM, len(found), _COLUMNS)
     first, last = (drawing.days(history.entries[k].measured) for k in (0, -1))
@@ -236,7 +240,7 @@ def _draw_trend(axes: Axes, trend: CoefficientTrend, first: float) -> None:
     axes.errorbar(time, value, reach, fmt="none", ecolor=MUTED, elinewidth=0.9, capsize=2.2)
     beyond = np.abs(trend.normalised_errors) > 1
     axes.plot(time[~beyond], value[~beyond], "o", ms=4.2, mfc=INK, mec=PAPER, mew=0.6)
-    # Another shape, open and larger: to be told without colour too.
+    # A different shape, open and larger, so that it can be recognised without colour.
     axes.plot(time[beyond], value[beyond], "D", ms=6.0, mfc=PAPER, mec=WARN, mew=1.5, zorder=3)
     axes.grid(axis="y", color=FAINT, lw=0.3)
     axes.set_axisbelow(True)

@@ -1,4 +1,4 @@
-"""Shows the measured attitudes on a sphere of body directions, seen from two sides."""
+"""Figure of the measured attitudes on a sphere of body directions, seen from two sides."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -18,15 +18,17 @@ from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 
 FACES = tuple(tuple(sign * row) for row in np.eye(3) for sign in (1.0, -1.0))
-_COVERED_COSINE = cos(25 * pi / 180)  # a hold within 25° covers the face
-_NOMINAL_COSINE = cos(10 * pi / 180)  # a nominal attitude further from every face was not one
-_MAX_NAMED = 14  # attitudes; the names of more would cover one another
-_RING_RADIUS = 17 * pi / 180  # angular radius of the arrow that stands for a turn
+_COVERED_COSINE = cos(25 * pi / 180)  # degrees; a hold within this angle covers the face
+_NOMINAL_COSINE = cos(
+    10 * pi / 180
+)  # a nominal attitude farther than this from every face is not a face position
+_MAX_NAMED = 14  # most attitudes with names; with more, the names would overlap
+_RING_RADIUS = 17 * pi / 180  # angular radius of the arrow that represents a turn
 _VIEW = np.array([1.0, 0.78, 0.66]) / np.linalg.norm([1.0, 0.78, 0.66])
 
 
 def missing_faces(found: Sequence[MeasuredDirection]) -> list[str]:
-    """Return the faces that never pointed up, such as "−z"; none if attitudes were free."""
+    """Return the faces that never pointed up, such as "−z"; empty if attitudes were free."""
     holds = [(a, a.step) for a in found if isinstance(a.step, Hold)]
     if not holds or any(max(map(abs, step.up)) < _NOMINAL_COSINE for _, step in holds):
         return []
@@ -39,7 +41,7 @@ def missing_faces(found: Sequence[MeasuredDirection]) -> list[str]:
 
 @drawing.style
 def sphere(found: Sequence[MeasuredDirection], side: int) -> Markup:
-    """Return the sphere of body directions, seen from +x +y +z (side 1) or opposite (−1)."""
+    """Return the sphere of body directions, seen from +x +y +z (side 1) or opposite (side −1)."""
     figure = Figure(figsize=(4.2, 4.4))
     axes = figure.add_axes((0, 0, 1, 4.2 / 4.4))
     view = side * _VIEW
@@ -89,7 +91,7 @@ def _draw_globe(axes: Axes, screen: Array) -> None:
 
 
 def _draw_turn(axes: Axes, attitude: MeasuredDirection, angle: float, screen: Array) -> None:
-    """Draw an arrow around the axis, the way that the sensor was turned."""
+    """Draw an arrow around the axis, in the direction of the turn."""
     n = attitude.unit_vector
     first = np.cross(screen[0], n)
     first /= np.linalg.norm(first)

@@ -1,4 +1,4 @@
-"""The templates of pages, which all extend `base.html` with its head and style."""
+"""Renderer for page templates, which all extend `base.html` with its head and style."""
 
 from functools import cache
 from typing import Any
@@ -12,16 +12,17 @@ _PACKAGE = "inercal.report"
 
 
 def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
-    """Return a filled-in template, HTML; all values that are not `Markup` are escaped.
+    """Fill in a template and return HTML; values that are not `Markup` are escaped.
 
     Parameters
     ----------
     template : str
-        Name of a file in `package`; it may extend or include files of this package.
+        Name of a file in `package`. It may extend or include files in this package.
     package : str
     **values
-        The variables of the template. It also has `term`, a function that links a word to its
-        definition, and `terms`, the ones linked so far, which `base.html` lists at the end.
+        Variables of the template. In addition, `term` is a function that links a word to its
+        definition, and `terms` contains the terms linked so far, which `base.html` lists at the
+        end.
     """
     terms: dict[str, Term] = {}
 
@@ -36,7 +37,7 @@ def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
 
 
 def glossary_page() -> str:
-    """Return the page of the terms, HTML, to which the live page links."""
+    """Return the glossary as an HTML page, to which the live page links."""
     return render("glossary.html", groups=glossary())
 
 

@@ -1,6 +1,6 @@
-"""Draws the recorded signals with their sections; envelopes keep long recordings small.
+"""Figures of recorded signals with their sections; envelopes keep long recordings small.
 
-Each stretch of samples is drawn by its smallest and largest value, so no spike is lost.
+Each stretch of samples is drawn as its smallest and largest value, so no spike is lost.
 """
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
@@ -21,13 +21,14 @@ from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, WARN, svg
 from inercal.report.figures import SENSOR_KINDS
 
-MAX_POINTS = 2400  # of each channel, at most
+MAX_POINTS = 2400  # largest number of points in each channel
 
 
 def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
-    """Return times from the first sample, s, and readings, (k,), with NaN at gaps.
+    """Return times from the first sample, s, and readings, both (k,), with NaN at gaps.
 
-    If there are more than `MAX_POINTS` samples, the extremes of POINTS/2 stretches are kept.
+    If there are more than `MAX_POINTS` samples, only the extremes of about `MAX_POINTS`/2 stretches
+    are kept.
     """
     y = np.ascontiguousarray(recording.data[:, column])
     stretch = -(-y.size // (MAX_POINTS // 2))
@@ -48,7 +49,7 @@ def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
 
 
 def stacked_axes(height: float, count: int, seconds: float) -> tuple[Figure, list[Axes]]:
-    """Return a figure and its axes, stacked over the same time."""
+    """Return a figure with axes that are stacked and share the same time axis."""
     figure, rows = drawing.panels(height, [*[0.0] * (count - 1), 0.45])
     for (axes,) in rows:
         axes.set_xlim(-0.01 * seconds, 1.01 * seconds)
@@ -59,7 +60,7 @@ def stacked_axes(height: float, count: int, seconds: float) -> tuple[Figure, lis
 
 @drawing.style
 def section_figure(outcome: Outcome, recording: Recording) -> Markup:
-    """Return the signals by kind of axis, with sections shaded and the audit's ranges marked."""
+    """Return the figure of the signals, with sections shaded and the audit's ranges marked."""
     figure, rows = _draw_signals(recording, outcome.calibration.sensor, _used_marks(outcome))
     for axes, names in rows:
         _mark_findings(axes, outcome, recording, names)
@@ -69,7 +70,7 @@ def section_figure(outcome: Outcome, recording: Recording) -> Markup:
 
 @drawing.style
 def signal_figure(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Markup:
-    """Return the signals by kind of axis with some sections shaded."""
+    """Return the figure of the signals by kind of axis, with some sections shaded."""
     figure, _ = _draw_signals(recording, sensor, marks)
     return svg(figure, "signals", "Recorded signals with the detected rests shaded")
 
@@ -77,7 +78,7 @@ def signal_figure(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -
 def _draw_signals(
     recording: Recording, sensor: Sensor, marks: Sequence[Mark]
 ) -> tuple[Figure, list[tuple[Axes, list[str]]]]:
-    """Return a figure of the signals, sections shaded, and its axes with their channels."""
+    """Return a figure of the signals with shaded sections, and its axes with their channels."""
     kinds = [kind for kind in SENSOR_KINDS if any(axis.measures == kind for axis in sensor.axes)]
     figure, rows = stacked_axes(1.6, len(kinds), recording.duration)
     channels = [[axis.name for axis in sensor.axes if axis.measures == kind] for kind in kinds]
@@ -93,7 +94,7 @@ def _draw_signals(
 
 
 def time_spans(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[float, float]]:
-    """Return start and length, s, of half-open ranges of samples."""
+    """Return the start and the length, s, of half-open ranges of samples."""
     last = recording.time.size - 1
     return [
         (
@@ -115,7 +116,7 @@ def _shade_sections(axes: Axes, marks: Sequence[Mark], recording: Recording) -> 
 
 
 def _mark_findings(axes: Axes, outcome: Outcome, recording: Recording, names: list[str]) -> None:
-    """Mark what the audit found in these channels or in all."""
+    """Mark the audit's findings for these channels and for all channels."""
     spans = [
         (f.start, min(f.stop, recording.time.size))
         for one in outcome.findings
@@ -128,13 +129,13 @@ def _mark_findings(axes: Axes, outcome: Outcome, recording: Recording, names: li
 
 
 def _name_sections(axes: Axes, outcome: Outcome, recording: Recording) -> None:
-    """Write the sections' names above the axes, upright where they would meet."""
+    """Write the names of the sections above the axes, vertically if they would overlap."""
     marks = _used_marks(outcome)
     if not marks:
         return
     marks = marks[
         :: -(-len(marks) // drawing.MAX_NAMES)
-    ]  # the names of more would cover one another
+    ]  # with more sections, the names would overlap
     spans = time_spans([(mark.start, mark.stop) for mark in marks], recording)
     where = [start + length / 2 for start, length in spans]
     inches = 8.2 * np.diff(sorted(where)) / max(recording.duration, 1e-9)
@@ -150,7 +151,7 @@ def _name_sections(axes: Axes, outcome: Outcome, recording: Recording) -> None:
 
 @drawing.style
 def scatter_figure(recording: Recording, sensor: Sensor, rests: RestDetection) -> Markup:
-    """Return a figure of how rests were detected: the scatter over time, with the thresholds."""
+    """Return the figure of the scatter over time with the thresholds for rest."""
     figure, rows = stacked_axes(1.3, len(rests.levels), recording.duration)
     stretch = -(-recording.time.size // MAX_POINTS)
     starts = np.arange(0, recording.time.size, stretch)

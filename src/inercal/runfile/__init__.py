@@ -1,7 +1,7 @@
-"""The run file: a TOML text that names the sensor, the bench, the data and the method.
+"""Reader for run files: TOML files that state the sensor, the bench, the data and the method.
 
-`read` checks all of it, units included, and returns plain objects in SI. An error message is one
-line that names the file, the key and what is possible there.
+`read` checks the whole file, including the units, and returns plain objects in SI units. Every
+error message is one line that names the file, the key and the possible values.
 """
 
 import re
@@ -64,13 +64,13 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     ----------
     path : path
     method_keys : mapping, optional
-        Keys that replace those in [method].
+        Keys that override those in [method].
 
     Raises
     ------
     InputError
-        No such file, not TOML, an unknown key or name, a value that is not possible, or a wrong
-        unit.
+        The file does not exist or is not TOML, a key or name is unknown, a value is not possible,
+        or a unit is wrong.
     """
     path = Path(path)
     raw = read_small_file(path, "run file")
@@ -88,7 +88,7 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
 
 
 def _refuse_open_questions(path: Path, raw: bytes) -> None:
-    """Refuse a draft of `inercal init` with questions that nobody has answered."""
+    """Raise an error if a draft from `inercal init` still has unanswered questions."""
     lines = enumerate(raw.decode("utf-8", "replace").splitlines(), 1)
     found = [(k, match) for k, line in lines if (match := _QUESTION.fullmatch(line))]
     if not found:
@@ -105,21 +105,21 @@ def _refuse_open_questions(path: Path, raw: bytes) -> None:
 
 
 def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
-    """Return the run of the sections of a run file.
+    """Build a `Run` from the sections of a run file.
 
     Parameters
     ----------
     path : Path
-        Of the run file; files that the sections name are relative to its folder.
+        Path of the run file. Files named in the sections are relative to its folder.
     content : mapping
-        The sections, as TOML reads them.
+        The sections, as the TOML parser returns them.
     digest : str
-        SHA-256 of the run file's text.
+        SHA-256 hash of the run file.
 
     Raises
     ------
     InputError
-        As of `read`.
+        As in `read`.
     """
     completed, kind = dict(content), _DEFAULT_KIND
     if isinstance(content.get("bench"), dict):
@@ -147,7 +147,9 @@ def _build_run(
     kind: Kind[Any, Any],
     used: UsedQualifications,
 ) -> Run:
-    from inercal.runfile.priors import method_priors  # loads the estimators
+    from inercal.runfile.priors import (
+        method_priors,
+    )  # imported here because it loads the estimators
 
     chosen = method(schema.method.name)
     bench = qualified_bench(kind.build(schema.bench, path.parent), used)
@@ -165,7 +167,7 @@ def _build_run(
             key="[bench] kind",
             names=(needed, kind.name),
         )
-    schema.data.readback(bench)  # checks its units before any file is read
+    schema.data.readback(bench)  # checks the units before any file is read
     stated = stated_plan_keys(schema.method)
     plan = kind.plan(stated, bench, path.parent, nominal_plan(chosen, schema.method))
     turns = () if chosen.unknown_attitudes or Turn not in kind.steps else chosen.plan()
@@ -177,7 +179,7 @@ def _build_run(
     truth = {
         name: _true_value(full_sensor, name, text) for name, text in schema.sensor.truth.items()
     }
-    # An IMU's truth may serve a method that leaves its gyros out.
+    # The true values of an IMU may be used with a method that does not calibrate its gyros.
     truth = {name: c for name, c in truth.items() if CoefficientName(name).axis in sensor.channels}
     require_time_offset(schema.method, chosen, sensor)
     rate = sampling_rate(schema.data)
@@ -217,7 +219,7 @@ def _build_run(
 
 
 def _true_value(sensor: Sensor, name: str, text: str | float) -> float:
-    """Return a coefficient of [sensor.truth], SI."""
+    """Return the value of a coefficient in [sensor.truth], in SI units."""
     key = f"[sensor.truth] {name}"
     try:
         extended = sensor.with_coefficients(name)

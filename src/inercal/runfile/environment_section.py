@@ -1,4 +1,4 @@
-"""[environment] of a run file: the temperatures around the bench, to SI."""
+"""Reader for [environment] in a run file: the temperatures around the bench, in SI units."""
 
 from collections.abc import Collection, Sequence
 from typing import Any, Literal
@@ -18,9 +18,9 @@ from inercal.runfile.schema import EnvironmentSection, RunSchema
 
 TemperatureOrder = Literal["auto"] | tuple[int, int, int] | None
 ORDERED = ("bias", "scale factor", "misalignment")
-"""What has an order in temperature, in the order of a run file."""
+"""Quantities that have a polynomial order in temperature, in the order used in a run file."""
 MAX_ORDERS = (3, 2, 1)
-# Terms of each quantity by kind of axis, order after order from 1.
+# Temperature terms for each kind of axis and each quantity, by order starting at 1.
 _TERMS = {
     "f": (
         (("k0_dT",), ("k0_dT2",), ("k0_dT3",)),
@@ -36,26 +36,26 @@ _TERMS = {
 
 
 def order_terms(kind: str, orders: Sequence[int]) -> tuple[str, ...]:
-    """Return the short names of the terms of temperature of three orders.
+    """Return the short names of the temperature terms up to the given orders.
 
     Parameters
     ----------
     kind : "f" or "w"
     orders : sequence of 3 int
-        Of bias, scale factor and misalignment.
+        Orders of bias, scale factor and misalignment.
     """
     by_quantity = zip(_TERMS[kind], orders, strict=True)
     return tuple(n for terms, order in by_quantity for names in terms[:order] for n in names)
 
 
 def orders_of_terms(kind: str, terms: Collection[str]) -> tuple[int, int, int]:
-    """Return the highest orders of bias, scale factor and misalignment among short names.
+    """Return the highest orders in temperature of bias, scale factor and misalignment.
 
     Parameters
     ----------
     kind : "f" or "w"
     terms : collection of str
-        Short names of terms; others than those of temperature do not count.
+        Short names of terms; only temperature terms are considered.
     """
     bias, scale, misalignment = (
         max((n for n, names in enumerate(rows, 1) if set(names) & set(terms)), default=0)
@@ -67,12 +67,12 @@ def orders_of_terms(kind: str, terms: Collection[str]) -> tuple[int, int, int]:
 def terms_of_order(
     section_order: TemperatureOrder, sensor: Sensor, possible: Sequence[str]
 ) -> list[str]:
-    """Return the full names of the terms that [method] temperature_order states.
+    """Return the full names of the terms that [method] temperature_order asks for.
 
     Parameters
     ----------
     section_order : "auto", sequence of 3 int, or None
-        "auto" gives the terms of the highest orders, among which a test chooses.
+        "auto" returns all terms up to the highest orders; a test then selects among them.
     sensor : Sensor
     possible : sequence of str
         Coefficients that the method can estimate.
@@ -80,7 +80,7 @@ def terms_of_order(
     Raises
     ------
     InputError
-        Orders beyond the highest, or beyond those that the method estimates.
+        An order exceeds the highest possible order, or the highest that the method estimates.
     """
     if section_order is None:
         return []
@@ -104,9 +104,10 @@ def terms_of_order(
 def _require_estimated(
     key: str, orders: Sequence[int], sensor: Sensor, possible: Sequence[str]
 ) -> None:
-    """Refuse an order that the method estimates of no axis, or of a kind of axes only in part.
+    """Raise an error if the method cannot estimate a requested order in temperature.
 
-    A quantity that the method does not estimate of one kind of axes at all has no orders there.
+    If the method does not estimate a quantity for accelerometers at all, only the gyros are
+    checked, and vice versa.
     """
     measures = {axis.name: axis.measures for axis in sensor.axes}
     terms = {kind: set[str]() for kind in measures.values()}
@@ -118,34 +119,36 @@ def _require_estimated(
         found = {kind: most[place] for kind, most in highest.items()}
         if order and not any(found.values()):
             raise key_error(
-                key, f"the method estimates no {quantity} against temperature; give order 0 there"
+                key,
+                f"the method does not estimate the temperature dependence of {quantity}; "
+                f"give order 0 for it",
             )
         for kind, most in found.items():
             if 0 < most < order:
                 raise key_error(
                     key,
-                    f"the method estimates the {quantity} of {QUANTITIES[kind].sensors} to "
+                    f"the method estimates the {quantity} of {QUANTITIES[kind].sensors} up to "
                     f"order {most}, not "
-                    f"{order}; give order {most} there",
+                    f"{order}; give order {most} for it",
                 )
 
 
 def stated_environment(
     schema: RunSchema, sensor: Sensor, chosen: Method[Any, Any]
 ) -> Environment | None:
-    """Return the environment that a run file states; None without the section.
+    """Return the environment stated in a run file, or None if the section is missing.
 
     Parameters
     ----------
     schema : RunSchema
     sensor : Sensor
-        With the coefficients to estimate.
+        The sensor with the coefficients to estimate.
     chosen : Method
 
     Raises
     ------
     InputError
-        A key that changes no result, or a value that is not possible.
+        A key has no effect on the result, or a value is not possible.
     """
     section = schema.environment
     ordered = schema.method.temperature_order is not None
@@ -176,7 +179,7 @@ def stated_environment(
 
 
 def _possible_temperatures(section: EnvironmentSection, *, allowed: bool) -> tuple[float, ...]:
-    """Return the temperatures of a simulation, K; refuse one that is not possible."""
+    """Return the temperatures for a simulation, K, and raise an error if one is not possible."""
     key = "[environment] temperatures"
     kelvin = tuple(si_value(t, "°C", key) for t in section.temperatures)
     bad = first_impossible(np.array(kelvin), allowed=allowed)
@@ -186,7 +189,7 @@ def _possible_temperatures(section: EnvironmentSection, *, allowed: bool) -> tup
 
 
 def _stated_lag(section: EnvironmentSection, chosen: Method[Any, Any]) -> Measured | None:
-    """Return the lag; refuse an uncertainty where nothing weighs it."""
+    """Return the lag, and raise an error if its uncertainty cannot be used."""
     if section.lag is None:
         return None
     lag = measured_constant(section.lag, "s", "[environment] lag", last_digit=False)
@@ -218,7 +221,7 @@ def _require_used(
     sensor: Sensor,
     chosen: Method[Any, Any],
 ) -> None:
-    """Refuse the section, or keys of it, that change no result."""
+    """Raise an error if the section, or one of its keys, has no effect on the result."""
     if not sensor.uses("dT", "dTdt"):
         raise InputError(
             "[environment]: the run estimates no temperature coefficients, so the section has "
@@ -234,13 +237,13 @@ def _require_used(
     unused: dict[str, str] = {}
     for kind, key in (("f", "accelerometer_repeatability"), ("w", "gyro_repeatability")):
         if ramp:
-            unused[key] = "a ramp has no soaks, between which a bias could scatter"
+            unused[key] = "a ramp has no soaks, so a bias cannot change from soak to soak"
         elif kind not in kinds:
             unused[key] = f"the method calibrates no {QUANTITIES[kind].sensors}"
     if not chosen.follows_rest:
         unused["warm_up"] = "only method temperature_ramp estimates a warm-up"
     if schema.data.kind == "means":
-        unused["lag"] = "means do not show how it changed; correct the temperatures instead"
+        unused["lag"] = "means do not show how the temperature changed; correct the temperatures"
     for key, reason in unused.items():
         if getattr(section, key) is not None:
             raise key_error(f"[environment] {key}", f"{reason}; remove {key}")

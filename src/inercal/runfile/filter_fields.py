@@ -1,4 +1,4 @@
-"""The parameters of a run file's filters, one by one, for a form: defaults, values, limits."""
+"""Filter parameters of a run file, prepared for a form: defaults, values and limits."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,21 +20,21 @@ _CHOICES: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class FilterField:
-    """One parameter of the filters.
+    """One filter parameter.
 
     Parameters
     ----------
     key : str
-        Of [method.filter]; those of [method.filter.initial] as "initial.attitude".
+        Key in [method.filter]. Keys in [method.filter.initial] are written as "initial.attitude".
     meaning : str
     default : str
-        The estimator's own value, with its unit.
+        The estimator's default value, with its unit.
     stated : str
-        As the run file states it; empty where it does not.
+        Value stated in the run file; empty if there is none.
     least, largest : str
-        Of a quantity, with units; else empty.
+        Limits of a quantity, with units; empty for other parameters.
     choices : tuple of str
-        What is possible, where it is no quantity.
+        Possible values if the parameter is not a quantity.
     """
 
     key: str
@@ -47,12 +47,12 @@ class FilterField:
 
 
 def filter_fields(run: Run) -> tuple[FilterField, ...]:
-    """Return the parameters of a run's filters; none of a method without filters.
+    """Return the filter parameters of a run, or an empty tuple if the method has no filter.
 
     Raises
     ------
     InputError
-        The run file cannot be read any more.
+        The run file can no longer be read.
     """
     if run.method.name != FILTER_METHOD:
         return ()
@@ -75,18 +75,18 @@ def filter_fields(run: Run) -> tuple[FilterField, ...]:
 
 
 def changed_section(path: Path, changes: Mapping[str, str]) -> dict[str, Any]:
-    """Return [method.filter] of a run file with changes of its parameters.
+    """Return the section [method.filter] of a run file with some parameters changed.
 
     Parameters
     ----------
     path : Path
     changes : mapping of str to str
-        By `FilterField.key`; "" takes the default.
+        New values by `FilterField.key`; an empty text restores the default.
 
     Raises
     ------
     InputError
-        A key that is none, or a file that cannot be read.
+        A key does not exist, or the run file cannot be read.
     """
     section = _stated_section(path)
     initial: dict[str, Any] = dict(section.pop(_INITIAL, {}))
@@ -94,19 +94,20 @@ def changed_section(path: Path, changes: Mapping[str, str]) -> dict[str, Any]:
         place, _, name = key.rpartition(".")
         model = FilterInitialSection if place == _INITIAL else FilterSection
         if place not in ("", _INITIAL) or name not in model.model_fields or name == _INITIAL:
-            raise InputError(f"{key!r} is not a parameter of the filters", key=key)
+            raise InputError(f"{key!r} is not a filter parameter", key=key)
         own = initial if place else section
         own.pop(name, None)
         if text:
-            # What is neither true nor false is refused as the run file's.
+            # Other texts are passed on, so that the check of the run file rejects them.
             own[name] = {"true": True, "false": False}.get(text, text)
     return section | ({_INITIAL: initial} if initial else {})
 
 
 def filter_errors(path: Path, changes: Mapping[str, str]) -> dict[str, str]:
-    """Return what is wrong with changed parameters, in words by key; "" where it is of no key.
+    """Return the error message for each changed parameter that is wrong, by key.
 
-    They are validated as the run file's are.
+    The parameters are checked in the same way as in a run file. A message that belongs to no single
+    parameter has the key "".
     """
     if (wrong := _error(path, changes)) is None:
         return {}

@@ -1,4 +1,4 @@
-"""What a run file says of the filters of turntable_kalman: [method.filter]."""
+"""Reader for [method.filter] in a run file: the filters of the method turntable_kalman."""
 
 from collections.abc import Mapping
 from math import isclose
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 FILTER_KEY = "[method.filter]"
 FILTER_METHOD = "turntable_kalman"
-_ROUNDING = 1e-12  # of a value by the conversion of its unit
+_ROUNDING = 1e-12  # relative rounding error from converting a unit
 
 
 class _Range(NamedTuple):
-    """The least and the largest value of a key, as text, and a unit like its own."""
+    """The smallest and the largest value of a key, as text, and a unit of the same dimension."""
 
     like: str
     least: str
@@ -27,13 +27,13 @@ class _Range(NamedTuple):
 
 
 _RANGES: Mapping[str, _Range] = {
-    # The floor of R covers the error of rates taken as linear between samples.
+    # The lower limit of R covers the error from taking rates as linear between samples.
     "readback_sd": _Range("°", "0.1 ″", "1 °"),
     "velocity_sd": _Range("m/s", "0.1 µm/s", "1 m/s"),
-    # Φ is of first order in an epoch, and a hold of a second has several epochs.
+    # Φ is a first-order approximation over one epoch; a hold of one second has several epochs.
     "epoch": _Range("s", "0.02 s", "0.5 s"),
 }
-# The filters are of first order in the coefficients.
+# The filters are linear in the coefficients.
 _INITIAL_RANGES: Mapping[str, _Range] = {
     "gyro_bias": _Range("rad/s", "0.001 °/h", "10 °/s"),
     "gyro_scale": _Range("1", "0.1 ppm", "20 %"),
@@ -54,30 +54,30 @@ def with_filter_keys(
     sensor: Sensor,
     rate_hz: float | None,
 ) -> "tuple[Method[Any, Any], FilterConfig | None]":
-    """Return the method and its filters' configuration as the run file states them.
+    """Return the method and the filter configuration stated in the run file.
 
     Parameters
     ----------
     schema : RunSchema
     chosen : Method
     estimator : str
-        Name of one of the method's.
+        Name of one of the method's estimators.
     sensor : Sensor
-        With the coefficients that are estimated.
+        The sensor with the coefficients to estimate.
     rate_hz : float or None
-        As the run file states it.
+        Sampling rate stated in the run file.
 
     Returns
     -------
     method : Method
-        Another one where the run file has [method.filter].
+        A modified method if the run file has [method.filter].
     config : FilterConfig or None
-        None where it has none.
+        None if the run file has no such section.
 
     Raises
     ------
     InputError
-        The section with another method, or a value that is out of place or changes nothing.
+        The method has no filter, or a value is out of range or has no effect.
     """
     section = schema.method.filter
     if section is None:
@@ -135,7 +135,7 @@ def _filter_config(
 
 
 def _value(key: str, text: str, limits: _Range) -> float:
-    """Return a quantity within its limits, SI."""
+    """Return a quantity in SI units after checking its limits."""
     value = si_value(text, limits.like, key)
     if not value > 0:
         raise key_error(key, f"{text!r} must be positive")
@@ -146,12 +146,12 @@ def _value(key: str, text: str, limits: _Range) -> float:
 
 
 def _unrounded(value: float, default: float) -> float:
-    """Return the default where it is what was stated: then no bit of a result changes."""
+    """Return the exact default if the stated value equals it apart from rounding."""
     return default if isclose(value, default, rel_tol=_ROUNDING) else value
 
 
 def _require_unstable_biases(schema: RunSchema) -> None:
-    """Refuse `bias_drift` where no noise is stated that biases would drift by."""
+    """Raise an error if `bias_drift` is set but no bias instability or random walk is stated."""
     noise = [one for one in (schema.sensor.accelerometer, schema.sensor.gyro) if one is not None]
     if not any(one.bias_instability or one.random_walk for one in noise):
         raise key_error(
@@ -162,7 +162,7 @@ def _require_unstable_biases(schema: RunSchema) -> None:
 
 
 def _require_estimated(name: str, terms: tuple[str, tuple[str, ...]], sensor: Sensor) -> None:
-    """Refuse a standard deviation of coefficients that are not estimated."""
+    """Raise an error for a standard deviation of coefficients that are not estimated."""
     kind, wanted = terms
     estimated = sensor.select_axes("f" if kind == "f" else "w").coefficients
     if not any(CoefficientName(one).term in wanted for one in estimated):

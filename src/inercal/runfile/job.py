@@ -1,7 +1,7 @@
-"""[job] of a run file and the laboratory's own file: who, what, when, and with which instruments.
+"""Reader for [job] in a run file and for the laboratory file: who, what, when, instruments.
 
-Nothing here changes a coefficient. A calibration carries it as texts; an instrument whose
-certificate was due before the date of the measurement is a warning.
+None of these keys affects a coefficient. They are stored as texts in the calibration. If the
+calibration of an instrument was due before the date of the measurement, a warning is issued.
 """
 
 from datetime import date
@@ -21,7 +21,7 @@ def _text(*example: str) -> str | None:
 
 
 class JobSection(Section):
-    """[job]: the order of this calibration."""
+    """Keys of [job]: the order for this calibration."""
 
     lab: str | None = Field(
         None,
@@ -66,23 +66,23 @@ class JobSection(Section):
 
     @property
     def last_day(self) -> date | None:
-        """Last day of the measurement."""
+        """Return the last day of the measurement."""
         return self.measured_until or self.measured
 
 
 def job_texts(job: JobSection | None, folder: Path) -> tuple[dict[str, str], tuple[Finding, ...]]:
-    """Return the texts of a job and its laboratory, by name, and warnings of overdue instruments.
+    """Return the texts of a job and its laboratory, and warnings about overdue instruments.
 
     Parameters
     ----------
     job : JobSection or None
     folder : Path
-        Of the run file.
+        Folder of the run file.
 
     Raises
     ------
     InputError
-        The laboratory's file cannot be read, or has other keys.
+        The laboratory file cannot be read or has unknown keys.
     """
     if job is None:
         return {}, ()

@@ -1,6 +1,6 @@
-"""The laboratory's file, lab.toml: what all its jobs share.
+"""Reader for the laboratory file, lab.toml, whose entries are common to all jobs.
 
-[job] of a run file uses its names and instruments, a certificate uses all keys.
+A run file with [job] uses the names and the instruments; a certificate uses all keys.
 """
 
 from datetime import date
@@ -17,7 +17,7 @@ Action = Literal["refuse", "mark"]
 
 
 class InstrumentSection(Section):
-    """[[instrument]] of the laboratory's file."""
+    """Keys of [[instrument]] in the laboratory file."""
 
     name: str = Field(examples=["dividing head 2"])
     serial_number: str | None = None
@@ -26,23 +26,23 @@ class InstrumentSection(Section):
     due: date | None = Field(None, examples=[date(2027, 3, 1)])
 
     def is_overdue(self, day: date | None) -> bool:
-        """Return whether the instrument was due before the last day of a measurement, if known."""
+        """Return whether the instrument was due for calibration before a measurement ended."""
         return self.due is not None and day is not None and self.due < day
 
 
 class PersonSection(Section):
-    """[[person]] of the laboratory's file: who took part, other than who approves."""
+    """Keys of [[person]] in the laboratory file: staff other than the approving person."""
 
     name: str = Field(examples=["A. Lovelace"])
     role: str | None = Field(None, examples=["performed the calibration"])
 
 
 class CapabilitySection(Section):
-    """[capability]: the calibration and measurement capability (CMC).
+    """Keys of [capability]: the calibration and measurement capability (CMC).
 
-    `uncertainty` has the smallest U (k = 2) that the laboratory states, by the words of
-    [specification.limits]; a coefficient that no word names is outside the capability. A range is
-    two quantities.
+    `uncertainty` contains the smallest U (k = 2) that the laboratory states, under the same names
+    as in [specification.limits]. A coefficient that is not named is outside the capability. A range
+    consists of two quantities.
     """
 
     uncertainty: dict[str, str] = Field({}, examples=[{"bias": "20 µg"}])
@@ -52,7 +52,7 @@ class CapabilitySection(Section):
 
 
 class PolicySection(Section):
-    """[policy]: what is refused, and what is marked on every page of a certificate."""
+    """Keys of [policy]: when a certificate is refused, and the mark on each of its pages."""
 
     unreliable: Action = "refuse"
     simulated: Action = "mark"
@@ -62,7 +62,7 @@ class PolicySection(Section):
 
 
 class LaboratoryFile(Section):
-    """The laboratory's file."""
+    """All sections of the laboratory file."""
 
     laboratory: str = Field(examples=["Inertial Laboratory"])
     address: str | None = None
@@ -82,12 +82,12 @@ class LaboratoryFile(Section):
 
 
 def read_laboratory(path: Path) -> LaboratoryFile:
-    """Read the laboratory's file.
+    """Read the laboratory file.
 
     Raises
     ------
     InputError
-        It cannot be read, has another key, or a value that is not possible.
+        The file cannot be read, has an unknown key, or has a value that is not possible.
     """
     content = read_toml(path, "file of the laboratory")
     try:

@@ -1,4 +1,4 @@
-"""[method] of a run file: the plan, the frame of the result and the search of an estimator."""
+"""Reader for [method] in a run file: plan, frame of the result and search options."""
 
 from collections.abc import Callable
 from functools import partial
@@ -15,7 +15,7 @@ from inercal.runfile.schema import MethodSection, SearchSection
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.norm_equations import SearchOptions
 
-# [method] keys of the plan: key, unit like, argument of the method's plan
+# [method] keys for the plan: key, example unit, argument of the method's plan
 _PLAN = (
     ("seconds", "s", "seconds"),
     ("turn", "°", "angle"),
@@ -27,26 +27,26 @@ _PLAN = (
     ("turns", "", "turns"),
     ("path", "", "path"),
 )
-_MOST_POSITIONS = 1000  # a mistyped number would plan for hours
+_MOST_POSITIONS = 1000  # with a mistyped number, planning would take hours
 _SENSE = ", or negative for a turn clockwise seen from above"
 _SEARCHING_METHOD = "ship_multi_angle"
 _SEARCH = "[method.search]"
 
 
 def stated_plan_keys(section: MethodSection) -> dict[str, Any]:
-    """Return the keys of the plan that the run file states, with their values as written."""
+    """Return the plan keys stated in the run file, with their values as written."""
     return {key: value for key, _, _ in _PLAN if (value := getattr(section, key)) is not None}
 
 
 def nominal_plan(
     chosen: Method[Any, Any], section: MethodSection
 ) -> Callable[[], tuple[Step, ...]]:
-    """Return the method's plan with the options that the section states.
+    """Return the method's plan with the options stated in the section.
 
     Raises
     ------
     InputError
-        A key that the plan of this method does not have, or a value that is not positive.
+        The plan of this method does not have the key, or a value is not positive.
     """
     possible = signature(chosen.plan).parameters
     stated = stated_plan_keys(section)
@@ -66,7 +66,7 @@ def nominal_plan(
 
 
 def _plan_option(given: str | bool | int | tuple[str, ...], like: str, key: str) -> Any:
-    """Return the argument of a plan: a word, true or false, a number, or quantities in SI."""
+    """Return an argument for a plan: a word, a boolean, a number, or quantities in SI units."""
     if isinstance(given, tuple):
         return tuple(_plan_option(each, like, key) for each in given)
     if isinstance(given, bool) or (isinstance(given, str) and not like):
@@ -80,12 +80,12 @@ def _plan_option(given: str | bool | int | tuple[str, ...], like: str, key: str)
 
 
 def stated_also(section: MethodSection, chosen: Method[Any, Any]) -> tuple[str, ...]:
-    """Return the coefficients that [method] also states; none of "auto".
+    """Return the coefficients stated in [method] also, or an empty tuple for "auto".
 
     Raises
     ------
     InputError
-        "auto" for an estimator whose formulas have no place for more.
+        "auto" is stated for an estimator that cannot take more coefficients.
     """
     if section.also != "auto":
         return section.also
@@ -101,12 +101,12 @@ def stated_also(section: MethodSection, chosen: Method[Any, Any]) -> tuple[str, 
 
 
 def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:
-    """Refuse a stated frame where the estimator has a frame of its own.
+    """Raise an error if a frame is stated but the estimator uses its own frame.
 
     Raises
     ------
     InputError
-        The message names the estimators that take a frame.
+        The estimator does not support a frame; the message names the estimators that do.
     """
     if frame == "mount" or estimator in chosen.norm_only_estimators:
         return
@@ -126,12 +126,12 @@ def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:
 def search_options(
     section: MethodSection, chosen: Method[Any, Any], estimator: str
 ) -> "SearchOptions | None":
-    """Return the options of the search, or None for an estimator that does not search.
+    """Return the search options, or None if the estimator does not search.
 
     Raises
     ------
     InputError
-        [method.search] is stated for an estimator that does not search, or a value is not possible.
+        [method.search] is stated but the estimator does not search, or a value is not possible.
     """
     if chosen.name != _SEARCHING_METHOD or estimator != "global":
         if section.search is not None:

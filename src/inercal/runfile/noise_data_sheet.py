@@ -1,7 +1,8 @@
-"""The file of a data sheet's noise, which states what each number means.
+"""Reader for the file with a data sheet's noise, which states the meaning of each number.
 
 A sheet states "0.008 °/s/√Hz" or "0.34 °/√h", and both may be right: a noise density is one-sided,
-√2 times the random walk N. The file says which, and the same of the bias instability.
+√2 times the random walk N. The file states which one is meant, and does the same for the bias
+instability.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,7 +38,7 @@ _Axes = str | tuple[str, str, str]
 
 
 class SheetNoiseSection(Section):
-    """[datasheet.accelerometer] and [datasheet.gyro]: one value for all axes, or one for each."""
+    """Keys of [datasheet.accelerometer] and [datasheet.gyro]: one value per axis or for all."""
 
     white: _Axes | None = Field(None, examples=["0.008 °/s/√Hz", "60 µg/√Hz"])
     white_kind: WhiteKind | None = Field(None, examples=["density"])
@@ -50,7 +51,7 @@ class SheetNoiseSection(Section):
 
 
 class DataSheetSection(Section):
-    """[datasheet]."""
+    """Keys of [datasheet]."""
 
     name: str = Field("", examples=["IMU 5"])
     rate: str | None = Field(None, description="of the samples", examples=["200 Hz"])
@@ -59,7 +60,7 @@ class DataSheetSection(Section):
 
 
 class DataSheetFile(Section):
-    """The file of a data sheet."""
+    """All sections of a data-sheet file."""
 
     datasheet: DataSheetSection
 
@@ -70,8 +71,8 @@ def read_noise_data_sheet(path: Path) -> DataSheetNoise:
     Raises
     ------
     InputError
-        It cannot be read, has another key, a value that is not possible, or does not say what a
-        number means.
+        The file cannot be read, has an unknown key or a value that is not possible, or does not
+        state the meaning of a number.
     """
     content = read_toml(path, "file of a data sheet")
     try:
@@ -110,7 +111,7 @@ def _positive(text: str, like: str, key: str) -> float:
 
 
 class _Reader:
-    """Turns one section into coefficients; adds remarks."""
+    """Converter from one section to coefficients and remarks."""
 
     def __init__(
         self, quantity: SensorKind, section: SheetNoiseSection, rate: float, remarks: list[str]
@@ -122,7 +123,7 @@ class _Reader:
         self._name = f"[datasheet.{quantity}]"
 
     def coefficients(self) -> tuple[SheetCoefficient, ...]:
-        """Return N, B and K as far as they are stated."""
+        """Return those of N, B and K that are stated."""
         section = self._section
         self._require_partners()
         found: list[SheetCoefficient] = []
@@ -142,7 +143,7 @@ class _Reader:
         return tuple(sorted(found, key=lambda one: "NBK".index(one.symbol)))
 
     def _require_partners(self) -> None:
-        """Refuse a kind or a bandwidth without its value, and two statements of white noise."""
+        """Raise an error for a kind or bandwidth without a value, or white noise given twice."""
         section = self._section
         for key, of in (
             ("white_kind", "white"),
@@ -152,7 +153,7 @@ class _Reader:
         ):
             if getattr(section, key) is not None and getattr(section, of) is None:
                 raise key_error(
-                    f"{self._name} {key}", f"it belongs to {of}, which is missing: add it"
+                    f"{self._name} {key}", f"this key needs {of}, which is missing: add it"
                 )
         if section.white is not None and section.rms is not None:
             raise key_error(
@@ -161,7 +162,7 @@ class _Reader:
             )
 
     def _values(self, key: str, like: str) -> tuple[tuple[float, ...], str]:
-        """Return the values of a key, SI, and its text."""
+        """Return the values of a key in SI units, and their text."""
         stated = getattr(self._section, key)
         texts: Sequence[str] = (stated,) if isinstance(stated, str) else stated
         return tuple(_positive(one, like, f"{self._name} {key}") for one in texts), ", ".join(texts)
@@ -220,7 +221,7 @@ class _Reader:
         )
 
     def _bias_instability(self, others: Sequence[SheetCoefficient]) -> SheetCoefficient:
-        """Return B; of a minimum, without what white noise and random walk add to it."""
+        """Return B; subtract white noise and random walk if a minimum is stated."""
         values, text = self._values("bias_instability", self._unit)
         kind = self._section.bias_instability_kind
         if kind is None:
@@ -252,14 +253,14 @@ class _Reader:
             raise key_error(
                 f"{self._name} bias_instability",
                 f"{text} is below {shown(max(least), 'B', self._quantity)}, the minimum Allan "
-                "deviation that white and random_walk alone would give: check all three",
+                "deviation that white and random_walk would already give: check all three",
             )
-        return SheetCoefficient("B", found, f"{text} ({kind}, without the part of N and K)")
+        return SheetCoefficient("B", found, f"{text} ({kind}, after subtracting N and K)")
 
     def _meanings(
         self, symbol: str, kinds: Sequence[_Kind], value: Callable[[_Kind], float]
     ) -> str:
-        """Return what a number is by each kind: '"density": N = 0.34 °/√h, …'."""
+        """Return the meaning of a number for each kind: '"density": N = 0.34 °/√h, …'."""
         return ", ".join(
             f'{symbol} = {shown(value(one), symbol, self._quantity)} as "{one}"' for one in kinds
         )

@@ -1,4 +1,4 @@
-"""Priors of a run file: stated as values, or taken from calibration files with their covariance."""
+"""Reader for a run file's priors: stated values, or calibration files with covariance."""
 
 from collections.abc import Mapping
 from math import isclose, pi
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 
 
 def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple[Gaussian, ...]:
-    """Return the priors of [method]: prior, prior_file and prior_from, in this order.
+    """Return the priors stated in [method]: prior, prior_file and prior_from, in this order.
 
     Parameters
     ----------
     section : MethodSection
     folder : Path
-        Of the run file.
+        Folder of the run file.
     sensor : Sensor
-        With the coefficients of the method.
+        The sensor with the coefficients of the method.
 
     Raises
     ------
     InputError
-        A prior without uncertainty, a calibration file that cannot be used, or a coefficient with
-        several sources: they may be the same measurement.
+        A prior has no uncertainty, a calibration file cannot be used, or a coefficient has several
+        sources, which may be the same measurement.
     """
     priors: list[Gaussian] = []
     for name, text in section.prior.items():
@@ -54,7 +54,7 @@ def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple
     if twice := tuple(name for name in dict.fromkeys(found) if found.count(name) > 1):
         raise InputError(
             f"[method]: prior, prior_file and prior_from give {', '.join(twice)} more than once; "
-            "keep one source of each coefficient",
+            "keep one source for each coefficient",
             key="[method]",
             names=twice,
         )
@@ -62,9 +62,9 @@ def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple
 
 
 def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
-    """Return bias and scale factor of a calibration at rest as a prior.
+    """Return bias and scale factor from a static calibration as a prior.
 
-    IEEE Std 836 advises to take both from a static multi-position test.
+    IEEE Std 836 recommends taking both from a static multi-position test.
     """
     from inercal.calibration.files import load
     from inercal.methods.centrifuge_norm import METHOD as CENTRIFUGE
@@ -73,7 +73,7 @@ def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
     known = load(path)
     if known.method == CENTRIFUGE.name:
         raise InputError(
-            f"{key}: {path.name} is a calibration on a centrifuge; give one at rest",
+            f"{key}: {path.name} is a calibration on a centrifuge; give a static calibration",
             key=key,
         )
     if known.sensor.name != sensor.name:
@@ -82,7 +82,7 @@ def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
             f"{sensor.name!r}; give a calibration of this sensor",
             key=key,
         )
-    # In the two forms k1 means different things beside misalignments.
+    # With misalignments, k1 has a different meaning in each of the two forms.
     known = known.in_form(sensor.form)
     names = tuple(
         name
@@ -102,22 +102,22 @@ def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
 
 
 def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian:
-    """Return coefficients of another calibration as a prior, under the names of this run.
+    """Return coefficients from another calibration as a prior, under the names used in this run.
 
     Parameters
     ----------
     path : Path
-        Of the calibration file; its sensor may have other axes: the same accelerometer on another
-        bench.
+        Path of the calibration file. Its sensor may have other axes, for example if the same
+        accelerometer was calibrated on another bench.
     taken : mapping of str to str
-        The coefficient of this run, and that of the file: {"a.k3": "ax.k3"}.
+        Coefficient in this run and its name in the file, such as {"a.k3": "ax.k3"}.
     sensor : Sensor
 
     Raises
     ------
     InputError
-        A coefficient that one of the two does not have, two coefficients of different terms, or
-        another nominal readout.
+        A coefficient is missing from the run or the file, the two coefficients are different terms,
+        or the nominal readouts differ.
     """
     from inercal.calibration.files import load
 
@@ -177,13 +177,13 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
 
 
 def _gaussian(names: tuple[str, ...], known: "Calibration", sources: tuple[str, ...]) -> Gaussian:
-    """Return values and covariance of coefficients of a calibration, under `names`."""
+    """Return values and covariance of a calibration's coefficients under the new `names`."""
     index = [known.sensor.coefficients.index(name) for name in sources]
     return Gaussian(names, known.values[index], known.covariance[np.ix_(index, index)])
 
 
 def _require_same_readout(key: str, path: Path, axis: Axis, other: Axis) -> None:
-    """Refuse an axis whose coefficients refer to another nominal readout."""
+    """Raise an error if an axis's coefficients refer to another nominal readout."""
     mine, theirs = axis.readout, other.readout
     if not (isclose(theirs.scale, mine.scale) and isclose(theirs.offset, mine.offset)):
         raise InputError(

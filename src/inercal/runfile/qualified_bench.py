@@ -1,4 +1,4 @@
-"""[bench] qualification of a run file: what its files say takes the place of typed keys."""
+"""Reader for [bench] qualification: values from qualification files replace typed keys."""
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -22,21 +22,21 @@ from inercal.runfile.job import JobSection
 def with_qualifications(
     content: Mapping[str, Any], kind: Kind[Any, Any], folder: Path
 ) -> tuple[dict[str, Any], UsedQualifications]:
-    """Return the sections with the keys of [bench] that qualifications state.
+    """Return the sections with [bench] keys filled in from the qualifications.
 
     Parameters
     ----------
     content : mapping
         The sections of a run file.
     kind : Kind
-        Of the bench.
+        Kind of bench.
     folder : Path
-        Of the run file.
+        Folder of the run file.
 
     Raises
     ------
     InputError
-        A file that cannot be used for this bench, or a key that is typed besides.
+        A file cannot be used for this bench, or a key is also typed in the run file.
     """
     section = content.get("bench")
     if not isinstance(section, dict) or "qualification" not in section:
@@ -48,12 +48,12 @@ def with_qualifications(
 
 
 def qualified_bench(bench: Bench, used: UsedQualifications) -> Bench:
-    """Return the bench with what its qualifications found.
+    """Return the bench with the results of its qualifications.
 
     Raises
     ------
     InputError
-        It has no such parameter, or its kind takes no qualification.
+        The bench has no such parameter, or its kind cannot use a qualification.
     """
     if not used.each:
         return bench
@@ -67,10 +67,10 @@ def qualified_bench(bench: Bench, used: UsedQualifications) -> Bench:
 
 
 def check_validity(used: UsedQualifications, job: JobSection | None) -> tuple[Finding, ...]:
-    """Return a warning for each qualification that expired before the measurement.
+    """Return a warning for each qualification that had expired before the measurement.
 
-    Without a day of measurement in [job] today counts. An inconsistent qualification is a warning
-    too.
+    If [job] states no date of measurement, today's date is used. An inconsistent qualification also
+    causes a warning.
 
     Parameters
     ----------

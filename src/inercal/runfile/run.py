@@ -1,4 +1,4 @@
-"""A run file as it was read and checked: objects in SI."""
+"""Contents of a checked run file, as objects in SI units."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -24,45 +24,48 @@ if TYPE_CHECKING:
     from inercal.calibration.specification import Specification
     from inercal.estimation import Gaussian
     from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchOptions
-    from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
+    from inercal.methods.turntable_kalman.filter_config import (
+        FilterConfig,
+    )  # imported here because it loads kernels
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Run(RunBase[Any]):
-    """A run file, read and checked: what its data need, `RunBase`, and the rest.
+    """Contents of a run file after reading and checking.
 
     Parameters
     ----------
     sha256 : str
-        Of its text.
+        SHA-256 hash of the run file.
     truth : mapping of str to float
-        Coefficients for a simulation, SI.
+        True values of the coefficients for a simulation, in SI units.
     kind : Kind
-        Of the bench.
+        Kind of bench.
     estimator : str
     priors : tuple of Gaussian
     time_offset : bool
-        Whether the gyros' delay is estimated.
+        Whether the time delay of the gyros is estimated.
     search : SearchOptions or None
-        Options of the search; None for an estimator that does not search.
+        Search options; None if the estimator does not search.
     filter : FilterConfig or None
-        The filters' configuration where [method.filter] states one; `method` estimates by it.
+        Filter configuration from [method.filter]; None if the section is missing. `method` already
+        uses it.
     bench_name : str
-        The laboratory's name of its bench; empty where none is stated.
+        The laboratory's name for its bench; empty if none is stated.
     findings : tuple of Finding
-        Results of the comparison of stated values with one another.
+        Findings from comparing stated values with one another.
     job : mapping of str to str
-        Texts of [job] and of the laboratory's file, by name.
+        Texts from [job] and from the laboratory file, by name.
     specification : Specification or None
-        Limits of coefficients.
+        Limits for the coefficients.
     temperature_order : "auto", tuple of 3 int, or None
         Orders of bias, scale factor and misalignment in temperature.
     qualified : UsedQualifications
-        The qualifications of the bench.
+        Qualifications of the bench.
     check_standard : str
-        State of the bench's check standard, in words; empty where none is stated.
+        State of the bench's check standard, in words; empty if none is stated.
     sections : mapping of str to object
-        The sections as the run file states them.
+        Sections of the run file as written.
     """
 
     bench: Bench
@@ -86,22 +89,22 @@ class Run(RunBase[Any]):
 
     @property
     def adds_coefficients(self) -> bool:
-        """Whether [method] also = "auto" adds the coefficients that the score tests ask for."""
+        """Return whether coefficients are added by score tests ([method] also = "auto")."""
         return self.sections.get("method", {}).get("also") == "auto"
 
     @property
     def table_steps(self) -> list[TableStep]:
-        """The positions and rotations of the nominal plan; on a turntable these are all steps."""
+        """Return the positions and rotations of the nominal plan; a turntable has no others."""
         return table_steps(self.steps)
 
     @property
     def motion_control(self) -> MotionControl:
-        """What a host asks of the bench.
+        """Return the functions with which a host controls the bench.
 
         Raises
         ------
         InputError
-            A bench that no host drives.
+            The bench cannot be controlled by a host.
         """
         if self.kind.motion_control is None:
             able = " or ".join(
@@ -111,7 +114,7 @@ class Run(RunBase[Any]):
         return self.kind.motion_control
 
     def solver(self, progress: "Callable[[Generation], None] | None" = None) -> Estimator[Any, Any]:
-        """Return the estimator; one that searches has the options of the run file.
+        """Return the estimator, with the search options of the run file if it searches.
 
         Parameters
         ----------
@@ -133,7 +136,7 @@ class Run(RunBase[Any]):
         return JointPriorEstimator(solve)
 
     def input_files(self) -> list[Path]:
-        """Return the run file and the existing files that its keys and values name."""
+        """Return the run file and all existing files that it names."""
         named = [self.file(text) for text in texts_of(read_toml(self.path, "run file"))]
         sections = self.file(self.data.file)
         if is_pattern(sections):

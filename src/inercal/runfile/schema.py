@@ -1,6 +1,7 @@
-"""The keys of a run file, section by section. Values with units are text: "60 µg/√Hz".
+"""Schema of a run file, with the keys of each section.
 
-A key whose default shows no value has an example, which error messages print.
+Values with units are text, such as "60 µg/√Hz". A key whose default is not a typical value has an
+example, which error messages show.
 """
 
 from collections.abc import Mapping
@@ -24,9 +25,9 @@ from inercal.runfile.job import JobSection
 
 
 class ReadoutSection(Section):
-    """[sensor.accelerometer] and [sensor.gyro]: how the axes state readings, and their noise."""
+    """Keys of [sensor.accelerometer] and [sensor.gyro]: output and noise of the axes."""
 
-    unit: str = Field(description="unit of the output: 'LSB', 'V', …", examples=["m/s²"])
+    unit: str = Field(description="output unit, such as 'LSB' or 'V'", examples=["m/s²"])
     scale: str | None = Field(None, description="nominal scale factor", examples=["2048 LSB/g"])
     offset: float = Field(0.0, description="output at zero, in output units")
     full_scale: str | None = Field(
@@ -38,19 +39,19 @@ class ReadoutSection(Section):
     bias_instability: str | None = Field(None, examples=["20 µg", "5 °/h"])
     random_walk: str | None = Field(None, examples=["1 µg/√s", "1 °/h/√s"])
     quantisation: str | None = Field(
-        None, description="step of the reading", examples=["0.5 mg", "0.02 °/s"]
+        None, description="resolution of the reading", examples=["0.5 mg", "0.02 °/s"]
     )
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that change no result of this use, with the reason and what to do."""
+        """Return the keys that have no effect in this use, with the reason and the remedy."""
         if not use.means:
             return {}
-        reason = "means have no samples; state their noise and instability in [data.sd] instead"
+        reason = "averaged readings contain no samples; state noise and instability in [data.sd]"
         return dict.fromkeys(("white", "bias_instability", "random_walk", "quantisation"), reason)
 
 
 class SensorSection(Section):
-    """[sensor]."""
+    """Keys of [sensor]."""
 
     name: str = Field("sensor", json_schema_extra=DESCRIPTION)
     form: Literal["reference", "tilted"] | None = Field(
@@ -65,68 +66,80 @@ class SensorSection(Section):
 
 
 class SearchSection(Section):
-    """[method.search]: of estimator global of ship_multi_angle."""
+    """Keys of [method.search]: options for the estimator global of ship_multi_angle."""
 
     seed: int = Field(0, ge=0)
     time_limit: str = "20 s"
     goal: str = Field("5 %", description="largest relative error of a norm")
-    scale_error: str = Field("10 %", description="bound of each, about nominal")
+    scale_error: str = Field(
+        "10 %", description="largest deviation of each scale factor from nominal"
+    )
     cross_axis: str = "10 %"
     bias: str = "0.2 g"
 
 
 class FilterInitialSection(Section):
-    """[method.filter.initial]: standard deviations of the filters' states before the data."""
+    """Keys of [method.filter.initial]: initial standard deviations of the filter states."""
 
-    gyro_bias: str | None = Field(None, description="of the gyros' biases", examples=["1000 °/h"])
+    gyro_bias: str | None = Field(
+        None, description="standard deviation of the gyros' biases", examples=["1000 °/h"]
+    )
     gyro_scale: str | None = Field(
-        None, description="of the gyros' scale factors", examples=["5000 ppm"]
+        None, description="standard deviation of the gyros' scale factors", examples=["5000 ppm"]
     )
     gyro_misalignment: str | None = Field(
-        None, description="of the gyros' misalignments", examples=["20 ′"]
+        None, description="standard deviation of the gyros' misalignments", examples=["20 ′"]
     )
     accelerometer_bias: str | None = Field(
-        None, description="of the accelerometers' biases", examples=["5 mg"]
+        None, description="standard deviation of the accelerometers' biases", examples=["5 mg"]
     )
     accelerometer_scale: str | None = Field(
-        None, description="of the accelerometers' scale factors", examples=["5000 ppm"]
+        None,
+        description="standard deviation of the accelerometers' scale factors",
+        examples=["5000 ppm"],
     )
     accelerometer_misalignment: str | None = Field(
-        None, description="of the accelerometers' misalignments", examples=["20 ′"]
+        None,
+        description="standard deviation of the accelerometers' misalignments",
+        examples=["20 ′"],
     )
     attitude: str | None = Field(
-        None, description="of the attitude in both filters", examples=["30 ″"]
+        None, description="standard deviation of the attitude in both filters", examples=["30 ″"]
     )
 
 
 class FilterSection(Section):
-    """[method.filter]: of turntable_kalman, in place of an estimator's own values."""
+    """Keys of [method.filter]: filter parameters of turntable_kalman that replace the defaults."""
 
-    readback_sd: str | None = Field(None, description="R of the attitude", examples=["4 ″"])
+    readback_sd: str | None = Field(
+        None, description="measurement noise R of the attitude", examples=["4 ″"]
+    )
     velocity_sd: str | None = Field(
-        None, description="R of the velocity at rest", examples=["0.1 mm/s"]
+        None, description="measurement noise R of the velocity at rest", examples=["0.1 mm/s"]
     )
     epoch: str | None = Field(
-        None, description="time between updates of the covariance", examples=["0.2 s"]
+        None, description="time between covariance updates", examples=["0.2 s"]
     )
     bias_drift: bool | None = Field(None, description="whether biases drift", examples=[False])
     table_states: Literal["whole", "lean", "exact"] | None = Field(
-        None, description="which of the table's errors are states", examples=["lean"]
+        None, description="table errors that are filter states", examples=["lean"]
     )
     initial: FilterInitialSection | None = None
 
 
 class MethodSection(Section):
-    """[method]."""
+    """Keys of [method]."""
 
     name: str = Field(examples=["six_position"])
     estimator: str = Field("", examples=["ml"])
     coefficients: tuple[str, ...] = Field(
-        (), description="instead of the method's own choice", examples=[["bias", "scale"]]
+        (),
+        description="coefficients to estimate instead of the method's default",
+        examples=[["bias", "scale"]],
     )
     also: Literal["auto"] | tuple[str, ...] = Field(
         (),
-        description="in addition to the method's own choice; 'auto': what the score tests ask for",
+        description="additional coefficients; 'auto': those that score tests ask for",
         examples=[["g", "k2"], "auto"],
     )
     temperature_order: Literal["auto"] | tuple[int, int, int] | None = Field(
@@ -139,36 +152,39 @@ class MethodSection(Section):
     )
     path: str | None = Field(
         None,
-        description="of a turntable: 'paper', 'fast', 'discrete', or a file of its steps",
+        description="plan for a turntable: 'paper', 'fast', 'discrete', or a file with its steps",
         examples=["fast"],
     )
     turn: str | tuple[str, ...] | None = Field(
         None,
-        description="angle of the turns, positive counter-clockwise, or those about x, y, z",
+        description="angle of the turns, positive counter-clockwise, or angles about x, y and z",
         examples=["-360 °"],
     )
     turn_seconds: str | None = Field(None, examples=["6 s"])
     positions: int | None = Field(
-        None, description="rests of a multi_position simulation, or positions of a dividing head"
+        None,
+        description="rests in a multi_position simulation, or positions on a dividing head",
     )
     reverse: bool | None = Field(
-        None, description="whether a dividing head also runs the plan backwards"
+        None, description="whether a dividing head also runs the plan in reverse"
     )
-    time_offset: bool = Field(False, description="whether the gyros' delay is estimated too")
+    time_offset: bool = Field(
+        False, description="whether the time delay of the gyros is also estimated"
+    )
     attitudes: str | None = Field(
         None, description="plan of attitudes on a centrifuge", examples=["half-circle"]
     )
     rates: tuple[str, ...] | None = Field(
-        None, description="rates of the arm in the plan", examples=[["60 rpm", "120 rpm"]]
+        None, description="arm rates in the plan", examples=[["60 rpm", "120 rpm"]]
     )
     turns: int | None = Field(
-        None, description="complete turns of the arm in each dwell of the plan"
+        None, description="complete turns of the arm during each dwell of the plan"
     )
     search: SearchSection | None = None
     filter: FilterSection | None = None
     prior_file: str | None = Field(
         None,
-        description="calibration file of bias and scale factor at rest",
+        description="calibration file with bias and scale factor from a static test",
         examples=["static.calibration.json"],
     )
     prior: dict[str, str] = Field(default_factory=dict, examples=[{"az.k0": "40 mg ± 5 mg"}])
@@ -180,15 +196,15 @@ class MethodSection(Section):
 
 
 class EnvironmentSection(Section):
-    """[environment]: the temperatures around the bench."""
+    """Keys of [environment]: the temperatures around the bench."""
 
     kind: Literal["soaks", "ramp"] = Field(
         "soaks",
-        description="'soaks': the plan at one temperature after the other; 'ramp': it moves",
+        description="'soaks': run the plan at each temperature; 'ramp': vary the temperature",
     )
     temperature_sd: str | None = Field(
         None,
-        description="of the error that the temperatures of a soak have in common",
+        description="standard uncertainty of the temperature, common to all readings of a soak",
         examples=["0.1 K"],
     )
     accelerometer_repeatability: str | None = Field(
@@ -199,57 +215,61 @@ class EnvironmentSection(Section):
     )
     lag: str | None = Field(
         None,
-        description="time by which the recorded temperature is behind the sensing element",
+        description="delay of the recorded temperature behind the sensing element",
         examples=["20 s ± 5 s"],
     )
     warm_up: str | None = Field(
         None,
-        description="time constant of a warm-up of the biases, in a ramp up and down",
+        description="warm-up time constant of the biases, for a ramp up and down",
         examples=["300 s"],
     )
     temperatures: tuple[str, ...] = Field(
         (),
-        description="of a simulation: of the soaks, or turning points of a ramp",
+        description="for a simulation: soak temperatures, or turning points of a ramp",
         examples=[["-40 °C", "25 °C", "85 °C"]],
         json_schema_extra=PLANNING,
     )
     ramp_rate: str | None = Field(
         None,
-        description="of a simulation: of the chamber between them",
+        description="for a simulation: rate of the chamber between the temperatures",
         examples=["2 K/min"],
         json_schema_extra=PLANNING,
     )
     wait: str | None = Field(
         None,
-        description="of a simulation: at rest at each temperature",
+        description="for a simulation: rest time at each temperature",
         examples=["30 min"],
         json_schema_extra=PLANNING,
     )
     case_time: str | None = Field(
         None,
-        description="of a simulation: time constant of the case",
+        description="for a simulation: thermal time constant of the case",
         examples=["4 min"],
         json_schema_extra=PLANNING,
     )
 
 
 class SpecificationSection(Section):
-    """[specification]: limits of coefficients, and the rule by which they are judged."""
+    """Keys of [specification]: limits for coefficients, and the decision rule."""
 
     rule: Literal["guarded", "simple"] = Field(
-        "guarded", description="'guarded': a pass keeps the guard band; 'simple': there is none"
+        "guarded",
+        description="'guarded': pass only outside the guard band; 'simple': no guard band",
     )
-    factor: float = Field(1.0, description="guard band in U, of rule 'guarded'")
+    factor: float = Field(
+        1.0, description="width of the guard band as a multiple of U, for rule 'guarded'"
+    )
     uncertainty: Literal["session", "next_use"] = Field(
-        "session", description="which U: that of this session, or of the sensor's next use"
+        "session",
+        description="uncertainty used: that of this session, or that of the sensor's next use",
     )
     repeatability: str | None = Field(
         None,
-        description="file of inercal repeat, of uncertainty = 'next_use'",
+        description="file from inercal repeat, for uncertainty = 'next_use'",
         examples=["ACC-1.repeatability.json"],
     )
     limits: dict[str, str | tuple[str, str]] = Field(
-        description="of a coefficient, or of a group of them",
+        description="limits for a coefficient or for a group of coefficients",
         examples=[{"bias": "± 20 mg", "ax.k1": ["-1 %", "2 %"], "k2": "≤ 50 µg/g²"}],
     )
 
@@ -268,12 +288,12 @@ class RunSchema(Section):
 
 @cache
 def schema_for_kind(kind: str) -> type[RunSchema]:
-    """Return the schema of a run file whose [bench] is of this kind.
+    """Return the schema of a run file for one kind of bench.
 
     Parameters
     ----------
     kind : str
-        Of `KINDS`.
+        Name of the kind, a key of `KINDS`.
     """
     chosen = KINDS[kind]
     return create_model(
@@ -284,19 +304,19 @@ def schema_for_kind(kind: str) -> type[RunSchema]:
 def reader_options(
     data: Mapping[str, Any], section: type[DataSection]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Split the keys of [data] into those of the section and those of readers of formats.
+    """Split the keys of [data] into keys of the section and options of file readers.
 
-    The reader of a file is chosen when the file is read, and refuses there the options that it
-    does not know.
+    The reader is chosen when a file is read. It then raises an error for options that it does not
+    know.
 
     Raises
     ------
     InputError
-        A reader has an option with the name of a key of [data].
+        An option of a reader has the same name as a key of [data].
     """
     own = section.model_fields
     if all(key in own for key in data):
-        return dict(data), {}  # without a look at the installed packages
+        return dict(data), {}  # without searching the installed packages
     options = tuple(known_options())
     for key in options:
         if key in own:

@@ -1,6 +1,7 @@
-"""Checks of one section of a run file against another, and of what stands outside it.
+"""Consistency checks between the sections of a run file, and against external values.
 
-That is gravity against its place, and whether the bench was in control by its check standard.
+Gravity is compared with normal gravity at the site, and the check standard shows whether the bench
+was in control.
 """
 
 from collections.abc import Sequence
@@ -28,8 +29,8 @@ from inercal.runfile.job import JobSection
 from inercal.runfile.schema import DataSection, MethodSection, ReadoutSection, RunSchema
 
 _ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalies
-_HIGHEST = 3000.0  # m: a laboratory whose height is not stated
-_BY_LATITUDE = 0.0517  # m/s² a radian at 45°, times the sine of twice the latitude
+_HIGHEST = 3000.0  # m, range for a laboratory whose height is not stated
+_BY_LATITUDE = 0.0517  # m/s² per radian at 45°; multiply by the sine of twice the latitude
 _COVERAGE = 3.0
 
 
@@ -39,21 +40,22 @@ def require_used_keys(
     steps: Sequence[Step],
     qualified: Sequence[str] = (),
 ) -> None:
-    """Refuse keys of [bench], [data] and [sensor] that change no result of the method.
+    """Raise an error for keys of [bench], [data] and [sensor] that have no effect.
 
     Parameters
     ----------
     schema : RunSchema
     chosen : Method
     steps : sequence of Step
-        Of the method's plan, as far as the plan is known before the data.
+        Steps of the method's plan, if the plan is known before the data are read.
     qualified : sequence of str
-        Keys of [bench] that a qualification replaces: it serves runs of several methods.
+        Keys of [bench] that come from a qualification. They are not checked, because a
+        qualification is used with several methods.
 
     Raises
     ------
     InputError
-        The message names the key and the reason.
+        A key has no effect; the message names the key and the reason.
     """
     use = BenchUsage(
         method=chosen.name,
@@ -84,16 +86,16 @@ def require_used_keys(
 
 
 def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
-    """Compare a stated gravity with normal gravity at latitude and height, where both are stated.
+    """Compare the stated gravity with normal gravity at the stated latitude and height.
 
-    A note where gravity is computed without a height.
-    A warning where they differ by more than an anomaly of 100 mGal and three standard
-    uncertainties; without a height any height from 0 to 3000 m is possible.
+    Return a note if gravity is computed without a height. Return a warning if the difference
+    exceeds an anomaly of 100 mGal plus three standard uncertainties. If no height is stated, any
+    height from 0 to 3000 m is considered possible.
 
     Parameters
     ----------
     section : section of [bench]
-        Its values are known to be readable.
+        The section, whose values have already been checked.
     """
     if section.latitude is None:
         return ()
@@ -123,7 +125,7 @@ def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
 
 
 def _without_height(section: BenchSection) -> Finding:
-    """Return the note that gravity was computed for any height, with its uncertainty."""
+    """Return a note that gravity was computed without a height, with its uncertainty."""
     gravity = section_gravity(section)
     low, high = UNKNOWN_HEIGHT
     text = (
@@ -135,12 +137,12 @@ def _without_height(section: BenchSection) -> Finding:
 
 
 def sampling_rate(data: DataSection) -> float | None:
-    """Return the rate that [data] states, Hz, after its units of time and temperature are checked.
+    """Return the sampling rate stated in [data], Hz, and check its time and temperature units.
 
     Raises
     ------
     InputError
-        A unit of another quantity, or a rate that is not positive.
+        A unit belongs to another quantity, or the rate is not positive.
     """
     if data.time_unit != "sample":
         si_value(f"1 {data.time_unit}", "s", "[data] time_unit")
@@ -157,7 +159,7 @@ def sampling_rate(data: DataSection) -> float | None:
 
 
 def require_time_offset(section: MethodSection, chosen: Method[Any, Any], sensor: Sensor) -> None:
-    """Refuse [method] time_offset where the method estimates no delay of gyros."""
+    """Raise an error if time_offset is set but the method cannot estimate a gyro delay."""
     has_gyros = bool(sensor.select_axes("w").axes)
     estimates_delay = chosen.unknown_attitudes and not chosen.follows_rest and has_gyros
     if section.time_offset and not estimates_delay:
@@ -174,27 +176,27 @@ _KEY, _AGE = "[bench] check_standard", "[bench] check_standard_age"
 def stated_check_standard(
     section: BenchSection, job: JobSection | None, folder: Path
 ) -> tuple[str, tuple[Finding, ...]]:
-    """Return the state of the check standard in words, and warnings where the run is doubtful.
+    """Return the state of the check standard in words, and warnings if the run is doubtful.
 
     Parameters
     ----------
     section : section of [bench]
     job : JobSection or None
-        With the date of the run.
+        The job, which contains the date of the run.
     folder : Path
-        Of the run file.
+        Folder of the run file.
 
     Raises
     ------
     InputError
-        A file that `inercal control` did not write, an age that is not positive, or one without a
-        check standard or a date of the run.
+        The file was not written by `inercal control`, the age is not positive, or an age is stated
+        without a check standard or without a date of the run.
     """
     if section.check_standard is None:
         if section.check_standard_age is not None:
             raise key_error(_AGE, "needs check_standard; state the file that inercal control wrote")
         return "", ()
-    # Here, for few run files name one.
+    # Imported here because few run files name a check standard.
     from inercal.calibration.check_standard import CHECK_STANDARD, load_check_standard
 
     longest = None

@@ -1,4 +1,4 @@
-"""From the sections of a run file to objects in SI."""
+"""Builder for the sensor of a run file, in SI units."""
 
 from collections.abc import Callable
 
@@ -10,29 +10,30 @@ from inercal.runfile.schema import ReadoutSection, SensorSection
 
 READING_UNITS = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
-_COUNTS = ("LSB", "V")  # an output that is neither acceleration nor rate needs a scale
+_COUNTS = ("LSB", "V")  # an output that is neither an acceleration nor a rate needs a scale
 Output = tuple[Readout, Noise]
 Parts = Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor]
 
 
 def build_sensor(section: SensorSection, columns: tuple[str | int, ...], parts: Parts) -> Sensor:
-    """Return the sensor with readouts and noise; without coefficients.
+    """Return the sensor with its readouts and noise, but without coefficients.
 
     Parameters
     ----------
     section : SensorSection
     columns : tuple of str or int
-        [data] accelerometer.
+        Columns stated in [data] accelerometer.
     parts : callable
-        Builds the sensor on this kind of bench (`inercal.benches.kind_definition.Kind.sensor`).
+        Function that builds the sensor for this kind of bench
+        (`inercal.benches.kind_definition.Kind.sensor`).
 
     Raises
     ------
     InputError
-        An unknown unit, a scale that is not possible, or axes that this bench does not take.
+        A unit is unknown, a scale is not possible, or this bench does not support the axes.
     """
     _require_same_axes(section, columns)
-    accelerometer = (Readout(), Noise())  # of no axis
+    accelerometer = (Readout(), Noise())  # belongs to no axis
     if section.accelerometer is not None:
         accelerometer = build_readout("accelerometer", section.accelerometer)
     gyro = None if section.gyro is None else build_readout("gyro", section.gyro)
@@ -42,7 +43,7 @@ def build_sensor(section: SensorSection, columns: tuple[str | int, ...], parts: 
 
 
 def _require_same_axes(section: SensorSection, columns: tuple[str | int, ...]) -> None:
-    """Refuse accelerometers that [sensor] or [data] alone states."""
+    """Raise an error if only one of [sensor] and [data] states accelerometers."""
     key = "[sensor.accelerometer]"
     if columns and section.accelerometer is None:
         raise InputError(f"{key} is missing", key=key)
@@ -55,7 +56,7 @@ def _require_same_axes(section: SensorSection, columns: tuple[str | int, ...]) -
 
 
 def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
-    """Return the readout and the noise of the axes of one kind.
+    """Return the readout and the noise for one kind of axis.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
     Raises
     ------
     InputError
-        An unknown unit, a scale that is not possible, or a negative noise.
+        A unit is unknown, a scale is not possible, or a noise is negative.
     """
     quantity = READING_UNITS[kind]
     key = f"[sensor.{kind}]"
@@ -133,12 +134,12 @@ def _has_dimension(unit: str, like: str) -> bool:
 
 
 def coefficient_value(sensor: Sensor, name: str, text: str | float, key: str) -> Measured:
-    """Return a coefficient given as text in any unit of its dimension, SI.
+    """Convert a coefficient from text in any suitable unit to SI units.
 
     Raises
     ------
     InputError
-        An unknown coefficient or a wrong unit; the message names `key`.
+        The coefficient is unknown or its unit is wrong; the message names `key`.
     """
     if name not in sensor.coefficients:
         raise InputError(

@@ -1,4 +1,4 @@
-"""[specification] of a run file: limits as text, to limits of coefficients in SI."""
+"""Reader for [specification] in a run file, which converts limits from text to SI units."""
 
 import re
 from collections.abc import Mapping
@@ -27,31 +27,30 @@ _Limits = tuple[float, float]
 def stated_specification(
     section: SpecificationSection | None, sensor: Sensor, frame: str, folder: Path
 ) -> "Specification | None":
-    """Return the limits of coefficients that a run file states.
+    """Return the specification stated in a run file, or None without the section.
 
-    Of several keys that name a coefficient the most special counts: "ax.k0" before "ax.bias" before
-    "k0" before "bias". A group has limits where their unit fits: `bias = "± 20 mg"` are those of
-    accelerometers.
+    If several keys name a coefficient, the most specific one is used: "ax.k0" before "ax.bias"
+    before "k0" before "bias". Limits for a group apply to the coefficients with a suitable unit, so
+    `bias = "± 20 mg"` applies only to accelerometers.
 
     Parameters
     ----------
     section : SpecificationSection or None
     sensor : Sensor
-        With the coefficients that are estimated.
+        The sensor with the coefficients to estimate.
     frame : str
         Body frame of the result.
     folder : Path
-        Of the run file.
+        Folder of the run file.
 
     Raises
     ------
     InputError
-        A key that names no coefficient that is estimated, a limit that is none, or a rule that is
-        not possible.
+        A key names no estimated coefficient, a text is not a limit, or a rule is not possible.
     """
     if section is None:
         return None
-    # Here, for it loads SciPy, which a run file without limits does without.
+    # Imported here because it loads SciPy, which a run file without limits does not need.
     from inercal.calibration.specification import Specification
     from inercal.estimation.uncertainty.conformity import DecisionRule
 
@@ -71,7 +70,7 @@ def stated_specification(
 def _stated_next_use(
     section: SpecificationSection, terms: tuple[str, str], names: tuple[str, ...], folder: Path
 ) -> "NextUseScatter | None":
-    """Return the scatter between uses that the section names, if any."""
+    """Return the scatter between uses from the stated repeatability file, if there is one."""
     from inercal.calibration.next_use import load_next_use
 
     file, key = section.repeatability, "[specification] repeatability"
@@ -81,7 +80,7 @@ def _stated_next_use(
                                  "remove repeatability")  # fmt: skip
         return None
     if file is None:
-        raise key_error(key, "uncertainty 'next_use' needs the file that inercal repeat wrote")
+        raise key_error(key, "uncertainty 'next_use' needs a file written by inercal repeat")
     try:
         found = load_next_use(folder / file)
         if (found.frame, found.form) != terms:
@@ -98,7 +97,7 @@ def _stated_next_use(
 def _owners(
     stated: Mapping[str, str | tuple[str, str]], sensor: Sensor
 ) -> dict[str, tuple[str, _Limits]]:
-    """Return the key that limits each coefficient, and its limits."""
+    """Return the limits for each coefficient, and the key that states them."""
     owners: dict[str, tuple[str, _Limits]] = {}
     for word, text in stated.items():
         for name, limits in _limits_of_word(word, text, sensor).items():
@@ -127,7 +126,7 @@ def _rank(word: str, name: str) -> tuple[bool, bool]:
 
 
 def _limits_of_word(word: str, text: str | tuple[str, str], sensor: Sensor) -> dict[str, _Limits]:
-    """Return the limits of each coefficient that a key names and whose unit fits."""
+    """Return the limits for the coefficients that a key names and whose unit is suitable."""
     key = f"{_KEY} {word}"
     try:
         named = select_coefficients(sensor.axes, [word])
@@ -153,12 +152,12 @@ def _limits_of_word(word: str, text: str | tuple[str, str], sensor: Sensor) -> d
 
 
 def _parse_limits(text: str | tuple[str, str], unit: str) -> _Limits:
-    """Return lower and upper limit, SI, of "± 20 mg", "≤ 20 mg", "≥ 20 mg" or two quantities.
+    """Return the lower and the upper limit in SI units.
 
     Raises
     ------
     InputError
-        A wrong unit, a wrong notation, or a lower limit that is not below the upper one.
+        The unit or the notation is wrong, or the lower limit is not below the upper one.
     """
     if not isinstance(text, str):
         lower, upper = (_exact(one, unit) for one in text)

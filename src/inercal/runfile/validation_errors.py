@@ -1,6 +1,7 @@
-"""Errors of a schema of TOML, one line each: the key, its value and what is possible.
+"""One-line error messages for TOML files: the key, its value and the possible values.
 
-Names, types and choices are checked here; quantities are checked where they are converted to SI.
+Names, types and choices are checked here. Quantities are checked when they are converted to SI
+units.
 """
 
 import re
@@ -24,7 +25,7 @@ from inercal.recordings.io.readers import known_options
 _QUANTITY = re.compile(r"[-+]?[0-9.]+ \S.*")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML takes without quotes
 _LONGEST = 60  # characters of a value that are printed
-_MISSPELT = 0.85  # likeness, of `difflib`, to a possible key from which one is taken for it
+_MISSPELT = 0.85  # similarity, from `difflib`, above which a key counts as a misspelling
 _NO_SCALAR: Mapping[type, str] = {dict: "a section", list: "a list"}
 _SCALAR: Mapping[type, str] = {
     str: "text",
@@ -35,7 +36,7 @@ _SCALAR: Mapping[type, str] = {
 
 
 class _SchemaLocation(NamedTuple):
-    """The place of an error: names of sections and key, the type of the key and an example."""
+    """Location of an error: names of the sections and the key, its type and an example."""
 
     names: tuple[str, ...]
     annotation: Any
@@ -44,7 +45,7 @@ class _SchemaLocation(NamedTuple):
 
 
 def unknown_kind_error(kind: object) -> InputError:
-    """Return the error of a [bench] kind that does not exist."""
+    """Return the error for an unknown [bench] kind."""
     key = "[bench] kind"
     return InputError(f"{key}: {_not_possible(kind, KINDS)}", key=key)
 
@@ -52,18 +53,18 @@ def unknown_kind_error(kind: object) -> InputError:
 def schema_error(
     error: ValidationError, content: Mapping[str, Any], schema: type[BaseModel]
 ) -> InputError:
-    """Return the first error of a validation as one line, with a similar name that is misspelt.
+    """Return the first validation error as one line, and suggest a similar name if there is one.
 
     Parameters
     ----------
     error : ValidationError
-        Of `schema`.
+        Error from validating against `schema`.
     content : mapping
-        The file as it was written.
+        Contents of the file as written.
     schema : type
-        The schema of the validation, such as `RunSchema`.
+        Schema that was used for the validation, such as `RunSchema`.
     """
-    # A column that the kind of bench needs comes last: it may be there for another kind.
+    # A missing column that only this kind of bench needs comes last, because the kind may be wrong.
     first, *others = sorted(error.errors(include_url=False), key=_is_missing_column)
     kind, loc, value = first["type"], first["loc"], first["input"]
     if kind == "extra_forbidden":
@@ -81,7 +82,7 @@ def schema_error(
     if kind == "value_error":
         text = first["msg"].removeprefix("Value error, ")
         return InputError(f"[{_dotted_key(place.names)}]: {text}", key=key)
-    if isinstance(loc[-1], int) and kind == "missing":  # of a list of fixed length
+    if isinstance(loc[-1], int) and kind == "missing":  # a list of fixed length is too short
         place, kind = _locate(loc[:-1], schema), "too_short"
     if kind != "missing":
         text = _describe_wrong_value(kind, value, first.get("ctx", {}), place)
@@ -92,7 +93,7 @@ def schema_error(
         is_column = place.meaning.startswith("column ")
         action = f"name the {place.meaning}" if is_column else "state it"
         text += f": {action}{_example_clause(place)}"
-    for other in others:  # the key may be there, misspelt
+    for other in others:  # the key may be present but misspelt
         if other["type"] == "extra_forbidden" and other["loc"][:-1] == loc[:-1]:
             unknown = _unknown_key_error(other["loc"], other["input"], content, schema)
             return InputError(f"{text}; {unknown}", key=key)
@@ -114,7 +115,7 @@ def _unknown_key_error(
     possible = tuple(model.model_fields)
     if place.names == ("data",):
         possible += tuple(known_options())
-    # Other kinds of bench take 80 ms to load: a misspelt key is not searched in them.
+    # Loading the other kinds of bench takes 80 ms, so they are not searched for a misspelt key.
     is_misspelt = bool(get_close_matches(name, possible, n=1, cutoff=_MISSPELT))
     owners = [] if is_misspelt else _kinds_with_key(names)
     default = "; [bench] kind is missing, so kind is hand" * (
@@ -144,7 +145,7 @@ def _kinds_with_key(names: tuple[str, ...]) -> list[str]:
 
 
 def _is_missing_column(error: ErrorDetails) -> bool:
-    """Return whether an error is a missing column that only this kind of bench needs."""
+    """Return whether an error reports a missing column that only this kind of bench needs."""
     loc = error["loc"]
     needed = len(loc) == 2 and loc[0] == "data" and loc[1] not in DataSection.model_fields
     return error["type"] == "missing" and needed
@@ -153,7 +154,7 @@ def _is_missing_column(error: ErrorDetails) -> bool:
 def _describe_wrong_value(
     kind: str, value: Any, context: Mapping[str, Any], place: _SchemaLocation
 ) -> str:
-    """Return what is wrong with the value of a key."""
+    """Describe the error in the value of a key."""
     types = _annotation_types(place.annotation)
     if kind in ("too_short", "too_long"):
         return f"the list has {format_count(len(value), 'item')}; give {len(get_args(types[0]))}"
@@ -178,7 +179,7 @@ def _not_possible(value: object, options: Iterable[str]) -> str:
 
 
 def _describe_expected_type(types: tuple[Any, ...], place: _SchemaLocation) -> str:
-    """Return which value the key takes, where the value has another type."""
+    """Describe the type of value that a key expects."""
     if _is_section(types[0]):
         return f"a section, [{_dotted_key(place.names)}]"
     if int in types:
@@ -199,7 +200,7 @@ def _example_clause(place: _SchemaLocation, before: str = "") -> str:
 
 
 def _locate(loc: tuple[int | str, ...], schema: type[BaseModel]) -> _SchemaLocation:
-    """Return the place in the schema of the location that pydantic states."""
+    """Return the place in the schema for a location reported by pydantic."""
     names: list[str] = []
     annotation: Any = schema
     example: Any = None
@@ -217,7 +218,7 @@ def _locate(loc: tuple[int | str, ...], schema: type[BaseModel]) -> _SchemaLocat
             annotation = get_args(kind)[0]
             example = example[0] if example else None
             continue
-        else:  # the member of a union that pydantic tried
+        else:  # the union member that pydantic tried
             break
         names.append(str(part))
     return _SchemaLocation(tuple(names), annotation, example, meaning)
@@ -267,7 +268,7 @@ def _format_toml(value: Any) -> str:
 
 
 def _format_value(value: object) -> str:
-    """Return a value as written in the file; of a section or list its type."""
+    """Return a value as written in the file, or only its type for a section or list."""
     if isinstance(value, bool):
         return str(value).lower()
     if not isinstance(value, str | int | float):
@@ -277,7 +278,7 @@ def _format_value(value: object) -> str:
 
 
 def _describe_type(value: object) -> str:
-    """Return a value with its type."""
+    """Return a description of a value with its type."""
     if type(value) in _NO_SCALAR:
         return f"the value is {_format_value(value)}"
     sort = _SCALAR.get(type(value), "a date or time")

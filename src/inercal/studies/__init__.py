@@ -1,7 +1,7 @@
-"""Source papers, recomputed: their tables, figures and claims, each judged from the numbers.
+"""Studies that recompute source papers: tables, figures and claims, judged by the numbers.
 
-A study is a module with `run(trials, seed, say, executor)`; adding one is adding its line to
-`STUDIES`.
+A study is a module with a function `run(trials, seed, say, executor)`. To add a study, add a line
+to `STUDIES`.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,7 +23,7 @@ STUDIES: Mapping[str, str] = {
     "ship-model": "inercal.studies.ship_model",
     "turntable": "inercal.studies.turntable",
 }
-"""The studies by name, and the modules that run them."""
+"""Names of the studies, and the modules that run them."""
 TRIALS = 4000
 _MIN_TRIALS = 20
 
@@ -39,46 +39,47 @@ def reproduce(
     say: MessageCallback = _discard_message,
     executor: Executor | None = None,
 ) -> Study:
-    """Return a source paper recomputed.
+    """Recompute a source paper, and return the study.
 
     Parameters
     ----------
     name : str
-        Of `STUDIES`.
+        Name of a study, a key of `STUDIES`.
     trials : int
-        Of the Monte Carlo runs; slower estimators run a part of them.
+        Number of Monte Carlo trials; slower estimators use fewer.
     seed : int
     say : callable
-        Receives progress messages.
+        Function that receives progress messages.
     executor : Executor, optional
-        Where the study is computed; by default in this process. The study is the same.
+        Executor for the computation; by default it runs in this process. The result does not depend
+        on it.
 
     Raises
     ------
     InputError
-        No study has this name, or fewer than 20 trials.
+        No study has this name, or there are fewer than 20 trials.
     """
     name = name.replace("_", "-")
     if name not in STUDIES:
         raise InputError(
-            f"no study {name!r}; there are {', '.join(STUDIES)}", key="name", names=(name,)
+            f"no study {name!r}; the studies are {', '.join(STUDIES)}", key="name", names=(name,)
         )
     if trials < _MIN_TRIALS:
         raise InputError(
-            f"{trials} trials are too few for a verdict; take {_MIN_TRIALS} or more",
+            f"{trials} trials are too few for a verdict; give {_MIN_TRIALS} or more",
             key="--trials",
         )
     if seed < 0:
-        raise InputError(f"seed is {seed}; give a whole number, 0 or larger", key="--seed")
+        raise InputError(f"seed is {seed}; give a whole number, 0 or more", key="--seed")
     run: Callable[..., Study] = import_module(STUDIES[name]).run
     return run(trials, seed, say, executor or SerialExecutor())
 
 
 def results_as_list(study: Study) -> list[dict[str, Any]]:
-    """Return the findings as `inercal reproduce --json` prints them; null if not finite.
+    """Return the findings as `inercal reproduce --json` prints them, with null if not finite.
 
-    "printed" is also null where the source prints no number; "expected" is then the number that its
-    words or a printed formula imply.
+    "printed" is also null if the source prints no number; "expected" is then the number implied by
+    its words or by a printed formula.
     """
     return [
         {
@@ -94,7 +95,9 @@ def results_as_list(study: Study) -> list[dict[str, Any]]:
 
 
 def write_study(study: Study, folder: str | Path) -> Path:
-    """Write the study as one HTML page, NAME.study.html, atomically; return its path.
+    """Write the study as one HTML page, NAME.study.html, and return its path.
+
+    The file is written completely or not at all.
 
     Raises
     ------

@@ -1,13 +1,13 @@
 """Claims of a source, and the verdicts on them from the numbers.
 
-A claim is data: its statement, where it is, and the number that it requires: a printed number, a
-number that the source's words imply, or the result of a printed formula or figure. A finding adds
-the computed number and its uncertainty. The verdict follows from
+A claim consists of its statement, its place in the source and the number that it requires. This is
+a printed number, a number implied by the source's words, or the result of a printed formula or
+figure. A finding adds the computed number and its uncertainty. The verdict follows from
 
-    z = |expected − computed| / u,    one-sided where the claim is a bound
+    z = |expected − computed| / u,    one-sided if the claim is a bound
 
-u the standard uncertainty of the comparison: rounding of the printed digits, Monte Carlo error, the
-noise of the experiment, or the remaining error of the corrected formula.
+where u is the standard uncertainty of the comparison: rounding of the printed digits, Monte Carlo
+error, the noise of the experiment, or the remaining error of the corrected formula.
 """
 
 from collections.abc import Iterable
@@ -25,14 +25,14 @@ Verdict = Literal["reproduced", "not reproducible", "false"]
 _BASIS_PHRASES = {
     "number": "In print",
     "words": "Its words mean",
-    "derived": "What is printed gives",
+    "derived": "The printed formula gives",
 }
-LIMIT = 2.0  # standard uncertainties, about 95 %, as of every expanded uncertainty here
+LIMIT = 2.0  # standard uncertainties, about 95 %, as for all expanded uncertainties here
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim of a source.
+    """One claim from a source.
 
     Parameters
     ----------
@@ -44,14 +44,14 @@ class Claim:
         The number that the claim requires.
     unit : str
     relation : "=", "≤" or "≥"
-        Of the quantity to that number.
+        Relation of the quantity to the expected number.
     kind : "result" or "statement"
-        The outcome of one run, which may not be reproducible; or a statement, which is false where
+        A result is the outcome of one run, which may not be reproducible. A statement is false if
         the numbers contradict it.
     last_digit : float
-        Value of one unit in the last printed place; 0 is exact.
+        Value of one unit in the last printed digit; 0 for an exact number.
     basis : "number", "words" or "derived"
-        Whether the source prints the number, implies it by its words, or prints its formula.
+        Whether the source prints the number, implies it in words, or prints a formula for it.
     """
 
     name: str
@@ -65,24 +65,24 @@ class Claim:
 
     @property
     def printed(self) -> float | None:
-        """The number in print; None if the source prints none."""
+        """Return the printed number, or None if the source prints none."""
         return self.expected if self.basis == "number" else None
 
     @property
     def title(self) -> str:
-        """Place and statement: "Table 2: S_ax"."""
+        """Return the place and the statement, such as "Table 2: S_ax"."""
         return f"{self.where}: {self.name}"
 
     @property
     def digits(self) -> int:
-        """Significant digits in print; four if no number is printed."""
+        """Return the number of significant digits in print, or four if no number is printed."""
         if not (self.last_digit and self.expected):
             return 4
         return floor(log10(abs(self.expected) / self.last_digit) + 1 + 1e-9)
 
     @property
     def rounding(self) -> float:
-        """Standard uncertainty by the rounding of the printed digits: half a unit over √3."""
+        """Return the standard uncertainty from rounding in print: half a unit over √3."""
         return self.last_digit / 2 / sqrt(3)
 
 
@@ -94,11 +94,11 @@ class ClaimResult:
     ----------
     claim : Claim
     computed : float
-        In the claim's unit; not finite where there is no result.
+        Computed number in the claim's unit; not finite if there is no result.
     uncertainty : float
-        Standard uncertainty of the comparison, rounding included.
+        Standard uncertainty of the comparison, including rounding.
     reason : str
-        The reason in words, with its figures.
+        Reason for the result, with numbers.
     """
 
     claim: Claim
@@ -108,25 +108,25 @@ class ClaimResult:
 
     @property
     def deviation(self) -> float:
-        """Deviation from the claim in standard uncertainties; 0 within a bound."""
+        """Return the deviation from the claim in standard uncertainties; 0 within a bound."""
         return normalized_deviation(
             self.claim.expected, self.computed, self.uncertainty, self.claim.relation
         )
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict by the numbers."""
+        """Return the verdict that follows from the numbers."""
         if self.deviation <= LIMIT:
             return "reproduced"
         return "not reproducible" if self.claim.kind == "result" else "false"
 
     @property
     def explanation(self) -> str:
-        """The verdict's sentence, with the computed figures."""
+        """Return a sentence that explains the verdict, with the computed numbers."""
         unit = f" {self.claim.unit}" if self.claim.unit else ""
         claimed = f"{_BASIS_PHRASES[self.claim.basis]} {self.expected_text}{unit}"
         if not isfinite(self.computed):
-            return f"{claimed}; nothing comes out: {self.reason}."
+            return f"{claimed}; there is no result: {self.reason}."
         text = f"{claimed}, computed {self.computed_text}{unit}"
         if self.deviation == 0 and self.claim.relation != "=":
             text += ", as claimed"
@@ -143,18 +143,18 @@ class ClaimResult:
 
     @property
     def printed_text(self) -> str:
-        """The printed number as text, with its relation; a dash if the source prints none."""
+        """Return the printed number as text, with its relation, or a dash if there is none."""
         return "—" if self.claim.printed is None else self.expected_text
 
     @property
     def expected_text(self) -> str:
-        """The number that the claim requires as text, with its relation."""
+        """Return the number that the claim requires, as text with its relation."""
         relation = "" if self.claim.relation == "=" else f"{self.claim.relation} "
         return relation + format_significant(self.claim.expected, self.claim.digits)
 
     @property
     def computed_text(self) -> str:
-        """The computed number as text: to its uncertainty, and no further than seven digits."""
+        """Return the computed number as text, rounded to its uncertainty or to seven digits."""
         digits = 4
         if isfinite(self.computed) and self.computed and 0 < self.uncertainty < inf:
             digits = 2 + max(ceil(log10(abs(self.computed) / self.uncertainty)), 0)
@@ -164,7 +164,7 @@ class ClaimResult:
 def normalized_deviation(
     expected: float, computed: float, uncertainty: float, relation: Relation
 ) -> float:
-    """Return |expected − computed| in uncertainties, counted only against the relation.
+    """Return |expected − computed| / u, or 0 if the relation is satisfied.
 
     Examples
     --------
@@ -184,16 +184,20 @@ def normalized_deviation(
 
 
 def judge_claim(claim: Claim, computed: float, uncertainty: float, reason: str) -> ClaimResult:
-    """Return the finding, the rounding of the printed digits added to the uncertainty."""
+    """Return the finding, after adding the rounding of the printed digits to the uncertainty."""
     return ClaimResult(claim, float(computed), hypot(uncertainty, claim.rounding), reason)
 
 
-_PLAIN_MIN, _PLAIN_MAX, _PLAIN_DIGITS = 1e-2, 1e4, 9  # between, without a power of ten
+_PLAIN_MIN, _PLAIN_MAX, _PLAIN_DIGITS = (
+    1e-2,
+    1e4,
+    9,
+)  # numbers in this range are written without a power of ten
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def format_significant(x: float, digits: int = 2) -> str:
-    """Return a number as text with that many significant digits.
+    """Format a number with a given number of significant digits.
 
     Examples
     --------
@@ -216,19 +220,19 @@ def format_significant(x: float, digits: int = 2) -> str:
 
 
 class Rms(NamedTuple):
-    """A root of a mean square, or a mean, and its Monte Carlo error."""
+    """A root mean square, or a mean, with its Monte Carlo error."""
 
     value: float
     u: float
 
 
 def format_all(values: Iterable[float | Rms], digits: int = 2) -> list[str]:
-    """Return numbers as `format_significant` does; of a mean without its error."""
+    """Format numbers with `format_significant`; means are given without their errors."""
     return [format_significant(x.value if isinstance(x, Rms) else x, digits) for x in values]
 
 
 def rms(errors: Array, ddof: int = 0) -> Rms:
-    """Return the RMS of errors, (trials, ...), of which those of one trial may be correlated."""
+    """Return the RMS of errors, (trials, ...), which may be correlated within a trial."""
     square = np.mean(errors.reshape(len(errors), -1) ** 2, axis=1)
     value = float(np.sqrt(square.mean()))
     spread = square.std(ddof=ddof) / np.sqrt(len(square))

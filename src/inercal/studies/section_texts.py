@@ -1,6 +1,6 @@
-"""The text of a study, from TOML files beside the modules that compute its figures.
+"""Texts of a study, read from TOML files beside the modules that compute its numbers.
 
-A file named as a section holds its title and text, and the claims of the source that it judges::
+The file with the name of a section contains its title, its text and the claims that it judges::
 
     title = "Planar: a calibration that validates itself"
     text = ["A paragraph; a figure stands in braces: {across} mg."]
@@ -8,7 +8,7 @@ A file named as a section holds its title and text, and the claims of the source
     [claims.itself]
     name = "the statement, and the other fields of `Claim`"
 
-study.toml holds the text of the page above all sections.
+study.toml contains the text of the page above all sections.
 """
 
 import tomllib
@@ -23,13 +23,13 @@ from inercal.studies.study import Chart, Study, StudySection, StudyTable
 
 @dataclass(frozen=True)
 class SectionText:
-    """The text of a section and its claims.
+    """Text and claims of a section.
 
     Parameters
     ----------
     name, title : str
     text : sequence of str
-        Paragraphs, with the names of figures in braces.
+        Paragraphs, with the names of numbers in braces.
     claims : mapping of str to Claim
     """
 
@@ -39,7 +39,7 @@ class SectionText:
     claims: Mapping[str, Claim]
 
     def judge(self, claim: str, computed: float, uncertainty: float, reason: str) -> ClaimResult:
-        """Return the finding on a claim by its key; see `inercal.studies.claim.judge_claim`."""
+        """Judge the claim with this key; see `inercal.studies.claim.judge_claim`."""
         return judge_claim(self.claims[claim], computed, uncertainty, reason)
 
     def section(
@@ -49,13 +49,13 @@ class SectionText:
         charts: Sequence[Chart] = (),
         **figures: object,
     ) -> StudySection:
-        """Return the section, with the figures instead of their names in the text."""
+        """Return the section, with numbers in place of their names in the text."""
         text = [paragraph.format(**figures) for paragraph in self.text]
         return StudySection(self.name, self.title, text, findings, tables, charts)
 
 
 def read_section_text(package: str, name: str) -> SectionText:
-    """Return the text of a section by the package of its study and its name."""
+    """Read the text of a section, given the package of its study and its name."""
     content = _read_toml(package, name)
     claims = {
         key: Claim(**fields | {"name": _one_line(fields["name"])})
@@ -67,7 +67,7 @@ def read_section_text(package: str, name: str) -> SectionText:
 
 
 def build_study(package: str, sections: Sequence[StudySection], **figures: object) -> Study:
-    """Return the study of a package, with the figures instead of their names in the facts."""
+    """Return the study of a package, with numbers in place of their names in the facts."""
     content = _read_toml(package, "study")
     return Study(
         content["name"],

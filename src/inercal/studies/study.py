@@ -1,4 +1,4 @@
-"""What a study consists of, as data, and the stages in which its figures are computed."""
+"""Data classes for a study, and the stages in which its numbers are computed."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ MessageCallback = Callable[[str], object]
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One curve of a panel: its name, x and y, (n,) each; NaN is not plotted."""
+    """One curve in a panel: its name and x and y, (n,) each; NaN is not plotted."""
 
     name: str
     x: Array
@@ -24,7 +24,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class StudyPanel:
-    """One pair of axes; `names` label the whole numbers of x instead of a scale."""
+    """One pair of axes; `names`, if given, label the whole numbers on the x axis."""
 
     title: str
     x: str
@@ -36,7 +36,7 @@ class StudyPanel:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Panels side by side, with a caption that states what to look for."""
+    """Panels side by side, with a caption that tells the reader what to look for."""
 
     name: str
     caption: str
@@ -51,8 +51,8 @@ class StudyTable:
     row_heading: str
     columns: Sequence[str]
     rows: Sequence[tuple[str, Sequence[str]]]
-    highlighted: frozenset[tuple[int, int]] = frozenset()  # of rows and columns
-    collapsed: bool = False  # a long table, which the reader opens
+    highlighted: frozenset[tuple[int, int]] = frozenset()  # rows and columns of highlighted cells
+    collapsed: bool = False  # for a long table, which the reader can open
 
 
 @dataclass(frozen=True)
@@ -69,18 +69,18 @@ class StudySection:
 
 @dataclass(frozen=True)
 class Study:
-    """A source, recomputed.
+    """A recomputed source.
 
     Parameters
     ----------
     name : str
-        As `inercal reproduce` takes it.
+        Name for `inercal reproduce`.
     title, source : str
-        Of the page; the source with its DOI.
+        Title of the page, and the source with its DOI.
     summary : str
-        One paragraph above all.
+        One paragraph at the top of the page.
     facts : sequence of (str, str)
-        Conditions, name and text.
+        Conditions, each with a name and a text.
     sections : sequence of StudySection
     """
 
@@ -93,7 +93,7 @@ class Study:
 
     @property
     def findings(self) -> list[ClaimResult]:
-        """All findings, in order."""
+        """Return all findings in order."""
         return [finding for section in self.sections for finding in section.findings]
 
 
@@ -105,12 +105,12 @@ def compute_stages(
 ) -> list[list[Any]]:
     """Return the results of the calls of each stage, in order.
 
-    All are submitted at once, so that no worker waits for the end of a stage.
+    All calls are submitted at once, so that no worker waits for the end of a stage.
 
     Parameters
     ----------
     stages : mapping of str to sequence of callable
-        By what is said when the stage begins.
+        Calls of each stage, by the message that is shown when the stage begins.
     say : callable
     executor : Executor
     """

@@ -1,4 +1,4 @@
-"""The page of a study: one self-contained HTML file in the look of the report, with SVG charts."""
+"""HTML page for a study, self-contained and in the style of the report, with SVG charts."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -17,12 +17,12 @@ from inercal.studies.study import Chart, Study, StudyPanel
 TONES = {"reproduced": "good", "not reproducible": "care", "false": "bad"}
 _COLOURS = (X, Y, Z, INK, WARN)
 _MARKERS = (*SHAPES, "D", "v")
-_MAX_MARKED_POINTS = 20  # of a curve with a marker at each point
+_MAX_MARKED_POINTS = 20  # largest number of points in a curve with markers
 _HEIGHT = 2.4  # inches
 
 
 def render_study(study: Study) -> str:
-    """Return the page as HTML."""
+    """Return the page of a study as HTML."""
     counted = Counter(finding.verdict for finding in study.findings)
     return render(
         "study.html",
@@ -37,12 +37,12 @@ def render_study(study: Study) -> str:
 
 @drawing.style
 def draw_chart(chart: Chart) -> Markup:
-    """Return the chart as an SVG element."""
+    """Return a chart as an SVG element."""
     height = max(drawing.label_room(panel.names) if panel.names else 0.42 for panel in chart.panels)
     figure, (row,) = drawing.panels(_HEIGHT, [height], len(chart.panels))
     for axes, panel in zip(row, chart.panels, strict=True):
         _plot_panel(axes, panel)
-    # Panels that are too narrow for a legend each have curves of the same names.
+    # Panels that are too narrow for a legend have the same curve names, so one legend is enough.
     same = len({tuple(line.name for line in panel.lines) for panel in chart.panels}) == 1
     for axes in row[-1:] if same else row:
         drawing.add_legend(axes)

@@ -41,7 +41,7 @@ def test_a_body_of_100_megabytes_is_refused_before_it_is_read(served: Served, wa
                 answer = connection.recv(4096)
         assert sent < HUGE / 5
         assert not answer or b" 413 " in answer
-    served.wait(lambda: sum("a body of more than" in line for line in served.refused) == 2)
+    served.wait(lambda: sum("the body is longer than" in line for line in served.refused) == 2)
 
 
 def test_a_body_that_does_not_come_is_not_waited_for(
@@ -50,7 +50,7 @@ def test_a_body_that_does_not_come_is_not_waited_for(
     monkeypatch.setattr("inercal.host.web.access._TIMEOUT", 0.1)
     own = {"Host": served.host, "Origin": f"http://{served.host}", "Content-Length": "10"}
     assert served.ask("/api/probe", "POST", None, own).status == 408
-    served.was_refused("does not come within")
+    served.was_refused("did not arrive within")
 
 
 @pytest.mark.slow
@@ -141,7 +141,7 @@ def test_messages_that_are_bytes_or_too_long_or_too_many_end_the_connection(
             for _ in range(60):
                 page.connection.send('{"do": "leave"}')
         assert page.closed() == 1008
-    served.was_refused("more than 20 messages a second")
+    served.was_refused("more than 20 messages per second")
 
 
 def test_frames_that_are_none_end_the_connection(served: Served, watched: Page):
@@ -183,7 +183,7 @@ def test_histories_that_hang_keep_nobody_else_waiting_and_few_of_them_wait(
         try:
             asked = [pool.submit(served.ask, "/history/1") for _ in range(9)]
             assert drawn.wait(PATIENCE)
-            served.was_refused("history: 4 wait to be drawn")
+            served.was_refused("history: 4 already wait")
             assert served.ask("/api/setup").status == 200
             served.wait(lambda: sum(one.done() for one in asked) == 4)
         finally:

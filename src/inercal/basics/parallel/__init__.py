@@ -1,10 +1,11 @@
-"""Tasks that do not depend on one another, in this process or in several, with equal results.
+"""Independent tasks, run in one process or several with the same results.
 
-A task is a call of a function with its arguments. An executor decides where and when a task runs,
-never what it computes: the random stream of a task comes from its arguments, and tasks are cut in
-the same way for any number of workers. So results do not depend on that number.
+A task is a function call with its arguments. An executor decides only where and when a task runs.
+The random stream of a task comes from its arguments, and the work is divided in the same way for
+any number of workers, so results do not depend on that number.
 
-Functions and arguments that can be pickled may run in another process; others run in this one.
+Tasks whose function and arguments can be pickled may run in another process; others run in this
+one.
 """
 
 import os
@@ -23,12 +24,12 @@ from inercal.basics.parallel.executor import (
 )
 
 LOCAL = "local"
-"""Instead of the address of a scheduler: this machine."""
-_MOST = {"win32": 61}  # processes that Windows can wait for at once
+"""The word that selects this machine instead of a scheduler's address."""
+_MOST = {"win32": 61}  # number of processes that Windows can wait for at once
 
 
 def available_cores() -> int:
-    """Return the number of cores that this process may use."""
+    """Return the number of CPU cores that this process may use."""
     if sys.version_info >= (3, 13):
         return os.process_cpu_count() or 1
     if sys.platform == "linux":
@@ -37,20 +38,22 @@ def available_cores() -> int:
 
 
 def open_executor(workers: int | None = None, scheduler: str | None = None) -> Executor:
-    """Return an executor of so many workers, this process among them, or one on a Dask cluster.
+    """Return an executor with local workers, including this process, or on a Dask cluster.
 
     Parameters
     ----------
     workers : int, optional
-        By default one for each core that this process may use, if the work is long enough.
+        Number of workers; by default one for each core that this process may use, if the work is
+        long enough.
     scheduler : str, optional
-        Address of a Dask scheduler, "tcp://host:8786" or "tls://host:8786"; "local" is this
-        machine: as many processes as without it, which open no port.
+        Address of a Dask scheduler, "tcp://host:8786" or "tls://host:8786". "local" means this
+        machine, with as many processes as without this argument, and opens no port.
 
     Raises
     ------
     InputError
-        No worker, workers of a scheduler that has its own, or no scheduler at the address.
+        The number of workers is below 1, it is given for a scheduler that has its own workers, or
+        there is no scheduler at the address.
     MissingExtra
         Dask is not installed.
     """
@@ -67,17 +70,17 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> E
 def open_tolerant_executor(
     workers: int | None = None, scheduler: str | None = None
 ) -> TolerantExecutor:
-    """Return an executor whose tasks run in other processes, so that it survives their loss.
+    """Return an executor that runs tasks in other processes, so that it survives their loss.
 
     Parameters
     ----------
     workers, scheduler
-        As of `open_executor`.
+        See `open_executor`.
 
     Raises
     ------
     InputError, MissingExtra
-        As of `open_executor`.
+        See `open_executor`.
     """
     _require_worker(workers)
     if scheduler is not None and scheduler != LOCAL:

@@ -1,4 +1,4 @@
-"""Tasks on a Dask cluster, by the address of its scheduler."""
+"""An executor for tasks on a Dask cluster, given the address of its scheduler."""
 
 import logging
 import re
@@ -23,34 +23,34 @@ from inercal.basics.parallel.steps import LOOK, AwakeClock, reported_steps
 
 _LOGGERS = ("distributed", "distributed.client", "distributed.utils", "distributed.core")
 _ADDRESS = re.compile(r"(tcp|tls)://([^\s/:@\[\]]+|\[[0-9a-fA-F:.%]+\]):(?P<port>\d{1,5})")
-_TIMEOUT = 10.0  # s, for the answer of a scheduler
+_TIMEOUT = 10.0  # s, for a scheduler to answer
 _RESTART = 60.0  # s, of a worker
 _SETTINGS = {
-    # A task whose worker died is not tried again: who submitted it decides.
+    # A task whose worker died is not retried, because the submitter decides this.
     "distributed.scheduler.allowed-failures": 0,
-    # A worker holds one task more than it computes: few are lost with it.
+    # A worker holds only one more task than it computes, so few tasks are lost with it.
     "distributed.scheduler.worker-saturation": 1.0,
     "distributed.worker.profile.enabled": False,
 }
 
 
 def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
-    """Return an executor on the cluster at an address.
+    """Return an executor for the cluster at an address.
 
     Parameters
     ----------
     address : str
-        "tcp://host:8786" or "tls://host:8786".
+        Address, "tcp://host:8786" or "tls://host:8786".
     workers : int, optional
-        Refused, as the cluster has its own.
+        Rejected, because the cluster has its own workers.
 
     Raises
     ------
     InputError
-        No scheduler at the address, no certificates for "tls://", no worker or workers of another
-        version of inercal, or a number of workers.
+        There is no scheduler at the address, certificates for "tls://" are missing, the cluster has
+        no worker or workers with a different version of inercal, or a number of workers was given.
     SchedulerLost
-        The scheduler has ended meanwhile.
+        The scheduler has stopped in the meantime.
     MissingExtra
         Dask is not installed.
     """
@@ -72,7 +72,7 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise InputError(f"Dask's settings cannot be read: {reason}", key="--scheduler") from None
-    for name in _LOGGERS:  # who submitted a task reports its loss, once
+    for name in _LOGGERS:  # the submitter of a task reports its loss, once
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.set(_SETTINGS):
         client = _connected_client(distributed, address)
@@ -90,28 +90,29 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
 
 
 def _connected_client(distributed: Any, address: str) -> Any:
-    """Return a client of a scheduler.
+    """Return a client that is connected to a scheduler.
 
     Raises
     ------
     InputError
-        None answers, or the certificates for it are missing or wrong.
+        No scheduler answers, or its certificates are missing or wrong.
     """
-    security = distributed.Security()  # by the settings of Dask
+    security = distributed.Security()  # certificates from Dask's settings
     if address.startswith("tls://"):
         _require_certificates(security, address)
     found: SimpleQueue[Any] = SimpleQueue()
-    # One that could not connect would wait for its own end when it is deleted, and complain.
+    # A client that could not connect would wait for its own end on deletion and log an error.
     kind: Any = type("Client", (distributed.Client,), {"__del__": lambda _self: None})  # pyright: ignore[reportUnknownLambdaType]
 
     def connect() -> None:
         try:
             options = {"timeout": _TIMEOUT, "set_as_default": False, "security": security}
             found.put(kind(address, **options))
-        except Exception as error:  # of a wrong certificate, too: of more than one type
+        except Exception as error:  # wrong certificates raise several types
             found.put(error)
 
-    # In a thread: Dask waits without end for a scheduler that accepts a connection and is silent.
+    # In a thread, because Dask waits forever for a scheduler that accepts a connection but is
+    # silent.
     Thread(target=connect, daemon=True).start()
     try:
         client = found.get(timeout=2 * _TIMEOUT)
@@ -139,12 +140,12 @@ def _require_certificates(security: Any, address: str) -> None:
 
 
 class SchedulerLost(InercalError):
-    """The scheduler of a cluster has ended."""
+    """The scheduler of a cluster has stopped."""
 
 
 @dataclass(frozen=True)
 class _Step:
-    """A step that has begun, and the worker that computes it."""
+    """A step that has started, and the worker that computes it."""
 
     task: int
     number: int
@@ -152,7 +153,7 @@ class _Step:
 
 
 class DaskExecutor(TolerantExecutor):
-    """Runs tasks on the workers of a Dask cluster.
+    """Executor that runs tasks on the workers of a Dask cluster.
 
     Parameters
     ----------
@@ -164,10 +165,10 @@ class DaskExecutor(TolerantExecutor):
         self._client = client
         self._address = client.scheduler.address
         self._topic = f"inercal-{client.id}"
-        self._news: SimpleQueue[Any] = SimpleQueue()  # futures that have ended, steps that begin
+        self._news: SimpleQueue[Any] = SimpleQueue()  # finished futures and starting steps
         self._open: dict[int, Any] = {}
-        self._tasks: dict[int, Task] = {}  # those that are open
-        self._indices: dict[str, int] = {}  # by key of the future
+        self._tasks: dict[int, Task] = {}  # open futures
+        self._indices: dict[str, int] = {}  # keyed by future
         self._steps: dict[int, tuple[_Step, float]] = {}
         self._stopped_workers: set[str] = set()
         self._clock = AwakeClock()
@@ -177,7 +178,7 @@ class DaskExecutor(TolerantExecutor):
 
     @property
     def workers(self) -> int:
-        """Workers that the cluster has now, at least one."""
+        """Number of workers that the cluster has now, at least one."""
         with self._lost_scheduler_named():
             known: dict[str, Any] | None = self._client.scheduler_info().get("workers")
         if known is None:
@@ -185,31 +186,31 @@ class DaskExecutor(TolerantExecutor):
         return max(len(known), 1)
 
     def _dashboard_link(self) -> str:
-        """Return the address of the cluster's page; empty where Dask's settings make none."""
+        """Return the address of the cluster's dashboard, or "" if Dask's settings give none."""
         try:
             return str(self._client.dashboard_link)
-        except (KeyError, ValueError):  # of a template with names that do not exist
+        except (KeyError, ValueError):  # for a template that contains unknown names
             return ""
 
     @contextmanager
     def _lost_scheduler_named(self) -> Generator[None]:
-        """Raise `SchedulerLost` for what a client raises whose scheduler has ended meanwhile."""
+        """Convert the errors of a client whose scheduler has stopped to `SchedulerLost`."""
         try:
             yield
-        except Exception as error:  # of more than one type
+        except Exception as error:  # several types of errors
             if self._client.status == "running" and not isinstance(error, OSError):
                 raise
             raise self._scheduler_lost() from error
 
     def require_same_version(self) -> None:
-        """Refuse workers of another version of inercal, and a cluster without workers.
+        """Raise an error if the cluster has no workers or workers with a different version.
 
         Raises
         ------
         InputError
-            With the versions.
+            The message states the versions.
         SchedulerLost
-            The scheduler has ended meanwhile.
+            The scheduler has stopped in the meantime.
         """
         own, address = version("inercal"), self._address
         with self._lost_scheduler_named():
@@ -220,22 +221,22 @@ class DaskExecutor(TolerantExecutor):
                 f"{address}`",
                 key="--scheduler",
             )
-        # One that ends just now is as lost as one that ends later.
+        # A worker that ends right now is treated like one that ends later.
         answers = [one for one in found.values() if not isinstance(one, OSError)]
         texts = {one if isinstance(one, str) else "none" for one in answers}
         if other := sorted(texts - {own}):
             raise InputError(
-                f"--scheduler {address}: its workers have inercal {', '.join(other)}, this is "
-                f"{own}; install the same version on all",
+                f"--scheduler {address}: its workers run inercal {', '.join(other)}, but this "
+                f"program is version {own}; install the same version on all",
                 key="--scheduler",
             )
 
     def _note_step(self, event: tuple[Any, tuple[int, int, str]]) -> None:
-        """Note a step of a task; the client calls it in a thread of its own."""
+        """Record a step of a task; the client calls this in its own thread."""
         self._news.put(_Step(*event[1]))
 
     def _send(self) -> None:
-        """Send the tasks that were accepted since, all in one message."""
+        """Send all newly accepted tasks in one message."""
         tasks = list(self._waiting)
         self._waiting.clear()
         if not tasks:
@@ -244,7 +245,7 @@ class DaskExecutor(TolerantExecutor):
             futures = self._client.map(
                 _run_reporting, tasks, topic=self._topic, key="task", pure=False
             )
-        except Exception as error:  # of a client that is closed, of more than one type
+        except Exception as error:  # a closed client raises several types of errors
             if self._client.status == "running":
                 raise
             raise self._scheduler_lost() from error
@@ -254,7 +255,7 @@ class DaskExecutor(TolerantExecutor):
             future.add_done_callback(self._news.put)
 
     def forget_after(self, index: int) -> None:
-        """Drop the tasks of larger index."""
+        """Drop the tasks with a larger index."""
         super().forget_after(index)
         for other in [k for k in self._open if k > index]:
             self._forget(other).cancel()
@@ -263,8 +264,7 @@ class DaskExecutor(TolerantExecutor):
         """Yield each task as it ends."""
         self._send()
         while self._open:
-            # Those that have ended meanwhile are fetched at once: short tasks cost less than a
-            # request.
+            # Finished tasks are fetched together: short tasks cost less than a request.
             ended = self._ended_futures()
             results = self._fetch([one for one in ended if one.status == "finished"])
             for future in ended:
@@ -275,7 +275,7 @@ class DaskExecutor(TolerantExecutor):
             self._send()
 
     def _ended_futures(self) -> list[Any]:
-        """Return the futures that have ended, after a while at most; note the steps that begin."""
+        """Return finished futures, after a limited wait, and record the steps that begin."""
         ended: list[Any] = []
         wait = LOOK
         while True:
@@ -292,7 +292,7 @@ class DaskExecutor(TolerantExecutor):
         return [one for one in ended if self._indices.get(one.key) in self._open]
 
     def _settle(self, future: Any, results: dict[str, Any]) -> Settled | None:
-        """Return the outcome of a future that has ended; None for a task that is sent again."""
+        """Return the outcome of a finished future, or None for a task that is sent again."""
         index = self._indices[future.key]
         if index not in self._open:
             return None  # forgotten since
@@ -300,7 +300,7 @@ class DaskExecutor(TolerantExecutor):
             raise self._scheduler_lost()
         error = None if future.key in results else self._error_of(future)
         task = self._tasks[index]
-        # A future that is held is computed again when its worker dies.
+        # A future that is kept is computed again when its worker dies.
         self._forget(index).release()
         if error is _NOT_ITS_FAULT:
             self._waiting.append(task)
@@ -308,7 +308,7 @@ class DaskExecutor(TolerantExecutor):
         return Settled(index, results.pop(future.key, None), error)
 
     def _forget(self, index: int) -> Any:
-        """Forget a task; return its future."""
+        """Drop a task and return its future."""
         future = self._open.pop(index)
         self._indices.pop(future.key)
         self._steps.pop(index, None)
@@ -316,7 +316,7 @@ class DaskExecutor(TolerantExecutor):
         return future
 
     def _stop_late_tasks(self) -> Iterator[Settled]:
-        """Yield the tasks whose step takes longer than its limit; their workers start anew."""
+        """Yield the tasks whose step exceeds its time limit, and restart their workers."""
         if self.limit is None:
             return
         now = self._clock()
@@ -329,23 +329,23 @@ class DaskExecutor(TolerantExecutor):
 
     def _restart(self, worker: str) -> None:
         self._stopped_workers.add(worker)
-        with suppress(Exception):  # of more than one type: it is gone already
+        with suppress(Exception):  # several types of errors: the worker is already gone
             try:
                 self._client.restart_workers([worker], _RESTART, raise_for_error=False)
-            except ValueError:  # nobody starts it anew
+            except ValueError:  # nothing restarts it
                 self._client.retire_workers([worker], close_workers=True)
 
     def _fetch(self, finished: list[Any]) -> dict[str, Any]:
-        """Return the results of futures by their keys."""
+        """Return the results of futures, by key."""
         try:
             results = self._client.gather(finished)
-        except OSError as lost:  # the tasks themselves have ended well
+        except OSError as lost:  # the tasks themselves finished successfully
             raise self._scheduler_lost() from lost
         return {one.key: result for one, result in zip(finished, results, strict=True)}
 
     def _scheduler_lost(self) -> SchedulerLost:
         return SchedulerLost(
-            f"the scheduler at {self._address} has ended; existing results are kept: start it "
+            f"the scheduler at {self._address} has stopped; existing results are kept: start it "
             "again and run the same command"
         )
 
@@ -361,8 +361,8 @@ class DaskExecutor(TolerantExecutor):
         return _NOT_ITS_FAULT if ours else WorkerLost("the worker died")
 
     def close(self) -> None:
-        """Drop what still runs."""
-        with suppress(Exception):  # of a scheduler that is gone
+        """Drop all running tasks."""
+        with suppress(Exception):  # the scheduler is gone
             for future in self._open.values():
                 future.cancel()
         self._client.close()
@@ -372,13 +372,14 @@ _NOT_ITS_FAULT = WorkerLost("its worker was killed because of another task")
 
 
 def _run_reporting(task: Task, topic: str) -> Any:
-    """Compute a task on a worker, and report its steps."""
+    """Compute a task on a worker and report its steps."""
     distributed: Any = import_module("distributed")
     worker: Any = distributed.get_worker()
     sync: Any = distributed.utils.sync
 
     def report(step: int) -> None:
-        # The step begins when the scheduler knows: what hangs at once may stop all threads here.
+        # The step begins when the scheduler knows of it, because a task that hangs may stop all
+        # threads here.
         message = [task.index, step, worker.address]
         sync(worker.loop, worker.scheduler.log_event, topic=topic, msg=message)
 

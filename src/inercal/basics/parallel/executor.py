@@ -1,4 +1,4 @@
-"""What an executor is, and the one that runs tasks in this process."""
+"""The interface of executors, and an executor that runs tasks in this process."""
 
 from abc import ABC, abstractmethod
 from collections import deque
@@ -11,18 +11,18 @@ from inercal.basics.units import format_duration
 
 
 class WorkerLost(InercalError):
-    """A process that computed a task has ended without a result."""
+    """A process that was computing a task ended without a result."""
 
 
 class TimeExceeded(WorkerLost):
-    """A step of a task took longer than its limit, and its process was ended."""
+    """A step of a task exceeded its time limit, and its process was terminated."""
 
     step = 0  # counted from 0
     limit = 0.0  # s
 
     @classmethod
     def of(cls, step: int, limit: float) -> Self:
-        """Return the error of a step with its limit, s."""
+        """Return the error for a step and its time limit, s."""
         error = cls(f"stopped after {format_duration(limit)}")
         error.step, error.limit = step, limit
         return error
@@ -30,20 +30,20 @@ class TimeExceeded(WorkerLost):
 
 @dataclass(frozen=True)
 class Task:
-    """A call, and its index in the order of submission."""
+    """A function call, and its index in the order of submission."""
 
     index: int
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
 
     def __call__(self) -> Any:
-        """Return what the function returns."""
+        """Call the function and return its result."""
         return self.function(*self.arguments)
 
 
 @dataclass(frozen=True)
 class Settled:
-    """A task that has ended: its index, and its result or what it raised."""
+    """A finished task: its index, and its result or the exception that it raised."""
 
     index: int
     result: Any
@@ -51,35 +51,35 @@ class Settled:
 
 
 class Executor(ABC):
-    """Runs tasks; a context manager that is closed at the end of its block."""
+    """The interface of executors, which run tasks and are closed at the end of a `with` block."""
 
     def __init__(self):
-        self._waiting: deque[Task] = deque()  # accepted, and not begun
+        self._waiting: deque[Task] = deque()  # accepted but not started
         self._count = 0
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
-        """Accept a task; return its index, counted from 0."""
+        """Accept a task, and return its index, counted from 0."""
         self._waiting.append(Task(self._count, function, arguments))
         self._count += 1
         return self._count - 1
 
     @abstractmethod
     def completed(self) -> Iterator[tuple[int, Any]]:
-        """Yield index and result of each task as they come, until no task is left.
+        """Yield index and result of each task as it finishes, until no task is left.
 
-        Tasks may be submitted meanwhile.
+        More tasks may be submitted meanwhile.
 
         Raises
         ------
         WorkerLost
             A process ended without a result.
         Exception
-            What a task raised: of several failed tasks, that of the first one by index.
+            The exception raised by a task; if several failed, by the one with the lowest index.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Stop at once whatever still runs; tasks that are not completed have no result."""
+        """Stop all running tasks immediately; unfinished tasks have no result."""
 
     def __enter__(self) -> Self:
         return self
@@ -89,31 +89,31 @@ class Executor(ABC):
 
 
 class TolerantExecutor(Executor):
-    """An executor that continues after a task has failed, or a process was lost."""
+    """An executor that continues after a task has failed or a process was lost."""
 
-    dashboard = ""  # address of a page that shows the work, if there is one
+    dashboard = ""  # address of a page that shows the progress, if any
     limit: Callable[[int, int], float] | None = None
-    """The longest time of a step, s, by index of the task and number of the step; None for any."""
+    """Time limit of a step, s, by index of the task and number of the step; None means no limit."""
 
     @property
     @abstractmethod
     def workers(self) -> int:
-        """How many tasks it computes at once."""
+        """Number of tasks computed at once."""
 
     @abstractmethod
     def settled(self) -> Iterator[Settled]:
-        """Yield each task as it ends, until no task is left; a lost process is `WorkerLost`.
+        """Yield each task as it ends; a lost process gives `WorkerLost`.
 
-        A process that computes a step for longer than `limit` is ended, and its task is settled
-        with `TimeExceeded`. Tasks may be submitted meanwhile.
+        A process that exceeds the time `limit` of a step is terminated, and its task ends with
+        `TimeExceeded`. More tasks may be submitted meanwhile.
         """
 
     def forget_after(self, index: int) -> None:
-        """Drop the tasks of larger index that do not run yet."""
+        """Drop tasks with a larger index that have not started."""
         self._waiting = deque(task for task in self._waiting if task.index <= index)
 
     def completed(self) -> Iterator[tuple[int, Any]]:
-        """Yield index and result of each task as they come."""
+        """Yield index and result of each task as it finishes."""
         failed: Settled | None = None
         for one in self.settled():
             if failed is not None and one.index > failed.index:
@@ -128,15 +128,15 @@ class TolerantExecutor(Executor):
 
 
 class SerialExecutor(TolerantExecutor):
-    """Runs each task in this process when its result is asked for, without a limit of time."""
+    """Executor that runs each task in this process on demand, without time limits."""
 
     @property
     def workers(self) -> int:
-        """One."""
+        """Always one."""
         return 1
 
     def settled(self) -> Iterator[Settled]:
-        """Yield each task, in order."""
+        """Run and yield the tasks in order."""
         while self._waiting:
             task = self._waiting.popleft()
             try:
@@ -147,7 +147,7 @@ class SerialExecutor(TolerantExecutor):
                 yield Settled(task.index, result, None)
 
     def close(self) -> None:
-        """Forget the tasks that are left."""
+        """Drop the remaining tasks."""
         self._waiting.clear()
 
 
@@ -158,7 +158,7 @@ def in_order(executor: Executor, first: int = 0) -> Iterator[Any]:
     ----------
     executor : Executor
     first : int
-        Index of the first task that is not completed.
+        Index of the first task that is not yet completed.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Tasks in other processes only: one that dies loses the task that it computed, and no other.
+"""An executor that uses only other processes; one that dies loses only its current task.
 
 A pool of the standard library breaks as a whole when one of its processes dies, and does not say
 which task was being computed. Here each process computes one task at a time.
@@ -20,8 +20,8 @@ from inercal.basics.parallel.executor import (
 from inercal.basics.parallel.steps import LOOK, AwakeClock, reported_steps
 from inercal.basics.parallel.worker_process import WorkerContext, WorkerProcess
 
-_STARTS = 5  # processes that may die before they begin a task
-_LONGEST_START = 600.0  # s, of a process: it imports, on a machine that may be busy
+_STARTS = 5  # processes that may die before they start a task
+_LONGEST_START = 600.0  # s, for a process to start and import on a busy machine
 
 
 @dataclass
@@ -29,17 +29,17 @@ class _Worker:
     process: WorkerProcess
     connection: Connection
     task: Task | None = None
-    step: int | None = None  # None until the task begins
-    since: float = 0.0  # by the executor's clock
+    step: int | None = None  # None until the task starts
+    since: float = 0.0  # time on the executor's clock
 
 
 class IsolatedExecutor(TolerantExecutor):
-    """Runs tasks in other processes, and starts another where one has died.
+    """Executor that runs tasks in other processes and replaces processes that have died.
 
     Parameters
     ----------
     workers : int
-        Processes; each starts with its first task.
+        Number of processes; each starts with its first task.
     """
 
     def __init__(self, workers: int):
@@ -52,7 +52,7 @@ class IsolatedExecutor(TolerantExecutor):
 
     @property
     def workers(self) -> int:
-        """Processes at most."""
+        """Largest number of processes."""
         return self._most
 
     def settled(self) -> Iterator[Settled]:
@@ -65,7 +65,8 @@ class IsolatedExecutor(TolerantExecutor):
             ready = wait([one.connection for one in busy], LOOK)
             now = self._clock()
             for worker in busy:
-                # What has come is read before anybody is judged: this process may have slept.
+                # Received messages are read before time limits are checked, because this process
+                # may have slept.
                 found = self._receive(worker) if worker.connection in ready else self._judge(worker)
                 if found is not None:
                     yield found
@@ -82,7 +83,7 @@ class IsolatedExecutor(TolerantExecutor):
         self._workers.clear()
 
     def _hand_out(self) -> None:
-        """Give each process without a task the next one, and start processes that lack."""
+        """Give each idle process the next task, and start missing processes."""
         for worker in self._workers:
             if worker.task is None and self._waiting:
                 self._send(worker, self._waiting.popleft())
@@ -101,11 +102,11 @@ class IsolatedExecutor(TolerantExecutor):
     def _send(self, worker: _Worker, task: Task) -> None:
         worker.task, worker.step, worker.since = task, None, self._clock()
         content = pickle.dumps((task.function, task.arguments))
-        with suppress(OSError):  # it has died: its connection is at its end, as `_receive` finds
+        with suppress(OSError):  # it has died: its connection is closed, which `_receive` notices
             worker.connection.send_bytes(content)
 
     def _receive(self, worker: _Worker) -> Settled | None:
-        """Return the outcome that a process has sent; None for a step, or a task to send again."""
+        """Return the outcome sent by a process; None for a step or a task to send again."""
         assert worker.task is not None
         try:
             message = pickle.loads(worker.connection.recv_bytes())
@@ -119,7 +120,7 @@ class IsolatedExecutor(TolerantExecutor):
         return Settled(index, result, error)
 
     def _answer_death(self, worker: _Worker) -> Settled | None:
-        """Forget a process that has died; a task that had not begun is sent to another one."""
+        """Drop a process that has died; send a task that had not started to another one."""
         task = self._remove(worker)
         code = worker.process.exitcode
         how = f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
@@ -130,7 +131,7 @@ class IsolatedExecutor(TolerantExecutor):
         return Settled(task.index, None, WorkerLost(f"the worker died ({how})"))
 
     def _judge(self, worker: _Worker) -> Settled | None:
-        """End a process whose step takes longer than its limit."""
+        """Terminate a process whose step has exceeded its time limit."""
         assert worker.task is not None
         if self.limit is None:
             return None
@@ -152,7 +153,7 @@ class IsolatedExecutor(TolerantExecutor):
 
 
 def _compute(connection: Connection) -> None:
-    """Compute the tasks that come, until the other end is closed."""
+    """Compute incoming tasks until the other end of the connection is closed."""
     while True:
         try:
             content = connection.recv_bytes()
@@ -170,5 +171,5 @@ def _outcome(content: bytes) -> bytes:
     except Exception as error:
         try:
             return pickle.dumps((None, error))
-        except Exception:  # of an error that cannot be pickled
+        except Exception:  # for an error that cannot be pickled
             return pickle.dumps((None, RuntimeError(f"{type(error).__name__}: {error}")))

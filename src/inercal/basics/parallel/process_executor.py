@@ -1,8 +1,8 @@
-"""Tasks in several processes: this one, and others that start when the work is long enough.
+"""An executor with this process and others, which start if the work is long enough.
 
-The first tasks run here and show how long a task takes. Other processes start where the waiting
-tasks would take long, or at once where the user states their number. This process computes tasks
-too, before the others are ready and afterwards.
+The first tasks run here and show how long a task takes. Other processes start if the waiting tasks
+would take long, or immediately if the user states their number. This process also computes tasks,
+both before the others are ready and afterwards.
 """
 
 import pickle
@@ -20,57 +20,59 @@ from typing import Any, Self
 from inercal.basics.parallel.executor import Executor, Settled, Task, WorkerLost
 from inercal.basics.parallel.worker_process import WorkerContext
 
-# A process imports for about 1 s until it computes. Two processes halve the time of the tasks: for
-# less than 2 s of work they would save no more than they cost.
+# A new process spends about 1 s on imports. Two processes halve the computing time, so for less
+# than 2 s of work they would cost more than they save.
 LEAST_WORK = 2.0  # s
-# The first task may load compiled kernels for half a second: by it alone work seems longer.
+# The first task may load compiled kernels for half a second, so on its own it makes the work seem
+# longer.
 _FIRST_SEEMS_LONGER = 3.0
-# A wait without end would not hear the keyboard on Windows.
+# On Windows, an endless wait would not react to the keyboard.
 _WAIT = 0.2  # s
 
 
 class ProcessExecutor(Executor):
-    """Runs tasks in this process and in others.
+    """Executor that runs tasks in this process and in others.
 
     Parameters
     ----------
     workers : int
-        Processes that compute, this one among them; 2 or more.
+        Number of computing processes including this one; 2 or more.
     least_work : float, optional
-        Time that the waiting tasks must take by themselves for other processes to start, s.
+        Time that the waiting tasks must need before other processes are started, s.
     at_once : bool, optional
-        Whether they start with the block of `with`, while this process prepares the tasks.
+        Whether the processes start when the `with` block begins, while this process prepares the
+        tasks.
     """
 
     def __init__(self, workers: int, least_work: float = LEAST_WORK, at_once: bool = False):
-        super().__init__()  # of those waiting the pool's thread takes some too
+        super().__init__()  # the pool's thread also takes some of the waiting tasks
         self._workers, self._least_work, self._at_once = workers, least_work, at_once
-        self._bound: deque[Task] = deque()  # to this process: they cannot be pickled
+        self._bound: deque[Task] = deque()  # for this process: they cannot be pickled
         self._outcomes: SimpleQueue[Settled] = SimpleQueue()
-        self._open: set[int] = set()  # submitted, and not yielded
-        self._task_seconds: float | None = None  # of one task, as far as known
+        self._open: set[int] = set()  # submitted but not yet yielded
+        self._task_seconds: float | None = None  # duration of one task, if known
         self._done_here = 0
         self._context = WorkerContext()
         self._pool: ProcessPoolExecutor | None = None
-        # One task more than there are processes waits in the pool: one that is done goes on while
-        # this process is busy.
+        # The pool holds one task more than it has processes, so a process that finishes can
+        # continue while this process is busy.
         others = workers - 1
         self._places = Semaphore(others + 1)
         self._failure: Settled | None = None
 
     def __enter__(self) -> Self:
-        """Start the other processes, if they are to start at once."""
+        """Start the other processes if they should start immediately."""
         if self._at_once:
             self._start(self._workers - 1)
         return self
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
-        """Accept a task; return its index."""
+        """Accept a task and return its index."""
         self._open.add(self._count)
         return super().submit(function, *arguments)
 
     def completed(self) -> Iterator[tuple[int, Any]]:
-        """Yield index and result of each task as they come."""
+        """Yield index and result of each task as it finishes."""
         while self._open:
             if self._pool is None and self._is_long_work():
                 self._start(min(self._workers - 1, len(self._waiting)))
@@ -93,13 +95,14 @@ class ProcessExecutor(Executor):
         self._bound.clear()
         self._open.clear()
         if self._pool is not None:
-            # Not asked but terminated: a task may take minutes, and idle ones have nothing to lose.
+            # Terminated instead of asked to stop: a task may take minutes, and idle processes lose
+            # nothing.
             self._context.terminate()
             self._pool.shutdown(wait=True)
 
     def _start(self, others: int) -> None:
         self._pool = ProcessPoolExecutor(others, mp_context=self._context)
-        for _ in range(others):  # each is started by a task
+        for _ in range(others):  # each process is started by a task
             self._pool.submit(_load_compiler)
 
     def _is_long_work(self) -> bool:
@@ -108,7 +111,7 @@ class ProcessExecutor(Executor):
         return self._task_seconds * len(self._waiting) >= self._least_work
 
     def _next_outcome(self) -> Settled | None:
-        """Return what has come from another process, else the result of a task done here."""
+        """Return an outcome from another process, or else the result of a task computed here."""
         try:
             return self._outcomes.get_nowait()
         except Empty:
@@ -135,7 +138,7 @@ class ProcessExecutor(Executor):
         return outcome
 
     def _feed(self, pool: ProcessPoolExecutor) -> None:
-        """Hand tasks to the pool while it has places; called in the pool's thread too."""
+        """Hand tasks to the pool while it has room; this is also called in the pool's thread."""
         while self._places.acquire(blocking=False):
             if (portable := self._next_portable()) is None:
                 self._places.release()
@@ -143,13 +146,13 @@ class ProcessExecutor(Executor):
             index, content = portable
             try:
                 future = pool.submit(_run_pickled, content)
-            except RuntimeError as error:  # the pool is broken, or closed
+            except RuntimeError as error:  # the pool is broken or closed
                 self._outcomes.put(Settled(index, None, error))
                 return
             future.add_done_callback(partial(self._receive, pool, index))
 
     def _next_portable(self) -> tuple[int, bytes] | None:
-        """Return the next task that can be pickled: its index and its content."""
+        """Return the index and content of the next task that can be pickled."""
         while True:
             try:
                 task = self._waiting.popleft()
@@ -157,11 +160,11 @@ class ProcessExecutor(Executor):
                 return None
             try:
                 return task.index, pickle.dumps((task.function, task.arguments))
-            except Exception:  # of many types, by what cannot be pickled
+            except Exception:  # the type of the error depends on the object that cannot be pickled
                 self._bound.append(task)
 
     def _receive(self, pool: ProcessPoolExecutor, index: int, future: Future[Any]) -> None:
-        """Note a result and hand over the next task; called in the pool's thread."""
+        """Store a result and hand over the next task; called in the pool's thread."""
         error = future.exception()
         if not isinstance(error, BrokenProcessPool):
             self._places.release()
@@ -169,7 +172,7 @@ class ProcessExecutor(Executor):
         self._outcomes.put(Settled(index, None if error else future.result(), error))
 
     def _fail(self, failed: Settled) -> None:
-        """Note a failure; tasks after it are dropped, those before it may fail first."""
+        """Store a failure and drop later tasks; earlier tasks may still fail first."""
         if isinstance(failed.error, BrokenProcessPool):
             raise WorkerLost(
                 "a worker process was killed, perhaps because memory ran out; try fewer "
@@ -187,7 +190,7 @@ class ProcessExecutor(Executor):
 
 
 def _load_compiler() -> None:
-    """Import what takes longest, before a task needs it."""
+    """Import the slowest module before a task needs it."""
     import_module("numba")
 
 

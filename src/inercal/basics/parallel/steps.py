@@ -1,7 +1,7 @@
-"""Steps of a task, by which who submitted it sees where it is, and stops it if a step takes long.
+"""Steps of a task, which show the submitter its progress and allow time limits.
 
-A task says by `begin_step` that a step begins; its first one begins by itself. The executor counts
-the time of each step, and ends the process that computes one beyond its limit.
+A task calls `begin_step` when a step begins; its first step begins automatically. The executor
+measures the time of each step, and terminates the process if a step exceeds its limit.
 """
 
 from collections.abc import Callable, Generator
@@ -10,19 +10,19 @@ from contextvars import ContextVar
 from time import monotonic
 
 LOOK = 0.5
-"""Time after which an executor looks at the steps again, s."""
-_MOST = 2.0  # s that count from one look to the next
+"""Time between an executor's checks of the steps, s."""
+_MOST = 2.0  # most seconds counted from one check to the next
 
 _report: ContextVar[Callable[[int], None] | None] = ContextVar("report", default=None)
 
 
 def begin_step(number: int) -> None:
-    """Say that a step of the task that runs here begins; nothing if nobody counts its time.
+    """Report that a step of the running task begins, if its time is being measured.
 
     Parameters
     ----------
     number : int
-        Counted from 0.
+        Number of the step, counted from 0.
     """
     if number and (report := _report.get()) is not None:
         report(number)
@@ -30,7 +30,7 @@ def begin_step(number: int) -> None:
 
 @contextmanager
 def reported_steps(report: Callable[[int], None]) -> Generator[None]:
-    """Call a function with each step that begins in the block, the first one among them."""
+    """Call a function at each step that begins in the block, including the first."""
     token = _report.set(report)
     try:
         report(0)
@@ -40,10 +40,10 @@ def reported_steps(report: Callable[[int], None]) -> Generator[None]:
 
 
 class AwakeClock:
-    """Time while this process was awake, s.
+    """Clock that counts the time during which this process was awake, s.
 
-    One that was stopped, as by Ctrl-Z in a terminal, was often stopped together with its workers:
-    what passed meanwhile is nobody's delay.
+    A process that was stopped, for example with Ctrl-Z in a terminal, was often stopped together
+    with its workers, so this time must not count as a delay.
     """
 
     def __init__(self):
@@ -51,7 +51,7 @@ class AwakeClock:
         self._awake = 0.0
 
     def __call__(self) -> float:
-        """Return the time; it is asked at least every `LOOK`."""
+        """Return the time; it must be called at least every `LOOK` seconds."""
         now = monotonic()
         self._awake += min(now - self._last, _MOST)
         self._last = now

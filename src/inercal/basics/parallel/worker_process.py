@@ -1,4 +1,4 @@
-"""A process that computes tasks: with one thread, deaf to the keyboard, ended with its parent."""
+"""Worker processes: single-threaded, unaffected by Ctrl-C, and ended with their parent."""
 
 import os
 import signal
@@ -13,7 +13,8 @@ from typing import Any
 
 from inercal.basics.process_settings import prepare_process
 
-# As many processes as cores: threads of linear algebra would only wait for one another.
+# There are as many processes as cores, so more linear-algebra threads would only wait for each
+# other.
 _THREAD_VARIABLES = (
     "OPENBLAS_NUM_THREADS",
     "OMP_NUM_THREADS",
@@ -23,19 +24,19 @@ _THREAD_VARIABLES = (
 
 
 class WorkerProcess(SpawnProcess):
-    """A process that is not stopped by the keyboard but by `terminate`, or by its parent's end.
+    """A process that ignores Ctrl-C, and ends on `terminate` or with its parent.
 
-    A terminal sends the interrupt to all processes of a command. The parent answers it; a worker
-    that did so too would print a traceback of its own.
+    A terminal sends the interrupt to all processes of a command. The parent handles it. A worker
+    that also did so would print its own traceback.
     """
 
     def start(self) -> None:
-        """Start the process, with the interrupt blocked from its first instruction on."""
+        """Start the process with the interrupt blocked from its first instruction."""
         with _interrupt_blocked(), _one_thread():
             super().start()
 
     def run(self) -> None:
-        """Compute until the parent ends."""
+        """Compute tasks until the parent ends."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # where signals cannot be blocked
         prepare_process()
         Thread(target=_end_with_parent, daemon=True).start()
@@ -43,7 +44,7 @@ class WorkerProcess(SpawnProcess):
 
 
 class WorkerContext(SpawnContext):
-    """Starts worker processes, and can terminate all of them."""
+    """A multiprocessing context that starts worker processes and can terminate all of them."""
 
     def __init__(self):
         super().__init__()
@@ -52,20 +53,20 @@ class WorkerContext(SpawnContext):
     def Process(  # pyright: ignore[reportIncompatibleVariableOverride]
         self, *args: Any, **options: Any
     ) -> WorkerProcess:
-        """Return a worker process that is not started yet."""
+        """Return a worker process that has not been started."""
         process = WorkerProcess(*args, **options)
         self.started.append(process)
         return process
 
     def terminate(self) -> None:
-        """End all processes, in the middle of a task too; one that is stopped would not hear."""
+        """Kill all processes, even during a task; a stopped process would ignore a request."""
         for process in self.started:
             if process.pid is not None:
                 process.kill()
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent has ended: nobody else would."""
+    """End this process when its parent has ended, because nothing else would end it."""
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])
@@ -74,7 +75,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _interrupt_blocked() -> Generator[None]:
-    """Block the interrupt, which processes started meanwhile inherit; afterwards it arrives."""
+    """Block the interrupt in the block; processes started there inherit this."""
     if sys.platform == "win32":
         yield
         return
@@ -87,7 +88,7 @@ def _interrupt_blocked() -> Generator[None]:
 
 @contextmanager
 def _one_thread() -> Generator[None]:
-    """Give processes that are started meanwhile one thread, unless the user has chosen."""
+    """Give processes started in the block one thread, unless the user has set a number."""
     added = [name for name in _THREAD_VARIABLES if name not in os.environ]
     os.environ.update(dict.fromkeys(added, "1"))
     try:

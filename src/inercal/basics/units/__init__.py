@@ -1,10 +1,11 @@
-"""SI sizes of units, and quantities as text: "0.5 m ± 5 µm", "2″", "0.1 °/√h".
+"""Units and their SI sizes, and quantities as text: "0.5 m ± 5 µm", "2″", "0.1 °/√h".
 
 All values inside the package are in SI (m, s, rad, K, V, A, and counts); only this subpackage reads
 text with units. Three choices differ from a general units library:
 
-- "g" is standard gravity, 9.80665 m/s² exactly (CGPM 1901), and "mg", "µg" are its multiples.
-  There is no gram, and a unit has only the prefixes in common use with it (no "kg", no "Mg").
+- "g" is standard gravity, 9.80665 m/s² exactly (CGPM 1901), and "mg", "µg" are its multiples. There
+  is no gram, and a unit accepts only the prefixes that are commonly used with it (no "kg", no
+  "Mg").
 - Angle is a dimension: rad/s is not 1/s and a tilt is not a plain number.
 - A stated uncertainty is a standard uncertainty (k = 1) unless "(k=2)" or the like follows.
 """

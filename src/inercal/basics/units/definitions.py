@@ -1,7 +1,7 @@
-"""The units, their prefixes, sizes in SI and dimensions.
+"""The definitions of units: prefixes, SI sizes and dimensions.
 
-A unit is a size times a product of powers of other units. A product of units is expanded down to
-base units, one for each dimension, in the order in which it is written::
+A unit is a size times a product of powers of other units. A product of units is expanded into base
+units, one for each dimension, in the written order::
 
     size = Π size_i^power_i,   dimension = Σ power_i dimension_i
 """
@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 
 class UnitDefinition(NamedTuple):
-    """A unit: its names, the prefixes it takes, and its size in other units."""
+    """The definition of a unit: its names, allowed prefixes, and size in other units."""
 
     names: tuple[str, ...]  # in the order in which messages list them; the first is canonical
     prefixes: str
     size: float
-    powers: Mapping[str, float]  # of other units by canonical name
-    dimension: str = ""  # of a base unit
+    powers: Mapping[str, float]  # powers of other units by canonical name
+    dimension: str = ""  # dimension of a base unit
 
 
 def _base(names: str, prefixes: str, dimension: str) -> UnitDefinition:
@@ -59,16 +59,16 @@ UNITS = {
     )
 }
 PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "c": 0.01, "k": 1e3, "M": 1e6}
-_SPELLINGS = {"": "", **dict(zip(PREFIXES, PREFIXES, strict=True)), "u": "µ"}  # to the prefix
+_SPELLINGS = {"": "", **dict(zip(PREFIXES, PREFIXES, strict=True)), "u": "µ"}  # spelling to prefix
 
 
 _CANONICAL = {name: unit for unit, definition in UNITS.items() for name in definition.names}
 
 
 def canonical_name(name: str) -> str | None:
-    """Return a prefix and the canonical name of a unit, "µg" for "ug"; None for an unknown name.
+    """Return the canonical prefix and name, "µg" for "ug", or None for an unknown unit.
 
-    A plural "s" may follow a name of two letters and more.
+    A plural "s" may follow a name with two or more letters.
     """
     stems = [name]
     if name.endswith("s"):
@@ -85,15 +85,15 @@ def canonical_name(name: str) -> str | None:
 
 
 def known_names() -> list[str]:
-    """Return all names of units, and the canonical ones with each of their prefixes."""
+    """Return all names of units, and the canonical names with each of their prefixes."""
     names = [name for unit in UNITS.values() for name in unit.names]
     return names + [prefix + unit for unit, one in UNITS.items() for prefix in one.prefixes]
 
 
 def size_and_dimension(powers: Mapping[str, float]) -> tuple[float, dict[str, float]]:
-    """Return the SI size of a product of powers of units, by canonical name, and its dimension.
+    """Return the SI size and dimension of a product of unit powers, given by canonical name.
 
-    A size beyond the range of floating-point numbers is infinite or zero.
+    A size outside the floating-point range becomes infinite or zero.
     """
     factors: dict[float, float] = {}
     dimension: dict[str, float] = {}
@@ -113,7 +113,7 @@ def _expand(
     factors: dict[float, float],
     dimension: dict[str, float],
 ) -> None:
-    """Add the powers of sizes and of dimensions; equal sizes above and below cancel."""
+    """Add the powers of sizes and dimensions; equal sizes in numerator and denominator cancel."""
     for name, own in powers.items():
         total = power * own
         if name in UNITS:

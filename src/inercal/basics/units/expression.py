@@ -1,6 +1,6 @@
-"""Units as text, "µg/g²" or "°/√h": their size in SI and their dimension.
+"""Parsing of units such as "µg/g²" or "°/√h" into SI size and dimension.
 
-This small grammar refuses junk at once; `definitions` has the units::
+This small grammar rejects invalid text immediately; `definitions` contains the units::
 
     product = factor { ["·" | "*" | "/"] factor }
     factor  = ("√" | "sqrt") factor | (name | "1" | "(" product ")") [power]
@@ -42,10 +42,10 @@ _KINDS = {
 }
 ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
 
-# Characters that look alike or that keyboards lack; µ and μ are two letters to Unicode.
+# Look-alike characters, and characters missing on keyboards; µ and μ are different in Unicode.
 _LOOK_ALIKE = str.maketrans("μ−–º˚⋅×\u00a0\u2009\u202f\t", "µ--°°··    ")
 _SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
-_LONGEST = 100  # characters; more is junk, and the limit bounds the work on it
+_LONGEST = 100  # characters; longer text is invalid, and the limit bounds the work spent on it
 _TOKEN = re.compile(
     r" *(?:(?P<name>[A-Za-zµ]*(?:°C|[°′″%])|[A-Za-zµ]+)"
     r"|(?:\^|\*\*) *(?:(?P<power>-?[0-9](?:\.5)?)|\( *(?P<halves>-?[1-9]) */ *2 *\))"
@@ -56,11 +56,11 @@ _NOT_A_UNIT = "is not a unit; units look like 'm/s²', 'µg/g²' or '°/√h'"
 
 
 class NotationError(Exception):
-    """What is wrong with a text; in the message these words follow the text."""
+    """An error in a text; its message is a phrase that follows the quoted text."""
 
 
 class Unit(NamedTuple):
-    """SI size and dimension of a unit."""
+    """The SI size and dimension of a unit."""
 
     size: float  # in SI
     dimension: frozenset[tuple[str, float]]  # such as {("length", 1), ("time", -2)}
@@ -68,19 +68,20 @@ class Unit(NamedTuple):
 
 
 def si_factor(unit: str, like: str | None = None) -> float:
-    """Return the SI size of one `unit`; cached.
+    """Return the SI size of one `unit` (cached).
 
     Parameters
     ----------
     unit : str
-        Such as "µg/g²".
+        Unit, such as "µg/g²".
     like : str, optional
-        A unit of the dimension that is expected.
+        A unit with the expected dimension.
 
     Raises
     ------
     InputError
-        Not a unit, of another dimension than `like`, or "°C", which has an offset (`to_si`).
+        The text is not a unit, its dimension differs from that of `like`, or it is "°C", which has
+        an offset (see `to_si`).
 
     Examples
     --------
@@ -99,12 +100,12 @@ def si_factor(unit: str, like: str | None = None) -> float:
 
 
 def to_si(values: "Array", unit: str, like: str) -> "Array":
-    """Return `values`, any shape, in SI from `unit`; "°C" becomes K with its offset.
+    """Convert `values`, any shape, from `unit` to SI; "°C" is converted to K with its offset.
 
     Raises
     ------
     InputError
-        Not a unit, or of another dimension than `like`.
+        The text is not a unit, or its dimension differs from that of `like`.
     """
     with error_context(unit):
         read = require_dimension(unit, like)
@@ -113,7 +114,7 @@ def to_si(values: "Array", unit: str, like: str) -> "Array":
 
 @contextmanager
 def error_context(text: object) -> Generator[None]:
-    """Raise a `NotationError` as an `InputError` whose message begins with `text`."""
+    """Convert a `NotationError` to an `InputError` whose message starts with `text`."""
     try:
         yield
     except NotationError as what:
@@ -122,14 +123,14 @@ def error_context(text: object) -> Generator[None]:
 
 
 def _quote(text: object) -> str:
-    """Return `text` in quotation marks, in one line and at most 60 characters."""
-    # repr() refuses integers beyond sys.get_int_max_str_digits().
+    """Return `text` in quotation marks, on one line and with at most 60 characters."""
+    # repr() fails for integers beyond sys.get_int_max_str_digits().
     shown = "a huge integer" if isinstance(text, int) and abs(text) > 1e300 else repr(text)
     return shown if len(shown) <= 60 else f"{shown[:56]}…{shown[-1]}"
 
 
 def plain_text(text: str) -> str:
-    """Return `text` with plain characters in place of look-alikes and superscripts."""
+    """Return `text` with look-alikes and superscripts replaced by plain characters."""
     if len(text) > _LONGEST:
         raise NotationError(f"is longer than {_LONGEST} characters; shorten it")
     text = text.translate(_LOOK_ALIKE).replace("℃", "°C")
@@ -137,7 +138,7 @@ def plain_text(text: str) -> str:
 
 
 def require_dimension(unit: str, like: str | None) -> Unit:
-    """Read a unit and refuse it where its dimension is not that of `like`."""
+    """Read a unit, and raise an error if its dimension differs from that of `like`."""
     read = read_unit(unit)
     if like is not None and read.dimension != read_unit(like).dimension:
         raise NotationError(f"is {_dimension_name(read)}; expected {dimension_text(like, like)}")
@@ -145,7 +146,7 @@ def require_dimension(unit: str, like: str | None) -> Unit:
 
 
 def dimension_text(like: str, example: str) -> str:
-    """Return the quantity that has the dimension of `like`, in words with an example."""
+    """Return the name of the quantity with the dimension of `like`, with an example."""
     return f"{_dimension_name(read_unit(like))}, such as {example!r}"
 
 
@@ -159,7 +160,7 @@ def _dimension_name(unit: Unit) -> str:
 
 @lru_cache(maxsize=1024)
 def read_unit(unit: str) -> Unit:
-    """Return SI size and dimension of a unit; refuse a text that is not a unit."""
+    """Return the SI size and dimension of a unit; raise an error if the text is not a unit."""
     with error_context(unit):
         powers = _powers(plain_text(unit))
         size, dimension = size_and_dimension(powers)
@@ -169,7 +170,7 @@ def read_unit(unit: str) -> Unit:
 
 
 def _powers(plain: str) -> dict[str, float]:
-    """Return the power of each unit by name, by the grammar at the top of the module."""
+    """Return the power of each unit by name, parsed with the grammar of the module docstring."""
     tokens, end = deque[str | float](), 0  # a float is a power
     while end < len(plain):
         if not (found := _TOKEN.match(plain, end)):
@@ -219,9 +220,9 @@ def _parse_factor(tokens: deque[str | float]) -> dict[str, float]:
 
 
 def _canonical_unit(name: str) -> str:
-    """Return the canonical name of a unit with or without prefix, or refuse it with similar names.
+    """Return the canonical name of a unit; the error for an unknown name suggests similar ones.
 
-    A plural "s" is allowed after names of two letters and more.
+    A prefix is allowed, and a plural "s" after names with two or more letters.
     """
     if (found := canonical_name(name)) is not None:
         return found

@@ -1,8 +1,8 @@
-"""Numbers for people to read: quantities, intervals, durations and counted things.
+"""Formatting of numbers for people: quantities, intervals, durations and counts.
 
-The digits follow the uncertainty where there is one. Where the number would need an exponent, or
-more zeros than it has digits, the unit gets another prefix; an exponent is left only where no
-prefix fits.
+If there is an uncertainty, it determines the number of digits. If the number would need an
+exponent, or more zeros than it has digits, the unit gets a different prefix; an exponent is used
+only if no prefix fits.
 """
 
 import re
@@ -24,24 +24,25 @@ _PREFIXED = tuple(
         "ppm %",
     )
 )
-"""First factors of units that replace each other, by size."""
+"""Units that can replace each other as the first factor of a unit, in order of size."""
 _WHOLE = (("nm", "µm", "mm", "m", "km"), ("″", "°"), ("°/h", "°/s"))
 _FIRST_FACTOR = re.compile("°C|[A-Za-zµ]+|%")
 _PLAIN_FROM, _PLAIN_TO = -4, 7  # powers of ten between which a number has no exponent
-_SMALL, _LARGE_ENOUGH = 0.01, 0.1  # numbers below and from which another unit is found
+_SMALL, _LARGE_ENOUGH = 0.01, 0.1  # limits of numbers, beyond which another unit is used
 _DURATIONS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"))  # s
 
 
 def format_quantity(value: float, sd: float, unit: str, digits: int = 7) -> str:
-    """Return a quantity as text, rounded to two significant digits of its uncertainty.
+    """Return a quantity as text, rounded to two significant digits of the uncertainty.
 
     Parameters
     ----------
     value, sd : float
-        SI. An `sd` of 0 is not printed; an `sd` that is not finite is printed unrounded.
+        Value and standard uncertainty, SI. An `sd` of 0 is not printed; an `sd` that is not finite
+        is printed unrounded.
     unit : str
-        The unit to print in, "1" prints none. Its prefix changes where the number would be too
-        large or too small for it.
+        The unit to print; "1" prints none. Its prefix changes if the number would be too large or
+        too small.
     digits : int
         Significant digits of a value whose `sd` is 0.
 
@@ -60,7 +61,7 @@ def format_quantity(value: float, sd: float, unit: str, digits: int = 7) -> str:
         return f"{format_number(value, digits)}{after}"
     if not isfinite(sd):
         return f"{format_number(value, digits)} ± {sd:g}{after}"
-    last = _power(sd, 2) - 1  # decimal place of the sd's second digit
+    last = _power(sd, 2) - 1  # decimal place of the second digit of the sd
     first = _power(max(abs(value), sd), 16)
     power = 0 if _PLAIN_FROM <= first < _PLAIN_TO else first
     tail = f"e{power}" if power else ""
@@ -72,7 +73,7 @@ def format_quantity(value: float, sd: float, unit: str, digits: int = 7) -> str:
 def format_value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
     """Return both numbers as text, rounded to two significant digits of the uncertainty.
 
-    For columns with one unit; `format_quantity` finds the unit.
+    This is for columns with a common unit; `format_quantity` chooses the unit.
 
     Examples
     --------
@@ -91,7 +92,7 @@ def format_value_and_uncertainty(value: float, uncertainty: float) -> tuple[str,
 
 
 def format_interval(value: float, low: float, high: float) -> str:
-    """Return the ends of an interval with the digits that tell them from the value in it.
+    """Return the ends of an interval with enough digits to differ from the value inside it.
 
     Examples
     --------
@@ -108,7 +109,7 @@ def format_interval(value: float, low: float, high: float) -> str:
 
 
 def format_number(value: float, digits: int) -> str:
-    """Return a number with that many significant digits, as "g" does, but "310" for "3.1e+02".
+    """Return a number with `digits` significant digits, like "g", but "310" for "3.1e+02".
 
     Examples
     --------
@@ -125,7 +126,7 @@ def format_number(value: float, digits: int) -> str:
 
 
 def format_duration(seconds: float, digits: int = 3) -> str:
-    """Return a time in days, hours, minutes or seconds, to some significant digits.
+    """Return a duration in days, hours, minutes or seconds, to `digits` significant digits.
 
     Examples
     --------
@@ -137,7 +138,7 @@ def format_duration(seconds: float, digits: int = 3) -> str:
 
 
 def format_count(count: int, noun: str, plural: str = "") -> str:
-    """Return a count with its noun in the singular or the plural, which is noun + "s" by default.
+    """Return a count with its noun in the singular or plural, by default with "s".
 
     Examples
     --------
@@ -148,7 +149,7 @@ def format_count(count: int, noun: str, plural: str = "") -> str:
 
 
 def _fitting_unit(value: float, sd: float, unit: str, digits: int) -> str:
-    """Return the unit in which a quantity needs neither an exponent nor filled-up zeros."""
+    """Return the unit in which a quantity needs neither an exponent nor padding zeros."""
     units, k = _ladder(unit)
     largest = max((abs(x) for x in (value, sd) if isfinite(x)), default=0.0)
     if not largest:
@@ -167,7 +168,7 @@ def _fitting_unit(value: float, sd: float, unit: str, digits: int) -> str:
 
 
 def _ladder(unit: str) -> tuple[tuple[str, ...], int]:
-    """Return the units that may replace a unit, by size, and its place among them."""
+    """Return the units that may replace a unit, ordered by size, and its index among them."""
     for whole in _WHOLE:
         if unit in whole:
             return whole, whole.index(unit)
@@ -179,5 +180,5 @@ def _ladder(unit: str) -> tuple[tuple[str, ...], int]:
 
 
 def _power(x: float, digits: int) -> int:
-    """Return the power of ten of a number that is rounded to significant digits."""
+    """Return the power of ten of a number after rounding to significant digits."""
     return int(f"{x:.{digits - 1}e}".partition("e")[2])

@@ -1,4 +1,4 @@
-"""Quantities read from text, "0.5 m ± 5 µm (k=2)"."""
+"""Parsing of quantities from text such as "0.5 m ± 5 µm (k=2)"."""
 
 import math
 import re
@@ -27,9 +27,9 @@ class Measured:
     Parameters
     ----------
     value : float
-        SI.
+        Value, SI.
     sd : float
-        Standard uncertainty (k = 1), SI; 0 is exact.
+        Standard uncertainty (k = 1), SI; 0 means exact.
     assumed : bool
         Whether `sd` comes from the last written digit of the value, because none was stated.
     """
@@ -39,12 +39,12 @@ class Measured:
     assumed: bool = field(default=False, repr=False)
 
     def key_if_assumed(self, key: str) -> str:
-        """Return the key where `sd` comes from the last digit, and "" where it was stated."""
+        """Return the key if `sd` comes from the last digit, or "" if it was stated."""
         return key if self.assumed else ""
 
 
 def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) -> Measured:
-    """Return the value and the standard uncertainty of a written quantity, in SI.
+    """Return the value and standard uncertainty, in SI, of a quantity given as text.
 
     Forms: "0.5 m", "0.5 m ± 5 µm", "(12 ± 3) µg", "9.81 m/s² ± 40 ppm" (relative), "0 ± 0.5 %",
     "23 °C ± 0.5 K", and any of these followed by "(k=2)"; "+/-" is read as "±".
@@ -52,13 +52,13 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
     Parameters
     ----------
     text : str or float
-        A number, or a text without a unit, is allowed only where `like` is "1".
+        The quantity. A number, or a text without a unit, is allowed only if `like` is "1".
     like : str
         A unit of the expected dimension.
     last_digit : bool
-        Whether a value without "±" has the uncertainty of its last digit: a rectangular
-        distribution of half a unit to both sides (GUM 4.3.7), so that u is half a unit over √3.
-        Otherwise such a value is exact, like "± 0".
+        Whether a value without "±" gets the uncertainty of its last digit: a rectangular
+        distribution of ± half a unit (GUM 4.3.7), so that u is half a unit divided by √3. Otherwise
+        such a value is exact, like "± 0".
 
     Raises
     ------
@@ -100,7 +100,7 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
 
 
 def _plain_quantity(text: object, like: str) -> str:
-    """Return the quantity in plain characters."""
+    """Parse a quantity that is written in plain characters."""
     if isinstance(text, str) and text.strip():
         return re.sub(r"\+ ?/? ?-", "±", plain_text(text))
     if isinstance(text, bool) or not isinstance(text, (int, float)):
@@ -111,7 +111,7 @@ def _plain_quantity(text: object, like: str) -> str:
 
 
 def _coverage(body: str) -> tuple[str, float | None]:
-    """Split off "(k=2)"."""
+    """Split off a coverage factor such as "(k=2)"."""
     found = _COVERAGE.search(body)
     if not found:
         return body, None
@@ -138,19 +138,19 @@ def _split_number_and_unit(text: str, like: str) -> tuple[float, str]:
 
 
 def _last_digit_uncertainty(text: str) -> float:
-    """Return half a unit of the last digit over √3, in the unit of the number that begins text."""
+    """Return half a unit of the last digit divided by √3, in the unit of the leading number."""
     found = _QUANTITY.fullmatch(text.strip())
-    assert found is not None  # the caller has parsed this text
+    assert found is not None  # the caller has already parsed this text
     mantissa, _, power = found[1].lower().partition("e")
     decimals = len(mantissa.partition(".")[2])
     return 0.5 * 10.0 ** (int(power or 0) - decimals) / math.sqrt(3)
 
 
 def _shared_unit(number: float, sd_unit: str, like: str) -> str:
-    """Return the unit of a value written without: "12 ± 3 µg" states the unit for both."""
+    """Return the unit of a value written without one: in "12 ± 3 µg" the unit applies to both."""
     if read_unit(sd_unit or "1").dimension:
         return sd_unit
-    # "1 ± 40 ppm" may mean 1 or 1 ppm; only at zero both agree.
+    # "1 ± 40 ppm" may mean 1 or 1 ppm; the two agree only at zero.
     if sd_unit and number and not read_unit(like).dimension:
         raise NotationError(
             f"can mean {number:g} or {number:g} {sd_unit}; write both as in '(5 ± 3) {sd_unit}'"
@@ -169,7 +169,7 @@ def _value(number: float, unit: str, like: str) -> float:
 
 
 def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
-    """Return the standard uncertainty in SI, before k."""
+    """Return the standard uncertainty in SI, before division by k."""
     if unit and not sd_unit and sd == 0:
         return 0.0  # "9.81 m/s² ± 0": exact in any unit
     if unit and not sd_unit:

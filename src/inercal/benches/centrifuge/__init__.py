@@ -1,4 +1,4 @@
-"""The bench of a precision centrifuge."""
+"""A precision centrifuge, as a bench."""
 
 from inercal.benches.centrifuge.bench import Centrifuge
 

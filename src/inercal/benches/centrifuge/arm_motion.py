@@ -1,24 +1,26 @@
-"""The motion that a sensor senses on a centrifuge's arm that turns steadily about the vertical.
+"""The motion of a sensor on the arm of a centrifuge that turns steadily about the vertical.
 
-A sensor on the arm senses the arm's centripetal acceleration and gravity, at right angles but for a
-tilt τ of gravity against the arm. With `out` and `up` in the body, from the spindle outwards and
-along it::
+A sensor on the arm senses the arm's centripetal acceleration and gravity. They are at right angles
+except for a tilt τ of gravity relative to the arm. The unit vector `out` points outwards from the
+spindle and `up` along it, both in the body frame::
 
     a = R (1 + s a₀) (ω (1 + ρ) + Ω sin φ)²,   a₀ = R ω² nominal
-    f = −(a + g τ) out + g √(1 − τ²) up         locked to the arm; it turns with the arm, ω along up
+    f = −(a + g τ) out + g √(1 − τ²) up         sensor locked to the arm, which has ω along up
     n² = a² + 2 a g τ + g²                      in any attitude
 
-with R the static radius, s the arm's stretch, ω the rate against the ground as stated, counted
-counter-clockwise seen from above, ρ its relative error, Ω sin φ the earth's rate along the spindle.
+Here R is the static radius, s the arm's stretch, ω the stated rate relative to the ground (positive
+counter-clockwise seen from above), ρ its relative error, and Ω sin φ the earth's rate along the
+spindle.
 
-The spindle leans by λ₁ where the arm's azimuth α is 0 and by λ₂ where it is 90°: this adds
-λ₁ cos α + λ₂ sin α to τ. The earth's level rate e adds 2 e ω R to gravity once a turn (Coriolis),
-the same as a tilt of 2 (e₁ cos α + e₂ sin α)/ω. Over whole turns the mean of both is zero. On a
-platform that turns against the arm the sensor keeps its attitude to the ground while the direction
-of the arm rotates: one row of observations is then of one azimuth, and both act.
+The spindle leans by λ₁ at the arm's azimuth α = 0 and by λ₂ at α = 90°, which adds
+λ₁ cos α + λ₂ sin α to τ. The horizontal earth rate e causes a Coriolis acceleration that adds
+2 e ω R to gravity once per turn, like a tilt of 2 (e₁ cos α + e₂ sin α)/ω. Both average to zero
+over whole turns. On a platform that turns against the arm, the sensor keeps its attitude relative
+to the ground while the direction of the arm rotates. One row of observations then belongs to one
+azimuth, and both effects act.
 
-The body is turned from its nominal attitude by mounting angles m of the run and, within them, by
-the indexing errors e of each attitude: v_body = exp(m) exp(e) v_nominal. No norm depends on them.
+The body is rotated from its nominal attitude by mounting angles m, common to the run, and then by
+the indexing errors e of each attitude: v_body = exp(m) exp(e) v_nominal. They do not affect norms.
 
 Rate and tilt also vary from dwell to dwell, by `dwell_rate` and `dwell_tilt`.
 """
@@ -44,16 +46,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SpecificForceNorm:
-    """Norm of specific force in each dwell, and how it depends on the bench.
+    """Norm of the specific force during each dwell, and its dependence on the bench.
 
     Parameters
     ----------
     norm : (..., r) array
-        n, m/s².
+        Norm n of the specific force, m/s².
     derivatives : mapping of str to (..., r) array
-        ∂n by each of the bench's parameters on which a norm depends, those of dwells included.
+        Derivative of n by each of the bench's parameters that affect it, including those of dwells.
     dwell : (..., r) array
-        Standard deviation of n due to the parameters of dwells, m/s².
+        Standard deviation of n due to the parameters that vary from dwell to dwell, m/s².
     """
 
     norm: Array
@@ -63,7 +65,7 @@ class SpecificForceNorm:
 
 @dataclass(frozen=True, eq=False)
 class _ArmMotion:
-    """Centripetal acceleration, tilt and rate of each dwell, (..., r), with derivatives."""
+    """Centripetal acceleration, tilt and rate during each dwell, (..., r), with derivatives."""
 
     a: Array
     tilt: Array
@@ -122,7 +124,7 @@ def _arm_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Arra
 
 
 def _mean_azimuth_components(step: Spin, sense: int) -> tuple[float, float]:
-    """Return the mean cosine and sine of the arm's azimuth in the dwell."""
+    """Return the mean cosine and sine of the arm's azimuth during a dwell."""
     if step.azimuth is not None:
         return cos(step.azimuth), sin(step.azimuth)
     swept = sense * step.rate * step.seconds
@@ -132,7 +134,7 @@ def _mean_azimuth_components(step: Spin, sense: int) -> tuple[float, float]:
 
 
 def _parameter_by_label(q: Mapping[str, Array], name: str, labels: Sequence[str]) -> Array:
-    """Return a parameter of the steps or attitudes of these labels, (..., r); zero if missing."""
+    """Return a parameter for the steps or attitudes with these labels, (..., r); 0 if missing."""
     values = [q.get(f"{name}[{label}]", np.zeros(())) for label in labels]
     return np.stack(np.broadcast_arrays(*values), axis=-1)
 
@@ -140,15 +142,15 @@ def _parameter_by_label(q: Mapping[str, Array], name: str, labels: Sequence[str]
 def specific_force_norm(
     bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]
 ) -> SpecificForceNorm:
-    """Return the norm of specific force in each dwell.
+    """Return the norm of the specific force during each dwell.
 
     Parameters
     ----------
     bench : Centrifuge
     steps : sequence of r Spin
     q : mapping of str to (...) array
-        The bench's parameters by full name, SI; `nuisances` lists them. Those of attitudes do not
-        act; those of lean and dwells are zero where they are missing.
+        The bench's parameters, SI, by full name, as `nuisances` lists them. Parameters of attitudes
+        have no effect. Missing parameters of lean and dwells are zero.
     """
     arm, g = _arm_motion(bench, steps, q), q["g"][..., None]
     n = np.sqrt(arm.a**2 + 2 * arm.a * g * arm.tilt + g**2)
@@ -161,19 +163,19 @@ def specific_force_norm(
 
 
 def sensed_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
-    """Return the mean motion of each dwell in its attitude, with derivatives.
+    """Return the mean motion during each dwell in its attitude, with derivatives.
 
-    The derivatives by "dwell_rate" and "dwell_tilt" are those by the value of each row.
+    The derivative by "dwell_rate" or "dwell_tilt" in each row is by the value in that row.
 
     Parameters
     ----------
     bench, steps, q
-        As of `specific_force_norm`; mounting and indexing are zero where they are missing.
+        The same as for `specific_force_norm`. Missing mounting and indexing angles are zero.
 
     Raises
     ------
     InputError
-        A step of unknown attitude.
+        The attitude of a step is not known.
     """
     arm, g = _arm_motion(bench, steps, q), q["g"][..., None]
     out, up = outward_and_up_directions(steps)
@@ -196,7 +198,7 @@ def sensed_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Ar
     rate = arm.total_rate[..., None]
 
     def by_attitude(turned: Array, inner: Array) -> dict[str, Array]:
-        """Return the derivatives of a vector by mounting and indexing."""
+        """Return the derivatives of a vector by the mounting and indexing angles."""
         by_mount = -skew(turned) @ left_jacobian(mount)[..., None, :, :]
         by_index = -outer @ skew(inner) @ left_jacobian(index)
         found: dict[str, Array] = {}
@@ -227,7 +229,7 @@ def sensed_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Ar
 
 
 def attitude_names(steps: Sequence[Spin]) -> dict[Attitude | None, str]:
-    """Return the name of each attitude: the label of the first step that has it."""
+    """Return the name of each attitude, which is the label of the first step that has it."""
     named: dict[Attitude | None, str] = {}
     for step in steps:
         named.setdefault(step.attitude, step.label)

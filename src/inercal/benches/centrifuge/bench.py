@@ -1,6 +1,6 @@
-"""A precision centrifuge as a bench (terms of IEEE Std 836): its stated values, as data.
+"""A precision centrifuge as a bench, in the terms of IEEE Std 836: its stated values, as data.
 
-`inercal.benches.centrifuge.arm_motion` computes the motion that a sensor senses on its arm.
+`inercal.benches.centrifuge.arm_motion` computes the motion that a sensor on the arm senses.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,38 +25,40 @@ Platform = Literal["locked", "counter-rotating"]
 
 @dataclass(frozen=True)
 class Centrifuge:
-    """The bench of a centrifuge.
+    """A precision centrifuge.
 
     Parameters
     ----------
     gravity : Measured
         Local gravity, m/s².
     radius : Measured
-        From the spindle's axis to the sensor's centre, the arm at rest, m.
+        Distance from the spindle's axis to the sensor's centre while the arm is at rest, m.
     latitude : Measured or None
-        rad; None is unknown: the earth's rate along the spindle is then a nuisance.
+        Latitude, rad. None means that it is unknown; the earth's rate along the spindle is then a
+        nuisance.
     stretch : Measured
-        Relative growth of the radius per centripetal acceleration, 1/(m/s²).
+        Relative growth of the radius per unit of centripetal acceleration, 1/(m/s²).
     rate : float
-        Relative standard deviation of the rate, common to the run.
+        Relative standard deviation of the rate error that is common to the run.
     tilt : float
-        Standard deviation of gravity's tilt against the arm, common to the run, rad.
+        Standard deviation of the tilt of gravity relative to the arm, common to the run, rad.
     lean : float
-        Standard deviation of the spindle's lean, each of two directions, rad.
+        Standard deviation of the spindle's lean in each of two directions, rad.
     dwell_rate : float
-        Relative standard deviation of each dwell's rate.
+        Relative standard deviation of the rate from dwell to dwell.
     dwell_tilt : float
-        Standard deviation of each dwell's tilt, rad.
+        Standard deviation of the tilt from dwell to dwell, rad.
     platform : "locked" or "counter-rotating"
-        Whether the sensor turns with the arm or keeps its attitude to the ground.
+        Whether the sensor turns with the arm or keeps its attitude relative to the ground.
     mounting : float
         Standard deviation of each mounting angle, rad.
     indexing : float or None
-        Standard deviation of each angle of each attitude, rad; None is attitudes unknown.
+        Standard deviation of each indexing angle of each attitude, rad. None means that the
+        attitudes are unknown.
     sense : 1 or -1
-        Sense of a positive rate seen from above: counter-clockwise or clockwise.
+        Sense of a positive rate seen from above: 1 is counter-clockwise, -1 is clockwise.
     qualified : QualifiedParameters
-        What qualifications found, in place of stated values.
+        Results of qualifications, which replace stated values.
     """
 
     gravity: Measured
@@ -80,8 +82,8 @@ class Centrifuge:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The imperfections, as data."""
-        # Each component of a vector of known length and unknown direction is 1/√3 of it, rms.
+        """The imperfections of the bench, as data."""
+        # If a vector's length is known but not its direction, each component is 1/√3 of it, rms.
         earth = Parameter(
             "earth_up", "rad/s", EARTH_RATE / sqrt(3), "run", 0.0, "earth rate along the spindle"
         )
@@ -89,7 +91,7 @@ class Centrifuge:
         if (place := self.latitude) is not None:
             earth = Parameter.from_measured("latitude", "rad", place, "latitude")
             level = EARTH_RATE * cos(place.value) / sqrt(2)  # the azimuth is unknown
-        # Over whole turns of an arm to which the sensor is locked its effect is zero.
+        # If the sensor is locked to the arm, its effect averages to zero over whole turns.
         level *= self.platform != "locked"
         indexing = self.indexing or 0.0
         stated = (
@@ -123,15 +125,15 @@ class Centrifuge:
     def acting_parameters(
         self, steps: Sequence[Spin], *, vectors: bool = True, dwells: bool = False
     ) -> dict[str, Parameter]:
-        """Return those that an estimator has as nuisances.
+        """Return the parameters that an estimator treats as nuisances, by full name.
 
         Parameters
         ----------
         steps : sequence of Spin
         vectors : bool
-            Whether specific force itself is observed; its norm depends on no attitude.
+            Whether the specific force vector is observed. Its norm does not depend on the attitude.
         dwells : bool
-            Whether parameters of each dwell are included; an estimator counts them as noise.
+            Whether to include the parameters of each dwell, which an estimator treats as noise.
         """
         labels = {
             "run": [""],
@@ -146,12 +148,12 @@ class Centrifuge:
         }
 
     def mean_motion(self, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
-        """Return the mean motion of each dwell; see `inercal.benches.contract.MeanBench`.
+        """Return the mean motion during each dwell; see `inercal.benches.contract.MeanBench`.
 
         Raises
         ------
         InputError
-            A step of unknown attitude.
+            The attitude of a step is not known.
         """
         stated = {name: np.array(p.value) for name, p in self.acting_parameters(steps).items()}
         result = sensed_motion(self, steps, stated | dict(q))
@@ -164,12 +166,12 @@ class Centrifuge:
     def reading_offsets(
         self, steps: Sequence[Spin], sensor: Sensor, q: Mapping[str, Array]
     ) -> Array:
-        """Return zero: no error of a centrifuge adds to readings."""
+        """Return zero, because no error of a centrifuge adds an offset to the readings."""
         return np.zeros(())
 
 
 def _split_by_dwell(by: Mapping[str, Array], labels: Sequence[str]) -> dict[str, Array]:
-    """Return derivatives (..., r, 3), those by parameters of a dwell with the dwell's name."""
+    """Return derivatives (..., r, 3), in which parameters of a dwell carry the dwell's name."""
     result = {name: rows for name, rows in by.items() if not name.startswith("dwell")}
     own = np.eye(len(labels))
     for name in set(by) - set(result):

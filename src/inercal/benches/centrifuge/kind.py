@@ -36,7 +36,7 @@ def _refuses_budget(bench: Centrifuge, steps: Sequence[Spin]) -> str:
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return the measured direction of the specific force in each dwell."""
+    """Return the measured direction of the specific force during each dwell."""
     spins = [step for step in shown.steps if isinstance(step, Spin)]
     known = all(step.attitude is not None for step in spins)
     stated = {name: np.array(q.value) for name, q in shown.expected.items()}
@@ -49,7 +49,7 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
 
 
 def _observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
-    """Return the observations of a run; what they load, plans do not use."""
+    """Return the observations from a run; import the reader late, as plans do not need it."""
     from inercal.benches.centrifuge.reading import observe
 
     return observe(run)

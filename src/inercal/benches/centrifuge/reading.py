@@ -1,4 +1,4 @@
-"""From a run on a centrifuge to observations: a table of dwells, or a recording of arm runs."""
+"""Read the observations from a centrifuge run: a table of dwells, or a recording of arm runs."""
 
 from dataclasses import replace
 from math import pi
@@ -27,11 +27,11 @@ from inercal.recordings.io.mean_tables import observations_from_table, read_colu
 from inercal.recordings.io.rest_norm import norm_finding
 from inercal.recordings.segments import average_dwells, find_dwells
 
-_HARMONICS = 2  # of a reading quadratic in the sensed motion; a cubic reading has a third
+_HARMONICS = 2  # harmonics of a reading quadratic in the motion; a cubic reading has a third
 
 
 def observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
-    """Return the observations of a run on a centrifuge.
+    """Return the observations from a run on a centrifuge.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
 def _norm_finding(
     run: RunBase[CentrifugeData], bench: Centrifuge, inputs: EstimatorInput
 ) -> Finding | None:
-    """Return the refusal of readings whose norms disagree with radius, rate and gravity."""
+    """Return a refusal if the norms of the readings disagree with radius, rate and gravity."""
     rates = np.array([step.rate for step in inputs.steps if isinstance(step, Spin)])
     if not rates.size or bench.platform != "locked":
         return None  # on a counter-rotating platform the centripetal acceleration has no mean
@@ -88,7 +88,7 @@ def _norm_finding(
         f"gravity, [bench] radius and the rate give {expected[k]:.4g} m/s²"
     )
     finding = norm_finding(float(norms[k]), float(expected[k]), text)
-    # The method itself judges radius and scale where the ratio is less than two.
+    # If the ratio is less than two, the method itself judges radius and scale.
     return finding if finding is not None and finding.severity == "refused" else None
 
 
@@ -177,6 +177,6 @@ def _conditions(bench: Centrifuge) -> dict[str, str]:
         "tilt of gravity against the arm (k = 1)": format_quantity(bench.tilt, 0.0, "″"),
         "earth rate along the spindle": "unknown"
         if place is None
-        else f"of latitude {format_quantity(place.value, place.sd, '°')}",
+        else f"from latitude {format_quantity(place.value, place.sd, '°')}",
         "platform": bench.platform,
     }

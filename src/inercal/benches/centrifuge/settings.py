@@ -1,4 +1,4 @@
-"""[bench] and [data] of a precision centrifuge: its keys, and the bench in SI."""
+"""The sections [bench] and [data] for a precision centrifuge, and the bench in SI."""
 
 from pathlib import Path
 from typing import Literal
@@ -20,42 +20,46 @@ from inercal.recordings.data import DataSection, ReadbackColumn, unit_size
 
 @add_bench_keys(Centrifuge, after={"platform": "dwell_tilt"})
 class CentrifugeSection(BenchSection):
-    """[bench]: a precision centrifuge."""
+    """Section [bench] for a precision centrifuge."""
 
     kind: Literal["centrifuge"]
     radius: str = Field(examples=["1 m ± 10 µm"])
     platform: Literal["locked", "counter-rotating"] = "locked"
     sense: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
     indexing: str | None = Field(
-        None, description="of each attitude, where attitudes are known", examples=["0.02 °"]
+        None, description="angles of each attitude, if attitudes are known", examples=["0.02 °"]
     )
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that change no result in this use, each with the reason."""
+        """Return the keys that have no effect on the result in this use, each with the reason."""
         found: dict[str, str] = {}
         if self.platform == "locked":
             found["lean"] = (
                 "on a locked platform the spindle's tilt averages to zero over whole turns"
             )
         if self.indexing is None:
-            found["mounting"] = "without indexing only norms are used, which no mounting changes"
+            found["mounting"] = (
+                "without indexing only norms are used, and mounting does not affect them"
+            )
         if self.latitude is None and self.platform == "locked" and self.indexing is None:
             found["sense"] = "without latitude the sense of the earth's rate is not used"
         return found
 
 
 class CentrifugeData(DataSection):
-    """[data] of a precision centrifuge: rows are dwells of the arm."""
+    """Section [data] for a precision centrifuge, in which each row is a dwell of the arm."""
 
     arm_rate: str | int = Field(description="column of the arm's rate", examples=["rate"])
-    arm_rate_unit: str = Field("rpm", description="its unit, or the size of one: '0.5 rev/s'")
+    arm_rate_unit: str = Field(
+        "rpm", description="unit of the rate, or its size such as '0.5 rev/s'"
+    )
     attitude: tuple[str | int, str | int] | None = Field(
-        None, description="of means: columns of ψ and θ", examples=[["psi", "theta"]]
+        None, description="for means: columns of ψ and θ", examples=[["psi", "theta"]]
     )
     attitude_unit: str = "°"
 
     def readback(self, bench: Centrifuge) -> tuple[ReadbackColumn, ...]:
-        """Return the columns in which the centrifuge states its rate and attitudes."""
+        """Return the columns with the rate of the arm and the attitudes."""
         rate = unit_size(self.arm_rate_unit, "rad/s", "arm_rate_unit")
         found = (ReadbackColumn("arm_rate", str(self.arm_rate), rate),)
         if self.attitude is None:
@@ -66,7 +70,7 @@ class CentrifugeData(DataSection):
 
 
 def build(section: CentrifugeSection, folder: Path) -> Centrifuge:
-    """Return the bench in SI; files that it names lie in `folder`."""
+    """Build the bench in SI from its section; the files that it names are in `folder`."""
     latitude = None
     if section.latitude is not None:
         latitude = section_constant(section, "latitude", "°")

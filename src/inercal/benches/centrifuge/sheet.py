@@ -1,4 +1,4 @@
-"""The worksheet of a run on a centrifuge: its dwells, attitude by attitude, in each by rate."""
+"""The worksheet for a run on a centrifuge: the dwells at each rate, attitude by attitude."""
 
 from collections.abc import Sequence
 from math import pi
@@ -18,12 +18,12 @@ from inercal.recordings.data.recording_loader import readback_units
 
 
 def sheet(run: RunBase[CentrifugeData]) -> Sheet:
-    """Return the dwells of a run's plan.
+    """Return the worksheet with the dwells of a run's plan.
 
     Raises
     ------
     InputError
-        A plan that the run file does not state, or a platform that turns against the arm.
+        The run file states no plan, or the platform turns against the arm.
     """
     data, bench = run.data, run.bench
     if bench.platform != "locked":
@@ -80,10 +80,10 @@ def sheet(run: RunBase[CentrifugeData]) -> Sheet:
         ),
         tuple(rows),
         (
-            "Keep an attitude for all its rates.",
-            "At each rate wait until it is steady, then take the mean over whole turns.",
-            "The printed readings are those of a sensor without errors: compare the axes and "
-            "signs.",
+            "Measure all rates of an attitude before you change it.",
+            "At each rate wait until it is steady, then average the readings over whole turns.",
+            "The printed readings are those of a sensor without errors. Use them to check the axes "
+            "and signs.",
             "Remove the row of a failed dwell from the file.",
         ),
         (data.label, *(data.attitude or ()), data.arm_rate, *data.accelerometer),
@@ -91,12 +91,12 @@ def sheet(run: RunBase[CentrifugeData]) -> Sheet:
 
 
 def _by_attitude(run: RunBase[CentrifugeData]) -> list[Spin]:
-    """Return the dwells of the plan, those of one attitude together, in the order of the plan."""
+    """Return the dwells of the plan grouped by attitude, otherwise in the order of the plan."""
     steps = [step for step in run.steps if isinstance(step, Spin)]
     order = {attitude: k for k, attitude in enumerate(attitude_names(steps))}
     return sorted(steps, key=lambda step: order[step.attitude])
 
 
 def _head(data: CentrifugeData, angles: Sequence[float]) -> list[tuple[str, float]]:
-    """Return the angles of the two-axis head by name, rad, where the table has them."""
+    """Return the angles of the two-axis head by name, rad, if the table has them."""
     return [] if data.attitude is None else list(zip(("psi", "theta"), angles, strict=True))

@@ -1,8 +1,8 @@
-"""Arm runs in simulation: spin up, dwell, spin on, spin down, attitude by attitude.
+"""Simulation of arm runs: in each attitude the arm spins up, dwells at each rate and stops.
 
-The arm starts at rest in each attitude and goes through its rates in their order, with constant
-acceleration. Samples have the name of the attitude as their label; the bench reads back the
-commanded rate, which differs from the true rate by its error, as by that of an encoder's clock.
+The arm starts at rest in each attitude and goes through its rates in order, with constant
+acceleration. Samples are labelled with the name of the attitude. The bench reads back the commanded
+rate, which differs from the true rate by an error such as that of an encoder's clock.
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ from inercal.physics.motion import Motion
 from inercal.physics.plan import Spin
 
 SPIN_UP = 3.0  # rad/s²
-_SETTLING = 2.0  # s at the rate before a dwell is counted
-_REST = 1.0  # s at rest before and after
+_SETTLING = 2.0  # s at the rate before a dwell begins
+_REST = 1.0  # s at rest before and after the spin
 
 
 def simulate_arm_motion(
@@ -33,27 +33,28 @@ def simulate_arm_motion(
     rng: np.random.Generator,
     trials: int = 1,
 ) -> SimulatedMotion:
-    """Return the motion of each trial, and the readback.
+    """Simulate the motion in each trial, and the readback.
 
-    The readback is "arm_rate", rad/s, and the angles of the two-axis head, "psi" and "theta", rad,
-    (n,) each.
+    The readback consists of "arm_rate", rad/s, and the angles of the two-axis head, "psi" and
+    "theta", rad, (n,) each.
 
     Parameters
     ----------
     bench : Centrifuge
-        Its parameters are drawn from normal distributions of their stated deviations.
+        The bench. Its parameters are drawn from normal distributions with their stated standard
+        deviations.
     steps : sequence of Spin
-        In known attitudes.
+        Steps whose attitudes are known.
     rate_hz : float
         Samples per second.
     rng : Generator
     trials : int
-        Length of the leading axis of what is drawn and of the motion.
+        Number of trials, which is the leading axis of the drawn errors and the motion.
 
     Raises
     ------
     InputError
-        A step of unknown attitude.
+        The attitude of a step is not known.
     """
     declared = bench.acting_parameters(steps, vectors=True, dwells=True)
     drawn = bench.qualified.draw(declared, rng, trials)
@@ -63,7 +64,7 @@ def simulate_arm_motion(
     labels: list[str] = []
     azimuth = 0.0
     for attitude, first in named.items():
-        name = first.rpartition("_r")[0] or first  # of the attitude alone
+        name = first.rpartition("_r")[0] or first  # the name of the attitude without the rate
         own = [step for step in steps if step.attitude == attitude]
         rate, which = _profile(own, rate_hz)
         turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))])
@@ -80,19 +81,19 @@ def simulate_arm_motion(
 
 
 def arm_plan_duration(bench: Centrifuge, steps: Sequence[Spin]) -> float:
-    """Return how long these steps last at most, each from rest to rest."""
+    """Return the longest time that these steps can take, each from rest to rest, s."""
     return sum(step.seconds + _SETTLING + 2 * (_REST + abs(step.rate) / SPIN_UP) for step in steps)
 
 
 def head_angles_of_attitude(step: Spin) -> tuple[float, float]:
-    """Return ψ and θ of the two-axis head."""
+    """Return the angles ψ and θ of the two-axis head for the attitude of a step, rad."""
     (out,), (up,) = outward_and_up_directions([step])
     theta = atan2(up[0], -up[2])
     return atan2(out[1], out[0] * cos(theta) + out[2] * sin(theta)), theta
 
 
 def _profile(steps: Sequence[Spin], rate_hz: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return the rate, (n,) rad/s, and which step each sample belongs to, the next while moving."""
+    """Return the rate, (n,) rad/s, and each sample's step, which during ramps is the next step."""
     rest = np.zeros(round(_REST * rate_hz))
     pieces, owners = [rest], [np.zeros(rest.size, dtype=np.int64)]
     before = 0.0
@@ -117,18 +118,18 @@ def _sensed_motion(
     azimuth: Array,
     dt: float,
 ) -> Motion:
-    """Return f and ω, (trials, n, 3), of one attitude's run."""
+    """Return f and ω, (trials, n, 3), for the run in one attitude."""
     nominal = np.array([step.rate for step in steps])[which]
-    # The motion in a dwell is known; during a ramp the centripetal part follows the square of the
-    # rate. Without a duration a dwell has whole turns.
+    # The motion during a dwell is known; during a ramp the centripetal part follows the square of
+    # the rate. A dwell without a duration lasts whole turns.
     still = sensed_motion(bench, [replace(steps[0], rate=0.0, seconds=0.0)], drawn)
     dwell = sensed_motion(bench, [replace(step, seconds=0.0) for step in steps], drawn)
     share = (rate / nominal) ** 2
     f = still.f + (dwell.f - still.f)[..., which, :] * share[:, None]
     w = dwell.w[..., which, :] * (rate / nominal)[:, None]
     out, up = (rows[0] for rows in outward_and_up_directions(steps[:1]))
-    # Mounting and indexing turn every vector of the body by the same rotation. The indexing of an
-    # attitude is named by the first step that has it.
+    # Mounting and indexing rotate every vector in the body alike. The indexing error of an attitude
+    # has the name of the first step in that attitude.
     attitude = attitude_names(steps)[steps[0].attitude]
     body = exp_so3(np.stack([drawn[f"mount_{a}"] for a in "xyz"], axis=-1)) @ exp_so3(
         np.stack([drawn[f"index_{a}[{attitude}]"] for a in "xyz"], axis=-1)
@@ -148,6 +149,6 @@ def _sensed_motion(
     f = f + swing + tangential[:, None] * (body @ along)[:, None]
     if bench.platform == "locked":
         return Motion(f, w)
-    # The body keeps its attitude while the arm turns: vectors rotate about `up`.
+    # The body keeps its attitude while the arm turns, so vectors rotate about `up`.
     back = exp_so3((body @ up)[:, None] * azimuth[:, None])
     return Motion((back @ f[..., None])[..., 0], np.zeros_like(f))

@@ -1,4 +1,4 @@
-"""The bench of a dividing head."""
+"""A dividing head, as a bench."""
 
 from inercal.benches.dividing_head.bench import DividingHead
 

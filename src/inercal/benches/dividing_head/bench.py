@@ -1,26 +1,27 @@
-"""A dividing head with its spindle level: accelerometers turned through the plumb line.
+"""A dividing head with a level spindle, which rotates accelerometers in a vertical plane.
 
-At the head's angle θ the sensor is at the angle ψ and senses, in its own frame with x and y in the
-plane of rotation and z along the spindle::
+At the head's angle θ the sensor is at the angle ψ. In its own frame, with x and y in the plane of
+rotation and z along the spindle, it senses::
 
     f = g (cos λ sin ψ, cos λ cos ψ, sin λ)
     ψ = θ + Δ(θ) + base + pier + level
 
-so that x is level at 0° and up at 90°, and y is a quarter turn ahead. λ is the spindle's lean out
-of the level; `base` the angle of the head's zero against the plumb line, common to the run. `creep`
-(steady over a pass) and `pier` (white) are tilts of the base that a level on it does not measure.
+so that x is level at 0° and up at 90°, and y is a quarter turn ahead. λ is the spindle's lean from
+the horizontal. `base` is the angle of the head's zero relative to the plumb line, common to the
+run. `creep` (steady over a pass) and `pier` (white) are tilts of the base that a level on it does
+not measure.
 
-Δ is the error of the head: harmonics of θ and a white part of each graduation. An autocollimator
-that faces a polygon mirror on the spindle replaces the head's scale:
+Δ is the error of the head: harmonics of θ and a white part at each graduation. An autocollimator
+that faces a polygon mirror on the spindle can replace the head's scale:
 
-    "pairs"  in each pass 180° is trimmed to the reading at 0° and 270° to that at 90°: the two
-             angles of a pair differ by an error of √2 times the autocollimator's deviation
-    "every"  a polygon face at every position: each angle has the error of the autocollimator
-    "none"   the head alone
+    "pairs"  in each pass 180° is trimmed to the reading at 0°, and 270° to the reading at 90°; the
+             error between the two angles of a pair is √2 times the autocollimator's deviation
+    "every"  a polygon face is read at every position; each angle has the autocollimator's error
+    "none"   only the head's scale is used
 
-A reading of the autocollimator that was not brought to its mark corrects the angle. Faces of the
-polygon deviate from even angles by what its certificate states, within `certificate`. The
-autocollimator is mounted on the base and does not measure its tilt.
+A reading of the autocollimator that was not brought to its mark corrects the angle. The certificate
+states how much the faces of the polygon deviate from even angles, with the standard deviation
+`certificate`. The autocollimator is mounted on the base and does not measure its tilt.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,17 +51,17 @@ from inercal.physics.sensors import Axis, Noise, Readout, Sensor
 
 CollimationMode = Literal["pairs", "every", "none"]
 _NOMINAL, _NOISELESS = Readout(), Noise()
-_ROUNDED = 1e-15  # of a sine that is zero
+_ROUNDED = 1e-15  # rounding error of a sine that is zero
 _LARGEST_DRIFT = Limit(0.1, "a bias can drift, 10 mg")  # m/s²
 
 
 def position_plan(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -> tuple[Index, ...]:
-    """Return n evenly spaced positions from 0, and with `reverse` the same again backwards.
+    """Return n evenly spaced positions from 0; with `reverse`, followed by the same backwards.
 
     Raises
     ------
     InputError
-        No positions.
+        The number of positions is less than one.
     """
     if n < 1:
         raise InputError(f"n is {n}; a plan needs at least one position", key="n")
@@ -82,15 +83,15 @@ def mounted_sensor(
     readout: Readout = _NOMINAL,
     noise: Noise = _NOISELESS,
 ) -> Sensor:
-    """Return one or two accelerometers as the fixture holds them: the first along x, then y.
+    """Return one or two accelerometers as mounted in the fixture: the first along x, then y.
 
-    All have P in the plane of rotation, a quarter turn ahead, and O along the spindle: a mounting
-    angle acts as δ_O and the in-plane cross term as K_ip.
+    Each accelerometer has its P axis in the plane of rotation, a quarter turn ahead, and its O axis
+    along the spindle. A mounting angle therefore acts as δ_O, and the in-plane cross term is K_ip.
 
     Raises
     ------
     InputError
-        Other than one or two axes.
+        The number of axes is neither one nor two.
     """
     x, y, back = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
     if not 1 <= len(axes) <= len(held := ((x, y), (y, back))):
@@ -103,43 +104,46 @@ def mounted_sensor(
 
 @dataclass(frozen=True)
 class DividingHead:
-    """The bench of a dividing head.
+    """A dividing head.
 
     Parameters
     ----------
     gravity : Measured
         Local gravity, m/s².
     harmonics : tuple of float
-        Of harmonics 1, 2, … of the head's error: standard deviation of the amplitudes of sine and
-        of cosine, rad each.
+        Standard deviation of the sine and cosine amplitudes of harmonics 1, 2, … of the head's
+        error, rad.
     division : float
-        Standard deviation of each further error of a graduation, rad, the same at each visit.
+        Standard deviation of the remaining error of a graduation, which is the same at each visit,
+        rad.
     autocollimator : float
-        Standard deviation of one reading, rad.
+        Standard deviation of one reading of the autocollimator, rad.
     collimated : "pairs", "every" or "none"
-        Where the autocollimator is read.
+        Positions at which the autocollimator is read.
     polygon : tuple of float
-        Certified deviation of each face from its even angle, rad; the first face is read at 0.
-        Empty is even.
+        Certified deviation of each face from its even angle, rad; the first face is read at 0. If
+        it is empty, the faces are taken as even.
     certificate : float
-        Standard deviation of each of these, rad.
+        Standard deviation of each certified deviation, rad.
     base : float
-        Standard deviation of the zero of the head against the plumb line, rad.
+        Standard deviation of the head's zero relative to the plumb line, rad.
     pier : float
-        Standard deviation of the base's tilt at each position, beyond `Index.level`, rad.
+        Standard deviation of the base's tilt at each position that `Index.level` does not measure,
+        rad.
     creep : float
-        Standard deviation of the base's tilt over one pass, beyond `Index.level`, rad.
+        Standard deviation of the base's tilt over one pass that `Index.level` does not measure,
+        rad.
     lean : float
-        Standard deviation of the spindle's lean out of the level, rad.
+        Standard deviation of the spindle's lean from the horizontal, rad.
     drift : float
         Standard deviation of the drift of each accelerometer's bias over one pass, m/s².
     qualified : QualifiedParameters
-        What qualifications found: angles are corrected by the values.
+        Results of qualifications, whose values correct the angles.
 
     Raises
     ------
     InputError
-        A gravity that is not positive, a deviation that is negative or not finite.
+        Gravity is not positive, or a standard deviation is negative or not finite.
     """
 
     gravity: Measured
@@ -148,7 +152,9 @@ class DividingHead:
     autocollimator: float = small_angle("0.1 ″", {})
     collimated: CollimationMode = "pairs"
     polygon: tuple[float, ...] = ()
-    certificate: float = small_angle("0.1 ″", {"polygon": "face, as certified"}, scope="position")
+    certificate: float = small_angle(
+        "0.1 ″", {"polygon": "certified deviation of a face"}, scope="position"
+    )
     base: float = small_angle("10 ″", "zero of the head")
     pier: float = small_angle("0.1 ″", "tilt of the base", scope="position")
     creep: float = small_angle("0 ″", "tilt of the base over a pass", scope="pass", example="0.2 ″")
@@ -171,14 +177,14 @@ class DividingHead:
 
     @property
     def rms(self) -> float:
-        """The head's error without an autocollimator, root mean square, rad."""
+        """Root mean square of the head's error without an autocollimator, rad."""
         return sqrt(sum(sd**2 for sd in self.harmonics) + self.division**2)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The imperfections, as data."""
+        """The imperfections of the bench, as data."""
         g = self.gravity
-        # A lean λ lowers the sensed motion by g λ²/2, of which the mean square is 3/4 (g sd²)².
+        # A lean λ reduces the sensed gravity by g λ²/2, whose mean square is 3/4 (g sd²)².
         shortened = sqrt(0.75) * g.value * self.lean**2
         pair = sqrt(2) * self.autocollimator
         waves = [
@@ -190,9 +196,14 @@ class DividingHead:
             replace(local_gravity(g), sd=hypot(g.sd, shortened)),
             *waves,
             *declared_parameters(self, "base", "lean", "division"),
-            Parameter("trim", "rad", pair, "position", 0.0, "angle of a pair, trimmed"),
+            Parameter("trim", "rad", pair, "position", 0.0, "trimmed angle of a pair"),
             Parameter(
-                "face", "rad", self.autocollimator, "position", 0.0, "autocollimator on a face"
+                "face",
+                "rad",
+                self.autocollimator,
+                "position",
+                0.0,
+                "autocollimator reading on a face",
             ),
             *declared_parameters(self, "certificate", "pier", "creep", "drift"),
         )
@@ -208,7 +219,7 @@ class DividingHead:
     def acting_parameters(
         self, steps: Sequence[Index], channels: Sequence[str] = ()
     ) -> dict[str, Parameter]:
-        """Return the same, with the drift of these channels alone."""
+        """Return the parameters that act on these steps, with the drift of these channels only."""
         acting = {name for row in angle_weights(self, steps) for name in row} | {"g", "lean"}
         labels = {"position": [step.label for step in steps], "pass": pass_names(steps)}
         result: dict[str, Parameter] = {}
@@ -227,10 +238,11 @@ class DividingHead:
     def simulated_parameters(
         self, steps: Sequence[Index], channels: Sequence[str] = ()
     ) -> dict[str, Parameter]:
-        """Return `angle_weights` with the deviations that a simulation draws.
+        """Return the acting parameters with the standard deviations that a simulation draws.
 
-        `sensed_motion` is exact in the lean. The part of gravity's deviation that represents the
-        second order of the lean, for linear estimators, would count it twice.
+        For linear estimators, the standard deviation of gravity includes the second-order effect of
+        the lean. `sensed_motion` is exact in the lean, so this part is removed here; otherwise it
+        would count twice.
         """
         result = self.acting_parameters(steps, channels)
         return result | {"g": replace(result["g"], sd=self.gravity.sd)}
@@ -247,7 +259,7 @@ class DividingHead:
 
 
 def drift_names(channel: str, steps: Sequence[Index]) -> list[str]:
-    """Return the names of an accelerometer's drift in each pass."""
+    """Return the parameter names of an accelerometer's drift in each pass."""
     return [f"drift_{channel}[{name}]" for name in pass_names(steps)]
 
 
@@ -259,7 +271,7 @@ def bias_drift(steps: Sequence[Index], channels: Sequence[str], q: Mapping[str, 
     steps : sequence of r Index
     channels : sequence of m str
     q : mapping of str to (...) array
-        The drifts by full name (`drift_names`), m/s² a pass.
+        The drifts by full name (`drift_names`), m/s² per pass.
     """
     result = drift_ramps(steps)
     by_axis = [
@@ -280,12 +292,12 @@ def sensed_motion(
     bench : DividingHead
     steps : sequence of r Index
     q : mapping of str to (...) array
-        The bench's parameters by full name, SI; those missing are as declared.
+        The bench's parameters, SI, by full name. A missing parameter keeps its stated value.
 
     Raises
     ------
     InputError
-        A collimated position on no face of the polygon.
+        The polygon has no face at a position where the autocollimator is read.
     """
     psi, weights = sensor_angles(bench, steps)
     for name, weight in weights.items():
@@ -295,7 +307,7 @@ def sensed_motion(
         np.asarray(q.get(name, at))[..., None]
         for name, at in (("g", bench.gravity.value), ("lean", 0.0))
     )
-    # The sign of the sensed motion must not depend on the rounding of sin π.
+    # The sign of the sensed motion must not depend on the rounding error of sin π.
     sine, cosine = (np.where(np.abs(x) < _ROUNDED, 0.0, x) for x in (np.sin(psi), np.cos(psi)))
     lean = lean + bench.qualified.correction("lean")
     zero = np.zeros_like(psi)

@@ -1,4 +1,4 @@
-"""Checks of readings on a dividing head: phase, size, and rows that differ from their repeats."""
+"""Checks of readings on a dividing head: phase, amplitude, and repeats that do not agree."""
 
 from collections.abc import Sequence
 from math import pi
@@ -18,21 +18,22 @@ from inercal.recordings import Finding, Observations
 from inercal.recordings.data import RunBase
 
 _PHASE = 10.0  # °, the largest error of a fixture
-_SWING = (0.5, 2.0)  # times g
-_FEWEST = 3  # positions that determine a phase
+_SWING = (0.5, 2.0)  # possible amplitudes in g
+_FEWEST = 3  # positions needed to determine a phase
 _LARGEST = 3e-3  # rad, 10′: the range of levels and autocollimators
-_ALONE = 8.0  # times the usual difference between passes
-_STATED = 4.0  # standard deviations of a difference, by noise and bench
-_REPEATED = 4  # repeated positions that determine the usual difference
-_NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
+_ALONE = 8.0  # an outlier is this many times the usual difference between passes
+_STATED = 4.0  # and this many standard deviations of a difference due to noise and bench
+_REPEATED = 4  # repeated positions needed to determine the usual difference
+_NORMAL = 1.4826  # standard deviation over median absolute deviation for a normal distribution
 
 
 def require_small_readings(run: RunBase[DividingHeadData], steps: Sequence[Index]) -> None:
-    """Refuse readings beyond the range of a level or an autocollimator: their unit is wrong.
+    """Refuse readings beyond the range of a level or autocollimator, because their unit is wrong.
 
     Raises
     ------
     InputError
+        A reading is out of range.
     """
     for key, name in (("level", "level"), ("autocollimator", "reading")):
         values = [getattr(step, name) for step in steps]
@@ -50,11 +51,12 @@ def require_small_readings(run: RunBase[DividingHeadData], steps: Sequence[Index
 def require_phases(
     run: RunBase[DividingHeadData], observations: Observations, steps: Sequence[Index]
 ) -> None:
-    """Refuse accelerometers whose readings do not have 1 g amplitude and the mounting's phase.
+    """Refuse accelerometers whose readings do not have the phase of their mounting or 1 g.
 
     Raises
     ------
     InputError
+        The phase or the amplitude of an accelerometer's readings is wrong.
     """
     angle = np.array([step.angle for step in steps])
     basis = np.stack([np.ones_like(angle), np.sin(angle), np.cos(angle)], axis=-1)
@@ -102,28 +104,28 @@ def require_phases(
 
 
 def _angle_difference(one: float, other: float) -> float:
-    """Return the difference of two angles, °, from 0 to 180."""
+    """Return the difference between two angles, in degrees from 0 to 180."""
     return abs((one - other + 180) % 360 - 180)
 
 
 def repeat_visit_warnings(
     observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
 ) -> tuple[Finding, ...]:
-    """Return a warning for each position whose visits differ far more than those of others.
+    """Return a warning for each position whose repeats differ far more than at other positions.
 
-    Corrected for level and autocollimator, the readings at one position differ between passes only
-    by drift; a writing error is an outlier. It must also exceed the bench's stated deviations of
-    single readings: where the autocollimator brings the head back, it is read again in each pass,
-    so that these positions differ more than others.
+    After correction for level and autocollimator, the readings at one position differ between
+    passes only by drift, so a mistyped number is an outlier. An outlier must also exceed the stated
+    standard deviations of single readings, because the autocollimator is read again in each pass
+    and positions that are trimmed with it differ more than others.
 
     Parameters
     ----------
     observations : Observations
-        Of one recording.
+        Observations from one recording or table.
     sensor : Sensor
     bench : DividingHead
     steps : sequence of Index
-        Of the rows.
+        The step of each observation.
     """
     nominal = sensor.forward(
         Motion(sensed_motion(bench, steps, {}).f), np.zeros(len(sensor.coefficients))
@@ -156,8 +158,8 @@ def repeat_visit_warnings(
                         "warning",
                         "passes",
                         f"{steps[j].label} and {steps[k].label} are the same position, but "
-                        f"{channel} differs by {_format_in_g(size)}, at other positions by "
-                        f"{_format_in_g(limit)}; check these two rows",
+                        f"{channel} differs by {_format_in_g(size)}, whereas differences at other "
+                        f"positions are about {_format_in_g(limit)}; check these two rows",
                         channel,
                     )
                 )

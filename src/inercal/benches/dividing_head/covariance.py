@@ -21,7 +21,7 @@ def bench_covariance(
 ) -> Array:
     """Return the covariance of all readings due to the bench's angles and gravity.
 
-    (m r, m r) in (m/s²)², row after row as `Observations.full_covariance`.
+    The matrix is (m r, m r) in (m/s²)², ordered row by row like `Observations.full_covariance`.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def bench_covariance(
     bench : DividingHead
     steps : sequence of r Index
     c : (p,) array, optional
-        Coefficients of the sensor; None is the nominal one.
+        Coefficients of the sensor; None means a nominal sensor.
     gravity : bool
         Whether the uncertainty of gravity is included.
     """
@@ -46,10 +46,11 @@ def bench_covariance(
 def reading_sensitivities(
     sensor: Sensor, bench: DividingHead, steps: Sequence[Index], c: Array | None = None
 ) -> dict[str, Array]:
-    """Return ∂(readings)/∂(parameter) for every parameter that is not exact, (m r,).
+    """Return the derivative of the readings, (m r,), by each parameter that is not exact.
 
-    Arguments as of `bench_covariance`. The derivative of an estimate by a stated value of the bench
-    is minus its derivative by the readings times this.
+    The arguments are the same as for `bench_covariance`. To get the derivative of an estimate by a
+    stated value of the bench, multiply its derivative by the readings with this one and change the
+    sign.
     """
     result = sensed_motion(bench, steps, {})
     c = np.zeros(len(sensor.coefficients)) if c is None else c

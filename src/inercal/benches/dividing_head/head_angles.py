@@ -1,4 +1,4 @@
-"""The angles of a sensor on a dividing head, and their dependence on the bench's parameters."""
+"""The angles of a sensor on a dividing head and their dependence on the bench's parameters."""
 
 from collections.abc import Mapping, Sequence
 from math import cos, degrees, pi, sin
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
 
 
 class SensorAngles(NamedTuple):
-    """The sensor's angles ψ, by the bench's parameters q: nominal + Σ weight q."""
+    """The sensor's angles ψ, linear in the bench's parameters q: nominal + Σ weight q."""
 
     nominal: Array  # (r,), rad
-    weights: Mapping[str, Array]  # (r,) each, by full name
+    weights: Mapping[str, Array]  # (r,) each, by full name of the parameter
 
 
 def sensor_angles(bench: "DividingHead", steps: Sequence[Index]) -> SensorAngles:
     """Return the angles of r steps, corrected by level, autocollimator and certificate.
 
-    The level measures tilts relative to its mean, and so does the autocollimator where it is read
-    at every position: their zeros are not that of the plumb line.
+    Only deviations of the level from its mean count, because its zero is not the plumb line. The
+    same holds for an autocollimator that is read at every position.
 
     Raises
     ------
     InputError
-        A collimated position on no face of the polygon.
+        The polygon has no face at a position where the autocollimator is read.
     """
     rows = angle_weights(bench, steps)
     nominal = np.array([step.level for step in steps])
@@ -54,11 +54,11 @@ def sensor_angles(bench: "DividingHead", steps: Sequence[Index]) -> SensorAngles
 
 
 def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[str, float]]:
-    """Return the derivatives of the angle of each step by the parameters, by full name."""
+    """Return the derivatives of each step's angle by the bench's parameters, by full name."""
     if not steps:
         return []
     named, creeping, trimmed = pass_names(steps), drift_ramps(steps), _trim_references(bench, steps)
-    # All visits of a position have one error of graduation and face, named by the first visit.
+    # All visits to a position share its graduation and face errors, named after the first visit.
     place = [steps[k].label for k in first_visit_rows(steps)]
     rows: list[dict[str, float]] = []
     for k, step in enumerate(steps):
@@ -83,12 +83,12 @@ def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[st
 
 
 def _stated_angles(bench: "DividingHead", steps: Sequence[Index]) -> Array:
-    """Return the angles by head, autocollimator and certificate, without the level, (r,) rad."""
+    """Return the angles from head, autocollimator and certificate, without the level, (r,) rad."""
     head = np.array([step.angle for step in steps])
     if bench.collimated == "none":
         return head
     if bench.collimated == "every":
-        # The head's own reading is not used: its rounding must have no effect.
+        # The head's own reading is not used, so that its rounding has no effect.
         grid = None if bench.polygon else evenly_spaced_angles(steps)
         face, deviation = np.array([_face_angle(bench, step) for step in steps]).T
         reading = np.array([step.reading for step in steps])
@@ -102,7 +102,7 @@ def _stated_angles(bench: "DividingHead", steps: Sequence[Index]) -> Array:
 
 
 def _face_angle(bench: "DividingHead", step: Index) -> tuple[float, float]:
-    """Return the even angle of the face at a step, and its deviation, rad.
+    """Return the even angle of the face at a step, and the certified deviation from it, rad.
 
     Raises
     ------
@@ -125,9 +125,9 @@ def _face_angle(bench: "DividingHead", step: Index) -> tuple[float, float]:
 
 
 def _trim_references(bench: "DividingHead", steps: Sequence[Index]) -> list[int | None]:
-    """Return for each step the row to whose reading the head was trimmed, if any.
+    """Return, for each step, the row whose reading the head was trimmed to, if any.
 
-    180° is trimmed to 0° and 270° to 90°: of the same pass, or else of the last one before.
+    180° is trimmed to 0°, and 270° to 90°, in the same pass or otherwise in the last pass before.
     """
     if bench.collimated != "pairs":
         return [None] * len(steps)

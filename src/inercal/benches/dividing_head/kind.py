@@ -25,8 +25,8 @@ def _sensor(
     if len(columns) not in (1, 2):
         raise key_error(
             "[data] accelerometer",
-            f"{len(columns)} columns; name those of the one or two accelerometers on the head, "
-            'such as ["a", "b"]',
+            f"{len(columns)} columns are named; name one or two, for the accelerometers on the "
+            'head, such as ["a", "b"]',
             names=tuple(map(str, columns)),
         )
     if gyro is not None:
@@ -37,7 +37,7 @@ def _sensor(
 
 
 def _observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
-    """Return the observations of a run; what they load, plans do not use."""
+    """Return the observations from a run; import the reader late, as plans do not need it."""
     from inercal.benches.dividing_head.reading import observe
 
     return observe(run)

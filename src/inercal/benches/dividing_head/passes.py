@@ -1,4 +1,4 @@
-"""Passes of a dividing head: once through its positions, in any order."""
+"""Passes of a dividing head; in each pass it goes once through its positions, in any order."""
 
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
@@ -9,22 +9,22 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.physics.plan import Index
 
-ANGLE_TOLERANCE = 1e-4  # rad; closer angles are readings of one position
+ANGLE_TOLERANCE = 1e-4  # rad; closer angles belong to the same position
 CARDINAL_ANGLES = (0.0, pi / 2, pi, 1.5 * pi)
 
 
 def distance_from_whole_turns(angle: float) -> float:
-    """Return the size of an angle, rad, beyond whole turns."""
+    """Return the distance of an angle from the nearest whole number of turns, rad."""
     return abs((angle + pi) % (2 * pi) - pi)
 
 
 def matches_any_angle(angle: float, others: Iterable[float]) -> bool:
-    """Return whether an angle, rad, equals one of other angles up to whole turns."""
+    """Return whether an angle equals one of the others except for whole turns; all in rad."""
     return any(distance_from_whole_turns(angle - other) < ANGLE_TOLERANCE for other in others)
 
 
 def first_visit_rows(steps: Sequence[Index]) -> list[int]:
-    """Return for each step the row of the first visit of its position."""
+    """Return, for each step, the row of the first visit to its position."""
     return list(_first_visits(tuple(step.angle for step in steps)))
 
 
@@ -38,10 +38,10 @@ def _first_visits(angles: tuple[float, ...]) -> tuple[int, ...]:
 
 
 def pass_numbers(steps: Sequence[Index]) -> list[int]:
-    """Return which pass each step belongs to, from 0.
+    """Return the number of the pass that each step belongs to, counted from 0.
 
-    A pass ends where two consecutive positions return. A single position that returns, because it
-    closes the turn or was repeated, belongs to the current pass.
+    A new pass begins when two consecutive positions have been visited before. A single position
+    that comes again, because it closes the turn or was repeated, belongs to the current pass.
     """
     first = first_visit_rows(steps)
     numbers: list[int] = []
@@ -62,7 +62,7 @@ def pass_names(steps: Sequence[Index]) -> list[str]:
 
 
 def missing_cardinal_angles(steps: Sequence[Index]) -> dict[str, list[float]]:
-    """Return the cardinal angles, rad, that passes lack, by the name of the pass."""
+    """Return the cardinal angles that are missing in each pass, rad, by the name of the pass."""
     which = pass_numbers(steps)
     result: dict[str, list[float]] = {}
     for k, name in enumerate(pass_names(steps)):
@@ -74,9 +74,9 @@ def missing_cardinal_angles(steps: Sequence[Index]) -> dict[str, list[float]]:
 
 
 def evenly_spaced_angles(steps: Sequence[Index]) -> Array | None:
-    """Return the evenly spaced angles, (r,) rad, of the steps, or None where they are uneven.
+    """Return the even angles nearest to the steps, (r,) rad, or None if they are not even.
 
-    The stated angles may differ from them by `ANGLE_TOLERANCE`.
+    The stated angles may differ from even angles by up to `ANGLE_TOLERANCE`.
     """
     n = len(set(first_visit_rows(steps)))
     if n == 0:
@@ -90,10 +90,10 @@ def evenly_spaced_angles(steps: Sequence[Index]) -> Array | None:
 
 
 def drift_ramps(steps: Sequence[Index]) -> Array:
-    """Return the effect of unit drift per pass at each step, (passes, r), about the run's mean.
+    """Return the effect of a unit drift per pass at each step, (passes, r), minus its mean.
 
-    Positions are evenly spaced in time, and each pass has the duration of the longest; the drift of
-    a pass continues from the end of the previous pass.
+    The positions are taken as evenly spaced in time, and every pass as long as the longest one. The
+    drift in a pass continues from the end of the previous pass.
     """
     which = np.array(pass_numbers(steps), dtype=np.int64)
     row = np.arange(len(steps))

@@ -1,4 +1,4 @@
-"""From a run on a dividing head to observations: a table of positions, or a recording of them."""
+"""Read the observations from a dividing-head run: a table or a recording of positions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -47,7 +47,7 @@ from inercal.recordings.segments import average_sections, check_marks, find_rest
 
 
 def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
-    """Return the observations of a run on a dividing head.
+    """Return the observations from a run on a dividing head.
 
     Raises
     ------
@@ -71,8 +71,8 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     return replace(result, findings=findings, conditions=_conditions(run, bench, steps))
 
 
-_FEW = 4  # positions that may be within 6.28°
-_TURNS = 60.0  # rad; no run turns this far
+_FEW = 4  # so few positions may lie within 6.28°
+_TURNS = 60.0  # rad; no run turns as far as this
 
 
 def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInput:
@@ -128,7 +128,7 @@ def _require_filled(run: RunBase[DividingHeadData], table: Table) -> None:
 
 
 def _require_unit(run: RunBase[DividingHeadData], angle: Array) -> None:
-    """Refuse angles in another unit than the stated one: a turn is 6.28 rad or 360°."""
+    """Refuse angles that are not in the stated unit, judged by a turn of 6.28 rad or 360°."""
     reach, given = float(np.abs(angle).max(initial=0.0)), run.data.angle_unit
     little = given in ("°", "deg") and angle.size > _FEW and reach < 2 * pi
     if little or (given == "rad" and reach > _TURNS):
@@ -162,12 +162,12 @@ def _recording(run: RunBase[DividingHeadData]) -> EstimatorInput:
 
 
 def _mean_angle(recording: Recording, mark: Mark, angle: Array) -> float:
-    """Return the mean angle of a section, rad, where an encoder may alternate 0° and 359.999°.
+    """Return the mean angle of a section, rad, even if the encoder alternates 0° and 359.999°.
 
     Raises
     ------
     InputError
-        The head moves within the section.
+        The head moves during the section.
     """
     own = angle[mark.start : mark.stop]
     away = (own - own[0] + pi) % (2 * pi) - pi
@@ -185,7 +185,7 @@ def _mean_angle(recording: Recording, mark: Mark, angle: Array) -> float:
 
 
 def _steps(names: Sequence[str] | None, readback: Mapping[str, Array]) -> tuple[Index, ...]:
-    """Return the steps of rows at these angles, levels and readings; None names them by angle."""
+    """Return one step per row from the readback; without names, steps are named by angle."""
     angle = readback["angle"]
     sense = _approach_senses(angle)
     if names is None:
@@ -202,12 +202,12 @@ def _steps(names: Sequence[str] | None, readback: Mapping[str, Array]) -> tuple[
 
 
 def _approach_senses(angle: Array) -> list[Literal[1, -1]]:
-    """Return the sense of approach to each position; the first has that of the second."""
+    """Return the sense of approach to each position; the first takes it from the second."""
     moves = pi - (pi - np.diff(angle)) % (2 * pi)
     found: list[Literal[1, -1]] = []
     sense: Literal[1, -1] = 1
     for move in reversed(moves.tolist()):
-        # A position that is repeated where the sense changes begins the way back.
+        # If a position is repeated where the sense changes, the repeat begins the way back.
         sense = sense if abs(move) < ANGLE_TOLERANCE else (1 if move > 0 else -1)
         found.append(sense)
     found.append(sense)
@@ -225,18 +225,18 @@ def _collimated_positions(bench: DividingHead, angle: Array) -> NDArray[np.bool_
 def _missing_trim_positions(
     run: RunBase[DividingHeadData], bench: DividingHead, steps: Sequence[Index]
 ) -> tuple[Finding, ...]:
-    """Return warnings of passes that lack a position at which the head is trimmed.
+    """Return a warning for each pass in which a position for trimming the head is missing.
 
     Raises
     ------
     InputError
-        No pass has the position.
+        The position is missing in every pass.
     """
     if bench.collimated != "pairs":
         return ()
     found: list[Finding] = []
     for name, missing in missing_cardinal_angles(steps).items():
-        text = "autocollimation works by pairs, 180° as 0° and 270° as 90° in each pass; "
+        text = "autocollimation trims 180° to 0° and 270° to 90° in each pass, but "
         text += f"{name} has no " + ", ".join(f"{angle * 180 / pi:.0f}°" for angle in missing)
         angles = [step.angle for step in steps]
         if not all(matches_any_angle(angle, angles) for angle in missing):
@@ -268,7 +268,7 @@ def _conditions(
     if bench.collimated != "none":
         found["autocollimator (k = 1)"] = format_quantity(bench.autocollimator, 0.0, "″")
         faces = len(bench.polygon)
-        found["polygon"] = f"{faces} faces as certified" if faces else "taken as even"
+        found["polygon"] = f"{faces} certified faces" if faces else "taken as even"
     if run.data.level is not None:
         found["tilt of the base"] = "measured by the level"
     return found

@@ -1,4 +1,4 @@
-"""Report of a dividing head: the estimated angles, and each row in words."""
+"""Report for a dividing head: the estimated angles, and a description of each row."""
 
 from math import degrees, pi
 
@@ -16,15 +16,15 @@ _APART = 3.0  # ° between passes in the figure
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return none: there may be only one accelerometer on the head."""
+    """Return no directions, because the head may carry only one accelerometer."""
     return ()
 
 
 def angle_corrections(shown: ReportInput) -> tuple[Array, Array]:
     """Return the estimated minus the stated angles and their standard deviations, (r,) each, rad.
 
-    About their mean, which is not distinguishable from the mounting angles. Empty where the
-    estimator does not estimate angles.
+    Their mean is subtracted, because it cannot be distinguished from the mounting angles. The
+    arrays are empty if the estimator does not estimate angles.
     """
     steps, estimate = _steps(shown), shown.estimate
     weights = {
@@ -40,7 +40,7 @@ def angle_corrections(shown: ReportInput) -> tuple[Array, Array]:
 
 
 def plots(shown: ReportInput) -> tuple[Plot, ...]:
-    """Return the estimated corrections of the head's angles, pass by pass."""
+    """Return a plot of the estimated corrections to the head's angles, pass by pass."""
     error, sd = angle_corrections(shown)
     steps = _steps(shown)
     which = np.array(pass_numbers(steps))
@@ -57,15 +57,15 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
         if error.size
     )
     text = (
-        "Estimated angles of the head minus the stated ones, about their mean, which is not "
-        "distinguishable from the mounting of the accelerometers. Bars are ±2 standard "
+        "Estimated minus stated angles of the head. Their mean is subtracted, because it cannot be "
+        "distinguished from the mounting of the accelerometers. Bars are ±2 standard "
         "uncertainties; if passes differ by more, there is an error that is not modelled."
     )
     panel = Panel("", "angle of the head, °", series, tuple(range(0, 361, 30)))
     return (
         Plot(
             "head",
-            "Angles of the head beyond those stated, with ±2 uncertainties",
+            "Estimated minus stated angles of the head, with bars of ±2 standard uncertainties",
             text if error.size else "The estimator does not estimate the angles of the head.",
             "estimated − stated, ″",
             (panel,) if error.size else (),
@@ -78,7 +78,7 @@ def _steps(shown: ReportInput) -> list[Index]:
 
 
 def describe_position(step: Step, outcome: ReportInput, number: int) -> str:
-    """Return a position and its readings in words: "head at 30°, forward; a 0.5 g"."""
+    """Describe a position and its readings, such as "head at 30°, forward; a 0.5 g"."""
     assert isinstance(step, Index)
     text = step.describe()
     if step.level:

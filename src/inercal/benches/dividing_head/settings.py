@@ -1,4 +1,4 @@
-"""[bench] and [data] of a dividing head: its keys, and the bench in SI."""
+"""The sections [bench] and [data] for a dividing head, and the bench in SI."""
 
 from pathlib import Path
 from typing import Literal
@@ -19,23 +19,23 @@ from inercal.physics.section_settings import (
 from inercal.recordings.data import ReadbackColumn, RestsSection, unit_size
 from inercal.recordings.io.read import read_table
 
-_FEWEST_FACES = 3  # of a polygon
+_FEWEST_FACES = 3  # a polygon has at least this many faces
 
 
 @add_bench_keys(DividingHead, after={"autocollimation": "division", "polygon": "autocollimator"})
 class DividingHeadSection(BenchSection):
-    """[bench]: a dividing head with its spindle level."""
+    """Section [bench] for a dividing head with a level spindle."""
 
     kind: Literal["dividing_head"]
     harmonics: tuple[str, ...] = ("1 ″", "1 ″")
     autocollimation: Literal["pairs", "every", "none"] = "none"
     polygon: str | None = Field(
-        None, description="certificate: one row per face", examples=["polygon.csv"]
+        None, description="file of the certificate, with one row per face", examples=["polygon.csv"]
     )
     polygon_unit: str = Field("″", examples=["µrad"])
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that change no result in this use, each with the reason."""
+        """Return the keys that have no effect on the result in this use, each with the reason."""
         found: dict[str, str] = {}
         if self.polygon is None:
             found["polygon_unit"] = "there is no polygon"
@@ -49,20 +49,20 @@ class DividingHeadSection(BenchSection):
 
 
 class DividingHeadData(RestsSection):
-    """[data] of a dividing head: rows are positions."""
+    """Section [data] for a dividing head, in which each row is a position."""
 
     accelerometer: tuple[str | int, ...] = Field(examples=[["a", "b"]])
     angle: str | int = Field(description="column of the head's angle", examples=["angle"])
     angle_unit: str = "°"
     autocollimator: str | int | None = Field(
-        None, description="column of its reading beyond that of the angle"
+        None, description="column of the autocollimator's reading beyond the angle"
     )
     autocollimator_unit: str = "″"
     level: str | int | None = Field(None, description="column of a level on the head's base")
     level_unit: str = "″"
 
     def readback(self, bench: DividingHead) -> tuple[ReadbackColumn, ...]:
-        """Return the columns of the head's angle, the autocollimator and the level."""
+        """Return the columns with the head's angle, the autocollimator and the level."""
         return tuple(
             ReadbackColumn(
                 name,
@@ -75,7 +75,7 @@ class DividingHeadData(RestsSection):
 
 
 def build(section: DividingHeadSection, folder: Path) -> DividingHead:
-    """Return the bench in SI; files that it names lie in `folder`."""
+    """Build the bench in SI from its section; the files that it names are in `folder`."""
     polygon: tuple[float, ...] = ()
     if section.polygon is not None:
         if section.autocollimation == "none":
@@ -94,12 +94,12 @@ def build(section: DividingHeadSection, folder: Path) -> DividingHead:
 
 
 def _read_polygon(path: Path, unit: str) -> tuple[float, ...]:
-    """Return the certified deviation of each face, rad.
+    """Read the certified deviation of each face, rad.
 
     Raises
     ------
     InputError
-        A table without columns `face` and `deviation`, or whose faces are not 1 to n in order.
+        The table has no columns `face` and `deviation`, or its faces are not 1 to n in order.
     """
     key = "[bench] polygon"
     try:

@@ -1,14 +1,14 @@
-"""The worksheet of a run on a dividing head: its positions, and what the operator does at each.
+"""The worksheet for a run on a dividing head: its positions and the operator's tasks at each.
 
-Where the autocollimator is read in pairs, the head is trimmed until it reads at 180° the reading of
-0°, and at 270° that of 90°. The operator matches the readings unchanged: the certificate of the
-faces is applied afterwards, in `inercal.benches.dividing_head.head_angles.sensor_angles`, so that
-nobody applies it at the head, or twice.
+If the autocollimator is read in pairs, the operator trims the head at 180° until it gives the same
+reading as at 0°, and at 270° the same as at 90°. The readings are used as they are. The certificate
+of the faces is applied afterwards, in `inercal.benches.dividing_head.head_angles.sensor_angles`, so
+that nobody applies it at the head, or twice.
 
-The way back comes to 180° before 0°. The mark there is the reading of 0° in the first pass: the
-error of the head is the same at each visit. Where readings are written down, the head itself sets
-0° and 90° in each pass: a trimming error then shows within a pair, not between passes. Where they
-are not, all positions of a pair are trimmed to one mark.
+On the way back, 180° is reached before 0°. The mark there is the reading at 0° in the first pass,
+because the error of the head is the same at each visit. If readings are written down, the head
+itself sets 0° and 90° in each pass, so that a trimming error shows within a pair and not between
+passes. Otherwise all positions of a pair are trimmed to one mark.
 """
 
 from collections.abc import Sequence
@@ -35,12 +35,12 @@ _DEGREE, _MINUTE = 360_000, 6_000  # in 0.01″
 
 
 def sheet(run: RunBase[DividingHeadData]) -> Sheet:
-    """Return the positions of a run, pass by pass.
+    """Return the worksheet with the positions of a run, pass by pass.
 
     Raises
     ------
     InputError
-        A plan that does not suit the autocollimation.
+        The plan does not suit the autocollimation.
     """
     data, bench = run.data, run.bench
     steps = [step for step in run.steps if isinstance(step, Index)]
@@ -93,7 +93,7 @@ def sheet(run: RunBase[DividingHeadData]) -> Sheet:
         _entry_fields(data, run.sensor, collimated=collimated),
         (
             f"{len(result)} positions in {format_count(len(first), 'pass', 'passes')}",
-            f"{format_duration(seconds)} of holding, moves besides",
+            f"{format_duration(seconds)} of holding, plus moves",
             f"autocollimation: {bench.collimated}",
             f"g = {bench.gravity.value:.7g} m/s²".replace(" ", "\N{NO-BREAK SPACE}"),
         ),
@@ -105,7 +105,7 @@ def sheet(run: RunBase[DividingHeadData]) -> Sheet:
 def _entry_fields(
     data: DividingHeadData, sensor: Sensor, *, collimated: bool
 ) -> tuple[EntryField, ...]:
-    """Return the fields that the operator fills in."""
+    """Return the boxes that the operator fills in."""
     found = [
         EntryField(str(name), axis.readout.unit, str(name))
         for name, axis in zip(data.accelerometer, sensor.axes, strict=True)
@@ -120,17 +120,17 @@ def _entry_fields(
 
 @dataclass(frozen=True)
 class OperatorRow:
-    """A position and the work of the operator there.
+    """A position and the operator's task there.
 
     Parameters
     ----------
     number : int
-        From 1.
+        Number of the position, counted from 1.
     step : Index
     in_pass : int
-        From 1.
+        Number of the pass, counted from 1.
     autocollimator : str
-        What the operator does with it, in words; empty is nothing.
+        Instruction for the autocollimator; empty if it is not used at this position.
     """
 
     number: int
@@ -140,32 +140,32 @@ class OperatorRow:
 
     @property
     def sense(self) -> str:
-        """Of the pass."""
+        """Sense of rotation during the pass, in words."""
         return "forward" if self.step.sense > 0 else "reverse"
 
     @property
     def angle(self) -> str:
-        """Of the head, as it is set."""
+        """Angle to which the operator sets the head, as text."""
         return format_sexagesimal(self.step.angle)
 
 
 def operator_rows(
     bench: DividingHead, steps: Sequence[Index], recorded: bool
 ) -> tuple[OperatorRow, ...]:
-    """Return the work at each position.
+    """Return the operator's task at each position.
 
     Parameters
     ----------
     bench : DividingHead
     steps : sequence of Index
-        In order; the first pass is forward.
+        Steps in the order of the run; the first pass is forward.
     recorded : bool
-        Whether the autocollimator's readings have a column: the head then need not be trimmed.
+        Whether the autocollimator's readings have a column. The head then need not be trimmed.
 
     Raises
     ------
     InputError
-        A pass that lacks a position of a pair.
+        A position of a pair is missing in a pass.
     """
     paired = bench.collimated == "pairs"
     if paired:
@@ -189,7 +189,7 @@ def operator_rows(
 
 
 def format_sexagesimal(angle: float) -> str:
-    """Return an angle, rad, in whole degrees, and in minutes and seconds where it is not whole.
+    """Format an angle, rad, in degrees, with minutes and seconds only if they are needed.
 
     >>> from math import pi
     >>> [format_sexagesimal(pi / x) for x in (2, 8, 7)]
@@ -204,7 +204,7 @@ def format_sexagesimal(angle: float) -> str:
 
 
 def _trim_reference(bench: DividingHead, step: Index, steps: Sequence[Index]) -> Index | None:
-    """Return the position to whose reading a step is trimmed; None where none is read."""
+    """Return the position whose reading a step is trimmed to; None if it is not trimmed."""
     if bench.collimated == "every":
         return steps[0]
     square = matches_any_angle(step.angle, CARDINAL_ANGLES)
@@ -222,8 +222,8 @@ def _require_pairs(steps: Sequence[Index]) -> None:
     for name, angles in missing_cardinal_angles(steps).items():
         missing = ", ".join(map(format_sexagesimal, angles))
         raise InputError(
-            f"{name} has no {missing}, but the autocollimator is read in pairs, 180° as 0° and "
-            "270° as 90°; plan 12 positions or another multiple of 4",
+            f"{name} has no {missing}, but the autocollimator trims 180° to 0° and 270° to 90°; "
+            "plan 12 positions or another multiple of 4",
             key="[bench] autocollimation",
             names=(name,),
         )
@@ -239,24 +239,24 @@ def operator_notes(
     bench : DividingHead
     steps : sequence of Index
     data : DividingHeadData
-        With the columns that are filled in.
+        Section [data], which names the columns to fill in.
     """
     turning = any(step.sense < 0 for step in steps)
     found = [
         _mounting_note(data.accelerometer),
         "Follow the rows from the first to the last, "
         + ("forward and back, " if turning else "")
-        + "without a longer pause: the calibration assumes steady drift.",
+        + "without long pauses, because the calibration assumes a steady drift.",
         "Turn to each position in the sense of its pass. After an overshoot, turn well back and "
         "approach again." + " Where the sense changes, turn past the position and back." * turning,
         f"Wait until the readings are steady, then average them{_averaging_time(steps)}.",
-        "During the readings do not touch the pier or walk near it.",
+        "Do not touch the pier or walk near it during the readings.",
     ]
     found += _autocollimator_notes(bench, data)
     if data.level is not None:
         found.append(
-            f"Read the level at each position, in {data.level_unit}: positive where the base "
-            "leans in the sense of an increasing angle of the head."
+            f"Read the level at each position, in {data.level_unit}. The reading is positive if "
+            "the base leans in the sense of an increasing angle of the head."
         )
     found.append(
         "Remove the row of a failed position from the file."
@@ -268,7 +268,7 @@ def operator_notes(
 def _mounting_note(accelerometers: Sequence[str | int]) -> str:
     first, *second = accelerometers
     both = "".join(f" and {name} at 0°" for name in second)
-    return f"Before the first row check that {first} reads most at 90°{both}."
+    return f"Before the first row check that {first} has its largest reading at 90°{both}."
 
 
 def _averaging_time(steps: Sequence[Index]) -> str:
@@ -284,17 +284,17 @@ def _autocollimator_notes(bench: DividingHead, data: DividingHeadData) -> list[s
         if bench.collimated == "every":
             found.append("At the first row set the autocollimator near zero, and only there.")
         found.append(
-            f"Write down the autocollimator's reading, in {data.autocollimator_unit}: positive "
-            "where the head is beyond its angle, in the sense of an increasing angle."
+            f"Write down the autocollimator's reading, in {data.autocollimator_unit}. The reading "
+            "is positive if the head is beyond its angle, in the sense of an increasing angle."
         )
     if bench.collimated == "pairs" or data.autocollimator is None:
         found.append(
-            "If you trim the head, its scale reads slightly off the angle: do not change the "
+            "After trimming, the head's scale reads slightly off the angle. Do not change the "
             "angle in the table."
         )
     if bench.polygon:
         found.append(
-            "Enter the readings as they are, without the polygon's certificate: the calibration "
-            "applies the deviations of its faces."
+            "Enter the readings as they are, without correction by the polygon's certificate. The "
+            "calibration applies the deviations of its faces."
         )
     return found

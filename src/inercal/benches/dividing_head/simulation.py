@@ -1,4 +1,4 @@
-"""A dividing head in simulation: position after position, with the moves between them."""
+"""Simulation of a dividing head: its positions one after another, with the moves between them."""
 
 from collections.abc import Sequence
 from math import pi
@@ -24,28 +24,29 @@ def simulate_head_motion(
     sensor: Sensor,
     carried: bool,
 ) -> SensorSimulation:
-    """Return the motion of each trial, the readback and the drift of the biases.
+    """Simulate the motion in each trial, the readback and the drift of the biases.
 
     Parameters
     ----------
     bench : DividingHead
-        Its parameters are drawn from normal distributions of their stated deviations.
+        The bench. Its parameters are drawn from normal distributions with their stated standard
+        deviations.
     steps : sequence of r Index
     rate_hz : float
         Samples per second.
     rng : Generator
     trials : int
-        Length of the leading axis of what is drawn and of the motion.
+        Number of trials, which is the leading axis of the drawn errors and the motion.
     sensor : Sensor
-        Of m accelerometers.
+        The sensor, with m accelerometers.
     carried : bool
-        Not used: the head moves the sensor from position to position.
+        Not used, because the head moves the sensor from position to position.
     """
     declared = bench.simulated_parameters(steps, sensor.channels)
     drawn = bench.qualified.draw(declared, rng, trials)
     f = np.broadcast_to(sensed_motion(bench, steps, drawn).f, (trials, len(steps), 3))
     drift = bias_drift(steps, sensor.channels, drawn)
-    # A sample is at a position (share 0) or has made its share of the move to the next.
+    # `share` is the fraction of the move to the next position that is done, 0 at a position.
     move = round(MOVE_SECONDS * rate_hz)
     which: list[Array] = []
     for k, step in enumerate(steps):

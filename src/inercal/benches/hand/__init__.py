@@ -1,4 +1,4 @@
-"""The bench of bare hands."""
+"""A sensor turned by hand on a table, as a bench."""
 
 from inercal.benches.hand.bench import Hand
 

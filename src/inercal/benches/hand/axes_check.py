@@ -1,4 +1,4 @@
-"""Refusal of columns that are exchanged, reversed or in another unit, by turns between rests."""
+"""Detect exchanged, reversed or wrongly scaled columns from the turns between rests."""
 
 from collections.abc import Sequence
 from math import degrees
@@ -24,20 +24,21 @@ _UNKNOWN = (
 def check_axes(
     run: RunBase[RestsSection], recording: Recording, rests: Sequence[Mark]
 ) -> tuple[TurnVerdict, tuple[Finding, ...]]:
-    """Return what the turns between rests say about the axes, and warnings.
+    """Check the sensor's axes against the turns between rests; return the verdict and warnings.
 
     Parameters
     ----------
     run : RunBase
     recording : Recording
-        Without a trial axis.
+        A recording without a trial axis.
     rests : sequence of Mark
-        In any order.
+        The rests, in any order.
 
     Raises
     ------
     InputError
-        The turns disagree with gravity as recorded, and agree by one change of axes or unit.
+        The turns disagree with the recorded gravity, and exactly one change of axes or unit makes
+        them agree.
     """
     ordered = sorted(rests, key=lambda one: one.start)
     found = judge_turns(read_gravity_turns(recording, run.sensor, ordered))
@@ -59,7 +60,7 @@ def check_axes(
 
 
 def _with_columns(change: str, run: RunBase[RestsSection]) -> str:
-    """Return a change in words with the column of each axis that it names."""
+    """Describe a change and add the column of each axis that it names."""
     columns: dict[str, str] = {}
     for letter, names in (("a", run.data.accelerometer), ("g", run.data.gyro)):
         for axis, column in zip("xyz", names, strict=False):
@@ -69,9 +70,9 @@ def _with_columns(change: str, run: RunBase[RestsSection]) -> str:
 
 
 def _advice(changes: Sequence[str]) -> str:
-    """Return what to check."""
+    """Return the advice which keys of the run file to check."""
     if all("unit" in one for one in changes):
-        other = "°/s taken for rad/s" if "°/s" in changes[0] else "rad/s taken for °/s"
+        other = "°/s read as rad/s" if "°/s" in changes[0] else "rad/s read as °/s"
         return f"this looks like {other}: see unit in [sensor.gyro]"
     gyros = any(name in one for one in changes for name in ("gx", "gy", "gz", "triad", "gyro"))
     force = any(name in one for one in changes for name in ("ax", "ay", "az", "triad"))
@@ -80,7 +81,7 @@ def _advice(changes: Sequence[str]) -> str:
 
 
 def positions_note(found: TurnVerdict) -> str:
-    """Return the note on positions that readings identified: what their axes were held against."""
+    """Return a note on how far the turns confirm the order and the signs of the axes."""
     if not (found.agree and found.unique):
         return _UNKNOWN
     return (

@@ -1,18 +1,20 @@
-"""Bare hands and a table: the sensor's housing rests on its faces and is turned on them.
+"""A bench without equipment: the sensor's housing rests on its faces and is turned by hand.
 
-Up is turned from its nominal body direction by two small tangents t₁, t₂ along d₁, d₂ ⟂ up::
+In the body frame, the upward direction is tilted from its nominal direction by two small tangents
+t₁, t₂ along d₁, d₂ ⟂ up::
 
     hold    f = g u,   u = (up + t₁ d₁ + t₂ d₂) / norm
             ω = Ω sin φ u + e₁ d₁ + e₂ d₂ + β                  (earth rate; azimuth unknown)
-    turn    mean ω = (α + δα) n / (T (1 + τ)) + Ω sin φ f̄ / g + β,   n tilted as u is
-            (the earth's level component rotates in the body and is neglected: at most
-            Ω cos φ T / |α| of misalignment, 14″ for a full turn of 8 s)
+    turn    mean ω = (α + δα) n / (T (1 + τ)) + Ω sin φ f̄ / g + β,   n is tilted in the same way
+            (the horizontal earth rate rotates in the body and is neglected: it causes a
+            misalignment of at most Ω cos φ T / |α|, 14″ for a full turn in 8 s)
             mean f = f̄, as the accelerometers measured it
 
-β is what the gyros' biases differ by from step to step, where each is a recording of its own.
+β is the change of the gyros' biases from step to step, if each step is a separate recording.
 
-Every symbol but the nominal ones is a `Parameter`: drawn in a simulation, estimated as a nuisance
-in a calibration. Ω is earth's rate, φ latitude, T the turn's duration by the recording's clock.
+Every symbol except the nominal values is a `Parameter`: a simulation draws it, and a calibration
+estimates it as a nuisance. Ω is the earth's rate, φ the latitude, and T the turn's duration on the
+recording's clock.
 """
 
 import re
@@ -38,36 +40,39 @@ from inercal.physics.sensors import Sensor
 DEGREE = pi / 180
 _TURN_ON = tuple(f"turn_on_{a}" for a in "xyz")
 _PLACEMENT = ("placement1", "placement2")
-_VISIT = re.compile(r" \((\d+)\)$")  # of a position that is visited again, "x_p (2)"
+_VISIT = re.compile(r" \((\d+)\)$")  # end of a label for a repeated visit, "x_p (2)"
 _SKEW = Limit(20 * DEGREE, "a face or an axis can err, 20°")
 
 
 @dataclass(frozen=True)
 class Hand:
-    """The bench of bare hands; standard deviations in rad and as ratios.
+    """A sensor moved by hand on a table, as a bench. Standard deviations are in rad or ratios.
 
     Parameters
     ----------
     gravity : Measured
         Local gravity, m/s².
     latitude : Measured, float or None
-        rad, a plain number being exact; None is unknown: both components of the earth's rate are
-        then nuisances.
+        Latitude, rad; a plain number is taken as exact. None means that the latitude is unknown;
+        both components of the earth's rate are then nuisances.
     tilt : float
-        Tilt of a face's normal from the vertical, about each of two directions, rad.
+        Standard deviation of the tilt of a face's normal from the vertical, about each of two
+        directions, rad.
     placement : float
-        What is added to it each time the sensor is set down on the face, rad. Where it is 0 each
-        visit of a position has a tilt of its own; otherwise the visits share the tilt of the face.
+        Standard deviation of the additional tilt each time the sensor is set down on the face, rad.
+        If it is 0, each visit to a position has its own tilt; otherwise all visits share the tilt
+        of the face.
     turn_angle : float
-        Error of the angle of a turn, rad.
+        Standard deviation of the angle of a turn, rad.
     turn_tilt : float
-        Tilt of the axis of a turn from the body axis, about each of two directions, rad.
+        Standard deviation of the tilt of a turn's axis from the body axis, about each of two
+        directions, rad.
     timebase : float
-        Relative error of the recording's clock.
+        Relative standard deviation of the recording's clock.
     turn_on : float
-        Of each component of β, rad/s; 0 where the gyros stay switched on.
+        Standard deviation of each component of β, rad/s; 0 if the gyros stay switched on.
     qualified : QualifiedParameters
-        What qualifications found, in place of stated values.
+        Results of qualifications, which replace stated values.
     """
 
     gravity: Measured
@@ -75,7 +80,7 @@ class Hand:
     tilt: float = deviation(
         "°",
         "0.5 °",
-        {f"tilt{k}": "face against the vertical" for k in (1, 2)},
+        {f"tilt{k}": "tilt of a face from the vertical" for k in (1, 2)},
         scope="position",
         default=0.5 * DEGREE,
         limit=_SKEW,
@@ -83,7 +88,7 @@ class Hand:
     placement: float = deviation(
         "°",
         "0 °",
-        dict.fromkeys(_PLACEMENT, "setting down on a face"),
+        dict.fromkeys(_PLACEMENT, "tilt when set down on a face"),
         scope="position",
         example="0.01 °",
         limit=_SKEW,
@@ -111,19 +116,19 @@ class Hand:
 
     @property
     def place(self) -> Measured | None:
-        """The latitude with its uncertainty, rad; None where it is unknown."""
+        """The latitude with its uncertainty, rad; None if it is unknown."""
         if self.latitude is None or isinstance(self.latitude, Measured):
             return self.latitude
         return Measured(self.latitude, 0.0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The imperfections, as data."""
+        """The imperfections of the bench, as data."""
         return self._parameters
 
     @cached_property
     def _parameters(self) -> tuple[Parameter, ...]:
-        # Each component of a vector of known length and unknown direction is 1/√3 of it, rms.
+        # If a vector's length is known but not its direction, each component is 1/√3 of it, rms.
         up, level = 0.0, EARTH_RATE / sqrt(3)
         up_sd, assumed = EARTH_RATE / sqrt(3), ""
         if (place := self.place) is not None:
@@ -147,14 +152,14 @@ class Hand:
         ----------
         steps : sequence of HandStep
         sensor : Sensor
-            Without gyros, the earth's rate and the clock do not act.
+            The sensor. If it has no gyros, the earth's rate and the clock have no effect.
         """
         return self.acting_parameters(
             steps, rates=any(axis.measures == "w" for axis in sensor.axes)
         )
 
     def turn_on_biases(self, steps: Sequence[HandStep], sensor: Sensor) -> dict[str, Parameter]:
-        """Return the gyros' biases of the sections, as exactly zero where nothing is stated."""
+        """Return the gyro biases for each section; they are exactly zero if none are stated."""
         switched = replace(self, turn_on=self.turn_on or 1.0).nuisances(steps, sensor)
         return {
             name: one if self.turn_on else replace(one, sd=0.0)
@@ -163,7 +168,14 @@ class Hand:
         }
 
     def acting_parameters(self, steps: Sequence[HandStep], *, rates: bool) -> dict[str, Parameter]:
-        """Return the same; `rates` says whether rates are observed."""
+        """Return the parameters that act on these steps, by full name.
+
+        Parameters
+        ----------
+        steps : sequence of HandStep
+        rates : bool
+            Whether angular rates are observed.
+        """
         found: dict[str, Parameter] = {}
         turns = any(isinstance(step, Turn) for step in steps)
         for parameter in self.parameters:
@@ -187,20 +199,20 @@ class Hand:
         return found
 
     def _place(self, name: str, step: HandStep) -> str:
-        """Return the label of a parameter: the tilt of a face is common to its visits."""
+        """Return the label of a parameter; all visits to a face share its tilt."""
         return face_label(step.label) if self.placement and name.startswith("tilt") else step.label
 
     def tilt_names(self, step: HandStep) -> list[str]:
-        """Return the full names of the two tangents by which a step's vector leans most."""
+        """Return the full names of the two tangents that tilt the step's up or axis most."""
         if isinstance(step, Turn):
             return [f"axis{k}[{step.label}]" for k in (1, 2)]
         return [f"tilt{k}[{self._place('tilt', step)}]" for k in (1, 2)]
 
     def mean_motion(self, steps: Sequence[HandStep], q: Mapping[str, Array]) -> MeanMotion:
-        """Return the mean motion of each step; see `inercal.benches.contract.MeanBench`.
+        """Return the mean motion during each step; see `inercal.benches.contract.MeanBench`.
 
-        The mean specific force of a turn is "force_x[LABEL]" … in q; where it is missing it is
-        gravity along the axis, which points up.
+        The mean specific force during a turn is "force_x[LABEL]" and so on in q. If it is missing,
+        it is gravity along the turn's axis, which points up.
         """
         stated = {
             name: np.array(p.value) for name, p in self.acting_parameters(steps, rates=True).items()
@@ -218,23 +230,23 @@ class Hand:
     def reading_offsets(
         self, steps: Sequence[HandStep], sensor: Sensor, q: Mapping[str, Array]
     ) -> Array:
-        """Return zero: no error of a hand adds to readings."""
+        """Return zero, because no error of this bench adds an offset to the readings."""
         return np.zeros(())
 
 
 def face_label(label: str) -> str:
-    """Return the label of a position, of any of its visits: "x_p" of "x_p (2)"."""
+    """Return the label of a position without the number of the visit: "x_p" for "x_p (2)"."""
     return _VISIT.sub("", label)
 
 
 def visit_number(label: str) -> int:
-    """Return the number of the visit that a label names, from 1: 2 of "x_p (2)"."""
+    """Return the number of the visit in a label, counted from 1: 2 for "x_p (2)"."""
     found = _VISIT.search(label)
     return 1 if found is None else int(found[1])
 
 
 def tangent_vectors(up: ArrayLike) -> Array:
-    """Return d₁, d₂, (..., 2, 3): unit vectors with d₁ × d₂ = up, (..., 3), of unit length."""
+    """Return unit vectors d₁, d₂, (..., 2, 3), with d₁ × d₂ = up for a unit vector up, (..., 3)."""
     vertical = np.asarray(up, dtype=float)
     helper = np.eye(3)[np.argmin(np.abs(vertical), axis=-1)]
     first: Array = np.asarray(np.cross(helper, vertical), dtype=float)
@@ -246,7 +258,7 @@ _cached_tangents = lru_cache(tangent_vectors)
 
 
 def tilted_direction(up: tuple[float, float, float], t: Array) -> tuple[Array, Array]:
-    """Return u, (..., 3), for tangents t, (..., 2), and du/dt, (..., 3, 2)."""
+    """Tilt `up` by tangents t, (..., 2); return u, (..., 3), and du/dt, (..., 3, 2)."""
     d = _cached_tangents(up)
     norm = np.sqrt(1 + (t**2).sum(-1))[..., None]
     u = (np.asarray(up) + t @ d) / norm
@@ -254,22 +266,22 @@ def tilted_direction(up: tuple[float, float, float], t: Array) -> tuple[Array, A
 
 
 def sensed_motion(step: HandStep, duration: float, q: Mapping[str, Array]) -> MeanMotion:
-    """Return the mean motion that the sensor senses during a step: arrays (..., 3), without rows.
+    """Return the mean motion of the sensor during one step, as arrays of shape (..., 3).
 
     Parameters
     ----------
     step : HandStep
     duration : float
-        Of the section, s, by the recording's clock.
+        Duration of the section on the recording's clock, s.
     q : mapping of str to (...) array
-        Nuisances by full name, SI; those missing are zero. A turn's mean specific force is
-        "force_x[LABEL]", "force_y[LABEL]", "force_z[LABEL]".
+        Nuisances, SI, by full name; missing nuisances are zero. The mean specific force during a
+        turn is "force_x[LABEL]", "force_y[LABEL]", "force_z[LABEL]".
     """
     return _hold_motion(step, q) if isinstance(step, Hold) else _turn_motion(step, duration, q)
 
 
 def _step_motion(step: HandStep, q: Mapping[str, Array]) -> MeanMotion:
-    """Return the motion in a step; a turn of unknown force has gravity along its axis."""
+    """Return the motion during a step; an unknown force in a turn is gravity along its axis."""
     names = [f"force_{a}[{step.label}]" for a in "xyz"]
     if isinstance(step, Hold) or names[0] in q:
         return sensed_motion(step, step.seconds, q)
@@ -304,7 +316,7 @@ def _lean_names(q: Mapping[str, Array], label: str) -> list[str]:
 
 
 def hold_tilt(q: Mapping[str, Array], label: str) -> Array:
-    """Return the tangents of a hold, (..., 2): the tilt of its face, and that of setting down."""
+    """Return the tangents of a hold, (..., 2): the sum of face tilt and placement tilt."""
     zero = np.zeros(())
     parts = [q.get(name, zero) for name in _lean_names(q, label)]
     parts = np.broadcast_arrays(*parts)
@@ -329,7 +341,7 @@ def _hold_motion(step: Hold, q: Mapping[str, Array]) -> MeanMotion:
 def _own_bias(
     q: Mapping[str, Array], label: str, shape: tuple[int, ...], dw: dict[str, Array]
 ) -> Array:
-    """Return β of a step, (..., 3), and add its derivatives to `dw`."""
+    """Return β for a step, (..., 3), and add its derivatives to `dw`."""
     names = [f"{name}[{label}]" for name in _TURN_ON]
     if names[0] not in q:
         return np.zeros(3)

@@ -1,4 +1,4 @@
-"""Bare hands, as a kind of bench: its section of the run file, its directions, and `KIND`."""
+"""Calibration by hand, as a kind of bench: its section of the run file and its directions."""
 
 from math import degrees
 from pathlib import Path
@@ -30,17 +30,17 @@ if TYPE_CHECKING:
 
 @add_bench_keys(Hand)
 class HandSection(BenchSection):
-    """[bench]: bare hands. Gravity is given, or computed from latitude and height."""
+    """Section [bench] for a sensor turned by hand; gravity is stated or computed from the site."""
 
     kind: Literal["hand"] = "hand"
 
     @property
     def without_gravity(self) -> bool:
-        """Whether a method may do without gravity: one that follows a rest."""
+        """Whether a method that follows a single rest may leave gravity out."""
         return True
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that change no result in this use, each with the reason."""
+        """Return the keys that have no effect on the result in this use, each with the reason."""
         if use.rest:
             reason = f"{use.method} compares a rest with itself, whatever its attitude"
             return dict.fromkeys(type(self).model_fields.keys() - {"kind", "name"}, reason)
@@ -48,11 +48,11 @@ class HandSection(BenchSection):
         if not use.attitudes:
             found["tilt"] = f"{use.method} estimates the attitudes"
             found["placement"] = f"{use.method} estimates the attitudes"
-            found["turn_on"] = f"{use.method} takes each bias as one"
+            found["turn_on"] = f"{use.method} assumes one constant bias per gyro"
         elif not use.gyros:
-            found["turn_on"] = "there are no gyros"
+            found["turn_on"] = "the sensor has no gyros"
         if not use.turns:
-            words = f"{use.method} has no turns by a known angle"
+            words = f"{use.method} uses no turns through a known angle"
             found |= {"turn_angle": words, "turn_tilt": words}
             if not use.gyros or use.attitudes:
                 found["timebase"] = f"without turns, {use.method} does not depend on time"
@@ -60,7 +60,7 @@ class HandSection(BenchSection):
 
 
 def build(section: HandSection, folder: Path) -> Hand:
-    """Return the bench in SI; files that it names lie in `folder`."""
+    """Build the bench in SI from its section; the files that it names are in `folder`."""
     known = section.latitude is not None
     return build_bench(
         Hand, section, latitude=section_constant(section, "latitude", "°") if known else None
@@ -68,9 +68,9 @@ def build(section: HandSection, folder: Path) -> Hand:
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return the measured direction of up in each hold and of the axis of each turn.
+    """Return the measured upward direction in each hold and the axis of each turn.
 
-    None without accelerometers.
+    The result is empty if the sensor has no accelerometers.
     """
     if not shown.sensor.select_axes("f").axes:
         return ()
@@ -88,21 +88,21 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
 def _sensor(
     name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
 ) -> Sensor:
-    """Return a triad, an IMU, or gyros alone where [data] accelerometer names no columns."""
+    """Return a triad, an IMU, or only gyros if [data] accelerometer names no columns."""
     if columns or gyro is None:
         return three_axis_sensor(name, columns, accelerometer, gyro)
     return triad(name, "w", "g", *gyro)
 
 
 def _observe(run: RunBase[RestsSection]) -> EstimatorInput:
-    """Return the observations of a run; what they load, plans do not use."""
+    """Return the observations from a run; import the reader late, as plans do not need it."""
     from inercal.benches.hand.reading import observe
 
     return observe(run)
 
 
 def _audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
-    """Return the recording with the findings of its norms at rest."""
+    """Return the recording with findings about its norms at rest."""
     from inercal.benches.hand.reading import audit
 
     return audit(recording, sensor, bench)

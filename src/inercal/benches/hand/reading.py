@@ -1,4 +1,4 @@
-"""From a run by hand to observations: sections of a plan, or rests in any attitude."""
+"""Read the observations from a run by hand: sections of a plan, or rests in any attitude."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -51,12 +51,12 @@ from inercal.recordings.segments.motion_thresholds import WINDOW
 
 
 def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
-    """Return one row of the whole recording, with its track.
+    """Return the whole recording as one observation, with its track.
 
     Raises
     ------
     InputError
-        A table of means, a recording without temperature, or one that the audit refuses.
+        The data are a table of means, the recording has no temperature, or the audit refuses it.
     """
     if run.data.kind == "means":
         raise key_error(
@@ -104,7 +104,7 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
 
 
 def observe(run: RunBase[RestsSection]) -> EstimatorInput:
-    """Return the observations of a run by hand.
+    """Return the observations from a run by hand.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
 
 
 def _require_recordings(run: RunBase[RestsSection], bench: Hand) -> None:
-    """Refuse biases of each recording where there is one recording."""
+    """Refuse a separate bias per recording if there is only one recording."""
     if bench.turn_on and run.data.kind == "recording" and not is_pattern(run.file(run.data.file)):
         raise key_error(
             "[bench] turn_on",
@@ -154,12 +154,12 @@ def _require_recordings(run: RunBase[RestsSection], bench: Hand) -> None:
 
 
 def audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
-    """Return the recording with the findings of its norms at rest.
+    """Return the recording with findings about its norms at rest.
 
     Raises
     ------
     InputError
-        A finding refuses the recording.
+        The recording is refused because of a finding.
     """
     if not sensor.select_axes("f").axes:
         return recording
@@ -172,16 +172,16 @@ def nominal_plan(run: RunBase[RestsSection]) -> tuple[HandStep, ...]:
 
 
 def _numbers_visits(run: RunBase[RestsSection]) -> bool:
-    """Return whether a label may come again, for a visit of its position at another temperature.
+    """Return whether a label may be repeated when a position is visited at another temperature.
 
-    Otherwise a label that comes twice is a mistake, and a second visit has a label of its own,
+    Otherwise a repeated label is a mistake, and a second visit needs its own label, such as
     "x_p (2)".
     """
     return run.data.temperature is not None and not run.method.unknown_attitudes
 
 
 def _steps_by_visit(run: RunBase[RestsSection], count: int) -> dict[str, HandStep]:
-    """Return the plan's steps by the names of up to `count` visits of each."""
+    """Return the plan's steps by name, with up to `count` visits of each step."""
     found: dict[str, HandStep] = {}
     for step in nominal_plan(run):
         names = number_repeated_names([step.label] * count)
@@ -190,7 +190,7 @@ def _steps_by_visit(run: RunBase[RestsSection], count: int) -> dict[str, HandSte
 
 
 def _plan_with_visits(run: RunBase[RestsSection], done: Sequence[HandStep]) -> tuple[HandStep, ...]:
-    """Return the plan, with the further visits of each step after it."""
+    """Return the plan, in which each step is followed by its further visits."""
     wanted = {step.label for step in (*nominal_plan(run), *done)}
     return tuple(s for name, s in _steps_by_visit(run, len(done)).items() if name in wanted)
 
@@ -206,7 +206,7 @@ def _read_means(run: RunBase[RestsSection]) -> Observations:
     seconds = run.data.seconds
     if seconds is None and any(isinstance(step, Turn) for step in run.steps):
         raise key_error(
-            "[data] seconds", "is missing: name the column of the turns' durations", run.path
+            "[data] seconds", "is missing: name the column with the durations of turns", run.path
         )
     return read_means(
         run.file(run.data.file),
@@ -221,7 +221,7 @@ def _read_means(run: RunBase[RestsSection]) -> Observations:
 def _planned_sections(
     run: RunBase[RestsSection], recording: Recording
 ) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
-    """Return the sections of the plan's steps: marks, means and findings."""
+    """Return the marks, means and findings for the sections of the plan's steps."""
     steps = nominal_plan(run)
     labels, missing = [step.label for step in steps], tuple[Finding, ...]()
     note = ""
@@ -282,7 +282,7 @@ def _planned_steps(run: RunBase[RestsSection], observations: Observations) -> tu
 def _free_rests(
     run: RunBase[RestsSection], recording: Recording, rests: RestDetection | None
 ) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
-    """Return rests in any attitude and the moves between them: marks, means and findings."""
+    """Return the marks, means and findings for rests in any attitude and the moves between them."""
     findings = recording.findings
     if rests is not None:
         marks, findings = rests.marks, (*findings, rests.finding)

@@ -1,7 +1,7 @@
-"""The worksheet of a run by hand: its holds and turns.
+"""The worksheet for a run by hand: its holds and turns.
 
-A turn by hand lasts as long as it lasts: the operator fills in its duration, which the mean rate
-needs. That of a hold changes nothing, and is stated.
+The duration of a turn by hand is not known in advance. The operator fills it in, because the mean
+rate depends on it. The duration of a hold has no effect, so the sheet states it.
 """
 
 from inercal.basics.errors import InputError
@@ -12,7 +12,7 @@ from inercal.recordings.data import RestsSection, RunBase
 
 
 def sheet(run: RunBase[RestsSection]) -> Sheet:
-    """Return the holds and turns of a run's plan."""
+    """Return the worksheet with the holds and turns of a run's plan."""
     data = run.data
     steps: list[HandStep] = [step for step in run.steps if isinstance(step, Hold | Turn)]
     rows = tuple(
@@ -58,20 +58,20 @@ def _stated_duration(step: HandStep, data: RestsSection) -> tuple[str, ...]:
 def _operator_notes(run: RunBase[RestsSection], *, turns: bool) -> tuple[str, ...]:
     found = [
         "Up is the direction in which an axis reads plus 1 g at rest.",
-        "Take the mean of the readings at rest, hands off.",
+        "Average the readings at rest, without touching the sensor.",
     ]
     if turns:
         found.append(
-            "A turn begins and ends at rest, its axis up; note its duration and all means from "
-            "rest to rest. A positive angle is counter-clockwise seen from above."
+            "A turn begins and ends at rest, with its axis up; note its duration and the means of "
+            "all readings from rest to rest. A positive angle is counter-clockwise seen from above."
         )
     if run.method.unknown_attitudes:
         found.append("The attitudes may differ from those in the plan.")
-    return (*found, "The order is free.")
+    return (*found, "The steps may be done in any order.")
 
 
 def _table_error(run: RunBase[RestsSection], *, turns: bool) -> InputError | None:
-    """Return why means in a table do not suffice, or lack a column."""
+    """Return the error if a table of means is not sufficient or has no column for a value."""
     if run.method.unknown_attitudes and run.sensor.select_axes("w").axes:
         return key_error(
             "[sensor.gyro]",
@@ -82,6 +82,6 @@ def _table_error(run: RunBase[RestsSection], *, turns: bool) -> InputError | Non
     for key, needed in (("label", True), ("seconds", turns)):
         if needed and getattr(run.data, key) is None:
             return key_error(
-                f"[data] {key}", "is missing: name the column of the worksheet", run.path
+                f"[data] {key}", "is missing: name its column in the worksheet", run.path
             )
     return None

@@ -1,7 +1,7 @@
-"""A plan by hand in simulation: the true motion, sample by sample, with the bench's errors drawn.
+"""Simulation of a plan by hand: the true motion at each sample, with random errors of the bench.
 
-Between steps the sensor moves smoothly (minimum jerk) from one attitude to the next. The samples
-of a hold or a turn have its label, those of a move none.
+Between steps the sensor moves smoothly (minimum jerk) from one attitude to the next. Samples during
+a hold or a turn have its label; samples during a move have an empty label.
 """
 
 from collections.abc import Sequence
@@ -21,8 +21,8 @@ from inercal.physics.motion import Motion
 from inercal.physics.plan import HandStep, Hold, Turn
 
 MOVE_SECONDS = 2.0
-PAUSE_SECONDS = 1.5  # at rest before and after a turn, unlabelled
-_SETTLE = 0.25  # s at rest at either end of a turn's section
+PAUSE_SECONDS = 1.5  # unlabelled rest before and after a turn
+_SETTLE = 0.25  # s at rest at each end of a turn's section
 
 
 def simulate_hand_motion(
@@ -34,21 +34,22 @@ def simulate_hand_motion(
     *,
     carried: bool = False,
 ) -> SimulatedMotion:
-    """Return the motion of each trial; trials share times and labels.
+    """Simulate the motion in each trial; all trials share times and labels.
 
     Parameters
     ----------
     bench : Hand
-        Its parameters are drawn from normal distributions of their stated deviations.
+        The bench. Its parameters are drawn from normal distributions with their stated standard
+        deviations.
     steps : sequence of HandStep
     rate_hz : float
-        Samples per second by the recording's clock.
+        Samples per second on the recording's clock.
     rng : Generator
     trials : int
-        Length of the leading axis of what is drawn and of the motion.
+        Number of trials, which is the leading axis of the drawn errors and the motion.
     carried : bool
-        Whether the sensor stays in the hand between holds: its azimuth, and with it the earth's
-        level rate, then follows its motion; otherwise each position has an independent azimuth.
+        Whether the sensor stays in the hand between holds. Its azimuth, and with it the horizontal
+        earth rate, then follows its motion. Otherwise each position has an independent azimuth.
     """
     drawn = bench.qualified.draw(bench.acting_parameters(steps, rates=True), rng, trials)
     if carried:
@@ -74,7 +75,7 @@ def simulate_hand_motion(
 
 
 def _earth_rates_at_holds(holds: Sequence[Hold], drawn: dict[str, Array]) -> dict[str, Array]:
-    """Return the earth's level rate at each hold, turned as the moves turn the body."""
+    """Return the horizontal earth rate in the body at each hold, rotated by the moves."""
     found: dict[str, Array] = {}
     level, before = np.zeros(0), np.zeros(0)
     for hold in holds:
@@ -91,7 +92,7 @@ def _earth_rates_at_holds(holds: Sequence[Hold], drawn: dict[str, Array]) -> dic
 
 
 def _up_and_force(step: HandStep, drawn: dict[str, Array]) -> dict[str, Array]:
-    """Return the body's up during a step and, for a turn, its specific force: up along the axis."""
+    """Return the upward direction in the body and, for a turn, the specific force along it."""
     if isinstance(step, Hold):
         direction, tangent = step.up, hold_tilt(drawn, step.label)
     else:
@@ -106,7 +107,7 @@ def _up_and_force(step: HandStep, drawn: dict[str, Array]) -> dict[str, Array]:
 
 
 def _constant_rate(step: HandStep, q: dict[str, Array]) -> Array:
-    """Return the part of the rate, (trials, 3), that does not follow the turn's profile."""
+    """Return the part of the angular rate, (trials, 3), that stays constant during a step."""
     if isinstance(step, Hold):
         return sensed_motion(step, 1.0, q).w
     own = [q.get(f"turn_on_{a}[{step.label}]", np.zeros(1)) for a in "xyz"]
@@ -114,29 +115,29 @@ def _constant_rate(step: HandStep, q: dict[str, Array]) -> Array:
 
 
 def _shortest_rotation(start: Array, end: Array) -> tuple[Array, Array]:
-    """Return axis, (trials, 3), and angle, (trials,), of the shortest rotation of up to up."""
+    """Return the axis, (trials, 3), and angle, (trials,), of the rotation from start to end."""
     axis = np.cross(start, end)
     size = np.linalg.norm(axis, axis=-1, keepdims=True)
     aside = np.cross(start, np.eye(3)[np.argmin(np.abs(start[0]))])
-    axis = np.where(size > 1e-12, axis, aside)  # from face to opposite face: any level axis
+    axis = np.where(size > 1e-12, axis, aside)  # to the opposite face about any level axis
     axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
     return axis, np.arctan2((np.cross(start, end) * axis).sum(-1), (start * end).sum(-1))
 
 
 def _rotate_vectors(axis: Array, angles: Array, vector: Array) -> Array:
-    """Return vectors, (trials, n, 3), turned by angles, (trials, n), about axes (Rodrigues)."""
+    """Rotate a vector about an axis by angles, (trials, n), and return (trials, n, 3)."""
     cos, sin = np.cos(angles)[..., None], np.sin(angles)[..., None]
     along = axis * (axis * vector).sum(-1, keepdims=True)
     return along[:, None] + (vector - along)[:, None] * cos + np.cross(axis, vector)[:, None] * sin
 
 
 def _minimum_jerk(s: Array) -> Array:
-    """Return the rate of a rest-to-rest move of unit length and duration at 0 ≤ s ≤ 1."""
+    """Return the rate at times 0 ≤ s ≤ 1 during a minimum-jerk move of unit length and duration."""
     return 30 * s**2 * (1 - s) ** 2
 
 
 def _turn_profile(n: int, rate_hz: float) -> Array:
-    """Return the rate of a turn over its mean, (n,): rest, minimum jerk, rest."""
+    """Return the rate during a turn divided by its mean, (n,): rest, minimum jerk, rest."""
     at_rest = min(round(_SETTLE * rate_hz), n // 4)
     moving = n - 2 * at_rest
     profile = np.zeros(n)
@@ -145,9 +146,10 @@ def _turn_profile(n: int, rate_hz: float) -> Array:
 
 
 def _transfer_motion(start: Array, end: Array, g: Array, rate_hz: float) -> tuple[Array, Array]:
-    """Return f and ω, (trials, n, 3), while the body's up goes from `start` to `end`, (trials, 3).
+    """Return f and ω, (trials, n, 3), during a move from one upward direction to another.
 
-    Up turns by +θ about a in the body when the body turns by −θ about a.
+    The directions `start` and `end`, (trials, 3), are in the body frame. If the body turns by −θ
+    about an axis, the upward direction turns by +θ about it in the body frame.
     """
     n = round(MOVE_SECONDS * rate_hz)
     axis, angle = _shortest_rotation(start, end)

@@ -1,7 +1,8 @@
-"""Bench qualification: values of a bench's parameters from measurements of their own.
+"""Bench qualification: values of a bench's parameters from separate measurements.
 
-`qualify` estimates them with their covariance; the result is a file (`qualification_file`), and
-[bench] qualification of a run file takes it in place of typed numbers (`bench_keys`).
+`qualify` estimates the parameters with their covariance. The result is a file
+(`qualification_file`), which a run file can name under [bench] qualification in place of typed
+numbers (`bench_keys`).
 """
 
 from inercal.benches.qualification.bench_keys import KEY, UsedQualifications

@@ -1,8 +1,9 @@
-"""Qualifications in place of typed keys of [bench].
+"""Qualifications that replace typed keys of the section [bench].
 
-A parameter of a bench is stated by a key of [bench]: "radius" by `radius`, "sin1" by `harmonics`.
-A qualification replaces the key: a measured constant by its value ± u, a deviation by u. The values
-of errors whose expected value is zero enter the bench itself (`QualifiedParameters`).
+Each parameter of a bench has a key of [bench] that states it: `radius` states "radius", and
+`harmonics` states "sin1". A qualification replaces the key. For a measured constant it gives the
+value ± u, and for a standard deviation it gives u. Values of errors whose expected value is zero
+are applied in the bench itself (`QualifiedParameters`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +21,7 @@ from inercal.benches.kind_definition import Kind
 from inercal.benches.qualification.result import Qualification, QualifiedParameter
 
 KEY = "[bench] qualification"
-# Parameters that no field declares, by their name without number and axis.
+# Keys of parameters that no field declares, by parameter name without number and axis.
 _BY_HAND = {
     "g": "gravity",
     "sin": "harmonics",
@@ -30,22 +31,22 @@ _BY_HAND = {
     "mounting": "mounting",
 }
 _CONSTANTS = {"gravity", "radius", "azimuth", "latitude", "stretch", "latency"}
-_NOT_POSSIBLE = {"lever", "clock"}  # of a turntable: only simulated, or found from each run's data
+_NOT_POSSIBLE = {"lever", "clock"}  # on a turntable: only simulated, or estimated in each run
 
 
 @dataclass(frozen=True)
 class UsedQualifications:
-    """The qualifications of a run.
+    """The qualifications that a run uses.
 
     Parameters
     ----------
     files : tuple of str
-        As the run file names them.
+        Files of the qualifications, as the run file names them.
     each : tuple of Qualification
     parameters : QualifiedParameters
-        Of all of them.
+        Parameters from all qualifications.
     keys : tuple of str
-        Of [bench], that they replace.
+        Keys of [bench] that the qualifications replace.
     """
 
     files: tuple[str, ...] = ()
@@ -60,14 +61,15 @@ def read_qualifications(named: object, folder: Path) -> UsedQualifications:
     Parameters
     ----------
     named : str or list of str
-        Other values are left to the schema of the run file.
+        Value of the key. Other types are left to the schema of the run file.
     folder : Path
-        Of the run file.
+        Folder of the run file.
 
     Raises
     ------
     InputError
-        A file that is none, or a parameter in two files by different determinations.
+        A file is not a qualification, or two files contain the same parameter from different
+        determinations.
     """
     texts = [named] if isinstance(named, str) else named
     if not isinstance(texts, list | tuple):
@@ -82,7 +84,7 @@ def read_qualifications(named: object, folder: Path) -> UsedQualifications:
         try:
             each.append(load(folder / text))
         except InputError as error:
-            # Of the run file: `file` of the error would be the qualification.
+            # The error is in the run file, so it must not name the qualification as its `file`.
             raise InputError(f"{KEY}: {error}", key=KEY, names=(text,)) from None
         if each[-1].withdrawn:
             raise InputError(
@@ -94,7 +96,7 @@ def read_qualifications(named: object, folder: Path) -> UsedQualifications:
 
 
 def _join(each: Sequence[Qualification], files: Sequence[str]) -> QualifiedParameters:
-    """Return the parameters of all files; one that two share is that of the larger file."""
+    """Return the parameters of all files; if two files share one, the larger file counts."""
     owner: dict[str, tuple[int, QualifiedParameter]] = {}
     for k in sorted(range(len(each)), key=lambda k: -len(each[k].parameters)):
         for one in each[k].parameters:
@@ -136,14 +138,14 @@ def with_qualified_keys(
     Raises
     ------
     InputError
-        A qualification of another bench, a parameter that no key states, or a key that is typed
-        besides.
+        A qualification is for another bench, no key states a parameter, or a replaced key is also
+        typed.
     """
     name = section.get("name", "")
     for file, one in zip(used.files, used.each, strict=True):
         if not one.is_of_bench(kind.name, name):
             raise InputError(
-                f"{KEY}: {file} is of {_bench_text(one.bench, one.bench_name)}, not of "
+                f"{KEY}: {file} is for {_bench_text(one.bench, one.bench_name)}, not for "
                 f"{_bench_text(kind.name, name)}; name a qualification of this bench, or correct "
                 "[bench] kind and name",
                 key=KEY,
@@ -156,8 +158,8 @@ def with_qualified_keys(
     for key, names in by_key.items():
         if key in section:
             raise InputError(
-                f"[bench] {key}: {', '.join(names)} is typed and qualified; remove {key}, or the "
-                "qualification",
+                f"[bench] {key}: {', '.join(names)} is both typed and qualified; remove {key} or "
+                "the qualification",
                 key=f"[bench] {key}",
                 names=tuple(names),
             )
@@ -168,11 +170,12 @@ def with_qualified_keys(
 
 
 def require_parameters(bench: Any, used: UsedQualifications) -> None:
-    """Refuse qualified parameters that a bench does not have, or not of the run.
+    """Refuse qualified parameters that the bench does not have or that vary within a run.
 
     Raises
     ------
     InputError
+        The bench has no such parameter, or the parameter varies and has a value or correlation.
     """
     declared: dict[str, Parameter] = {one.name: one for one in bench.parameters}
     covariance = np.array(used.parameters.covariance)
@@ -223,7 +226,7 @@ def _declared_names(field: str, one: KeyDeclaration) -> set[str]:
 def _key_text(
     key: str, names: Sequence[str], kind: Kind[Any, Any], known: QualifiedParameters
 ) -> str | list[str] | None:
-    """Return the value of a key by its parameters; None where its default stays for the others."""
+    """Return the text of a key from its parameters; None if its default remains for the others."""
     if key in _CONSTANTS:
         k = known.names.index(names[0])
         unit = {"gravity": "m/s²", "radius": "m", "stretch": "1/(m/s²)", "latency": "s"}.get(
@@ -240,7 +243,7 @@ def _key_text(
 
 
 def _unit_text(key: str, kind: Kind[Any, Any]) -> str:
-    """Return the SI unit of a key by its default or its example."""
+    """Return the SI unit of a key, found from its default or its example."""
     info = kind.section.model_fields[key]
     example = str((info.examples or [info.get_default()])[0])
     if example.endswith(("°", "″", "′")):

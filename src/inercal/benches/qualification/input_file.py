@@ -1,4 +1,4 @@
-"""The input file of a qualification, a TOML text with [qualification] and [measurement]."""
+"""The input file of a qualification: TOML with the sections [qualification] and [measurement]."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -32,13 +32,13 @@ def qualify(path: str | Path) -> Qualification:
     Parameters
     ----------
     path : path
-        Files that it names are relative to its folder.
+        Path of the input file. Files that it names are relative to its folder.
 
     Raises
     ------
     InputError
-        The file, or one that it names, cannot be used, or the measurement does not determine the
-        parameters.
+        The input file or a file that it names cannot be used, or the measurement does not determine
+        the parameters.
     """
     path = Path(path)
     content = read_toml(path, "input file of a qualification")
@@ -89,7 +89,9 @@ def _qualify(path: Path, content: Mapping[str, Any]) -> Qualification:
     found = MEASUREMENTS[head.kind](given)
     for file, one in zip(head.uses, uses, strict=True):
         if not set(one.names) & set(found.names):
-            raise key_error("[qualification] uses", f"no result depends on {file}; remove it")
+            raise key_error(
+                "[qualification] uses", f"{file} has no effect on the result; remove it"
+            )
     return _assembled(path, head, bench, uses, found)
 
 
@@ -132,7 +134,7 @@ def _assembled(
     uses: Sequence[Qualification],
     found: MeasuredParameters,
 ) -> Qualification:
-    """Return the qualification, with the parameters of earlier determinations first."""
+    """Assemble the qualification, with the parameters of earlier determinations first."""
     earlier = {one.name: one for other in uses for one in other.parameters}
     order = sorted(range(len(found.names)), key=lambda k: found.names[k] not in earlier)
     names = tuple(found.names[k] for k in order)

@@ -1,7 +1,7 @@
 """The covariance of qualified parameters as the prior of an estimate.
 
-Estimators count parameters of a bench as independent, those of filters apart; the update of their
-estimate by the joint covariance is exact for a linear problem (`with_prior_covariance`).
+Estimators, except filters, treat the parameters of a bench as independent. Their estimate is then
+updated with the joint covariance, which is exact for a linear problem (`with_prior_covariance`).
 """
 
 from collections.abc import Sequence
@@ -20,18 +20,18 @@ from inercal.recordings import Observations
 
 
 def joint_prior(known: QualifiedParameters) -> tuple[Array, Array]:
-    """Return mean and covariance of the qualified parameters, (k,) and (k, k), SI."""
+    """Return the mean, (k,), and the covariance, (k, k), of the qualified parameters in SI."""
     return np.array(known.value), np.array(known.covariance)
 
 
 def with_joint_prior(bench: Bench, estimate: Estimate) -> Estimate:
-    """Return the estimate with the covariance of the qualified parameters as their prior.
+    """Return the estimate with the joint covariance of the qualified parameters as the prior.
 
     Parameters
     ----------
     bench : Bench
     estimate : Estimate
-        By the same parameters as independent.
+        Estimate in which the same parameters were treated as independent.
     """
     known: QualifiedParameters = getattr(bench, "qualified", NOT_QUALIFIED)
     declared = {one.name: one for one in bench.parameters}
@@ -45,19 +45,19 @@ def with_joint_prior(bench: Bench, estimate: Estimate) -> Estimate:
         return estimate
     names = [known.names[k] for k in places]
     mean = np.array([declared[name].value for name in names])
-    # A bench may add to the variance of gravity; estimators have its sum as the prior.
+    # A bench may add to the variance of gravity; the prior of the estimators is the sum.
     covariance[np.diag_indices(len(names))] = [declared[name].sd ** 2 for name in names]
     return with_prior_covariance(estimate, names, mean, covariance)
 
 
 @dataclass(frozen=True)
 class JointPriorEstimator:
-    """An estimator whose estimates have the joint prior; it can be sent to another process.
+    """An estimator that applies the joint prior and can be sent to another process.
 
     Parameters
     ----------
     estimator : callable
-        As of `Method.estimators`.
+        One of `Method.estimators`.
     """
 
     estimator: Any
@@ -70,5 +70,5 @@ class JointPriorEstimator:
         steps: Sequence[Any],
         priors: Sequence[Gaussian] = (),
     ) -> Estimate:
-        """Return the estimate; arguments as of the estimator."""
+        """Return the estimate; the arguments are the same as for the wrapped estimator."""
         return with_joint_prior(bench, self.estimator(observations, sensor, bench, steps, priors))

@@ -1,12 +1,12 @@
-"""Generalised least squares of a qualification, and what its residuals say of the model.
+"""Generalised least squares for a qualification, with tests of the model by its residuals.
 
     y = H x + e,   e ~ N(0, V):   x = P Hᵀ V⁻¹ y,   P = (Hᵀ V⁻¹ H)⁻¹,   χ² = rᵀ V⁻¹ r
 
-A term that the model lacks is found by the χ² that it takes away, Δχ² = sᵀ S⁻¹ s with the score
-s = Cᵀ V⁻¹ r of its columns C and S = Cᵀ (V⁻¹ − V⁻¹ H P Hᵀ V⁻¹) C. All tests share the level of the
-tests of a calibration (`inercal.estimation.scores`) in the same way: the terms have .8 of it,
-divided by their number (Bonferroni), and χ² the rest, or all where no term is tested. Where χ²
-exceeds its 95 % bound, covariances are enlarged by χ²/ν, as those of a calibration are.
+A missing term is found from the reduction of χ² that it would give, Δχ² = sᵀ S⁻¹ s, with the score
+s = Cᵀ V⁻¹ r of its columns C and S = Cᵀ (V⁻¹ − V⁻¹ H P Hᵀ V⁻¹) C. The tests share one significance
+level in the same way as the tests of a calibration (`inercal.estimation.scores`). The terms get 0.8
+of it, divided by their number (Bonferroni), and χ² gets the rest, or all of it if no term is
+tested. If χ² exceeds its 95 % bound, covariances are enlarged by χ²/ν, as in a calibration.
 """
 # pyright: reportMissingTypeStubs=false
 
@@ -20,22 +20,23 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
 
-_ENLARGING_LEVEL = 0.05  # of χ², below which covariances are enlarged
+_ENLARGING_LEVEL = 0.05  # p-value of χ² below which covariances are enlarged
 
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """The solution.
+    """The solution of a generalised least-squares fit.
 
     Parameters
     ----------
     value : (p,) array
     covariance : (p, p) array
-        As modelled, enlarged by χ²/ν where χ² is beyond its bound.
+        Covariance of the values, enlarged by χ²/ν if χ² exceeds its bound.
     chi2, dof
-        Of the residuals.
+        χ² of the residuals and its degrees of freedom.
     suspects : tuple of str
-        Terms that the model lacks; where none explains a χ² that rejects the model, that.
+        Terms that are missing in the model. If χ² rejects the model and no term explains it, a
+        statement that says so.
     """
 
     value: Array
@@ -46,7 +47,7 @@ class LinearFit:
 
     @property
     def p_value(self) -> float:
-        """Probability of a χ² at least as large; 1 without degrees of freedom."""
+        """Probability of a χ² at least as large; 1 if there are no degrees of freedom."""
         return float(special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
 
 
@@ -58,20 +59,21 @@ def linear_fit(
     unseen: str = "",
     level: float = SIGNIFICANCE_LEVEL,
 ) -> LinearFit:
-    """Fit y by columns with noise of a covariance.
+    """Fit y by a linear combination of columns, with noise of known covariance.
 
     Parameters
     ----------
     columns : (n, p) array
     y : (n,) array
     noise : (n,) or (n, n) array
-        Standard deviations, or the covariance.
+        Standard deviations of the noise, or its covariance.
     missing : mapping of str to (n, q) array, optional
-        Terms that the model may lack, by what a message says.
+        Columns of terms that may be missing in the model, by the text of their message.
     unseen : str
-        What the columns leave undetermined, for the message of an error.
+        Advice for the error message if the columns do not determine all unknowns.
     level : float, optional
-        Of all tests of the fit together; less where a measurement makes further tests.
+        Significance level of all tests of the fit together. It is smaller if a measurement makes
+        further tests.
 
     Raises
     ------
@@ -116,7 +118,7 @@ def linear_fit(
 def _missing_terms(
     rows: Array, covariance: Array, residual: Array, root: Array, missing: Mapping[str, Array]
 ) -> list[tuple[str, float, float]]:
-    """Return the terms that the residuals can show, with their sizes and p-values."""
+    """Return the missing terms that can be tested, with their sizes and p-values."""
     found: list[tuple[str, float, float]] = []
     for words, columns in missing.items():
         white: Array = np.asarray(np.linalg.solve(root, columns), dtype=float)

@@ -1,4 +1,4 @@
-"""From the [measurement] of an input file to parameters, by the bench's own names."""
+"""Compute the parameters of a bench from the section [measurement] of an input file."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -41,18 +41,18 @@ _STABILITY_NAMES = {
 
 @dataclass(frozen=True)
 class MeasurementInput:
-    """A [measurement] with what it refers to.
+    """The section [measurement] of an input file, with everything that it refers to.
 
     Parameters
     ----------
     section : Section
-        Of the kind.
+        Section for this kind of measurement.
     folder : Path
-        Of the input file.
+        Folder of the input file.
     bench : str
         Kind of the bench.
     uses : sequence of Qualification
-        Earlier qualifications.
+        Earlier qualifications that this one uses.
     """
 
     section: Any
@@ -70,7 +70,7 @@ class MeasurementInput:
             raise error.located(key, key=key) from None
 
     def column(self, key: str, like: str = "") -> Array:
-        """Return a column by its key, SI where it has a unit, with KEY_unit of that dimension."""
+        """Return the column that a key names, in SI if it has a unit, which KEY_unit states."""
         name = getattr(self.section, key)
         if name not in self.table.columns:
             raise key_error(
@@ -89,30 +89,30 @@ class MeasurementInput:
         return values
 
     def numbers(self, key: str) -> NDArray[np.intp] | None:
-        """Return a column of whole numbers; None where none is named."""
+        """Return the column of whole numbers that a key names, or None if it names none."""
         if getattr(self.section, key) is None:
             return None
         values = self.column(key)
         if (values != np.round(values)).any():
-            raise key_error(f"[measurement] {key}", "the column must hold whole numbers")
+            raise key_error(f"[measurement] {key}", "the column must contain whole numbers")
         return values.astype(np.intp)
 
     def deviation(self, key: str, like: str) -> float:
-        """Return a standard deviation, SI; it must be stated."""
+        """Return the standard deviation that a key states, SI; the key must not be missing."""
         value = si_value(self.text(key), like, f"[measurement] {key}")
         if value < 0:
             raise key_error(f"[measurement] {key}", "is negative; give 0 or more")
         return value
 
     def noise(self, key: str, like: str) -> float:
-        """Return a standard deviation that must be positive, SI."""
+        """Return the standard deviation that a key states, SI; it must be positive."""
         value = self.deviation(key, like)
         if value == 0:
             raise key_error(f"[measurement] {key}", "must be positive: no reading is exact")
         return value
 
     def constant(self, key: str, like: str) -> Measured:
-        """Return a measured constant, SI; it must be stated."""
+        """Return the measured constant that a key states, SI; the key must not be missing."""
         return measured_constant(self.text(key), like, f"[measurement] {key}", last_digit=False)
 
     def text(self, key: str) -> str:
@@ -121,7 +121,7 @@ class MeasurementInput:
         Raises
         ------
         InputError
-            It is missing.
+            The key is missing.
         """
         text = getattr(self.section, key)
         if text is None:
@@ -131,11 +131,12 @@ class MeasurementInput:
         return text
 
     def require_bench(self, *kinds: str) -> None:
-        """Refuse another kind of bench than these.
+        """Refuse a bench that is not of one of these kinds.
 
         Raises
         ------
         InputError
+            The bench is of another kind.
         """
         if self.bench not in kinds:
             raise key_error(
@@ -145,7 +146,7 @@ class MeasurementInput:
             )
 
     def used(self, name: str) -> Measured | None:
-        """Return an earlier qualified parameter, if one of the files has it."""
+        """Return a parameter from the earlier qualifications, or None if they do not contain it."""
         for one in self.uses:
             if name in one.names:
                 k = one.names.index(name)
@@ -154,7 +155,7 @@ class MeasurementInput:
 
 
 def measure_head_map(given: MeasurementInput) -> MeasuredParameters:
-    """Return the harmonics of a dividing head or of an axis of a turntable."""
+    """Measure the harmonics of a dividing head or of one axis of a turntable."""
     section = given.section
     given.require_bench("dividing_head", "turntable")
     face = given.numbers("face")
@@ -172,7 +173,8 @@ def measure_head_map(given: MeasurementInput) -> MeasuredParameters:
     if given.bench == "dividing_head":
         return result
     axis = given.text("axis")
-    # A table's readback is ahead of the axis by its error; a head's spindle is ahead of its angle.
+    # The signs differ: a table's readback leads its axis by the error, but a head's spindle leads
+    # its angle.
     return replace(
         result, names=tuple(f"{name}[{axis}]" for name in result.names), value=-result.value
     )
@@ -192,7 +194,7 @@ def _certified_deviations(given: MeasurementInput) -> Array | None:
 
 
 def measure_table_tilt(given: MeasurementInput) -> MeasuredParameters:
-    """Return the lean of a turntable, or the deviation of that of a rate table at rests."""
+    """Measure the lean of a turntable, or the standard deviation of a rate table's lean at rest."""
     given.require_bench("turntable", "rate_table")
     if given.section.level_at == "base":
         tilts.refuse_base_level()
@@ -208,7 +210,7 @@ def measure_table_tilt(given: MeasurementInput) -> MeasuredParameters:
     )
     if absolute:
         return result
-    # At rests of random azimuth each component has the mean square of half the lean's square.
+    # At random azimuths, the mean square of each component is half the square of the lean.
     variance = (float(result.value @ result.value) + float(np.trace(result.covariance))) / 2
     return replace(
         result, names=("lean_1", "lean_2"), value=np.zeros(2), covariance=variance * np.eye(2)
@@ -216,7 +218,7 @@ def measure_table_tilt(given: MeasurementInput) -> MeasuredParameters:
 
 
 def measure_right_angle(given: MeasurementInput) -> MeasuredParameters:
-    """Return the deviation of two axes of a turntable from a right angle."""
+    """Measure the deviation of two axes of a turntable from a right angle."""
     given.require_bench("turntable")
     number = given.section.right_angle
     return tilts.right_angle(
@@ -231,7 +233,7 @@ def measure_right_angle(given: MeasurementInput) -> MeasuredParameters:
 
 
 def measure_radius(given: MeasurementInput) -> MeasuredParameters:
-    """Return the radius of an arm, with its stretch where that is found."""
+    """Measure the radius of an arm and, if requested, its stretch."""
     given.require_bench("centrifuge", "rate_table")
     section = given.section
     if section.by == "machine":
@@ -244,7 +246,10 @@ def measure_radius(given: MeasurementInput) -> MeasuredParameters:
         given.require_bench("centrifuge")
     rate = given.used("rate")
     if rate is not None and section.rate_error is not None:
-        raise key_error("[measurement] rate_error", "uses has a qualified rate; remove rate_error")
+        raise key_error(
+            "[measurement] rate_error",
+            "the rate is already qualified in a file that uses names; remove rate_error",
+        )
     known = radius.RadiusSensor(
         given.noise("reading_sd", "m/s²"),
         given.deviation("scale", "1"),
@@ -263,7 +268,7 @@ def measure_radius(given: MeasurementInput) -> MeasuredParameters:
 
 
 def measure_rate(given: MeasurementInput) -> MeasuredParameters:
-    """Return the relative error of the rates of a table or an arm."""
+    """Measure the relative error of the rates of a table or an arm."""
     given.require_bench(*_RATE_NAMES)
     return rates.rate_error(
         *_counts(given), given.deviation("timebase", "1"), _RATE_NAMES[given.bench]
@@ -271,7 +276,7 @@ def measure_rate(given: MeasurementInput) -> MeasuredParameters:
 
 
 def measure_rate_stability(given: MeasurementInput) -> MeasuredParameters:
-    """Return the deviation of the rate from count to count."""
+    """Measure the standard deviation of the rate from count to count."""
     given.require_bench(*_STABILITY_NAMES)
     return rates.rate_stability(*_counts(given), _STABILITY_NAMES[given.bench])
 
@@ -286,7 +291,7 @@ def _counts(given: MeasurementInput) -> tuple[Array, Array, Array, float]:
 
 
 def measure_gravity(given: MeasurementInput) -> MeasuredParameters:
-    """Return gravity at the sensor."""
+    """Measure gravity at the sensor."""
     given.require_bench(ANY_BENCH)
     section, done = given.section, gravity.NO_FIT
     if section.by == "computed":
@@ -317,7 +322,7 @@ def measure_gravity(given: MeasurementInput) -> MeasuredParameters:
 
 
 def measure_azimuth(given: MeasurementInput) -> MeasuredParameters:
-    """Return the azimuth of a turntable at its zero angles."""
+    """Measure the azimuth of a turntable at its zero angles."""
     given.require_bench("turntable")
     offset = given.constant("offset", "°")
     return azimuth.earth_rate_azimuth(

@@ -107,22 +107,22 @@ def qualification_object(found: Qualification) -> dict[str, Any]:
 
 
 def to_text(found: Qualification) -> str:
-    """Return the text of the file."""
+    """Return a qualification as the text of its file."""
     return json.dumps(qualification_object(found), ensure_ascii=False, indent=2) + "\n"
 
 
 def save(found: Qualification, path: str | Path) -> Path:
-    """Write the file completely or not at all; return its path."""
+    """Write a qualification to a file, completely or not at all, and return the path."""
     return write_text(path, to_text(found))
 
 
 def load(path: str | Path) -> Qualification:
-    """Read a qualification.
+    """Read a qualification from its file.
 
     Raises
     ------
     InputError
-        It is no such file, was changed by hand, or has a value that is not possible.
+        The file is not a qualification, was changed by hand, or contains an impossible value.
     """
     path = Path(path)
     try:
@@ -175,7 +175,7 @@ def load(path: str | Path) -> Qualification:
 def determination_sha256(
     place: tuple[str, str], names: tuple[str, ...], numbers: Any, date: dt.date, method: str
 ) -> str:
-    """Return the SHA-256 that identifies a determination.
+    """Return the SHA-256 hash that identifies a determination.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def determination_sha256(
         Kind and name of the bench.
     names : tuple of k str
     numbers : JSON content
-        Values and covariance.
+        Values and covariance of the parameters.
     date : date
     method : str
     """

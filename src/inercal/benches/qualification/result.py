@@ -1,4 +1,4 @@
-"""The qualification of a bench: values of its parameters, found by a measurement of their own."""
+"""The qualification of a bench: values of its parameters from a separate measurement."""
 
 import datetime as dt
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 
-ANY_BENCH = "any"  # kind of bench of what belongs to the place, as gravity
+ANY_BENCH = "any"  # kind of bench for parameters of the place, such as gravity
 
 
 @dataclass(frozen=True)
@@ -19,16 +19,16 @@ class QualifiedParameter:
     Parameters
     ----------
     name : str
-        As of `inercal.basics.parameters.Parameter`.
+        Name of the parameter, as in `inercal.basics.parameters.Parameter`.
     unit : str
-        SI.
+        SI unit.
     value : float
     determination : str
-        Identity of the determination.
+        Identifier of the determination.
     date : date
-        Of the determination.
+        Date of the determination.
     valid_until : date or None
-        The last day on which it may be used; None where none is stated.
+        Last day on which the parameter may be used; None if no day is stated.
     """
 
     name: str
@@ -41,35 +41,36 @@ class QualifiedParameter:
 
 @dataclass(frozen=True, eq=False)
 class Qualification:
-    """A qualification, as its file has it.
+    """A qualification, with the content of its file.
 
     Parameters
     ----------
     kind : str
-        Of the measurement, "head_map".
+        Kind of the measurement, such as "head_map".
     bench : str
-        Kind of the bench; "any" for what belongs to the place.
+        Kind of the bench; "any" for parameters that belong to the place.
     bench_name : str
-        The laboratory's name of the bench; empty for any bench of the kind.
+        The laboratory's name for the bench; empty for any bench of the kind.
     determination : str
-        SHA-256 of what was found, with bench, date and method.
+        SHA-256 hash of the results, with bench, date and method.
     date : date
     valid_until : date or None
     method, instrument, certificate : str
     parameters : tuple of k QualifiedParameter
-        Those of earlier determinations first.
+        Parameters of the qualification; those from earlier determinations come first.
     covariance : (k, k) array
-        SI; of a parameter that differs from dwell to dwell, the variance of each of its values.
+        Covariance of the parameters, SI. For a parameter that varies from dwell to dwell it
+        contains the variance of a single value.
     chi2, dof, p_value : float, int and float
-        Of the residuals; 0, 0 and 1 where there are none.
+        χ² of the residuals, its degrees of freedom and its p-value; 0, 0 and 1 without residuals.
     suspects : tuple of str
         Violations of the model that the residuals show.
     unseen : tuple of str
-        What the measurement cannot see.
+        Effects that the measurement cannot detect.
     remarks : tuple of str
     provenance : mapping of str to str
     withdrawn : str
-        When and why it was withdrawn; empty of one that is in use.
+        Date and reason if it was withdrawn; otherwise empty.
     """
 
     kind: str
@@ -104,17 +105,17 @@ class Qualification:
 
     @property
     def consistent(self) -> bool:
-        """Whether the residuals agree with the model."""
+        """Whether the residuals are consistent with the model."""
         return not self.suspects
 
     def expired_parameters(self, day: dt.date) -> tuple[QualifiedParameter, ...]:
-        """Return the parameters that were valid only until before a day."""
+        """Return the parameters that are no longer valid on a day."""
         return tuple(
             one for one in self.parameters if one.valid_until is not None and one.valid_until < day
         )
 
     def is_of_bench(self, kind: str, name: str) -> bool:
-        """Return whether it is of a bench of this kind and name."""
+        """Return whether the qualification is valid for a bench of this kind and name."""
         return self.bench == ANY_BENCH or (self.bench == kind and self.bench_name in ("", name))
 
 
@@ -124,6 +125,7 @@ def require_covariance(covariance: Array, names: tuple[str, ...], what: str) -> 
     Raises
     ------
     InputError
+        The covariance is not usable.
     """
     k = len(names)
     known = covariance.shape == (k, k) and bool(np.isfinite(covariance).all())
@@ -131,7 +133,7 @@ def require_covariance(covariance: Array, names: tuple[str, ...], what: str) -> 
     if (variance > 0).all():
         sd = np.sqrt(variance)
         correlation = covariance / np.outer(sd, sd)
-        # A correlation of almost zero is nothing but rounding, which need not be symmetric.
+        # A correlation of almost zero is only a rounding error, which need not be symmetric.
         symmetric = np.allclose(correlation, correlation.T, rtol=0, atol=1e-9)
         if symmetric and np.linalg.eigvalsh(correlation)[0] > 0:
             return

@@ -1,13 +1,15 @@
 """The drift of a bench between two successive qualifications.
 
-As a random walk with the variance q t, the difference d of two determinations has the variance
-u₁² + u₂² + q t: q = max(0, d² − u₁² − u₂²)/t of each parameter, and between them
+If a parameter drifts as a random walk with the variance q t, the difference d of two determinations
+has the variance u₁² + u₂² + q t. This gives q = max(0, d² − u₁² − u₂²)/t for each parameter. After
+a time t the uncertainty is
 
     u²(t) = u₀² + q t
 
-One difference is one degree of freedom: q is a moment estimate, and its upper limit of 95 % is
-d²/χ²₀.₀₅(1)/t less the same variances, 254 times larger where d² leads. Errors that both share,
-such as the same certificate of a level, cancel in d: u is then too large here, and q too small.
+One difference has only one degree of freedom. q is a moment estimate, and its 95 % upper limit is
+d²/χ²₀.₀₅(1)/t minus the same variances, which is 254 times larger if d² dominates. Errors that both
+determinations share, such as the certificate of the same level, cancel in d. Then u is too large
+here, and q is too small.
 """
 # pyright: reportMissingTypeStubs=false
 
@@ -22,18 +24,18 @@ YEAR = 365.25  # d
 
 
 class ParameterDrift(NamedTuple):
-    """The drift of one parameter.
+    """The drift of one parameter between two qualifications.
 
     Parameters
     ----------
     name, unit : str
-        SI.
+        Name of the parameter and its SI unit.
     difference, std : float
-        Later less earlier, and its standard deviation without a drift.
+        Later minus earlier value, and its standard deviation without a drift.
     walk : float
-        q, unit² per year.
+        Variance q of the random walk, unit² per year.
     upper : float
-        Its upper limit of 95 %.
+        95 % upper limit of q.
     u_year : float
         Standard uncertainty of the later value after a year.
     """
@@ -48,17 +50,17 @@ class ParameterDrift(NamedTuple):
 
 
 def drift_between(earlier: Qualification, later: Qualification) -> tuple[ParameterDrift, ...]:
-    """Return the drift of each parameter that two qualifications of one bench have.
+    """Return the drift of each parameter that two qualifications of one bench share.
 
     Raises
     ------
     InputError
-        They are of different benches, of one day, in the wrong order, or have no common parameter
-        that each determined.
+        They are for different benches, from the same day or in the wrong order, or they determined
+        no common parameter.
     """
     if (earlier.bench, earlier.bench_name) != (later.bench, later.bench_name):
         raise InputError(
-            f"the qualifications are of different benches: {earlier.bench} {earlier.bench_name!r} "
+            f"the qualifications are for different benches: {earlier.bench} {earlier.bench_name!r} "
             f"and {later.bench} {later.bench_name!r}"
         )
     years = (later.date - earlier.date).days / YEAR

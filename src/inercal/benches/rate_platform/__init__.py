@@ -1,4 +1,4 @@
-"""The bench of a rate platform: constant rates about a vertical axis, and poses of known angles."""
+"""A rate platform, as a bench: constant rates about a vertical axis, and poses at known angles."""
 
 from inercal.benches.rate_platform.bench import RatePlatform
 

@@ -1,27 +1,29 @@
-"""A rate platform as a bench: a rate table with a vertical axis, and a platform of known angles.
+"""A rate platform as a bench: a rate table with a vertical axis, and a platform with known angles.
 
-A dwell at the rate Ω, in setting s with the case direction e up and a₁, a₂ across it, senses::
+In a dwell at the rate Ω, in setting s with the case direction e up and a₁, a₂ perpendicular to it,
+the sensor senses::
 
     ω = (Ω (1 + ρ + γ sgn Ω + r) + α/T + ω_ie sin φ) U + sinc(Θ/2) R_U(−Θ/2) (h₁b₁ + h₂b₂) + β
     f = g U − Ω² (p₁a₁ + p₂a₂),     U = unit(e + t₁a₁ + t₂a₂),  b_i = a_i − t_i e,  Θ = Ω T
 
-ρ is the relative error of all rates of the run, the clocks of table and sensor included, γ its
-asymmetry (+ and −), r that of each dwell, α the error of the angle read back in each dwell of T
-seconds. A turn by a known angle θ has Ω = θ/T, and α of its angle in place of ρ, γ and r. t are the
-two angles of the axis in the case and p the place of the sensor from the axis, of each setting. φ
-is the latitude. h is the level part of the earth's rate at the start of a dwell: of unknown
-azimuth, each component has the deviation ω_ie cos φ/√2. The table starts all dwells of a setting at
-one azimuth. Over whole turns h is not sensed; without a known T turns are whole. β is what the
-gyros' biases differ by from setting to setting.
+ρ is the relative error that all rates in the run share, including the clocks of table and sensor.
+γ is the asymmetry of the rate (+ and −), r the relative error of the rate in each dwell, and α the
+error of the angle read back in each dwell of T seconds. A turn through a known angle θ has
+Ω = θ/T, and the error α of its angle replaces ρ, γ and r. In each setting, t are the two angles of
+the table's axis in the case, and p is the position of the sensor relative to the axis. φ is the
+latitude. h is the horizontal earth rate at the start of a dwell. Its azimuth is unknown, so each
+component has the standard deviation ω_ie cos φ/√2. The table starts all dwells in a setting at the
+same azimuth. Over whole turns h averages to zero; if T is unknown, the turns are taken as whole. β
+is the change of the gyros' biases from setting to setting.
 
-A pose with up direction u, and c₁, c₂ across it, senses::
+In a pose with the upward direction u, and c₁, c₂ perpendicular to it, the sensor senses::
 
     f = g M R u,   ω = M (ω_ie sin φ R u + h₁c₁ + h₂c₂),   R = exp(t₁c₁ + t₂c₂),  M = exp(m)
 
-m are three angles of the mounting, of the run, and t two tilts of each pose.
+m are three mounting angles, common to the run, and t are two tilts of each pose.
 
-An error that acts and is not stated is refused: taken as zero, most of them would show in no
-residual.
+If an error acts but is not stated, the run is refused, because most errors that are wrongly taken
+as zero would not show in the residuals.
 
 Sources: IEEE Std 952 and 1431 (rate tests), 1293 (multipoint tests), 1554 (test equipment).
 """
@@ -50,12 +52,12 @@ from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.sensors import Sensor
 
-_EXACT = 1e-15  # rad/s: the level earth's rate at a pole
-_WHOLE = 1e-9  # of sinc: whole turns
+_EXACT = 1e-15  # rad/s: the horizontal earth rate at a pole
+_WHOLE = 1e-9  # the sinc factor is below this for whole turns
 
 
 class StatedError(NamedTuple):
-    """An error that [bench] states: its unit, scope, example, meaning and components."""
+    """An error that [bench] states, with its unit, scope, example, meaning and components."""
 
     like: str
     scope: Scope
@@ -65,18 +67,18 @@ class StatedError(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """The unit of its parameters, SI."""
+        """The SI unit of its parameters."""
         return {"°": "rad", "°/s": "rad/s"}.get(self.like, self.like)
 
 
 STATED: Mapping[str, StatedError] = {
     "rate_scale": StatedError("1", "run", "500 ppm", "rates of the table and clocks, relative"),
-    "rate_asymmetry": StatedError("1", "run", "100 ppm", "rates of both senses, relative"),
+    "rate_asymmetry": StatedError("1", "run", "100 ppm", "asymmetry of the rate, relative"),
     "rate_stability": StatedError("1", "position", "100 ppm", "rate of a dwell, relative"),
     "angle_reading": StatedError("°", "position", "5 ″", "angle read back in a dwell"),
     "turn_angle": StatedError("°", "position", "0.01 °", "angle of a turn"),
     "setting": StatedError("°", "mounting", "0.05 °", "table's axis in the case", ("1", "2")),
-    "arm": StatedError("m", "mounting", "5 mm", "sensor from the axis", ("1", "2")),
+    "arm": StatedError("m", "mounting", "5 mm", "distance of the sensor from the axis", ("1", "2")),
     "turn_on": StatedError(
         "°/s", "mounting", "60 °/h", "gyros' bias in a setting", ("x", "y", "z")
     ),
@@ -87,42 +89,43 @@ STATED: Mapping[str, StatedError] = {
 
 @dataclass(frozen=True)
 class RatePlatform:
-    """The bench of a rate platform. An error that is None is not stated.
+    """A rate platform. An error that is None is not stated.
 
     Parameters
     ----------
     gravity : Measured
         Local gravity, m/s².
-    latitude : float or None
-        rad, positive in the north; gyros need it.
+    latitude : Measured or None
+        Latitude, rad, positive in the north. A sensor with gyros needs it.
     rate_scale, rate_asymmetry, rate_stability : float or None
         Standard deviations of ρ, γ and r.
     angle_reading : float or None
-        Of α, rad; not stated is 0: the rate is not measured by an angle.
+        Standard deviation of α, rad. None means 0, because the rate is not measured by an angle.
     setting : float or None
-        Of each of t₁, t₂ of a setting, rad.
+        Standard deviation of each of t₁ and t₂ in a setting, rad.
     arm : float or None
-        Of each of p₁, p₂, m.
+        Standard deviation of each of p₁ and p₂, m.
     turn_on : float or None
-        Of each component of β, rad/s; not stated is 0: the gyros stay switched on.
+        Standard deviation of each component of β, rad/s. None means 0, because the gyros stay
+        switched on.
     attitude : float or None
-        Of each tilt of a pose, rad.
+        Standard deviation of each tilt of a pose, rad.
     mounting : float or None
-        Of each angle of the mounting, rad.
+        Standard deviation of each mounting angle, rad.
     turn_angle : float or None
-        Of the angle of each turn, rad.
+        Standard deviation of the angle of each turn, rad.
     qualified : QualifiedParameters
-        What qualifications found, in place of stated values.
+        Results of qualifications, which replace stated values.
 
     Raises
     ------
     InputError
-        A gravity that is not positive, an impossible latitude, a deviation that is negative or not
-        finite.
+        Gravity is not positive, the latitude is impossible, or a standard deviation is negative or
+        not finite.
     """
 
     gravity: Measured
-    latitude: float | None = None
+    latitude: Measured | None = None
     rate_scale: float | None = None
     rate_asymmetry: float | None = None
     rate_stability: float | None = None
@@ -137,19 +140,19 @@ class RatePlatform:
 
     def __post_init__(self) -> None:
         if self.latitude is not None:
-            earth_rate_up_north(self.latitude)  # refuses an impossible latitude
+            earth_rate_up_north(self.latitude.value)  # refuses an impossible latitude
         deviations = {"gravity": self.gravity.sd} | {
             name: value for name in STATED if (value := self.deviation(name)) is not None
         }
         require_possible_values("rate platform", {"gravity": self.gravity.value}, deviations)
 
     def deviation(self, name: str) -> float | None:
-        """Return a stated deviation by the name of its key; None where it is not stated."""
+        """Return the standard deviation stated by a key, or None if the key is not stated."""
         return getattr(self, name)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The imperfections that are stated, as data."""
+        """The stated imperfections of the bench, as data."""
         stated = [one for name in STATED for one in self._components(name)]
         return (local_gravity(self.gravity), *stated, *self._earth())
 
@@ -164,9 +167,9 @@ class RatePlatform:
     def _earth(self) -> list[Parameter]:
         if self.latitude is None:
             return []
-        _, level = earth_rate_up_north(self.latitude)
+        _, level = earth_rate_up_north(self.latitude.value)
         sd = level / sqrt(2) if level > _EXACT else 0.0
-        text = "level part of the earth's rate"
+        text = "horizontal earth rate"
         scopes: dict[str, Scope] = {"earth": "mounting", "pose_earth": "position"}
         return [
             Parameter(f"{name}_{k}", "rad/s", sd, scope, 0.0, f"{text}, component {k}")
@@ -175,12 +178,12 @@ class RatePlatform:
         ]
 
     def nuisances(self, steps: Sequence[PlatformStep], sensor: Sensor) -> dict[str, Parameter]:
-        """Return the parameters that act on these sections, by full name "setting_1[x]".
+        """Return the parameters that act on these sections, by full name such as "setting_1[x]".
 
         Raises
         ------
         InputError
-            An error that acts and is not stated; it names the key.
+            An error acts but is not stated; the message names its key.
         """
         gyros = bool(sensor.select_axes("w").axes)
         forces = bool(sensor.select_axes("f").axes)
@@ -189,31 +192,34 @@ class RatePlatform:
         by_force = gyros and sensor.select_axes("w").uses("fi", "fp", "fo")
         self._require_stated(steps, gyros, by_force)
         acting = {"g": local_gravity(self.gravity)} if forces or by_force else {}
+        if gyros and self.latitude is not None and self.latitude.sd > 0:
+            acting["latitude"] = _latitude_parameter(self.latitude)
         acting |= dict(self._acting_places(steps, gyros, by_force))
         return acting
 
     def suspects(self, steps: Sequence[PlatformStep], sensor: Sensor) -> dict[str, Parameter]:
-        """Return the parameters that may be wrong: those of `nuisances`, and those taken as exact.
+        """Return all parameters whose stated values may be wrong, by full name.
 
-        These are the latitude, and the gyros' bias from setting to setting.
+        In addition to the `nuisances`, these are parameters that are taken as exact: the latitude,
+        and the change of the gyros' biases from setting to setting.
         """
         found = self.nuisances(steps, sensor)
         if self.latitude is None or not sensor.select_axes("w").axes:
             return found
-        found["latitude"] = Parameter("latitude", "rad", 0.0, "run", self.latitude, "latitude")
+        found["latitude"] = _latitude_parameter(self.latitude)
         exact = self if self.turn_on is not None else replace(self, turn_on=0.0)
         return found | exact.nuisances(steps, sensor)
 
     def _require_stated(self, steps: Sequence[PlatformStep], gyros: bool, by_force: bool) -> None:
         needed: dict[str, str] = {}
         rates, turns = _turning(steps) if gyros else ([], [])
-        text = "it does not show in the residuals, so it must be stated"
+        text = "the residuals do not show it, so it must be stated"
         if rates:
             needed |= dict.fromkeys(("rate_scale", "rate_asymmetry", "rate_stability"), text)
         if turns:
             needed["turn_angle"] = text
         if (rates or turns) and by_force:
-            needed["arm"] = "the sensitivity to acceleration senses the centripetal one"
+            needed["arm"] = "the gyros' sensitivity to acceleration reacts to the centripetal one"
         if any(isinstance(step, RateDwell) for step in steps):
             needed["setting"] = "misalignments cannot be known better than the axis in the case"
         if any(isinstance(step, Pose) for step in steps):
@@ -226,7 +232,7 @@ class RatePlatform:
         if self.angle_reading and unknown:
             key = "[data] seconds"
             raise InputError(
-                f"{key} is missing: [bench] angle_reading is the error of a dwell's angle, but "
+                f"{key} is missing: [bench] angle_reading is the error of the angle per dwell, but "
                 f"{unknown[0]} has no duration; name the column of durations",
                 key=key,
                 names=unknown,
@@ -235,7 +241,7 @@ class RatePlatform:
     def _acting_places(
         self, steps: Sequence[PlatformStep], gyros: bool, by_force: bool
     ) -> Iterator[tuple[ErrorName, Parameter]]:
-        """Yield the parameters other than gravity, in the order of their declaration."""
+        """Yield the parameters that act, without gravity, in the order of their declaration."""
         dwells = [step for step in steps if isinstance(step, RateDwell)]
         rates, turns = _turning(steps) if gyros else ([], [])
         poses = [step.label for step in steps if isinstance(step, Pose)]
@@ -264,22 +270,26 @@ class RatePlatform:
                     yield ErrorName.at(one.name, place) if place else ErrorName(one.name), one
 
     def mean_motion(self, steps: Sequence[PlatformStep], q: Mapping[str, Array]) -> MeanMotion:
-        """Return the mean motion of each section; see `inercal.benches.contract.MeanBench`."""
+        """Return the mean motion during each section; see `inercal.benches.contract.MeanBench`."""
         return sensed_motion(self, steps, q)
 
     def reading_offsets(
         self, steps: Sequence[PlatformStep], sensor: Sensor, q: Mapping[str, Array]
     ) -> Array:
-        """Return zero: no error of the bench adds to readings."""
+        """Return zero, because no error of this bench adds an offset to the readings."""
         return np.zeros(())
 
     def without_earth_rate(self) -> "RatePlatform":
-        """Return the bench on an earth that does not turn."""
+        """Return the same bench on an earth that does not rotate."""
         return replace(self, latitude=None)
 
 
+def _latitude_parameter(latitude: Measured) -> Parameter:
+    return Parameter("latitude", "rad", latitude.sd, "run", latitude.value, "latitude")
+
+
 def _turning(steps: Sequence[PlatformStep]) -> tuple[list[RateDwell], list[RateDwell]]:
-    """Return the dwells at a rate, and the turns by a known angle."""
+    """Return the dwells at a rate, and the turns through a known angle."""
     dwells = [step for step in steps if isinstance(step, RateDwell) and step.rate != 0]
     turns: list[RateDwell] = [step for step in dwells if isinstance(step, KnownTurn)]
     return [step for step in dwells if step not in turns], turns

@@ -21,7 +21,7 @@ from inercal.recordings.data import EstimatorInput, RunBase
 def _sensor(
     name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
 ) -> Sensor:
-    """Return three accelerometers, three gyros, or both."""
+    """Return a sensor with three accelerometers, three gyros, or both."""
     if columns:
         return three_axis_sensor(name, columns, accelerometer, gyro)
     if gyro is None:
@@ -32,7 +32,7 @@ def _sensor(
 
 
 def _observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
-    """Return the observations of a run; what they load, plans do not use."""
+    """Return the observations from a run; import the reader late, as plans do not need it."""
     from inercal.benches.rate_platform.reading import observe
 
     return observe(run)

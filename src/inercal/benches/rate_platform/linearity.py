@@ -1,23 +1,26 @@
-"""Figures of a rate test by a straight line, as IEEE Std 528 and 952 define them.
+"""Linearity error, asymmetry, hysteresis and dead band in a rate test (IEEE Std 528 and 952).
 
-The line y = c + K Ω by least squares with equal weights, over all rests and rates of an axis.
-These figures are of the range that was turned; K is not 1 + scale where there are nonlinear terms.
+The straight line y = c + K Ω is fitted by least squares with equal weights to all rests and rates
+about an axis. The results hold for the range of rates in the test. If there are nonlinear terms, K
+differs from 1 + scale.
 
-* linearity error: largest residual over K times full scale, the largest rate;
-* asymmetry: difference of the slopes of both senses, each by its own line, over their mean;
-* hysteresis: largest difference of readings at one rate of a setting that was reached from a lower
-  rate and from a higher one, over K times full scale. Its deviation holds the noise of the means
-  and the errors of single dwells that the bench states. The largest of many differences of noise
-  alone is not zero: below three deviations it shows nothing.
+* linearity error: the largest residual, divided by K times full scale (the largest rate);
+* asymmetry: the difference between the slopes in both senses, each from its own line, divided by
+  their mean;
+* hysteresis: the largest difference between readings at the same rate and setting that was reached
+  from a lower and from a higher rate, divided by K times full scale. Its standard deviation
+  includes the noise of the means and the errors of single dwells that the bench states. The largest
+  of many differences is not zero even with only noise, so a value below three standard deviations
+  is not significant.
 
 The dead band of a gyro about zero rate is found from the slowest rates (IEEE Std 952)::
 
     y = b + K sgn(ω) max(|ω| − d, 0)
 
-with b and K by weighted least squares for each d: the d of least χ², and the interval in which χ²
-rises by 4. ω includes the vertical part of the earth's rate. Only rates up to 2 °/s count: at
-higher ones a nonlinear term may look like a dead band. One whose χ² is less than 16 below that of
-none is not said: it would be that of noise.
+For each d, b and K are fitted by weighted least squares. The result is the d with the least χ², and
+the interval in which χ² rises by up to 4. ω includes the vertical earth rate. Only rates up to
+2 °/s are used, because at higher rates a nonlinear term may look like a dead band. A dead band is
+reported only if it reduces χ² by at least 16; a smaller reduction could be due to noise.
 """
 
 from collections.abc import Sequence
@@ -34,33 +37,33 @@ from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Rate
 from inercal.physics.sensors import Axis, Sensor
 from inercal.recordings import Observations
 
-_FEWEST = 3  # rates of a line with a residual
-_REST = 1e-3  # of full scale
+_FEWEST = 3  # rates needed for a line with residuals
+_REST = 1e-3  # times full scale: slower rates are rests
 _ALONG = 0.5  # cosine
-_SHOWN = 3.0  # standard deviations: the largest of some differences
+_SHOWN = 3.0  # standard deviations: below this the largest difference is not significant
 
 
 @dataclass(frozen=True, eq=False)
 class LineFit:
-    """The straight line of one gyro.
+    """The straight line fitted to the readings of one gyro.
 
     Parameters
     ----------
     channel : str
     rate : (n,) array
-        Input, rad/s.
+        Input rates, rad/s.
     residual : (n,) array
-        Over K times full scale.
+        Residuals divided by K times full scale.
     sd : (n,) array
-        Standard deviation of each reading, over the same.
+        Standard deviations of the readings, divided by K times full scale.
     slope : float
-        K.
+        Slope K of the line.
     full_scale : float
-        Largest input, rad/s.
+        Largest input rate, rad/s.
     asymmetry, hysteresis : float
-        NaN where the rates do not show it.
+        Asymmetry and hysteresis as defined in the module; NaN if the rates cannot show them.
     hysteresis_sd : float
-        Standard deviation of the difference that the hysteresis is.
+        Standard deviation of the hysteresis.
     """
 
     channel: str
@@ -75,14 +78,14 @@ class LineFit:
 
     @property
     def linearity(self) -> float:
-        """Largest residual over K times full scale."""
+        """Largest residual divided by K times full scale."""
         return float(np.abs(self.residual).max())
 
 
 def straight_lines(
     observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Sequence[PlatformStep]
 ) -> tuple[LineFit, ...]:
-    """Return the line of each gyro that was turned about at two rates or more and a rest."""
+    """Return the line of each gyro that was tested at rest and at two or more rates."""
     motion = bench.mean_motion(steps, {})
     fits: list[LineFit] = []
     for k, axis in enumerate(sensor.axes):
@@ -133,7 +136,7 @@ def _line_fit(
 
 
 def dwell_deviation(step: RateDwell, bench: RatePlatform) -> float:
-    """Return the deviation of a dwell's rate by the errors that differ from dwell to dwell."""
+    """Return the standard deviation of a dwell's rate due to errors that vary between dwells."""
     if step.rate == 0:
         return 0.0
     read_back = (bench.angle_reading or 0.0) / step.seconds if step.seconds else 0.0
@@ -141,7 +144,7 @@ def dwell_deviation(step: RateDwell, bench: RatePlatform) -> float:
 
 
 def _asymmetry(rate: Array, read: Array) -> float:
-    """Return the relative difference of the slopes of both senses; each includes the rests."""
+    """Return the relative difference between the slopes in both senses, each with the rests."""
     full = np.abs(rate).max()
     slow = np.abs(rate) <= _REST * full
     sides = [(rate > 0) | slow, (rate < 0) | slow]
@@ -154,7 +157,7 @@ def _asymmetry(rate: Array, read: Array) -> float:
 def _hysteresis(
     rate: Array, read: Array, sd: Array, steps: Sequence[RateDwell]
 ) -> tuple[float, float]:
-    """Return the largest difference of rising and falling, and its deviation; NaN without any."""
+    """Return the largest difference between rising and falling rates, and its deviation, or NaN."""
     sides: dict[tuple[str, float], tuple[list[int], list[int]]] = {}
     full = float(np.abs(rate).max())
     before: dict[str, float] = {}
@@ -180,7 +183,7 @@ def _hysteresis(
 def linearity_notes(
     observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Sequence[PlatformStep]
 ) -> tuple[str, ...]:
-    """Return the figures of each gyro's line in words."""
+    """Describe the straight line of each gyro in words."""
     notes: list[str] = []
     for fit in straight_lines(observations, sensor, bench, steps):
         text = (
@@ -192,7 +195,7 @@ def linearity_notes(
         if np.isfinite(fit.hysteresis):
             text += f", hysteresis {_ppm(fit.hysteresis)}, U {_ppm(2 * fit.hysteresis_sd)}"
             if fit.hysteresis < _SHOWN * fit.hysteresis_sd:
-                text += ", which does not show"
+                text += ", which is not significant"
         notes.append(text.replace("-", "−"))
     return tuple(notes)
 
@@ -202,14 +205,14 @@ def _ppm(value: float) -> str:
 
 
 _FASTEST = radians(2.0)  # rad/s
-_FEWEST_SLOW = 4  # rates other than zero
+_FEWEST_SLOW = 4  # rates other than zero that a dead band needs
 _STEPS = 200
 _RISE = 4.0
-_BAND_SHOWN = 16.0  # in χ²
+_BAND_SHOWN = 16.0  # smallest reduction of χ² for a significant dead band
 
 
 class DeadBand(NamedTuple):
-    """Half width of a dead band and its interval of two standard deviations, rad/s."""
+    """Half width of a gyro's dead band with its interval of two standard deviations, rad/s."""
 
     gyro: str
     width: float
@@ -220,7 +223,7 @@ class DeadBand(NamedTuple):
 def find_dead_band(
     observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Sequence[PlatformStep]
 ) -> tuple[DeadBand, ...]:
-    """Return the dead bands that show; without a trial axis."""
+    """Return the significant dead bands; the observations must have no trial axis."""
     nominal = bench.mean_motion(steps, {}).w
     found: list[DeadBand] = []
     for k, axis in enumerate(sensor.axes):
@@ -246,7 +249,7 @@ def find_dead_band(
 
 
 def _dead_band(gyro: str, rate: Array, read: Array, sd: Array) -> DeadBand | None:
-    """Return the dead band of least χ² on a grid that is refined once; None where none shows."""
+    """Return the dead band with the least χ² on a grid that is refined once, if significant."""
     top = float(np.abs(rate).max())
     widths = np.linspace(0.0, 0.9 * top, _STEPS)
     chi2 = np.array([_chi2(d, rate, read, sd) for d in widths])
@@ -262,7 +265,7 @@ def _dead_band(gyro: str, rate: Array, read: Array, sd: Array) -> DeadBand | Non
 
 
 def _chi2(width: float, rate: Array, read: Array, sd: Array) -> float:
-    """Return the least χ² over bias and scale factor at a half width."""
+    """Return the χ² for a half width, minimised over bias and scale factor."""
     sensed = np.sign(rate) * np.maximum(np.abs(rate) - width, 0.0)
     design = np.stack([np.ones_like(rate), sensed], axis=-1) / sd[:, None]
     off = read / sd
@@ -272,10 +275,9 @@ def _chi2(width: float, rate: Array, read: Array, sd: Array) -> float:
 def dead_band_notes(
     observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Sequence[PlatformStep]
 ) -> tuple[str, ...]:
-    """Return the dead bands in words."""
+    """Describe the dead bands in words."""
     return tuple(
-        f"{band.gyro} has a dead band of ±{degrees(band.width):.4g} °/s about zero rate, by χ² "
-        f"between {degrees(band.low):.4g} and {degrees(band.high):.4g} °/s: no coefficient "
-        "corrects it"
+        f"{band.gyro} has a dead band of ±{degrees(band.width):.4g} °/s about zero rate (χ² allows "
+        f"{degrees(band.low):.4g} to {degrees(band.high):.4g} °/s); no coefficient can correct it"
         for band in find_dead_band(observations, sensor, bench, steps)
     )

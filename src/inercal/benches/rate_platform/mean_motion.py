@@ -1,6 +1,6 @@
-"""The mean motion of sections on a rate platform, with its derivatives.
+"""The mean motion during sections on a rate platform, with its derivatives.
 
-The equations and symbols are those of `inercal.benches.rate_platform.bench`.
+The equations and symbols are the same as in `inercal.benches.rate_platform.bench`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from inercal.benches.rate_platform.bench import RatePlatform
 
 _UNITS = np.eye(3)
-_STEEP = 0.9  # of a unit vector: x is then too near to up to be a reference
+_STEEP = 0.9  # if up has a larger x component, x is too near to up to be a reference
 Value = Callable[[str], Array]
 
 
 class _RowMotion(NamedTuple):
-    """Specific force and rate of one section, (..., 3), their derivatives by full name, and up."""
+    """Specific force and rate in one section, (..., 3), their derivatives by full name, and up."""
 
     f: Array
     w: Array
@@ -37,19 +37,19 @@ class _RowMotion(NamedTuple):
 def sensed_motion(
     bench: "RatePlatform", steps: Sequence[PlatformStep], q: Mapping[str, Array]
 ) -> MeanMotion:
-    """Return the mean motion of each section, with its derivatives.
+    """Return the mean motion during each section, with its derivatives.
 
     Parameters
     ----------
     bench : RatePlatform
     steps : sequence of r RateDwell or Pose
     q : mapping of str to (...) array
-        Errors by full name, SI; those missing are as stated.
+        Values of errors, SI, by full name. A missing error keeps its stated value.
     """
     shape = np.broadcast_shapes(*(np.shape(one) for one in q.values()))
     zero = np.zeros(shape)
     g = np.broadcast_to(np.asarray(q.get("g", bench.gravity.value), dtype=float), shape)
-    place = None if bench.latitude is None else q.get("latitude", np.array(bench.latitude))
+    place = None if bench.latitude is None else q.get("latitude", np.array(bench.latitude.value))
     up_rate, north_rate = zero, zero
     if place is not None:
         up_rate, north_rate = zero + EARTH_RATE * np.sin(place), zero + EARTH_RATE * np.cos(place)
@@ -78,7 +78,7 @@ def sensed_motion(
 
 
 def level_rate_factor(step: RateDwell) -> tuple[float, float]:
-    """Return what a dwell senses of the level earth's rate: sinc(Θ/2), and Θ/2 in rad."""
+    """Return the sensed fraction of the horizontal earth rate, sinc(Θ/2), and Θ/2 in rad."""
     if step.rate == 0:
         return 1.0, 0.0
     half = step.rate * step.seconds / 2
@@ -88,13 +88,13 @@ def level_rate_factor(step: RateDwell) -> tuple[float, float]:
 
 
 def perpendicular_axes(axis: str) -> tuple[Array, Array]:
-    """Return the two case axes after an axis in the cycle x, y, z."""
+    """Return the two case axes that follow an axis in the cycle x, y, z."""
     j = "xyz".index(axis[-1])
     return _UNITS[(j + 1) % 3], _UNITS[(j + 2) % 3]
 
 
 def tilt_directions(up: Array) -> tuple[Array, Array]:
-    """Return two unit vectors at right angles to a unit vector, (3,) each."""
+    """Return two unit vectors perpendicular to a unit vector, (3,) each."""
     reference: Array = _UNITS[1] if abs(up[0]) > _STEEP else _UNITS[0]
     first = skew(up) @ reference
     first = first / np.linalg.norm(first)
@@ -111,7 +111,7 @@ def _dwell(
     length = np.linalg.norm(axis, axis=-1, keepdims=True)
     axis = axis / length
     by_tilt = [(a - axis * (axis @ a)[..., None]) / length for a in across]
-    # (a₁, a₂, up) is right-handed where the axis up is positive.
+    # (a₁, a₂, up) is right-handed if a positive axis points up.
     angle = -level[1] if step.axis.startswith("-") else level[1]
     c, s = level[0] * cos(angle), level[0] * sin(angle)
     beside = [a - t * up for a, t in zip(across, tilts, strict=True)]
@@ -141,7 +141,7 @@ def _dwell(
 
 
 def _slopes_of_rate(step: RateDwell) -> dict[str, float]:
-    """Return the derivatives of a section's rate about the table's axis by the table's errors."""
+    """Return the derivatives of the rate about the table's axis by the table's errors."""
     rate, label = step.rate, step.label
     inverse = 1 / step.seconds if step.seconds else 0.0
     if isinstance(step, KnownTurn):

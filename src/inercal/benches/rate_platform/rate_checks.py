@@ -1,4 +1,4 @@
-"""Checks of sections against the readings: unit, sign and axis of the rates, and what is up."""
+"""Check the unit, sign and axis of the rates, and the axis that is up, against the readings."""
 
 from collections.abc import Sequence
 from math import sqrt
@@ -15,16 +15,16 @@ from inercal.physics.section_settings import key_error
 from inercal.recordings import Mark, Observations, Recording
 from inercal.recordings.data import RunBase
 
-_LEAST_RATE = 1e-3  # rad/s: slower rates may be less than a bias
-_CLEAR = 0.5  # of the stated rate: a reading on another axis, or of the other sign
-_USABLE = (0.67, 1.5)  # times nominal: scale factors that a run file states correctly
-_NEAR = 0.1  # relative, of the ratio of two units
+_LEAST_RATE = 1e-3  # rad/s: slower rates may be smaller than a bias
+_CLEAR = 0.5  # times the stated rate: a clear reading on another axis or with the other sign
+_USABLE = (0.67, 1.5)  # times nominal: range of scale factors if the run file is correct
+_NEAR = 0.1  # relative tolerance for the ratio of two units
 _UNITS = ("rad/s", "rpm", "rev/s", "°/s")
 _STEEPEST = 0.7  # cosine of 45°
-_BLOCKS = 20  # of a section, in two halves
+_BLOCKS = 20  # blocks per section, in two halves
 _SIGMAS = 6.0
-_STEADY = 2e-4  # of the rate
-_NORMAL_MEDIAN = 0.6745  # of the magnitude of a standard normal number
+_STEADY = 2e-4  # largest change relative to the rate
+_NORMAL_MEDIAN = 0.6745  # median magnitude of a standard normal number
 
 
 def require_rates(
@@ -33,12 +33,12 @@ def require_rates(
     bench: RatePlatform,
     steps: Sequence[PlatformStep],
 ) -> None:
-    """Refuse rates of another unit, sign or axis than the gyros read.
+    """Refuse rates whose unit, sign or axis disagrees with the gyros.
 
     Raises
     ------
     InputError
-        Naming the unit that fits, or the row and the gyro.
+        A rate disagrees; the message names the unit that fits, or the row and the gyro.
     """
     gyros = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "w"]
     turning = [
@@ -55,7 +55,7 @@ def require_rates(
     for k, one in zip(turning, along.tolist(), strict=True):
         most = int(np.argmax(np.abs(read[k])))
         if most != own[k] and abs(read[k, most]) > 2 * abs(read[k, own[k]]):
-            _refuse_row(run, steps[k], f"{names[most]} reads most of it, not {names[own[k]]}")
+            _refuse_row(run, steps[k], f"{names[most]} reads the rate, not {names[own[k]]}")
         if one < -_CLEAR * ratio:
             text = f"{names[own[k]]} reads it with the opposite sign"
             _refuse_row(run, steps[k], text)
@@ -64,7 +64,7 @@ def require_rates(
 
 
 def _rough_bias(read: Array, nominal: Array) -> Array:
-    """Return each gyro's median reading where it senses nothing, or 0, (3,)."""
+    """Return each gyro's median reading in sections where it senses no rate, or 0, (3,)."""
     bias = np.zeros(read.shape[1])
     for k in range(read.shape[1]):
         still = np.abs(nominal[:, k]) < 1e-6 * np.abs(nominal).max(initial=1.0)
@@ -89,7 +89,7 @@ def _refuse_unit(run: RunBase[RatePlatformData], ratio: float) -> None:
         if abs(ratio / factor - 1) < _NEAR:
             raise key_error(
                 "[data] table_rate_unit",
-                f"according to the gyros, the rates are {factor:.4g} times as large: in {unit}, "
+                f"according to the gyros, the rates are {factor:.4g} times as large, in {unit} and "
                 f'not in {run.data.table_rate_unit}; state table_rate_unit = "{unit}", or '
                 "correct the unit in [sensor.gyro]",
                 run.path,
@@ -109,15 +109,16 @@ def require_steady(
     marks: Sequence[Mark],
     steps: Sequence[PlatformStep],
 ) -> None:
-    """Refuse dwells whose rate about the table's axis changes within the section.
+    """Refuse dwells whose rate about the table's axis changes during the section.
 
-    The means of both halves differ by more than 6σ and 2e-4 of the rate; σ is that of means of
-    blocks, by the median of the differences of neighbours. A turn by an angle has no steady rate.
+    A dwell is refused if the means of its halves differ by more than 6σ and 2e-4 of the rate. σ is
+    estimated from the median difference between the means of neighbouring blocks. Turns through an
+    angle are not checked, because they have no steady rate.
 
     Raises
     ------
     InputError
-        Naming the section.
+        A rate is not steady; the message names the section.
     """
     for mark, step in zip(marks, steps, strict=True):
         if isinstance(step, KnownTurn) or not isinstance(step, RateDwell):
@@ -139,7 +140,7 @@ def require_steady(
 
 
 def _change_between_halves(read: Array) -> tuple[float, float]:
-    """Return how the mean of the second half differs from that of the first, and its deviation."""
+    """Return the change of the mean from the first to the second half, and its deviation."""
     size = len(read) // _BLOCKS
     if not size:
         return 0.0, 0.0
@@ -155,12 +156,12 @@ def require_axes_up(
     bench: RatePlatform,
     steps: Sequence[PlatformStep],
 ) -> None:
-    """Refuse rests and poses whose accelerometers show another direction up.
+    """Refuse rests and poses if the accelerometers show that another direction is up.
 
     Raises
     ------
     InputError
-        Naming the row.
+        The stated direction is wrong; the message names the row.
     """
     forces = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "f"]
     if len(forces) != len("xyz"):

@@ -1,4 +1,4 @@
-"""From a table of means, or a recording of labelled sections, to observations."""
+"""Read the observations from a table of means, or from a recording of labelled sections."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -47,12 +47,12 @@ from inercal.recordings.segments import average_sections, marks_from_labels
 
 
 def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
-    """Return the observations of a run on a rate platform.
+    """Return the observations from a run on a rate platform.
 
     Raises
     ------
     InputError
-        The data cannot be used, or an error of the bench is stated that acts in no section.
+        The data cannot be used, or a stated error of the bench acts in no section.
     """
     bench: RatePlatform = run.bench
     result = _table(run) if run.data.kind == "means" else _recording(run)
@@ -93,8 +93,8 @@ def _table(run: RunBase[RatePlatformData]) -> EstimatorInput:
     if not {"axis", "roll"} & set(columns):
         raise key_error(
             "[data] axis",
-            "is missing: name the columns axis and table_rate of rests and rates, or roll and "
-            "pitch of poses",
+            "is missing: name the columns axis and table_rate for rests and rates, or roll and "
+            "pitch for poses",
             run.path,
         )
     table = read_columns(path, wanted, list(columns.values()))
@@ -116,7 +116,7 @@ def _table(run: RunBase[RatePlatformData]) -> EstimatorInput:
 
 
 def _require_partners(run: RunBase[RatePlatformData], columns: dict[str, str]) -> None:
-    """Refuse columns that lack another one."""
+    """Refuse a column that needs another column if that one is not named."""
     needed = [("table_rate", "axis"), ("turn", "axis"), ("turn", "seconds")]
     needed += [("roll", "pitch"), ("pitch", "roll")]
     if "turn" not in columns:
@@ -136,7 +136,7 @@ def _step(
     row: int,
     seconds: float,
 ) -> PlatformStep:
-    """Return the section of one row of a table."""
+    """Return the section that one row of a table describes."""
     line = table.first_line + row
 
     def cell(name: str) -> str:
@@ -191,11 +191,11 @@ def _number(text: str, refuse: Callable[[str], InputError]) -> float:
 
 def _recording(run: RunBase[RatePlatformData]) -> EstimatorInput:
     if run.data.seconds is not None:
-        raise key_error("[data] seconds", "is of a table of means; remove the key", run.path)
+        raise key_error("[data] seconds", "is only for a table of means; remove the key", run.path)
     recording = load_recording(run)
     marks, steps = _marked_sections(run, recording)
     require_steady(run, recording, marks, steps)
-    # Sections at a rate are steady too: their scatter is noise.
+    # Sections at a rate are steady too, so their scatter is noise.
     turning = [step.label for step in steps if isinstance(step, KnownTurn)]
     means = average_sections(
         recording, run.sensor, marks, steps, found=True, drifting=True, turning=turning
@@ -206,7 +206,7 @@ def _recording(run: RunBase[RatePlatformData]) -> EstimatorInput:
 def _marked_sections(
     run: RunBase[RatePlatformData], recording: Recording
 ) -> tuple[tuple[Mark, ...], tuple[PlatformStep, ...]]:
-    """Return the sections of a recording: labelled, of a file each, or found by the gyros."""
+    """Return the sections: labelled, one file each, or found with the gyros."""
     data, settle = run.data, run.data.settling_seconds
     if data.marks == "labels" or is_pattern(run.file(data.file)):
         if data.sections is not None:
@@ -224,8 +224,8 @@ def _marked_sections(
     if data.marks != "found":
         raise key_error(
             "[data] marks",
-            'sections are "found" by the gyros in the order of [data] sections or of the plan, or '
-            'labelled, such as "x +50" and "x rest", by marks = "labels"',
+            'sections are "found" with the gyros in the order of [data] sections or the plan, or '
+            'labelled, such as "x +50" and "x rest", with marks = "labels"',
             run.path,
         )
     try:
@@ -235,7 +235,7 @@ def _marked_sections(
 
 
 def _stated_sections(run: RunBase[RatePlatformData]) -> list[PlatformStep]:
-    """Return the sections of [data] sections, or of the plan."""
+    """Return the sections that [data] sections or the plan states."""
     if run.data.sections is None:
         return [step for step in run.steps if isinstance(step, RateDwell | Pose)]
     labels = number_repeated_names(run.data.sections)
@@ -246,7 +246,7 @@ def _conditions(bench: RatePlatform, steps: Sequence[PlatformStep]) -> dict[str,
     dwells = [step for step in steps if isinstance(step, RateDwell)]
     result = {"gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²")}
     if bench.latitude is not None:
-        result["latitude"] = f"{bench.latitude * 180 / np.pi:.6g} °"
+        result["latitude"] = format_quantity(bench.latitude.value, bench.latitude.sd, "°")
     if dwells:
         rates: Array = np.array([step.rate for step in dwells]) * 180 / np.pi
         result["rates"] = f"{rates.min():.6g} to {rates.max():.6g} °/s".replace("-", "−")

@@ -1,4 +1,4 @@
-"""What the report shows of a rate platform: residuals of the straight line, directions at rest."""
+"""Report for a rate platform: residuals of the straight lines, and directions at rest."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ _PPM = 1e6
 
 
 def plots(shown: ReportInput) -> tuple[Plot, ...]:
-    """Return the residuals of each gyro's straight line, in ppm of full scale."""
+    """Plot the residuals of each gyro's straight line, in ppm of full scale."""
     bench = shown.bench
     steps = [step for step in shown.steps if isinstance(step, RateDwell | Pose)]
     if not isinstance(bench, RatePlatform):
@@ -30,10 +30,10 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
         Plot(
             "linearity",
             "Residuals of the straight line of each gyro against the rate",
-            "Readings of each gyro about its axis, minus the straight line by least squares "
-            "(IEEE Std 528), in ppm of full scale, the largest rate; bars are ±2 standard "
-            "deviations of a mean. A curve beyond the bars is a nonlinear term, a kink at zero an "
-            "asymmetry; readings of one rate that differ are hysteresis or drift.",
+            "Readings of each gyro minus its straight line, fitted by least squares (IEEE Std "
+            "528), in ppm of full scale (the largest rate). Bars are ±2 standard deviations of a "
+            "mean. A curve beyond the bars indicates a nonlinear term, and a kink at zero an "
+            "asymmetry. Different readings at the same rate indicate hysteresis or drift.",
             "residual, ppm of full scale",
             tuple(_panel(fit) for fit in fits),
         ),
@@ -47,7 +47,7 @@ def _panel(fit: LineFit) -> Panel:
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return the direction of the specific force at rest and in poses; none without a triad."""
+    """Return the direction of the specific force at rest and in poses, if there is a triad."""
     sensor = shown.sensor
     if len(sensor.select_axes("f").axes) < len("xyz"):
         return ()

@@ -1,13 +1,13 @@
-"""The scale factor of each gyro at each speed: a piecewise table, whatever the model.
+"""The scale factor of each gyro at each speed, as a table that does not depend on the model.
 
-Of a speed that was turned in both senses in a setting (IEEE Std 952)::
+For a speed that was measured in both senses in one setting (IEEE Std 952)::
 
     K = (y₊ − y₋) / (ω₊ − ω₋),   even part = (y₊ + y₋)/2 − K (ω₊ + ω₋)/2
 
-where ω includes the vertical part of the earth's rate, and readings of one rate are averaged. The
-even part is the bias, second-order nonlinearity and asymmetry. The deviations hold the noise of the
-means and the errors of single dwells that the bench states, not the scale and the asymmetry of its
-rates, which are common to all speeds.
+Here ω includes the vertical earth rate, and readings at the same rate are averaged. The even part
+consists of the bias, second-order nonlinearity and asymmetry. The standard deviations include the
+noise of the means and the errors of single dwells that the bench states. They do not include the
+scale error and the asymmetry of the bench's rates, which all speeds share.
 """
 
 from collections.abc import Sequence
@@ -29,15 +29,15 @@ _DEG_PER_H = 3600.0  # °/h of a °/s
 
 
 class SpeedScale(NamedTuple):
-    """A gyro at one speed of a setting.
+    """The scale factor of a gyro at one speed in a setting.
 
     Parameters
     ----------
     gyro, setting : str
     speed : float
-        rad/s.
+        Speed, rad/s.
     scale, scale_sd : float
-        K and its standard deviation.
+        Scale factor K and its standard deviation.
     even, even_sd : float
         Even part and its standard deviation, rad/s.
     """
@@ -54,7 +54,7 @@ class SpeedScale(NamedTuple):
 def speed_scales(
     observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Sequence[PlatformStep]
 ) -> tuple[SpeedScale, ...]:
-    """Return the scale factor of each gyro at each speed that was turned in both senses."""
+    """Return the scale factor of each gyro at each speed that was measured in both senses."""
     nominal = bench.mean_motion(steps, {}).w
     found: list[SpeedScale] = []
     for k, axis in enumerate(sensor.axes):
@@ -86,7 +86,7 @@ def speed_scales(
 
 
 def output_tables(run: RunBase[RatePlatformData], shown: ReportInput) -> dict[str, Columns]:
-    """Return the table "scale_factors" where two speeds or more were turned in both senses."""
+    """Return the table "scale_factors" if two or more speeds were measured in both senses."""
     bench = shown.bench
     if not isinstance(bench, RatePlatform):
         return {}

@@ -1,11 +1,12 @@
-"""Sections of one recording found by the gyros, and matched in their order to a stated list.
+"""Find the sections of one recording with the gyros, and match them in order to a stated list.
 
-The means of blocks of half a second are compared with the running median of a section: a block
-belongs to it within 6σ, 2e-4 of the rate and twice the earth's rate, on every gyro. σ is that of a
-block, by the median of the differences of neighbours. A section lasts 5 s or longer; a second at
-either end is left out, and what is over whole turns.
+The means of blocks of half a second are compared with the running median of a section. A block
+belongs to the section if, on every gyro, it agrees within 6σ, 2e-4 of the rate and twice the
+earth's rate. σ is the standard deviation of a block, estimated from the median difference between
+neighbouring blocks. A section lasts 5 s or longer. A second at each end is left out, and the part
+that exceeds whole turns.
 
-A turn by a known angle is all between two rests, into which its section reaches.
+A turn through a known angle is everything between two rests; its section extends into both rests.
 """
 
 from collections.abc import Sequence
@@ -26,16 +27,16 @@ from inercal.recordings import Mark, Recording
 
 _BLOCK = 0.5  # s
 _SIGMAS = 6.0
-_STEADY = 2e-4  # of the rate
+_STEADY = 2e-4  # largest change relative to the rate
 _SHORTEST = 5.0  # s
-_GUARD = 1.0  # s at either end
-_NORMAL_MEDIAN = 0.6745  # of the magnitude of a standard normal number
-_SLOW = 0.3  # of the slowest stated rate: a rest
+_GUARD = 1.0  # s at each end
+_NORMAL_MEDIAN = 0.6745  # median magnitude of a standard normal number
+_SLOW = 0.3  # times the slowest stated rate: slower is a rest
 _SHOWN = 12
 
 
 class SteadyRun(NamedTuple):
-    """Samples of a steady rate, half open, and the rate, (3,) rad/s."""
+    """A half-open range of samples with a steady rate, and the rate, (3,) rad/s."""
 
     start: int
     stop: int
@@ -50,24 +51,25 @@ def find_sections(
     Parameters
     ----------
     recording : Recording
-        Without a trial axis.
+        Recording without a trial axis.
     sensor : Sensor
-        With three gyros.
+        Sensor with three gyros.
     stated : sequence of RateDwell or Pose
-        In the order of the recording.
+        Stated steps in the order of the recording.
     settle : float
-        Time, s, that is left out at the beginning of each section, at least a second.
+        Time to leave out at the beginning of each section, s; at least one second is left out.
 
     Raises
     ------
     InputError
-        The sensor has no three gyros, or another number of sections is found; naming both.
+        The sensor does not have three gyros, or the number of sections found differs from the
+        stated number. The message names both numbers.
     """
     gyros = sensor.select_axes("w")
     if len(gyros.axes) != len("xyz"):
         raise InputError(
-            'sections are found by three gyros; label them, such as "x +50" and "x rest", and '
-            'state marks = "labels"',
+            'sections can only be found with three gyros; label them, such as "x +50" and '
+            '"x rest", and state marks = "labels"',
             key="[data] marks",
         )
     columns = [recording.channels.index(name) for name in gyros.channels]
@@ -85,7 +87,7 @@ def find_sections(
 
 
 def steady_runs(rate: Array, rate_hz: float) -> list[SteadyRun]:
-    """Return the runs of a steady rate of (n, 3) rad/s, in their order."""
+    """Return the stretches in which the rate, (n, 3) rad/s, is steady, in order."""
     size = max(round(_BLOCK * rate_hz), 1)
     count = len(rate) // size
     blocks = rate[: count * size].reshape(count, size, -1).mean(axis=1)
@@ -108,18 +110,18 @@ def steady_runs(rate: Array, rate_hz: float) -> list[SteadyRun]:
 def _matched(
     recording: Recording, gyros: Sensor, runs: Sequence[SteadyRun], stated: Sequence[PlatformStep]
 ) -> list[tuple[int, int]]:
-    """Return the samples of each stated step."""
+    """Return the range of samples for each stated step."""
     turning = any(isinstance(step, KnownTurn) for step in stated)
     tokens = _without_turns(runs, stated) if turning else list(runs)
     steady = [step for step in stated if not isinstance(step, KnownTurn)]
     if len(tokens) != len(steady):
         further = " besides the turns" * turning
         raise InputError(
-            f"{recording.source}: {len(tokens)} sections of a steady rate were found{further}, "
-            f"and {len(steady)} are stated: found {_words(recording, gyros, tokens)}; stated "
+            f"{recording.source}: {len(tokens)} sections with a steady rate were found{further}, "
+            f"but {len(steady)} are stated: found {_words(recording, gyros, tokens)}; stated "
             f"{', '.join(step.label for step in steady[:_SHOWN])}"
-            f"{', …' * (len(steady) > _SHOWN)}; correct the list, or label the sections; rests "
-            "without a motion between them are one",
+            f"{', …' * (len(steady) > _SHOWN)}; correct the list, or label the sections; "
+            "consecutive rests without a motion between them count as one",
             key="[data] marks",
             names=tuple(step.label for step in steady[len(tokens) :]),
         )
@@ -132,7 +134,7 @@ def _matched(
             continue
         if not 0 < done < len(tokens):
             raise InputError(
-                f"turn {step.label} needs a rest before it and after it; state both",
+                f"turn {step.label} needs a rest before and after it; state both",
                 key="[data] sections",
                 names=(step.label,),
             )
@@ -142,9 +144,9 @@ def _matched(
 
 
 def _without_turns(runs: Sequence[SteadyRun], stated: Sequence[PlatformStep]) -> list[SteadyRun]:
-    """Return the runs that are no steady part of a turn by an angle: the rests, and stated rates.
+    """Return the rests and the stated rates, without steady parts of turns through an angle.
 
-    A steady part of a turn is faster than a rest, and its rate is none of the stated ones.
+    A steady part of a turn is faster than a rest, and its rate is not one of the stated rates.
     """
     dwells = [
         abs(s.rate)
@@ -161,7 +163,7 @@ def _without_turns(runs: Sequence[SteadyRun], stated: Sequence[PlatformStep]) ->
 
 
 def _trimmed(recording: Recording, mark: Mark, step: PlatformStep, settle: float) -> Mark:
-    """Return a section without its ends and without what is over whole turns."""
+    """Return a section without its ends, shortened to whole turns."""
     guard = round(_GUARD * recording.rate_hz)
     start, stop = mark.start + max(guard, round(settle * recording.rate_hz)), mark.stop - guard
     if stop <= start:
@@ -180,7 +182,7 @@ def _lasting(step: PlatformStep, seconds: float) -> PlatformStep:
 
 
 def _words(recording: Recording, gyros: Sensor, runs: Sequence[SteadyRun]) -> str:
-    """Return the found sections in words: "2.5 to 38 s +50.01 °/s about +z"."""
+    """Describe the found sections, such as "2.5 to 38 s +50.01 °/s about +z"."""
     if not runs:
         return "none"
     texts: list[str] = []
@@ -196,12 +198,12 @@ def _words(recording: Recording, gyros: Sensor, runs: Sequence[SteadyRun]) -> st
 def settled(
     recording: Recording, marks: Sequence[Mark], steps: Sequence[PlatformStep], settle: float
 ) -> tuple[tuple[Mark, ...], tuple[PlatformStep, ...]]:
-    """Return labelled sections without the time that the table settles; turns are whole.
+    """Return labelled sections without the settling time of the table, shortened to whole turns.
 
     Raises
     ------
     InputError
-        A section that is no longer than this time.
+        A section is not longer than the settling time.
     """
     wait = round(settle * recording.rate_hz)
     kept: list[Mark] = []

@@ -1,10 +1,11 @@
 """Sections of a run on a rate platform: rests, constant rates and turns in a setting, and poses.
 
-The table's axis is vertical. A setting is one way to fix the case on it: a case axis points up.
-The rate is positive counter-clockwise seen from above: with −z up the z gyro reads its negative.
+The table's axis is vertical. A setting is one way to fix the case on the table, with a case axis
+pointing up. The rate is positive counter-clockwise seen from above, so with −z up the z gyro reads
+a negative rate.
 
-A pose is at rest, at known angles from level: the case turns right-handed about its x axis by the
-roll, then about the level y axis by the pitch. Up is then::
+A pose is a rest at known angles from level. The case is turned right-handed about its x axis by the
+roll, then about the horizontal y axis by the pitch. The upward direction is then::
 
     u = (−sin pitch, cos pitch sin roll, cos pitch cos roll)
 """
@@ -34,11 +35,11 @@ class RateDwell:
     axis : str
         Case axis that points up: "x", "-x", "y", "-y", "z" or "-z".
     rate : float
-        rad/s about the upward vertical; 0 is a rest.
+        Rate about the upward vertical, rad/s; 0 means a rest.
     seconds : float
-        Duration; 0 is an unknown number of whole turns.
+        Duration, s; 0 means an unknown number of whole turns.
     setting : str
-        Name of the setting; dwells of one setting share its errors. Empty is the axis.
+        Name of the setting, by default the axis. Dwells in one setting share its errors.
     """
 
     label: str
@@ -60,16 +61,16 @@ class RateDwell:
         return (sign * x, sign * y, sign * z)
 
     def describe(self) -> str:
-        """Return what to do: "+z up, turn at −50°/s"."""
+        """Describe the dwell for the operator, such as "+z up, turn at −50°/s"."""
         turn = "rest" if self.rate == 0 else f"turn at {_signed(degrees(self.rate))}°/s"
         return f"{describe_direction(self.up)} up, {turn}"
 
 
 @dataclass(frozen=True)
 class KnownTurn(RateDwell):
-    """Turn the table by a known angle, from rest to rest, with a case axis up.
+    """Turn the table through a known angle, from rest to rest, with a case axis up.
 
-    The rate is the mean rate, angle over seconds.
+    The rate is the mean rate, which is the angle divided by the duration.
     """
 
     @property
@@ -78,7 +79,7 @@ class KnownTurn(RateDwell):
         return self.rate * self.seconds
 
     def describe(self) -> str:
-        """Return what to do: "+z up, turn by −360°"."""
+        """Describe the turn for the operator, such as "+z up, turn by −360°"."""
         return f"{describe_direction(self.up)} up, turn by {_signed(degrees(self.angle))}°"
 
 
@@ -90,9 +91,9 @@ class Pose:
     ----------
     label : str
     roll, pitch : float
-        rad, as of the module.
+        Roll and pitch as defined in the module, rad.
     seconds : float
-        Duration; 0 where nothing depends on it.
+        Duration, s; 0 if nothing depends on it.
     """
 
     label: str
@@ -110,7 +111,7 @@ class Pose:
         )
 
     def describe(self) -> str:
-        """Return what to do: "roll 90°, pitch 0°"."""
+        """Describe the pose for the operator, such as "roll 90°, pitch 0°"."""
         return f"roll {degrees(self.roll):.6g}°, pitch {degrees(self.pitch):.6g}°"
 
 
@@ -119,22 +120,22 @@ PlatformSteps = Sequence[PlatformStep]
 
 
 def dwell_label(axis: str, rate: float) -> str:
-    """Return the label of a dwell: "x +50 °/s", "-y rest"."""
+    """Return the label of a dwell, such as "x +50 °/s" or "-y rest"."""
     return f"{axis} rest" if rate == 0 else f"{axis} {degrees(rate):+.6g} °/s"
 
 
 def turn_label(axis: str, angle: float) -> str:
-    """Return the label of a turn by an angle, rad: "x turn +360°"."""
+    """Return the label of a turn through an angle in rad, such as "x turn +360°"."""
     return f"{axis} turn {degrees(angle):+.6g}°"
 
 
 def pose_label(roll: float, pitch: float) -> str:
-    """Return the label of a pose: "roll 90° pitch 0°"."""
+    """Return the label of a pose, such as "roll 90° pitch 0°"."""
     return f"roll {degrees(roll) + 0.0:.6g}° pitch {degrees(pitch) + 0.0:.6g}°"
 
 
 def parse_axis(text: str) -> str | None:
-    """Return a case axis, "x" or "-x"; None where the text is none."""
+    """Return the case axis that a text names, such as "x" or "-x", or None if it names none."""
     found = re.fullmatch(r"([-+−]?)([xyz])", text.strip().lower())
     if found is None:
         return None
@@ -143,20 +144,21 @@ def parse_axis(text: str) -> str | None:
 
 
 def step_of_label(label: str, seconds: float) -> PlatformStep:
-    """Return the section that a label names, as labels of a plan do.
+    """Return the section that a label describes.
 
     Parameters
     ----------
     label : str
-        "x +50 °/s", "-y rest", "x turn +360°" or "roll 90° pitch 0°", with a number for a
-        repetition: "x rest (2)". In names of files a space may be "_", a decimal point a comma, and
-        a sign a dash.
+        Label such as "x +50 °/s", "-y rest", "x turn +360°" or "roll 90° pitch 0°". A repetition
+        has a number, as in "x rest (2)". In file names a space may be "_", a decimal point a comma,
+        and a sign a dash.
     seconds : float
+        Duration of the section, s.
 
     Raises
     ------
     InputError
-        Another text.
+        The label does not describe a section.
     """
     text = re.sub(r"(?<=\d),(?=\d)", ".", label.replace("_", " ").replace("–", "-").strip())
     if (found := _DWELL.fullmatch(text)) is not None:
@@ -171,14 +173,14 @@ def step_of_label(label: str, seconds: float) -> PlatformStep:
         return Pose(label, radians(_number(found[1])), radians(_number(found[2])), seconds)
     raise InputError(
         f"label {label!r} does not name a section; write the axis that is up and the rate in "
-        '°/s, "x +50", a rest, "-y rest", a turn, "x turn +360", or a pose, "roll 90 '
+        '°/s, "x +50", or a rest, "-y rest", a turn, "x turn +360", or a pose, "roll 90 '
         'pitch 0"',
         names=(label,),
     )
 
 
 def whole_turns(rate: float, seconds: float) -> float:
-    """Return the longest time, s, of whole turns within a time; the time itself at rest."""
+    """Return the longest time of whole turns within a time, s; at rest, the time itself."""
     turns = abs(rate) * seconds // (2 * pi)
     return seconds if rate == 0 or turns == 0 else turns * 2 * pi / abs(rate)
 

@@ -1,4 +1,4 @@
-"""[bench] and [data] of a rate platform: its keys, and the bench in SI."""
+"""The sections [bench] and [data] for a rate platform, and the bench in SI."""
 
 from pathlib import Path
 from typing import Any, Literal
@@ -19,9 +19,9 @@ from inercal.recordings.data import DataSection, unit_size
 
 
 class RatePlatformSection(BenchSection):
-    """[bench]: a table of constant rates, and a platform of known angles.
+    """Section [bench] for a table with constant rates and a platform with known angles.
 
-    Errors have no default: one that acts and is not stated is refused.
+    Errors have no defaults: a run is refused if an error acts but is not stated.
     """
 
     kind: Literal["rate_platform"]
@@ -38,43 +38,43 @@ class RatePlatformSection(BenchSection):
 
 
 class RatePlatformData(DataSection):
-    """[data] of a rate platform: rows are rests, rates and poses.
+    """Section [data] for a rate platform, in which each row is a rest, a rate or a pose.
 
-    A table of means has the columns; in a recording the label of a section says what it is.
+    A table of means states them in columns. In a recording, the label of a section describes it.
     """
 
     accelerometer: tuple[str | int, ...] = Field(
-        (), description="columns; none for gyros alone", examples=[["ax", "ay", "az"]]
+        (), description="columns; none if there are only gyros", examples=[["ax", "ay", "az"]]
     )
     axis: str | int | None = Field(
-        None, description="of means: column of the case axis that is up", examples=["axis"]
+        None, description="for means: column of the case axis that is up", examples=["axis"]
     )
     table_rate: str | int | None = Field(
-        None, description="of means: column of the table's rate", examples=["rate"]
+        None, description="for means: column of the table's rate", examples=["rate"]
     )
     table_rate_unit: str = Field("°/s", examples=["rad/s"])
     turn: str | int | None = Field(
-        None, description="of means: column of the angle of a turn", examples=["turn"]
+        None, description="for means: column of the angle of a turn", examples=["turn"]
     )
     setting: str | int | None = Field(
-        None, description="of means: column of settings; otherwise each axis is one"
+        None, description="for means: column of settings; without it each axis is one setting"
     )
     roll: str | int | None = Field(
-        None, description="of means: column of a pose's roll", examples=["roll"]
+        None, description="for means: column of a pose's roll", examples=["roll"]
     )
     pitch: str | int | None = Field(
-        None, description="of means: column of a pose's pitch", examples=["pitch"]
+        None, description="for means: column of a pose's pitch", examples=["pitch"]
     )
     angle_unit: str = Field("°", description="unit of roll, pitch and turn", examples=["rad"])
 
     sections: tuple[str, ...] | None = Field(
         None,
-        description="of a recording: its sections in their order, in place of the plan's",
+        description="for a recording: its sections in order, in place of the plan",
         examples=[["x rest", "x +50", "x -50"]],
     )
     settle: str | None = Field(
         None,
-        description="of a recording: time to skip at the beginning of each section",
+        description="for a recording: time to skip at the beginning of each section",
         examples=["2 s"],
     )
 
@@ -87,7 +87,7 @@ class RatePlatformData(DataSection):
 
     @property
     def settling_seconds(self) -> float:
-        """The time that is left out at the beginning of each section, s."""
+        """The time to leave out at the beginning of each section, s."""
         if self.settle is None:
             return 0.0
         seconds = si_value(self.settle, "s", "[data] settle")
@@ -97,20 +97,20 @@ class RatePlatformData(DataSection):
 
     @property
     def rate_size(self) -> float:
-        """The SI size of the unit of the table's rate."""
+        """The size of the unit of the table's rate in SI."""
         return unit_size(self.table_rate_unit, "rad/s", "table_rate_unit")
 
     @property
     def angle_size(self) -> float:
-        """The SI size of the unit of roll, pitch and turn."""
+        """The size of the unit of roll, pitch and turn in SI."""
         return unit_size(self.angle_unit, "°", "angle_unit")
 
 
 def build(section: RatePlatformSection, folder: Path) -> RatePlatform:
-    """Return the bench in SI; files that it names lie in `folder`."""
+    """Build the bench in SI from its section; the files that it names are in `folder`."""
     latitude = None
     if section.latitude is not None:
-        latitude = measured_constant(section.latitude, "°", "[bench] latitude").value
+        latitude = measured_constant(section.latitude, "°", "[bench] latitude", last_digit=False)
     stated: dict[str, Any] = {
         name: section_deviation(section, name, one.like, SMALL_ANGLE if one.like == "°" else None)
         for name, one in STATED.items()

@@ -1,4 +1,4 @@
-"""The worksheet of a run on a rate platform: its sections, setting by setting."""
+"""The worksheet for a run on a rate platform: its sections, setting by setting."""
 
 from math import degrees
 
@@ -12,12 +12,12 @@ from inercal.recordings.data import RunBase
 
 
 def sheet(run: RunBase[RatePlatformData]) -> Sheet:
-    """Return the sections of a run's plan.
+    """Return the worksheet with the sections of a run's plan.
 
     Raises
     ------
     InputError
-        [data] does not name the columns of a section.
+        [data] does not name a column that a section needs.
     """
     data = run.data
     steps: list[PlatformStep] = [s for s in run.steps if isinstance(s, RateDwell | Pose)]
@@ -56,8 +56,9 @@ def sheet(run: RunBase[RatePlatformData]) -> Sheet:
         tuple(rows),
         (
             "A positive rate is counter-clockwise seen from above.",
-            "Begin each section of a setting at the same azimuth; average over whole turns.",
-            "Keep a setting for all its rates: the axis in the case must not change.",
+            "Begin each section in a setting at the same azimuth, and average over whole turns.",
+            "Do not change a setting until all its rates are measured, because the table's axis "
+            "must not move in the case.",
             "Remove the row of a failed section from the file.",
         ),
         (*columns, *data.accelerometer, *gyro),
@@ -73,5 +74,5 @@ def _require_columns(run: RunBase[RatePlatformData], steps: list[PlatformStep]) 
         for name in names:
             if own and getattr(run.data, name) is None:
                 raise key_error(
-                    f"[data] {name}", "is missing: name the column of the worksheet", run.path
+                    f"[data] {name}", "is missing: name its column in the worksheet", run.path
                 )

@@ -1,9 +1,9 @@
-"""A rate platform in simulation: section after section.
+"""Simulation of a rate platform: its sections one after another.
 
-Each section begins at the azimuth of its setting, and its rate is constant. The earth's rate turns
-against the case while the table turns. The recording omits the time between sections of a setting.
-Between settings, and before each pose, the case is turned over by hand in three seconds, without a
-label.
+Each section begins at the azimuth of its setting, and its rate is constant. The earth's rate
+rotates relative to the case while the table turns. The recording omits the time between sections in
+the same setting. Between settings, and before each pose, the case is turned over by hand within
+three seconds; these samples have no label.
 """
 
 from collections.abc import Sequence
@@ -18,10 +18,10 @@ from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
 
-_LEAST = 2  # samples of a section
+_LEAST = 2  # fewest samples in a section
 _HANDLING = 3.0  # s
 _TO_AND_FRO = 0.3  # rad
-_PARALLEL = 1e-9  # of the product of two specific forces
+_PARALLEL = 1e-9  # times the product of two specific forces
 
 
 def simulate_sections(
@@ -33,27 +33,28 @@ def simulate_sections(
     sensor: Sensor,
     carried: bool,
 ) -> SensorSimulation:
-    """Return the motion of each trial, and the sensor.
+    """Simulate the motion in each trial, and return it with the sensor.
 
     Parameters
     ----------
     bench : RatePlatform
-        Its errors are drawn from normal distributions of their stated deviations.
+        The bench. Its errors are drawn from normal distributions with their stated standard
+        deviations.
     steps : sequence of RateDwell or Pose
     rate_hz : float
         Samples per second.
     rng : Generator
     trials : int
-        Length of the leading axis of what is drawn and of the motion.
+        Number of trials, which is the leading axis of the drawn errors and the motion.
     sensor : Sensor
-        Its axes and coefficients say which errors act.
+        The sensor, whose axes and coefficients determine which errors act.
     carried : bool
-        Not used: a fixture holds the sensor.
+        Not used, because a fixture holds the sensor.
 
     Raises
     ------
     InputError
-        An error of the bench that acts and is not stated.
+        An error of the bench acts but is not stated.
     """
     declared = bench.nuisances(steps, sensor)
     drawn = bench.qualified.draw(declared, rng, trials)
@@ -79,14 +80,14 @@ def simulate_sections(
 
 
 def _is_set_anew(before: PlatformStep, step: PlatformStep) -> bool:
-    """Return whether the case is set to another place before a section."""
+    """Return whether the case is moved to another setting or pose before a section."""
     if isinstance(before, RateDwell) and isinstance(step, RateDwell):
         return before.place != step.place
     return True
 
 
 def _turned_over(before: Array, after: Array, rate_hz: float) -> Motion:
-    """Return the motion by hand from one specific force to another, (trials, 3)."""
+    """Return the motion while the case is turned from one specific force to another by hand."""
     n = max(round(_HANDLING * rate_hz), _LEAST)
     s = ((np.arange(n) + 0.5) / n)[:, None]
     first, last = before[:, None], after[:, None]
@@ -97,16 +98,16 @@ def _turned_over(before: Array, after: Array, rate_hz: float) -> Motion:
     aside = np.cross(first, np.eye(3)[int(np.argmin(np.abs(before[0])))])
     axis = np.where(size > _PARALLEL * lengths**2, axis, aside)
     axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
-    # A case that is taken off and set back turns to and fro.
+    # If the case is taken off and set back in the same attitude, it turns to and fro.
     done = angle * s**3 * (10 - 15 * s + 6 * s**2) + _TO_AND_FRO * np.sin(2 * np.pi * s)
     speed = angle * 30 * s**2 * (1 - s) ** 2 + _TO_AND_FRO * 2 * np.pi * np.cos(2 * np.pi * s)
     along = np.cos(done) * first + np.sin(done) * np.cross(axis, first)
-    # The direction up turns in the case against the case.
+    # In the case frame, the upward direction turns opposite to the case.
     return Motion(along, -axis * speed * rate_hz / n)
 
 
 def _level_earth_rate(step: RateDwell, drawn: dict[str, Array], time: Array) -> Array:
-    """Return the level part of the earth's rate in the case, (trials, n, 3) rad/s."""
+    """Return the horizontal earth rate in the case frame, (trials, n, 3) rad/s."""
     names = [f"earth_{k}[{step.place}]" for k in (1, 2)]
     h1, h2 = (drawn.get(name, np.zeros(1))[..., None, None] for name in names)
     angle = step.rate * time * (-1 if step.axis.startswith("-") else 1)

@@ -1,4 +1,4 @@
-"""The bench of a plain rate table."""
+"""A plain rate table, as a bench."""
 
 from inercal.benches.rate_table.bench import RateTable
 

@@ -1,23 +1,25 @@
-"""A plain rate table as a bench: it turns about the vertical, the sensor in a fixture on it.
+"""A plain rate table as a bench: it turns about the vertical with the sensor in a fixture on it.
 
 At the radius R from the axis the sensor senses the centripetal acceleration toward the centre and
-the reaction to gravity. With `out` and `up` of its mounting in the body::
+the reaction to gravity. With the directions `out` and `up` of its mounting in the body frame::
 
     f = exp(φ) (−a out + g up),   a = (R + s) (ω (1 + ρ + σ))²              turning
     f = exp(φ) g (√(1 − λ₁² − λ₂²) up − λ₁ out + λ₂ along)                  at rest
 
-φ are the three error angles of the mounting, s the error of its radius, ρ the relative error of all
-rates of the run, σ that of one set speed, the same in all dwells at this speed.
+φ are the three error angles of the mounting, s is the error of its radius, ρ the relative error
+that all rates in the run share, and σ the relative error of one set speed, which is the same in all
+dwells at this speed.
 
 λ is the lean of the table's axis from the vertical, in the frame of the table: λ₁ toward the
-centre, λ₂ along = up × (−out). The table rests at another azimuth each time, so that each rest has
-its own λ; of a lean whose two components are normal, those of rests at random azimuths are
-uncorrelated. While the table turns, λ rotates once a turn; over whole turns the second order
-remains, f = g (1 − λ²/2) up: 1.5 µg at 0.1°. It is neglected; so is λ times the fraction of a turn
-that a wrong rate adds to whole turns.
+centre, λ₂ along = up × (−out). The table stops at a different azimuth each time, so each rest has
+its own λ. If both components of a lean are normally distributed, its values at random azimuths are
+uncorrelated. While the table turns, λ rotates once per turn. Over whole turns only the second order
+remains, f = g (1 − λ²/2) up, which is 1.5 µg at 0.1° and is neglected. The product of λ and the
+fraction of a turn that a wrong rate adds to whole turns is neglected too.
 
-A sensor at rest on a table of steady rate senses no Coriolis acceleration of the table. That of
-the earth, 2 Ω ω R, is neglected as in the source: 34 µg at 86 r/min and 0.25 m.
+A sensor fixed to a table at a steady rate senses no Coriolis acceleration from the table's motion.
+The Coriolis acceleration from the earth's rate, 2 Ω ω R, is neglected as in the source; it is 34 µg
+at 86 r/min and 0.25 m.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 section 1 (the table), 10.13873/J.1000-9787(2014)10-0021-04.
@@ -48,40 +50,41 @@ from inercal.physics.plan import Spin
 from inercal.physics.sensors import Sensor
 
 _AXES = "xyz"
-_ALIKE = 5e-3  # relative difference of rates of one set speed
+_ALIKE = 5e-3  # relative difference up to which rates belong to one set speed
 _DEFAULT_LIMITS = AxisMotionLimits(90 * pi / 30, radians(100))
 _LEAN = {1: "toward the centre", 2: "along"}
 
 
 @dataclass(frozen=True)
 class RateTable:
-    """The bench of a rate table with a fixture.
+    """A rate table with a fixture.
 
     Parameters
     ----------
     gravity : Measured
         Local gravity, m/s².
     radius : Measured
-        From the table's axis to the sensor's centre, m.
+        Distance from the table's axis to the sensor's centre, m.
     seat : float
-        Standard deviation of the radius of each mounting, beyond `radius`, m.
+        Standard deviation of the difference between each mounting's radius and `radius`, m.
     pose : float
-        Standard deviation of each of three angles of each mounting, rad.
+        Standard deviation of each of the three angles of each mounting, rad.
     rate : float
-        Relative standard deviation of the rate, common to the run.
+        Relative standard deviation of the rate error that is common to the run.
     speed : float
-        Relative standard deviation of each set speed, the same in all dwells at that speed.
+        Relative standard deviation of each set speed, which is the same in all dwells at that
+        speed.
     lean : float
-        Standard deviation of each of two components of the lean, in each rest, rad.
+        Standard deviation of each of the two components of the lean in each rest, rad.
     limits : AxisMotionLimits
-        Of the table's axis, for a host that drives it.
+        Limits of the table's axis for a host that drives it.
     qualified : QualifiedParameters
-        What qualifications found, in place of stated values.
+        Results of qualifications, which replace stated values.
 
     Raises
     ------
     InputError
-        A gravity or a radius that is not positive, a deviation that is negative or not finite.
+        Gravity or the radius is not positive, or a standard deviation is negative or not finite.
     """
 
     gravity: Measured
@@ -116,12 +119,12 @@ class RateTable:
 
     @property
     def axis_motion_limits(self) -> tuple[AxisMotionLimits, ...]:
-        """The limits of the axis."""
+        """Motion limits of the table's axis."""
         return (self.limits,)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The imperfections, as data."""
+        """The imperfections of the bench, as data."""
         stated = (
             local_gravity(self.gravity),
             Parameter.from_measured("radius", "m", self.radius, "radius"),
@@ -134,24 +137,24 @@ class RateTable:
         return self.acting_parameters(steps)
 
     def acting_parameters(self, steps: Sequence[Spin]) -> dict[str, Parameter]:
-        """Return the same: the acting parameters do not depend on the sensor."""
+        """Return the parameters that act on these steps; they do not depend on the sensor."""
         return {full: parameter for full, parameter, _ in _acting_rows(self, steps)}
 
     def mean_motion(self, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
-        """Return the mean motion of each dwell; see `inercal.benches.contract.MeanBench`."""
+        """Return the mean motion during each dwell; see `inercal.benches.contract.MeanBench`."""
         return sensed_motion(self, steps, q)
 
     def reading_offsets(
         self, steps: Sequence[Spin], sensor: Sensor, q: Mapping[str, Array]
     ) -> Array:
-        """Return zero: no error of a rate table adds to readings."""
+        """Return zero, because no error of a rate table adds an offset to the readings."""
         return np.zeros(())
 
 
 def _acting_rows(
     bench: RateTable, steps: Sequence[Spin]
 ) -> Iterator[tuple[str, Parameter, NDArray[np.bool_]]]:
-    """Yield the parameters that act: full name, declaration, and which rows, (r,)."""
+    """Yield each parameter that acts: its full name, its declaration, and a mask of rows, (r,)."""
     turning = np.array([step.rate != 0 for step in steps])
     shared = {
         "mounting": mounting_names(steps),
@@ -175,9 +178,10 @@ def _acting_rows(
 
 
 def speed_names(steps: Sequence[Spin]) -> list[str]:
-    """Return the name of each step's set speed, "86 rpm".
+    """Return the name of each step's set speed, such as "86 rpm".
 
-    Rates within 1/200 of each other are one set speed: each dwell has its own readback of it.
+    Rates within 1/200 of each other belong to one set speed, because each dwell reads it back
+    separately.
     """
     first: dict[float, str] = {}
     for step in steps:
@@ -193,7 +197,7 @@ def _is_same_rate(one: float, other: float) -> bool:
 
 
 def mounting_names(steps: Sequence[Spin]) -> list[str]:
-    """Return the name of each step's mounting: its attitude's, or the first label that has it."""
+    """Return the name of each step's mounting: the attitude's name, or the first label with it."""
     first: dict[object, str] = {}
     for step in steps:
         own = step.attitude.name if step.attitude else ""
@@ -202,19 +206,19 @@ def mounting_names(steps: Sequence[Spin]) -> list[str]:
 
 
 def sensed_motion(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
-    """Return the specific force in each dwell, with its derivatives.
+    """Return the specific force during each dwell, with its derivatives.
 
     Parameters
     ----------
     bench : RateTable
     steps : sequence of r Spin
     q : mapping of str to (...) array
-        The bench's parameters by full name, SI; those missing are as declared.
+        The bench's parameters, SI, by full name. A missing parameter keeps its stated value.
 
     Raises
     ------
     InputError
-        A step of unknown attitude.
+        The attitude of a step is not known.
     """
     out, up = outward_and_up_directions(steps)
     declared = bench.acting_parameters(steps)
@@ -260,7 +264,7 @@ def sensed_motion(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array
 
 
 def force_sensitivities(bench: RateTable, steps: Sequence[Spin]) -> Array:
-    """Return the change of f by one standard deviation of each parameter, (k, r, 3) m/s²."""
+    """Return the change of f for one standard deviation of each parameter, (k, r, 3) m/s²."""
     result = sensed_motion(bench, steps, {})
     rows = [
         q.sd * result.df[name] for name, q in bench.acting_parameters(steps).items() if q.sd > 0

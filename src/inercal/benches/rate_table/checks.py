@@ -1,4 +1,4 @@
-"""Checks of a rate table's states against the readings: the unit of the rates, the axes."""
+"""Check the unit of a rate table's rates and the sensor's axes against the readings."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,30 +20,30 @@ from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_units
 from inercal.recordings.segments.dwells import ARM_RATE
 
-_OFF = 0.2  # of a norm, after correction by a rough model of the triad
-_USABLE = (0.5, 2.0)  # times nominal: scale factors of a triad that a run file states correctly
-_DETERMINED = 0.05  # of the largest singular value: below, rows do not determine a triad
+_OFF = 0.2  # largest relative error of a norm, after correction by a rough model of the triad
+_USABLE = (0.5, 2.0)  # times nominal: range of scale factors if the run file is correct
+_DETERMINED = 0.05  # times the largest singular value: below this, a triad is not determined
 _ALIKE = 1e-3  # g: smaller residuals have equal weight
 _REWEIGHTED = 20
 _UNITS = ("rad/s", "rpm", "rev/s", "°/s")
-_FEWEST = 4  # states that identify the axes
-_FAST = 0.9  # of the fastest rate: samples that show the unit
+_FEWEST = 4  # states needed to identify the axes
+_FAST = 0.9  # times the fastest rate: samples above this show the unit
 
 
 def require_unit(run: RunBase[RateTableData], recording: Recording, bench: RateTable) -> None:
-    """Refuse a recording whose samples at the fastest rate show another unit than the stated one.
+    """Refuse a recording whose samples at the fastest rate do not fit the stated unit.
 
     Parameters
     ----------
     run : Run
     recording : Recording
-        With readback "arm_rate", rad/s by the stated unit.
+        Recording with the readback "arm_rate", converted to rad/s with the stated unit.
     bench : RateTable
 
     Raises
     ------
     InputError
-        Naming the unit that fits.
+        Another unit fits; the message names it.
     """
     rate = np.abs(recording.readback[ARM_RATE])
     fast = rate > _FAST * rate.max()
@@ -61,7 +61,7 @@ def require_unit(run: RunBase[RateTableData], recording: Recording, bench: RateT
 
 
 def _refuse_unit(run: RunBase[RateTableData], off: Callable[[float], float]) -> None:
-    """Refuse rates in another unit; `off` is the error of norms at rates times a factor."""
+    """Refuse rates that fit another unit; `off` gives the error of norms for a rate factor."""
     given = readback_units(run)["arm_rate"]
     for unit in _UNITS:
         if off(si_factor(unit, "rad/s") / given) < _OFF / 2:
@@ -75,26 +75,26 @@ def _refuse_unit(run: RunBase[RateTableData], off: Callable[[float], float]) -> 
 
 
 def _nominal_force(bench: RateTable, steps: Sequence[Spin], times: float = 1.0) -> Array:
-    """Return the nominal specific force, (r, 3) m/s², at rates times a factor."""
+    """Return the nominal specific force, (r, 3) m/s², at the rates multiplied by a factor."""
     return sensed_motion(bench, [replace(step, rate=step.rate * times) for step in steps], {}).f
 
 
 def _fit_triad(read: Array, nominal: Array) -> AffineModel | None:
-    """Return a rough model of the triad, M a + p = f, in m/s²: by least absolute deviations.
+    """Fit a rough model of the triad, M a + p = f in m/s², by least absolute deviations.
 
-    A sensor as delivered may have a bias of 0.3 g and a scale factor 20 % off. The checks are of
-    the residuals of this model, so that they detect only mistakes. One wrong row has little effect
-    on least absolute deviations.
+    A sensor as delivered may have a bias of 0.3 g and a scale factor 20 % off. The checks use the
+    residuals of this model, so that they detect only mistakes. One wrong row has little effect on a
+    fit by least absolute deviations.
 
     Parameters
     ----------
     read, nominal : (r, 3) arrays
-        Readings, and the nominal specific force, m/s².
+        Readings and nominal specific force, m/s².
 
     Returns
     -------
     AffineModel or None
-        None where the rows do not determine it, or no usable sensor has this model.
+        The model; None if the rows do not determine it, or no usable sensor can have it.
     """
     columns = np.concatenate([nominal, np.full((len(nominal), 1), G0)], axis=-1)
     size = np.linalg.svd(columns, compute_uv=False)
@@ -116,9 +116,9 @@ def _fit_triad(read: Array, nominal: Array) -> AffineModel | None:
 def require_rates(
     run: RunBase[RateTableData], observations: Observations, bench: RateTable, steps: Sequence[Spin]
 ) -> None:
-    """Refuse rates in another unit than the stated one, by the norms of the readings.
+    """Refuse rates if the norms of the readings show that their unit is wrong.
 
-    A rough model of the triad corrects the readings first.
+    The readings are first corrected with a rough model of the triad.
     """
     turning = np.array([step.rate != 0 for step in steps])
     if not turning.any():
@@ -151,13 +151,13 @@ def require_rates(
 def require_axes(
     run: RunBase[RateTableData], observations: Observations, bench: RateTable, steps: Sequence[Spin]
 ) -> None:
-    """Refuse exchanged or reversed columns, which fit far better in another order or sign."""
+    """Refuse columns that fit far better in another order or with another sign."""
     if len(steps) < _FEWEST:
         return
     result, read = _nominal_force(bench, steps), observations.mean
     model = _fit_triad(read, result)
     if model is not None:
-        # Bias does not show a wrong axis: the rest is the directions of the axes.
+        # A bias does not show a wrong axis, so compare only the directions of the axes.
         read = read - model.inverse.offset
     fits = {
         (order, signs): float(np.sum((read[:, order] * np.array(signs) - result) ** 2))

@@ -1,14 +1,13 @@
-"""A plain rate table as a host drives it, and what a sensor on it senses at each instant.
+"""Interface for a host that drives a plain rate table, with the sensed motion at each instant.
 
-The states are carried out mounting by mounting, in each from rest to the fastest rate. With the
-symbols of `inercal.benches.rate_table.simulation`, and the rate, the azimuth and the acceleration
-of the axis as they are::
+The states are carried out mounting by mounting, and in each mounting from rest to the fastest rate.
+With the symbols of `inercal.benches.rate_table.simulation`, and the actual rate, azimuth and
+acceleration of the axis::
 
     f = exp(φ) ((R + s) (−ω² out − ω' along) + g (√(1 − λ²) up − λ₁(α) out + λ₂(α) along))
 
-ω is the rate of the readback times 1 + ρ + σ, where σ, of each set rate, is interpolated between
-set rates. The lean of the axis has one direction in the room: the lean of the first rest, at the
-azimuth 0.
+ω is the rate read back times 1 + ρ + σ, where σ is interpolated between the set rates. The lean of
+the axis has one fixed direction in the room, given by the lean of the first rest at the azimuth 0.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +34,7 @@ def spin_tasks(bench: RateTable, steps: Sequence[Spin]) -> tuple[SpinTask, ...]:
     Raises
     ------
     InputError
-        A step of unknown attitude.
+        The attitude of a step is not known.
     """
     outward_and_up_directions(steps)
     named = dict(zip((step.attitude for step in steps), mounting_names(steps), strict=True))
@@ -52,7 +51,7 @@ def spin_tasks(bench: RateTable, steps: Sequence[Spin]) -> tuple[SpinTask, ...]:
 
 
 def _describe_mounting(step: Spin) -> str:
-    """Return which axis is up, and which is toward the centre, of a tilted one before its tilt."""
+    """Describe which axis is up and which is toward the centre, before the tilt if there is one."""
     assert step.attitude is not None
     up, plane = Hold("", step.attitude.up, 0.0).describe(), PLANES.get(step.attitude.name[:2])  # pyright: ignore[reportArgumentType, reportCallIssue]
     if plane is None:
@@ -65,7 +64,7 @@ def _describe_mounting(step: Spin) -> str:
 def sensed_motion(
     bench: RateTable, steps: Sequence[Spin], values: Mapping[str, float]
 ) -> SensedMotion:
-    """Return what is sensed on a rate table of errors; see `MotionControl.sensed_motion`."""
+    """Return a function for the motion sensed on a rate table; see `MotionControl`."""
     speeds = dict(zip((abs(step.rate) for step in steps), speed_names(steps), strict=True))
     rates = sorted({0.0, *speeds})
     off = np.array([values.get(f"speed[{speeds.get(rate, '')}]", 0.0) for rate in rates])

@@ -1,22 +1,23 @@
-"""Mountings of a triad on a rate table, as data, and the plans of the ship-model source.
+"""Mountings of a triad on a rate table, as data, and the plans in the source on ship models.
 
-A plane names the axis that points at the centre, then the other level axis: Z is up in "XY" and
-"YX", X is up in "ZY". With e_r the axis toward the centre, e_n the upward axis and e_t = e_n × e_r,
-a tilt α about the tangential direction gives::
+The name of a plane gives the axis that points to the centre, then the other horizontal axis: Z is
+up in "XY" and "YX", and X is up in "ZY". With e_r the axis toward the centre, e_n the upward axis
+and e_t = e_n × e_r, a tilt α about the tangential direction gives::
 
     centre = cos α e_r − sin α e_n,   up = sin α e_r + cos α e_n
 
 so that e_r senses A cos α + sin α and e_n −A sin α + cos α, in g. With a tilt about the radial
 direction the centre remains along e_r, and up = cos α e_n + sin α e_t.
 
-The source has one pose of two tilts, "XY at 135° to the plane of rotation and ZY at 45°", without a
-definition. Three interpretations of a second tilt β:
+The source has one pose with two tilts, "XY at 135° to the plane of rotation and ZY at 45°", without
+a definition. There are three interpretations of a second tilt β:
 
 * dihedral: both are angles between planes, up·e_n = cos α and up·e_r = cos β; at 135° and 45° this
-  is the pose of 135° alone;
-* azimuth: turned by β about e_n on the fixture, cos β e_r + sin β e_t in the place of e_r, then
-  tilted by α;
-* successive: tilted by α, then by β about the radial direction: up = cos β up_α + sin β e_t.
+  is the same as the pose with only the tilt of 135°;
+* azimuth: the sensor is turned by β about e_n on the fixture, so that cos β e_r + sin β e_t
+  replaces e_r, and then tilted by α;
+* successive: the sensor is tilted by α, then by β about the radial direction:
+  up = cos β up_α + sin β e_t.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 sections 3.1 and 3.2.
@@ -38,7 +39,7 @@ TiltAxis = Literal["tangential", "radial"]
 PLANES: dict[Plane, tuple[str, str]] = {"XY": ("x", "z"), "YX": ("y", "z"), "ZY": ("z", "x")}
 RPM = pi / 30  # rad/s
 FAST_SPEED_RPM, SLOW_SPEED_RPM = 86.0, 46.0  # r/min
-_DIGITS = ".9g"  # of a tilt in °: different tilts are different mountings with different names
+_DIGITS = ".9g"  # format of a tilt in °, precise enough that different tilts get different names
 
 
 def mounting_attitude(
@@ -49,15 +50,15 @@ def mounting_attitude(
     reading: TiltConvention = "azimuth",
     about: TiltAxis = "tangential",
 ) -> Attitude:
-    """Return the attitude of a mounting, named like "XY", "XY30" or "XY135+45".
+    """Return the attitude of a mounting, with a name such as "XY", "XY30" or "XY135+45".
 
     Parameters
     ----------
     plane : "XY", "YX" or "ZY"
     tilt : float
-        Of the plane to the plane of rotation, rad.
+        Angle between the plane and the plane of rotation, rad.
     second : float, optional
-        A second tilt, rad; the first one is then about the tangential direction.
+        Second tilt, rad; the first tilt is then about the tangential direction.
     reading : "azimuth", "dihedral" or "successive"
         Interpretation of the second tilt.
     about : "tangential" or "radial"
@@ -66,7 +67,7 @@ def mounting_attitude(
     Raises
     ------
     InputError
-        Another plane, or two dihedral angles that no pose has.
+        The plane is unknown, or no pose has these two dihedral angles.
     """
     if plane not in PLANES:
         raise InputError(
@@ -101,12 +102,12 @@ def planar_plan(
     speeds: Sequence[float] = (0.0, SLOW_SPEED_RPM * RPM, FAST_SPEED_RPM * RPM),
     seconds: float = 150.0,
 ) -> tuple[Spin, ...]:
-    """Return the nine states of the planar method: XY, YX, ZY, each at 0, 46 and 86 r/min.
+    """Return the nine states of the planar method: XY, YX and ZY, each at 0, 46 and 86 r/min.
 
     Parameters
     ----------
     speeds : sequence of float
-        rad/s.
+        Set speeds, rad/s.
     seconds : float
         Length of each dwell, s.
     """
@@ -122,18 +123,19 @@ def multi_angle_plan(
 ) -> tuple[Spin, ...]:
     """Return sixteen groups of tilted mountings.
 
-    By default the ten poses that the source names (30°, 60°, 135° in three planes, and the one of
-    two tilts) at 86 r/min, and, by our choice, those of 30° and 135° at 46 r/min too.
+    By default these are the ten poses that the source names (30°, 60° and 135° in three planes, and
+    one pose with two tilts) at 86 r/min. By our choice the poses at 30° and 135° are repeated at
+    46 r/min.
 
     Parameters
     ----------
     reading : "azimuth", "dihedral" or "successive"
-        Interpretation of the second tilt of the pose of two tilts.
+        Interpretation of the second tilt in the pose with two tilts.
     about : "tangential" or "radial"
         Axis of the other tilts.
     one_speed : bool
-        Whether all sixteen are at 86 r/min, as in the source. The source names ten of its sixteen
-        poses; 45° and 120° in three planes replace the others.
+        Whether all sixteen are at 86 r/min, as in the source. The source names only ten of its
+        sixteen poses, so poses at 45° and 120° in three planes replace the others.
     seconds : float
         Length of each dwell, s.
     """
@@ -148,7 +150,7 @@ def multi_angle_plan(
 
 
 def group_by_mounting(steps: Sequence[Spin]) -> list[tuple[Spin, ...]]:
-    """Return the steps in the order of a run: mounting by mounting, in each by speed.
+    """Return the steps in the order of a run: grouped by mounting and sorted by speed.
 
     Mountings are in the order of their first steps.
     """
@@ -159,7 +161,7 @@ def group_by_mounting(steps: Sequence[Spin]) -> list[tuple[Spin, ...]]:
 
 
 def is_tilted(step: Spin) -> bool:
-    """Return whether a mounting is tilted: no body axis points at the centre, or none up."""
+    """Return whether a mounting is tilted, so that no body axis points to the centre or up."""
     if step.attitude is None:
         return False
     parts = np.abs([step.attitude.out, step.attitude.up])
@@ -171,7 +173,7 @@ def _dwell(attitude: Attitude, w: float, seconds: float) -> Spin:
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:
-    """Return cosine and sine, without the rounding error of a zero."""
+    """Return cosine and sine, where a zero has no rounding error."""
     c, s = (float(x) for x in (np.cos(angle), np.sin(angle)))
     return (0.0 if abs(c) < 1e-15 else c), (0.0 if abs(s) < 1e-15 else s)
 

@@ -16,12 +16,12 @@ from inercal.physics.plan import Spin
 from inercal.recordings.data import EstimatorInput, RunBase
 
 _UNJUDGED = (
-    "the nominal motion, or norm of a tilted state, minus that by the model from one reading"
+    "the nominal motion (for a tilted state, its norm) minus the motion computed from one reading"
 )
 
 
 def _observe(run: RunBase[RateTableData]) -> EstimatorInput:
-    """Return the observations of a run; what they load, plans do not use."""
+    """Return the observations from a run; import the reader late, as plans do not need it."""
     from inercal.benches.rate_table.reading import observe
 
     return observe(run)

@@ -1,4 +1,4 @@
-"""From a table of states on a rate table to observations: mounting, rate, mean of each axis."""
+"""Read the observations from a run on a rate table: a table of states, or a recording."""
 
 import re
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ _MOST_TILT = 360.0  # °
 
 
 def observe(run: RunBase[RateTableData]) -> EstimatorInput:
-    """Return the observations of a run on a rate table.
+    """Return the observations from a run on a rate table.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def _table(run: RunBase[RateTableData]) -> EstimatorInput:
 
 
 def _duplicate_row_findings(path: Path, table: Table, used: Sequence[str]) -> tuple[Finding, ...]:
-    """Warn of identical rows: each counts as an independent state."""
+    """Return a warning about identical rows, because each counts as an independent state."""
     first: dict[tuple[object, ...], int] = {}
     found: list[Finding] = []
     for k, row in enumerate(zip(*(table.columns[name].tolist() for name in used), strict=True)):
@@ -102,24 +102,24 @@ def _duplicate_row_findings(path: Path, table: Table, used: Sequence[str]) -> tu
 
 
 def reduce_recording(run: RunBase[RateTableData], recording: Recording) -> EstimatorInput:
-    """Reduce a recording: means of rests, and of steady turning over whole turns.
+    """Reduce a recording to means: at rest, and over whole turns at each steady rate.
 
     Parameters
     ----------
     run : Run
     recording : Recording
-        With labels, which name mountings, and "arm_rate" in the unit of its column.
+        Recording with labels that name mountings, and "arm_rate" in the unit of its column.
 
     Raises
     ------
     InputError
-        No dwell, too few turns, or a label that is no mounting.
+        There is no dwell, there are too few turns, or a label does not name a mounting.
     """
     size = readback_units(run)["arm_rate"]
     recording = replace(recording, readback={ARM_RATE: recording.readback[ARM_RATE] * size})
     require_unit(run, recording, run.bench)
     found, flawed = find_dwells(recording, "table")
-    # Without a label it is no state: a host records the way to a rate, and changes of the mounting.
+    # Samples without a label are no state: a host also records ramps and changes of the mounting.
     assert recording.labels is not None
     dwells = tuple(one for one in found if str(recording.labels[one.mark.start]).strip())
     turning, spun = average_dwells(recording, run.sensor, dwells)
@@ -145,8 +145,8 @@ def _parse_mounting(
     found = _NAME.fullmatch(text.strip())
     if found is None:
         raise InputError(
-            f"{where}: column {column!r} is {text!r}; a mounting is {', '.join(PLANES)}, alone or "
-            'with its tilt in °, "XY 30", or with two tilts, "XY 135 + 45"',
+            f"{where}: column {column!r} is {text!r}; a mounting is {', '.join(PLANES)}, without "
+            'a tilt, with one tilt in °, "XY 30", or with two tilts, "XY 135 + 45"',
             file=file,
             line=line,
             names=(column,),

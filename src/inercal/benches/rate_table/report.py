@@ -1,9 +1,9 @@
-"""Report of a rate table: errors of each axis by speed, and the table of states of a recording.
+"""Report for a rate table: errors of each axis by speed, and the states found in a recording.
 
-The table of states has r/min and three axes, one row per state in the order of time. With kind =
-"means" and its name in [data] file the same run file calibrates from it; rows are weighted by their
-own deviations. The table does not have correlations of the noise between axes, nor drift between
-rows.
+The table of states has the rate in r/min and the readings of three axes, with one row per state in
+the order of time. With kind = "means" and the table's name in [data] file, the same run file
+calibrates from it. Rows are then weighted by their own standard deviations. The table contains
+neither correlations of the noise between axes nor drift between rows.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ _MG = 1e-3 * G0
 
 
 def plots(shown: ReportInput) -> tuple[Plot, ...]:
-    """Return deviations from the nominal motion by rate, as in the source's Figs. 3 to 9."""
+    """Plot the deviations from the nominal motion by rate, as in Figs. 3 to 9 of the source."""
     spins = [step for step in shown.steps if isinstance(step, Spin)]
     nominal = sensed_motion(shown.bench, spins, {}).f
     before, after = shown.observations.mean - nominal, shown.sensed_motion().f - nominal
@@ -48,9 +48,9 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
     return (
         Plot(
             "speeds",
-            "Deviations of each axis by speed, as read and corrected",
-            "Readings of each axis minus the nominal motion of the state, before and after "
-            "correction. An error common to all speeds of a mounting comes from its angles.",
+            "Deviations of each axis by speed, before and after correction",
+            "Readings of each axis minus the nominal motion in the state, before and after "
+            "correction. An error that all speeds of a mounting share comes from its angles.",
             "reading − nominal, mg",
             panels,
         ),
@@ -58,10 +58,10 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
 
 
 def output_tables(run: RunBase[RateTableData], outcome: ReportInput) -> dict[str, Columns]:
-    """Return the table of the states of a recording, "states"; none of means.
+    """Return the table "states" of a recording; a table of means has none.
 
-    Mounting, rate and axes have the names and the units of the run's [data]; then follow the
-    standard deviations of the means, whole turns and seconds.
+    The columns for mounting, rate and axes have the names and units in the run's [data]. The
+    standard deviations of the means, the whole turns and the seconds follow.
     """
     recording, seen = outcome.recording, outcome.observations
     if recording is None:
@@ -89,5 +89,5 @@ def output_tables(run: RunBase[RateTableData], outcome: ReportInput) -> dict[str
 
 
 def _rounded(values: Array) -> list[float]:
-    """Return numbers of twelve digits, which avoids "45.99999999999999"."""
+    """Round numbers to twelve digits, which avoids "45.99999999999999"."""
     return [float(f"{value:.12g}") for value in values]

@@ -1,4 +1,4 @@
-"""The worksheet of a run on a rate table: its states."""
+"""The worksheet for a run on a rate table: its states."""
 
 from collections.abc import Sequence
 from math import pi
@@ -17,7 +17,7 @@ from inercal.recordings.data.recording_loader import readback_units
 
 
 def sheet(run: RunBase[RateTableData]) -> Sheet:
-    """Return the states of a run, mounting by mounting, in each by speed."""
+    """Return the worksheet with the states of a run, grouped by mounting and sorted by speed."""
     planned = [step for step in run.steps if isinstance(step, Spin)]
     steps = [step for own in group_by_mounting(planned) for step in own]
     names, data, size = mounting_names(steps), run.data, readback_units(run)["arm_rate"]
@@ -62,13 +62,15 @@ def _operator_notes(steps: Sequence[Spin], names: Sequence[str]) -> tuple[str, .
     notes = [f"Mountings: {level}."]
     if any(is_tilted(step) for step in steps):
         notes.append(
-            "XY 30 is XY turned by 30° about the tangential direction, so that the axis toward the "
-            "centre rises: check which axis is up."
+            "XY 30 is XY tilted by 30° about the tangential direction, so that the axis toward the "
+            "centre rises. Check which axis is up."
         )
     return (
         *notes,
-        "Keep a mounting for all its speeds: its angles and its radius must not change.",
-        "At each speed wait until the rate is steady, then take the mean over whole turns.",
-        "The printed readings are those of a sensor without errors: compare the axes and signs.",
+        "Do not change a mounting until all its speeds are measured, because its angles and its "
+        "radius must stay the same.",
+        "At each speed wait until the rate is steady, then average the readings over whole turns.",
+        "The printed readings are those of a sensor without errors. Use them to check the axes and "
+        "signs.",
         "Remove the row of a failed state from the file.",
     )

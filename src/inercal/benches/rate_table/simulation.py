@@ -1,16 +1,16 @@
-"""A rate table in simulation: mounting after mounting, as in a recording.
+"""Simulation of a rate table: one mounting after another, as in a recording.
 
 In each mounting the table rests at a random azimuth, then turns at the mounting's speeds from the
 slowest to the fastest, and stops. With the symbols of `inercal.benches.rate_table.bench`, α the
-azimuth since the rest, ω' the acceleration of the table and along = up × (−out)::
+azimuth relative to the rest, ω' the acceleration of the table and along = up × (−out)::
 
     f = exp(φ) ((R + s) (−ω² out − ω' along) + g (√(1 − λ²) up − λ₁(α) out + λ₂(α) along))
 
-The lean has one direction in the room, so that (λ₁, λ₂) turns back by α: a sine once a turn.
-Between two speeds the rate follows 3s² − 2s³, with the largest acceleration half way.
+The lean has a fixed direction in the room, so (λ₁, λ₂) rotates by −α and varies as a sine once per
+turn. Between two speeds the rate follows 3s² − 2s³, with the largest acceleration half way.
 
-Samples have the name of the mounting as their label. The recording omits the time of remounting.
-The table reads back the commanded rate; the error of the true rate is drawn.
+Samples are labelled with the name of the mounting. The recording omits the time for remounting.
+The table reads back the commanded rate; the error of the true rate is random.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,9 +27,9 @@ from inercal.physics.frames import exp_so3
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Spin
 
-SPIN_UP = 2.0  # rad/s², at most
-_SETTLING = 2.0  # s at a speed, or at rest, in addition to the dwell of the plan
-_IDLE = 1.0  # s at rest before and after: too short for a state
+SPIN_UP = 2.0  # rad/s², largest acceleration
+_SETTLING = 2.0  # s at a speed, or at rest, in addition to the dwell in the plan
+_IDLE = 1.0  # s at rest before and after, which is too short for a state
 
 
 def simulate_table_motion(
@@ -39,25 +39,26 @@ def simulate_table_motion(
     rng: np.random.Generator,
     trials: int = 1,
 ) -> SimulatedMotion:
-    """Return the motion of each trial, and the readback "arm_rate", (n,) rad/s.
+    """Simulate the motion in each trial, and the readback "arm_rate", (n,) rad/s.
 
     Parameters
     ----------
     bench : RateTable
-        Its parameters are drawn from normal distributions of their stated deviations; one lean per
-        trial and the azimuth of each rest, so that the leans of rests are as declared.
+        The bench. Its parameters are drawn from normal distributions with their stated standard
+        deviations. One lean per trial and a random azimuth for each rest are drawn, so that the
+        lean in each rest has its stated standard deviation.
     steps : sequence of Spin
-        In known attitudes; mountings are in the order of their first steps.
+        Steps whose attitudes are known. Mountings are in the order of their first steps.
     rate_hz : float
         Samples per second.
     rng : Generator
     trials : int
-        Length of the leading axis of what is drawn and of the motion.
+        Number of trials, which is the leading axis of the drawn errors and the motion.
 
     Raises
     ------
     InputError
-        A step of unknown attitude.
+        The attitude of a step is not known.
     """
     declared = bench.acting_parameters(steps)
     drawn = bench.qualified.draw(declared, rng, trials)
@@ -84,7 +85,7 @@ def simulate_table_motion(
 
 
 def table_plan_duration(bench: RateTable, steps: Sequence[Spin]) -> float:
-    """Return the duration of these steps, from the first mounting's rest to that of the last."""
+    """Return the duration of these steps, from the first mounting's rest to the last one's, s."""
     return sum(
         _IDLE * 2 + sum(step.seconds + _SETTLING for step in own) + sum(_ramp_durations(own))
         for own in group_by_mounting(steps)
@@ -92,7 +93,7 @@ def table_plan_duration(bench: RateTable, steps: Sequence[Spin]) -> float:
 
 
 def _ramp_durations(steps: Sequence[Spin]) -> list[float]:
-    """Return the seconds from each speed to the next, from rest and to rest again."""
+    """Return the duration of each ramp between speeds, from rest and back to rest, s."""
     rates = [0.0, *(step.rate for step in steps), 0.0]
     return (1.5 * np.abs(np.diff(rates)) / SPIN_UP).tolist()
 
@@ -100,10 +101,10 @@ def _ramp_durations(steps: Sequence[Spin]) -> list[float]:
 def _profile(
     steps: Sequence[Spin], off: Mapping[float, Array], rate_hz: float
 ) -> tuple[Array, Array, Array]:
-    """Return commanded rate, its derivative, (n,), and true over commanded rate of one mounting.
+    """Return the commanded rate, its derivative, and the ratio of true to commanded rate.
 
-    The ratio, (trials, n), changes between speeds as the rate does. `off` is the relative error of
-    each rate, (trials,).
+    They belong to one mounting; rate and derivative are (n,). The ratio, (trials, n), changes
+    between speeds in the same way as the rate. `off` is the relative error of each rate, (trials,).
     """
     rest = round(_IDLE * rate_hz)
     still = np.zeros(rest)
@@ -143,7 +144,7 @@ def _sensed_motion(
     lean: Array,
     rate_hz: float,
 ) -> Motion:
-    """Return f and ω, (trials, n, 3), of one mounting with a lean, (trials, 2)."""
+    """Return f and ω, (trials, n, 3), in one mounting with a lean, (trials, 2)."""
     commanded, slope, factor = profile
     nothing: Array = np.zeros(len(lean))
     common = drawn.get("rate", nothing)[:, None]
@@ -157,7 +158,7 @@ def _sensed_motion(
     forwards = -radius * slope * (factor + common) + g * swing[..., 1]
     upwards = np.broadcast_to(g * np.sqrt(1 - (lean**2).sum(-1, keepdims=True)), rate.shape)
     (out,), (up,) = outward_and_up_directions([step])
-    nominal = np.stack([-out, np.cross(up, -out), up], axis=-1)  # body by table
+    nominal = np.stack([-out, np.cross(up, -out), up], axis=-1)  # from table to body
     pose = np.stack([drawn[f"pose_{axis}[{name}]"] for axis in "xyz"], axis=-1)
     body = exp_so3(pose) @ nominal
     f = np.stack([inwards, forwards, upwards], axis=-1) @ np.swapaxes(body, -1, -2)
@@ -165,7 +166,7 @@ def _sensed_motion(
 
 
 def rotate_horizontal(vector: Array, azimuth: Array) -> Array:
-    """Return a vector of the room, (..., 2), in the frame of a table turned by an azimuth."""
+    """Transform a room vector, (..., 2), to the frame of a table turned by an azimuth."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     x, y = vector[..., 0], vector[..., 1]
     return np.stack([x * c + y * s, y * c - x * s], axis=-1)

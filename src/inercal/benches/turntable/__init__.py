@@ -1,4 +1,4 @@
-"""The bench of a turntable of one to three axes."""
+"""A turntable with one to three axes, as a bench."""
 
 from typing import Any, TypeGuard
 
@@ -9,12 +9,12 @@ from inercal.recordings.data import RunBase
 
 
 def require_turntable(run: RunBase[Any]) -> Turntable:
-    """Return the bench of a run that must be a turntable.
+    """Return the bench of a run, which must be a turntable.
 
     Raises
     ------
     InputError
-        It is another.
+        The bench is not a turntable.
     """
     if not isinstance(run.bench, Turntable):
         raise key_error("[bench] kind", 'must be "turntable" here', run.path)
@@ -27,12 +27,12 @@ def is_turntable(bench: object) -> TypeGuard[Turntable]:
 
 
 def require_turntable_data(run: RunBase[Any]) -> TurntableData:
-    """Return [data] of a run that must be on a turntable.
+    """Return the section [data] of a run, which must be on a turntable.
 
     Raises
     ------
     InputError
-        It is on another bench.
+        The run is on another bench.
     """
     require_turntable(run)
     return run.data

@@ -1,6 +1,6 @@
-"""Compiled: what is sensed on a turntable of errors, a few instants at a time.
+"""Compiled function for the motion sensed on a turntable with errors, for a few instants at a time.
 
-Attitude, f, ω and its derivative are those of `inercal.benches.turntable.attitude`.
+Attitude, f, ω and its derivative are the same as in `inercal.benches.turntable.attitude`.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -18,7 +18,7 @@ Integers = NDArray[np.int64]
 
 @njit(cache=True, nogil=True)
 def _rotate(mat: Array, axis: int, angle: float) -> None:
-    """Make `mat` R_axis(angle) mat."""
+    """Replace `mat` by R_axis(angle) mat, in place."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     c, s = cos(angle), sin(angle)
     for m in range(3):
@@ -45,11 +45,12 @@ def sensed_motion(
     lever: Array,
     out: Array,
 ) -> None:
-    """Give f, ω and its derivative, `out` (n, 9), at `moved`, (n, k, 3) rad, rad/s, rad/s².
+    """Write f, ω and the derivative of ω to `out`, (n, 9), for the axes' motion `moved`.
 
-    `axes` (k,) are the axes' letters as numbers, `thirds` and `squares` (k − 1,) what each two of
-    them miss a right angle about, and by, rad; `base` is T, `earth` the earth's rate in the level
-    frame, rad/s.
+    `moved`, (n, k, 3), contains angles, rates and accelerations in rad, rad/s and rad/s². `axes`,
+    (k,), are the axes' letters as numbers. For each pair of neighbouring axes, `thirds` and
+    `squares`, (k − 1,), are the axis of the right-angle error and its size in rad. `base` is T, and
+    `earth` is the earth's rate in the level frame, rad/s.
     """
     count = axes.size
     mat = np.empty((3, 3))

@@ -1,21 +1,24 @@
 """Attitude and motion of a body on a turntable, exactly and to first order.
 
-C and the readback are defined in `inercal.benches.turntable.bench`. With u_i the axes' directions
-in the body, θ̇ their rates, Ω the earth's rate, r the lever arm and all vectors in the body::
+C and the readback are defined in `inercal.benches.turntable.bench`. u_i are the directions of the
+axes in the body, θ̇_i their rates, Ω is the earth's rate and r the lever arm. With all vectors in
+the body frame::
 
     ω = Cᵀ Ω + v,   v = Σ θ̇_i u_i,   u̇_i = u_i × Σ_{j>i} θ̇_j u_j
     ω̇ = (Cᵀ Ω) × v + Σ θ̈_i u_i + θ̇_i u̇_i
     f = g Cᵀ e_up + ω̇ × r + ω × (ω × r)
 
-so that f has the Euler, the centripetal and the earth's Coriolis acceleration. Gravity at r is
-taken as that at the intersection of the axes; its gradient, 3 µm/s² per metre, is neglected.
+so f includes the Euler and centripetal accelerations and the earth's Coriolis acceleration. Gravity
+at r is taken as equal to gravity at the intersection of the axes; its gradient, 3 µm/s² per metre,
+is neglected.
 
-Errors of the table turn the attitude by a rotation vector in the level frame::
+Errors of the table rotate the attitude by a rotation vector in the level frame::
 
     C ≈ exp(Σ_j B_j β_j) C_ref,   C_ref from the readback, no lean, right angles
 
-where B is the unit vector about which a lean, an azimuth or a right angle turns, and, of harmonics,
-the axis' direction times −sin(hθ), −cos(hθ): where the readback is too large, the axis turned less.
+For a lean, an azimuth or a right angle, B is the unit vector of the rotation. For harmonics, B is
+the axis' direction times −sin(hθ) or −cos(hθ), because the axis has turned less than a readback
+that is too large.
 """
 
 from collections.abc import Mapping
@@ -38,14 +41,14 @@ _BLOCK = 1 << 15  # samples
 
 @dataclass(frozen=True, eq=False)
 class Misalignment:
-    """The misalignment of the attitude against that of the readback.
+    """The misalignment of the true attitude relative to the attitude from the readback.
 
     Parameters
     ----------
     parameters : tuple of q Parameter
-        Leans, azimuth, right angles, harmonics; β of the azimuth is its error.
+        Leans, azimuth, right angles and harmonics. For the azimuth, β is its error.
     by : (..., n, 3, q) array
-        Rotation vector in the level frame by each, rad/rad.
+        Derivative of the rotation vector in the level frame by each parameter, rad/rad.
     """
 
     parameters: tuple[Parameter, ...]
@@ -53,29 +56,29 @@ class Misalignment:
 
 
 def reference_attitude(bench: Turntable, angles: Array) -> Array:
-    """Return the attitude, body to level, by the readback.
+    """Return the attitude, body to level, that follows from the readback.
 
     Parameters
     ----------
     bench : Turntable
     angles : (..., n, k) array
-        Readback of the k axes, rad, the outermost first.
+        Readback of the k axes, outermost first, rad.
 
     Returns
     -------
     (..., n, 3, 3) array
-        mat_nb, n the level frame.
+        Rotation matrix mat_nb from the body to the level frame n.
 
     Raises
     ------
     InputError
-        Angles of another number of axes.
+        The angles are for another number of axes.
     """
     return true_attitude(bench, _without_known_harmonics(bench, angles), {})
 
 
 def _without_known_harmonics(bench: Turntable, angles: Array) -> Array:
-    """Return the readback (..., n, k) less its qualified harmonics, to first order."""
+    """Return the readback (..., n, k) minus its qualified harmonics, to first order."""
     if not any(name.startswith(("sin", "cos")) for name in bench.qualified.names):
         return angles
     known = ideal_readback(bench, angles, {})
@@ -89,20 +92,20 @@ def true_attitude(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Ar
     ----------
     bench : Turntable
     angles : (..., n, k) array
-        True angles, rad, the outermost axis first.
+        True angles, outermost axis first, rad.
     q : mapping of str to (...) array
-        The bench's parameters by name, SI; those missing are as declared.
+        The bench's parameters, SI, by name. A missing parameter keeps its stated value.
 
     Raises
     ------
     InputError
-        Angles of another number of axes.
+        The angles are for another number of axes.
     """
     return _attitude_and_axes(bench, angles, q)[0]
 
 
 def ideal_readback(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
-    """Return the readback at true angles (..., n, k), rad, without noise and delay."""
+    """Return the readback for true angles (..., n, k), rad, without noise and delay."""
     angles = _checked_angles(bench, angles)
     zero = np.zeros(())
     columns: list[Array] = []
@@ -118,18 +121,18 @@ def ideal_readback(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> A
 
 
 def linear_misalignment(bench: Turntable, angles: Array) -> Misalignment:
-    """Return how each parameter of the table turns the attitude at readback angles, to first order.
+    """Return the first-order rotation of the attitude by each parameter, at readback angles.
 
     Parameters
     ----------
     bench : Turntable
     angles : (..., n, k) array
-        Readback, rad, the outermost axis first.
+        Readback, outermost axis first, rad.
 
     Raises
     ------
     InputError
-        Angles of another number of axes.
+        The angles are for another number of axes.
     """
     angles = _checked_angles(bench, angles)
     east, north, up = np.eye(3)
@@ -156,26 +159,26 @@ def linear_misalignment(bench: Turntable, angles: Array) -> Misalignment:
 def motion(
     bench: Turntable, angles: Array, rates: Array, accelerations: Array, q: Mapping[str, Array]
 ) -> Motion:
-    """Return f, ω and its derivative, (..., n, 3) each, at the IMU's centre, exactly.
+    """Return the exact f, ω and derivative of ω at the IMU's centre, (..., n, 3) each.
 
     Parameters
     ----------
     bench : Turntable
     angles, rates, accelerations : (..., n, k) arrays
-        True, of the axes, rad, rad/s, rad/s², the outermost first.
+        True motion of the axes, outermost first, in rad, rad/s and rad/s².
     q : mapping of str to (...) array
-        The bench's parameters by name, SI; those missing are as declared.
+        The bench's parameters, SI, by name. A missing parameter keeps its stated value.
 
     Raises
     ------
     InputError
-        Angles of another number of axes.
+        The angles are for another number of axes.
     """
     mat, axes = _attitude_and_axes(bench, angles, q)
     up, north = earth_rate_up_north(bench.latitude)
     earth = north * mat[..., 1, :] + up * mat[..., 2, :]
     v, dv = np.zeros_like(earth), np.zeros_like(earth)
-    for i in reversed(range(len(bench.axes))):  # v is then of the axes within the i-th
+    for i in reversed(range(len(bench.axes))):  # v is the rate of the axes inside the i-th
         u = np.moveaxis(axes[i], 0, -1)
         dv = dv + accelerations[..., i, None] * u + rates[..., i, None] * _cross(u, v)
         v = v + rates[..., i, None] * u
@@ -190,13 +193,13 @@ def motion(
 
 
 def body_rates(bench: Turntable, angles: Array, rates: Array) -> Array:
-    """Return ω of the bench as declared, (n, 3) rad/s, in the memory of a block of samples.
+    """Return ω for the stated values of the bench, (n, 3) rad/s, computed block by block.
 
     Parameters
     ----------
     bench : Turntable
     angles, rates : (n, k) arrays
-        As of `motion`.
+        The same as for `motion`.
     """
     result = np.empty((len(angles), 3))
     up, north = earth_rate_up_north(bench.latitude)
@@ -211,13 +214,13 @@ def body_rates(bench: Turntable, angles: Array, rates: Array) -> Array:
 
 
 def axis_directions(bench: Turntable, angles: Array) -> Array:
-    """Return the unit vectors of the axes in the body, (n, k, 3), of the bench as declared.
+    """Return the axes' unit vectors in the body, (n, k, 3), for the stated values of the bench.
 
     Parameters
     ----------
     bench : Turntable
     angles : (n, k) array
-        As of `motion`.
+        The same as for `motion`.
     """
     axes = _attitude_and_axes(bench, angles, {})[1]
     return np.stack([np.broadcast_to(u.T, (len(angles), 3)) for u in axes], axis=1)
@@ -226,7 +229,7 @@ def axis_directions(bench: Turntable, angles: Array) -> Array:
 def _attitude_and_axes(
     bench: Turntable, angles: Array, q: Mapping[str, Array]
 ) -> tuple[Array, list[Array]]:
-    """Return the attitude (..., n, 3, 3), and each axis' direction in the body, (3, ..., n)."""
+    """Return the attitude, (..., n, 3, 3), and each axis' direction in the body, (3, ..., n)."""
     rows, axes = _attitude_rows_and_axes(bench, angles, q)
     return np.ascontiguousarray(np.moveaxis(rows, (0, 1), (-2, -1))), axes
 
@@ -234,10 +237,10 @@ def _attitude_and_axes(
 def _attitude_rows_and_axes(
     bench: Turntable, angles: Array, q: Mapping[str, Array]
 ) -> tuple[Array, list[Array]]:
-    """Return the attitude as `_attitude_and_axes` does, but (3, 3, ..., n)."""
+    """Return the same as `_attitude_and_axes`, but the attitude as (3, 3, ..., n)."""
     angles = _checked_angles(bench, angles)
     letters = ["xyz".index(a) for a in bench.axes]
-    # The rotation of the axes inside the i-th, (3, 3, ..., n). NumPy takes twice as long for
+    # The rotation of the axes inside the i-th, (3, 3, ..., n). NumPy would take twice as long for
     # products of n small matrices.
     within: Array = np.eye(3)
     axes: list[Array] = []
@@ -264,7 +267,7 @@ def _base_attitude(bench: Turntable, q: Mapping[str, Array]) -> Array:
 
 @lru_cache(maxsize=16)
 def _declared_base(bench: Turntable) -> Array:
-    """Return T of the bench as declared, a read-only array."""
+    """Return T for the stated values of the bench, as a read-only array."""
     result = _tilted_base(bench, {})
     result.setflags(write=False)
     return result
@@ -278,7 +281,7 @@ def _tilted_base(bench: Turntable, q: Mapping[str, Array]) -> Array:
 
 
 def _orthogonal_axes(bench: Turntable) -> list[int]:
-    """Return, of each two neighbouring axes, the third axis: their right angle errs about it."""
+    """Return the third axis for each two neighbours; their right-angle error is about it."""
     return [3 - "xyz".index(a) - "xyz".index(b) for a, b in pairwise(bench.axes)]
 
 
@@ -300,7 +303,7 @@ def _axis_rotation(axis: int, angle: ArrayLike) -> Array:
 
 
 def _rotated(axis: int, angle: Array, mat: Array) -> Array:
-    """Return rotations by angles (...) about one axis times matrices, (3, 3, ...)."""
+    """Rotate matrices, (3, 3, ...), by angles (...) about one axis."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     cosine, sine, mat = np.cos(angle), np.sin(angle), _with_dimensions(mat, 2 + angle.ndim)
     result = np.empty(np.broadcast_shapes((3, 3, *angle.shape), mat.shape))
@@ -311,7 +314,7 @@ def _rotated(axis: int, angle: Array, mat: Array) -> Array:
 
 
 def _with_dimensions(mat: Array, dimensions: int) -> Array:
-    """Return matrices (3, 3, ...) with so many dimensions or more, for broadcasting."""
+    """Return matrices (3, 3, ...) with at least this many dimensions, for broadcasting."""
     return mat.reshape(3, 3, *[1] * (dimensions - mat.ndim), *mat.shape[2:])
 
 
@@ -325,7 +328,7 @@ def _checked_angles(bench: Turntable, angles: Array) -> Array:
     k = len(bench.axes)
     if angles.shape[-1:] != (k,):
         raise InputError(
-            f"turntable: angles has the shape {angles.shape}; its {k} axes need (..., {k})",
+            f"turntable: angles has the shape {angles.shape}; {k} axes need the shape (..., {k})",
             key="angles",
         )
     return angles

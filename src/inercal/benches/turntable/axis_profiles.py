@@ -1,13 +1,14 @@
-"""Moves of a turntable's axes, from rest to rest, as pieces of constant jerk.
+"""Moves of a turntable's axes from rest to rest, as pieces with constant jerk.
 
-An axis speeds up to a rate, keeps it and slows down symmetrically. Without a limit of jerk its rate
-is a trapezoid; with a limit its acceleration is a trapezoid and its rate an S-curve::
+An axis speeds up to a rate, keeps it and slows down symmetrically. Without a jerk limit its rate
+has a trapezoidal profile. With a limit its acceleration is trapezoidal and its rate an S-curve::
 
     t_a = v/a,             way 2 · v t_a/2                         trapezoid
     t_j = min(a/j, √(v/j)),  t_a = v/(j t_j) − t_j,  way v (2 t_j + t_a)   S-curve
 
-are the times of acceleration and of its ramps, and the angle (way) to speed up to v and slow down.
-The rest of the angle is turned at v; a smaller angle is turned at the largest v that fits.
+t_a is the time of acceleration, t_j the time of its ramps, and the way is the angle needed to speed
+up to v and slow down. The rest of the angle is turned at v. A smaller angle is turned at the
+largest v that fits.
 
 Source: Biagiotti and Melchiorri, Trajectory Planning for Automatic Machines and Robots, Springer
 2008, 3.2 (trapezoidal velocity) and 3.4 (double S velocity).
@@ -25,21 +26,21 @@ from inercal.benches.motion_control import AxisMotionLimits
 
 @dataclass(frozen=True, eq=False)
 class AxisProfile:
-    """Angle of one axis against time: pieces of constant jerk, at rest before and after.
+    """Angle of one axis over time in pieces with constant jerk, with rest before and after.
 
     Parameters
     ----------
     start : (p,) array
-        Time at which each piece starts, s, rising.
+        Time at which each piece starts, in increasing order, s.
     state : (p, 4) array
-        Angle, rate, acceleration there, and the jerk from there on: rad, s.
+        Angle, rate, acceleration and jerk at the start of each piece, in units of rad and s.
     """
 
     start: Array
     state: Array
 
     def evaluate(self, time: Array) -> tuple[Array, Array, Array]:
-        """Return angle, rate and acceleration at times (n,), three (n,) arrays: rad, s."""
+        """Return angle, rate and acceleration at times (n,), as (n,) arrays in rad and s."""
         piece = np.maximum(np.searchsorted(self.start, time, side="right") - 1, 0)
         t = np.maximum(time - self.start[piece], 0.0)
         angle, rate, acceleration, jerk = self.state[piece].T
@@ -61,9 +62,9 @@ def move_profile(angle: float, limits: AxisMotionLimits) -> tuple[float, AxisPro
     Parameters
     ----------
     angle : float
-        rad, signed.
+        Signed angle of the move, rad.
     limits : AxisMotionLimits
-        The move is the fastest of its form within these limits.
+        Limits of the axis. The move is the fastest one with this shape within the limits.
     """
     size = abs(angle)
     if size == 0:
@@ -76,7 +77,7 @@ def move_profile(angle: float, limits: AxisMotionLimits) -> tuple[float, AxisPro
         up = [(steady, limits.acceleration, 0.0)]
         down = [(steady, -limits.acceleration, 0.0)]
     else:
-        # Rounding must not make the steady part negative.
+        # A rounding error must not make the steady part negative.
         steady = max(v / (limits.jerk * ramp) - ramp, 0.0)
         way = v * (2 * ramp + steady)
         top, j = limits.jerk * ramp, limits.jerk
@@ -88,7 +89,7 @@ def move_profile(angle: float, limits: AxisMotionLimits) -> tuple[float, AxisPro
 
 
 def _ramp_time(v: float, limits: AxisMotionLimits) -> float:
-    """Return the duration of a ramp of the acceleration on the way to the rate v, s."""
+    """Return the duration of one acceleration ramp on the way to the rate v, s."""
     if limits.jerk is None:
         return 0.0
     return min(limits.acceleration / limits.jerk, sqrt(v / limits.jerk))
@@ -99,7 +100,7 @@ def _largest_rate(size: float, limits: AxisMotionLimits) -> float:
     a, j = limits.acceleration, limits.jerk
     if j is None:
         return min(limits.rate, sqrt(size * a))
-    # v (a/j + v/a) = size where the acceleration is reached, 2 v √(v/j) = size where it is not.
+    # v (a/j + v/a) = size if the full acceleration is reached, otherwise 2 v √(v/j) = size.
     v = a / 2 * (sqrt((a / j) ** 2 + 4 * size / a) - a / j)
     if v < a**2 / j:
         v = j * (size / (2 * j)) ** (2 / 3)
@@ -109,7 +110,7 @@ def _largest_rate(size: float, limits: AxisMotionLimits) -> float:
 def _join_pieces(
     pieces: Sequence[tuple[float, float, float]], angle: float
 ) -> tuple[float, AxisProfile]:
-    """Return duration and profile of pieces (duration, acceleration at start, jerk)."""
+    """Join pieces (duration, acceleration at start, jerk); return total duration and profile."""
     start, way, rate = 0.0, 0.0, 0.0
     rows: list[tuple[float, float, float, float, float]] = []
     for duration, acceleration, jerk in pieces:
@@ -117,18 +118,18 @@ def _join_pieces(
         way += duration * (rate + duration * (acceleration / 2 + duration * jerk / 6))
         rate += duration * (acceleration + duration * jerk / 2)
         start += duration
-    rows.append((start, abs(angle), 0.0, 0.0, 0.0))  # exactly, without accumulated rounding
+    rows.append((start, abs(angle), 0.0, 0.0, 0.0))  # exact, without accumulated rounding errors
     result = np.array(rows)
     return start, AxisProfile(result[:, 0], np.copysign(1.0, angle) * result[:, 1:])
 
 
 def join_profiles(moves: Sequence[tuple[float, float, AxisProfile]], angle: float) -> AxisProfile:
-    """Return the profile of an axis through its moves.
+    """Return the profile of an axis over all its moves.
 
     Parameters
     ----------
     moves : sequence of (start, angle, AxisProfile)
-        Start, s, initial angle, rad, and profile of each; in order, without overlap.
+        Start, s, initial angle, rad, and profile of each move, in order and without overlap.
     angle : float
         Initial angle of the axis, rad.
     """

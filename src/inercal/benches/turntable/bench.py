@@ -1,19 +1,19 @@
-"""A turntable of one to three axes as a bench: its imperfections, as data.
+"""A turntable with one to three axes as a bench: its imperfections, as data.
 
-The frame is level: east, north, up. At zero angles the body's z axis points up and its y axis
-to the azimuth α, clockwise from north. Axes a₁ (outermost) to a_k are body axes at zero angles,
-and the attitude, body to level, at their angles θ is::
+The level frame is east, north, up. At zero angles the body's z axis points up, and its y axis to
+the azimuth α, clockwise from north. Each axis from a₁ (outermost) to a_k is a body axis at zero
+angles. The attitude, body to level, at the angles θ of the axes is::
 
     C = T R_a₁(θ₁) N₁ R_a₂(θ₂) N₂ R_a₃(θ₃),   T = R_x(λ_x) R_y(λ_y) R_z(−α)
 
-λ are the base's leans and N_i is a rotation by σ_i, the deviation of the angle between a_i and
-a_i+1 from a right angle, about the axis that is neither of them. The readback of an axis is::
+λ are the leans of the base. N_i is a rotation about the third axis by σ_i, which is the deviation
+of the angle between a_i and a_i+1 from a right angle. The readback of an axis is::
 
     readback(t) = θ(t′) + Σ_h s_h sin(hθ(t′)) + c_h cos(hθ(t′)) + white noise,   t′ = t (1 − χ) − τ
 
 with t the IMU's time, τ the latency and χ the relative rate of the readback's clock.
 
-The body's frame is that of the innermost axis; the mounting of the IMU in it belongs to the sensor.
+The body frame is fixed to the innermost axis. The mounting of the IMU in it belongs to the sensor.
 """
 
 from collections.abc import Sequence
@@ -33,54 +33,55 @@ from inercal.physics.sensors import Sensor
 
 _NAMES = {1: ("outer",), 2: ("outer", "inner"), 3: ("outer", "middle", "inner")}
 _EXACT = Measured(0.0, 0.0)
-_CONSTANTS = {"g", "azimuth", "latency"}  # parameters whose value is a stated constant
+_CONSTANTS = {"g", "azimuth", "latency"}  # parameters whose values are stated constants
 _DEFAULT_LIMITS = (AxisMotionLimits(radians(30), radians(30)),)
 
 
 @dataclass(frozen=True)
 class Turntable:
-    """The bench of a turntable.
+    """A turntable with one to three axes.
 
     Parameters
     ----------
     gravity : Measured
-        Local gravity where the axes cross, m/s².
+        Local gravity at the intersection of the axes, m/s².
     latitude : float
-        rad, positive in the north.
+        Latitude, rad, positive in the north.
     azimuth : Measured
-        Where the body's y axis points at zero angles, rad, clockwise from north.
+        Azimuth of the body's y axis at zero angles, clockwise from north, rad.
     axes : str
-        One to three different letters of x, y, z: the body axes, at zero angles, about which the
-        outermost to the innermost axis turn.
+        One to three different letters out of x, y and z. They name the body axes at zero angles
+        about which the table's axes turn, outermost first.
     lean : float
         Standard deviation of each of the base's two leans, about east and about north, rad.
     square : float
-        Standard deviation of each right angle between neighbouring axes, rad.
+        Standard deviation of the right-angle error between neighbouring axes, rad.
     harmonics : tuple of float
-        Of harmonics 1, 2, … of each axis' readback: standard deviation of the amplitudes of sine
-        and of cosine, rad each.
+        Standard deviation of the sine and cosine amplitudes of harmonics 1, 2, … in each axis'
+        readback, rad.
     white : float
-        Standard deviation of the readback's noise, of each reading, rad.
+        Standard deviation of the noise of each readback reading, rad.
     latency : Measured
-        Delay of the readback: it gives the angles of this time ago, s.
+        Delay of the readback, s. Each reading shows the angle that the axis had this long before.
     clock : float
-        Standard deviation of the rate of the readback's clock against the IMU's, relative.
+        Standard deviation of the relative rate error between the readback's and the IMU's clock.
     lever : tuple of three Measured
-        From where the axes cross to the IMU's centre, in the body, m.
+        Lever arm from the intersection of the axes to the IMU's centre, in the body frame, m.
     limits : tuple of AxisMotionLimits
-        Of each axis in their order, or one for all.
+        Motion limits of each axis in order, or one for all axes.
     qualified : QualifiedParameters
-        What qualifications found: attitudes and readback are corrected by the values.
+        Results of qualifications, whose values correct attitudes and readback.
     place : Measured or None
-        The latitude with its uncertainty, rad, for methods that count it; None is exact.
+        Latitude with its uncertainty, rad, for methods that take it into account. None means that
+        `latitude` is exact.
     readback : bool
-        Whether the angles of the axes are read; otherwise recordings have none.
+        Whether the angles of the axes are read. If not, recordings contain no angles.
 
     Raises
     ------
     InputError
-        Axes that are not letters of xyz or come twice, a gravity that is not > 0, an impossible
-        latitude, limits of another number of axes, a value that is not finite, a deviation that is
+        The axes are not different letters out of xyz, gravity is not positive, the latitude is
+        impossible, the number of limits is wrong, a value is not finite, or a standard deviation is
         negative.
     """
 
@@ -106,8 +107,8 @@ class Turntable:
         k = len(self.axes)
         if k not in _NAMES or len(set(self.axes)) < k or not set(self.axes) <= set("xyz"):
             raise InputError(
-                f"turntable: axes are {self.axes!r}; name one to three different letters of xyz, "
-                "the outermost axis first",
+                f"turntable: axes are {self.axes!r}; give one to three different letters out of "
+                "xyz, the outermost axis first",
                 key="axes",
             )
         earth_rate_up_north(self.latitude)  # refuses an impossible latitude
@@ -130,17 +131,17 @@ class Turntable:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the axes, as of their readback: "outer", "middle", "inner"."""
+        """Names of the axes and of their readback, such as "outer", "middle" and "inner"."""
         return _NAMES[len(self.axes)]
 
     @property
     def axis_motion_limits(self) -> tuple[AxisMotionLimits, ...]:
-        """The limits of each axis, outermost first."""
+        """Motion limits of each axis, outermost first."""
         return self.limits if len(self.limits) > 1 else self.limits * len(self.axes)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The imperfections, as data; all have the scope "run"."""
+        """The imperfections of the bench, as data; all have the scope "run"."""
         return self._parameters
 
     @cached_property
@@ -150,7 +151,14 @@ class Turntable:
             *declared_parameters(self, "lean"),
             Parameter.from_measured("azimuth", "rad", self.azimuth, "azimuth of the base"),
             *(
-                Parameter(f"square_{i}", "rad", self.square, "run", 0.0, f"{one} against {other}")
+                Parameter(
+                    f"square_{i}",
+                    "rad",
+                    self.square,
+                    "run",
+                    0.0,
+                    f"right angle between {one} and {other}",
+                )
                 for i, (one, other) in enumerate(
                     zip(self.names, self.names[1:], strict=False), start=1
                 )
@@ -180,9 +188,9 @@ class Turntable:
         return {parameter.name: parameter for parameter in self.parameters}
 
     def nuisances(self, steps: Sequence[TableStep], sensor: Sensor) -> dict[str, Parameter]:
-        """Return the parameters by name: all act on every step."""
+        """Return the parameters by name; all of them act on every step."""
         return self.acting_parameters()
 
     def acting_parameters(self) -> dict[str, Parameter]:
-        """Return the same."""
+        """Return all parameters by name, because all of them act on every step."""
         return self._by_name.copy()

@@ -1,8 +1,8 @@
-"""The steps of a plan on a turntable with absolute angles, so that the host can repeat a step.
+"""The steps of a plan on a turntable in absolute angles, so that a host can repeat a step.
 
 After an outage the host repeats the interrupted step from its beginning. A `Rotation` is relative
-to the present angle of the table; a task states that angle, cumulative over turns, from the zero of
-homing.
+to the current angle of the table. A task therefore states absolute angles, which are cumulative
+over turns and counted from the zero found by homing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,12 +21,12 @@ from inercal.physics.plan import Rotation, Step, TableStep, table_steps
 
 
 def plan_tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[TurnTask, ...]:
-    """Return the steps made absolute, from all axes at zero.
+    """Return the steps in absolute angles, starting with all axes at zero.
 
     Raises
     ------
     InputError
-        As `inercal.benches.turntable.simulation.path_profile`.
+        `inercal.benches.turntable.simulation.path_profile` refuses the steps.
     """
     way = path_profile(bench, steps)
     angles: list[list[float]] = way.evaluate(way.ends)[0].tolist()
@@ -49,15 +49,15 @@ def plan_tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[TurnTask, 
 def sensed_motion(
     bench: Turntable, steps: Sequence[Step], values: Mapping[str, float]
 ) -> SensedMotion:
-    """Return what is sensed on a turntable of errors; see `MotionControl.sensed_motion`."""
-    # Numba loads with the first simulation, not with each run file.
+    """Return a function for the motion sensed on a turntable with errors; see `MotionControl`."""
+    # Numba is loaded for the first simulation, not for each run file.
     from inercal.benches.turntable import _sensed_kernel as kernel
 
     k = len(bench.axes)
     up, north = earth_rate_up_north(bench.latitude)
     letters = np.array(["xyz".index(a) for a in bench.axes])
     squares = np.array([values[f"square_{i + 1}"] for i in range(k - 1)], dtype=np.float64)
-    # With right angles at zero angles, what is left of the attitude is the base.
+    # With right angles and zero angles, the attitude is that of the base.
     level = {name: np.asarray(values[name]) for name in ("lean_x", "lean_y", "azimuth")}
     level |= {f"square_{i + 1}": np.zeros(()) for i in range(k - 1)}
     arguments = (

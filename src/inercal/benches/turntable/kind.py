@@ -1,4 +1,4 @@
-"""A turntable of one to three axes, as a kind of bench."""
+"""A turntable with one to three axes, as a kind of bench."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -43,10 +43,11 @@ def _simulate(
 def _split_flicker(
     sensor: Sensor, shape: tuple[int, ...], rate_hz: float, rng: np.random.Generator
 ) -> tuple[Sensor, Array]:
-    """Return a sensor without flicker, and the flicker of its biases about the mean, SI.
+    """Return a sensor without flicker noise, and the flicker of its biases minus the mean, SI.
 
-    The methods on a turntable estimate the mean over the run (`methods.turntable.drift`), which the
-    true bias therefore includes. A Gauss–Markov drift remains in the sensor's noise.
+    The methods on a turntable estimate the mean bias over the run (`methods.turntable.drift`), so
+    the true bias includes the mean of the flicker. A Gauss–Markov drift remains in the sensor's
+    noise.
     """
     drift = np.zeros((*shape, len(sensor.axes)))
     axes = list(sensor.axes)
@@ -61,13 +62,13 @@ def _split_flicker(
 
 def _refuses_budget(bench: Turntable, steps: Sequence[TableStep]) -> str:
     return (
-        "a budget needs means, but the filters of a turntable use every sample; inercal plan "
-        "turntable-kalman prints the uncertainties of a path"
+        "a budget needs means, but the filters for a turntable use every sample; inercal plan "
+        "turntable-kalman prints the uncertainties for a path"
     )
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return the measured direction of up in each hold and of the axis of each turn."""
+    """Return the measured upward direction in each hold and the axis of each turn."""
     sensed = shown.sensed_motion()
     result: list[MeasuredDirection] = []
     for k, step in enumerate(shown.steps):
@@ -80,7 +81,7 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
 
 
 def _observe(run: RunBase[TurntableData]) -> EstimatorInput:
-    """Return the observations of a run; what they load, plans do not use."""
+    """Return the observations from a run; import the reader late, as plans do not need it."""
     from inercal.benches.turntable.reading.track_observation import observe
 
     return observe(run)

@@ -1,13 +1,13 @@
-"""The path of a turntable from a table in a file, one row per step.
+"""Read the path of a turntable from a table in a file, with one row per step.
 
-The header names the columns, quantities with their unit; a step leaves the cells empty that it does
-not use::
+The header names the columns, with the unit of each quantity. A step leaves the cells empty that it
+does not use::
 
     label, kind,     outer [°], middle [°], inner [°], seconds [s], axis,   angle [°], rate [°/s]
     p1,    position, 0,         90,         0,         90,          ,       ,
     x+,    rotation, ,          ,           ,          ,            middle, 720,       10
 
-A rotation whose row has angles of the axes first brings the axes to these angles.
+If the row of a rotation contains angles of the axes, the axes are first brought to these angles.
 """
 
 import re
@@ -33,23 +33,23 @@ from inercal.recordings.io.read import read_table
 _WORDS = ("label", "kind", "axis")
 _LIKE = {"seconds": "s", "angle": "°", "rate": "°/s"}
 _LONGEST = 86_400.0  # s
-_AXES = 3  # of the paths that have a name
+_AXES = 3  # number of axes that the named paths need
 _HEADED = re.compile(r"(\w+) *\[(.+)\]")
 
 
 def read_path(path: str | Path, axes: Sequence[str]) -> tuple[TableStep, ...]:
-    """Read a path.
+    """Read a path from a file.
 
     Parameters
     ----------
     path : path
     axes : sequence of str
-        Names of the table's axes, outermost first, as `Turntable.names`.
+        Names of the table's axes, outermost first, as in `Turntable.names`.
 
     Raises
     ------
     InputError
-        With file and line: an unknown column, or a step that is not complete.
+        A column is unknown or a step is not complete. The message names the file and the line.
     """
     path = Path(path)
     table = read_table(path, text=_WORDS)
@@ -74,7 +74,7 @@ def read_path(path: str | Path, axes: Sequence[str]) -> tuple[TableStep, ...]:
 
 
 def _quantities(path: Path, table: Table, axes: Sequence[str]) -> dict[str, Array]:
-    """Return the columns of numbers, SI, by name; every column must be known."""
+    """Return the numeric columns, SI, by name, and refuse unknown columns."""
 
     def refusal(column: str, text: str) -> InputError:
         return InputError(f"{path.name}: column {column!r} {text}", file=path, names=(column,))
@@ -92,7 +92,7 @@ def _quantities(path: Path, table: Table, axes: Sequence[str]) -> dict[str, Arra
         if headed is None:
             raise refusal(name, f"needs a unit: {name} [{likes[name]}]")
         if name in result:
-            raise refusal(name, "comes twice; remove one of the two")
+            raise refusal(name, "appears twice; remove one of the two")
         try:
             size = si_factor(headed[2], likes[name])
         except InputError as error:
@@ -107,17 +107,17 @@ def _quantities(path: Path, table: Table, axes: Sequence[str]) -> dict[str, Arra
 def _parse_step(words: dict[str, str], size: dict[str, float], axes: Sequence[str]) -> TableStep:
     label, kind = words["label"], words["kind"]
     if not label:
-        raise _cell_error("label", "the step has no label; give it one")
+        raise _cell_error("label", "the step has no label; give it a label")
     if kind not in ("position", "rotation"):
         raise _cell_error("kind", f"kind is {kind!r}; it must be position or rotation")
     for name in ("axis", "angle", "rate") if kind == "position" else ("seconds",):
         if words.get(name) or not np.isnan(size.get(name, np.nan)):
-            raise _cell_error(name, f"a {kind} has no {name}; leave the cell empty")
+            raise _cell_error(name, f"a {kind} does not use {name}; leave the cell empty")
     angles = _angles(size, axes)
     step = f"{kind} {label}"
     if kind == "position":
         if angles is None:
-            text = f"{step}: the angles are missing; give those of {', '.join(axes)}"
+            text = f"{step}: the angles are missing; give the angles of {', '.join(axes)}"
             raise _cell_error("angles", text)
         seconds = _required_quantity(size, "seconds", step)
         if not 0 < seconds <= _LONGEST:
@@ -128,8 +128,8 @@ def _parse_step(words: dict[str, str], size: dict[str, float], axes: Sequence[st
         raise _cell_error("axis", f"{step}: axis is {axis!r}; it must be {' or '.join(axes)}")
     angle, rate = (_required_quantity(size, name, step) for name in ("angle", "rate"))
     if rate <= 0:
-        text = f"{step}: its rate is {degrees(rate):.6g} °/s; it must be greater than 0, and the "
-        raise _cell_error("rate", f"{text}sign of the angle is the direction")
+        text = f"{step}: its rate is {degrees(rate):.6g} °/s; it must be greater than 0, because "
+        raise _cell_error("rate", f"{text}the sign of the angle gives the direction")
     return Rotation(label, axes.index(axis), angle, rate, angles)
 
 
@@ -138,12 +138,12 @@ def _cell_error(column: str, text: str) -> InputError:
 
 
 def _angles(size: dict[str, float], axes: Sequence[str]) -> tuple[float, ...] | None:
-    """Return the axes' angles; None where all cells are empty."""
+    """Return the axes' angles, or None if all cells are empty."""
     angles = tuple(size.get(axis, np.nan) for axis in axes)
     if np.isnan(angles).all():
         return None
     if np.isnan(angles).any():
-        text = f"give the angles of all axes, {', '.join(axes)}, or of none"
+        text = f"give the angles of all axes ({', '.join(axes)}) or of none"
         raise _cell_error("angles", text)
     return angles
 
@@ -158,23 +158,23 @@ def _required_quantity(size: dict[str, float], name: str, step: str) -> float:
 def path_plan(
     options: Mapping[str, Any], bench: Turntable, folder: Path, plan: Callable[[], tuple[Step, ...]]
 ) -> Callable[[], tuple[Step, ...]]:
-    """Return the plan; a file is read when the plan is called.
+    """Return the plan function of a run; it reads the file only when it is called.
 
     Parameters
     ----------
     options : mapping
         Keys of [method] that concern the plan.
     bench : Turntable
-        Its axes name the columns of a file.
+        Bench whose axes name the columns of the file.
     folder : Path
-        The folder of the file.
+        Folder of the file.
     plan : callable
-        The plan of a named path.
+        Plan function for a named path.
 
     Raises
     ------
     InputError
-        A path that is neither known nor a file, or a file and `seconds`.
+        The path is neither a known name nor a file, or `seconds` is stated together with a file.
     """
     name = options.get("path")
     if name is None or name in PATHS:

@@ -1,4 +1,4 @@
-"""[bench] and [data] of a turntable: its keys, and the bench in SI."""
+"""The sections [bench] and [data] for a turntable, and the bench in SI."""
 
 from pathlib import Path
 from typing import Literal
@@ -25,19 +25,19 @@ from inercal.recordings.data import DataSection, ReadbackColumn, unit_size
 
 _WIDEST_AZIMUTH = 0.0873  # rad
 _LONGEST_LEVER = 1.0  # m
-HOLD_COLUMN = "hold"  # of the readback: numbers of the holds
+HOLD_COLUMN = "hold"  # name of the readback with the numbers of the holds
 _ANGLE_KEYS = ("azimuth", "lean", "square", "harmonics", "noise", "latency", "clock")
 _READBACK_KEYS = ("table", "table_unit", "table_file", "table_time", "table_time_unit", "hold")
 
 
 @add_bench_keys(Turntable, after={"harmonics": "square", "lever": "clock"})
 class TurntableSection(BenchSection):
-    """[bench]: a turntable of one to three axes."""
+    """Section [bench] for a turntable with one to three axes."""
 
     kind: Literal["turntable"]
     readback: bool = Field(
         True,
-        description="whether the angles of the axes are read; recordings then hold them",
+        description="whether the angles of the axes are read; recordings then contain them",
         json_schema_extra=PLANNING,
     )
     axes: str = Field("zxy", description="body axes that the axes turn about, outermost first")
@@ -45,28 +45,28 @@ class TurntableSection(BenchSection):
     harmonics: tuple[str, ...] = ("2 ″", "1 ″")
     lever: tuple[str, str, str] = Field(("0 mm", "0 mm", "0 mm"), json_schema_extra=PLANNING)
     rate: tuple[str, ...] = Field(
-        ("30 °/s",), description="limit of all axes, or of each", json_schema_extra=PLANNING
+        ("30 °/s",), description="limit for all axes, or for each", json_schema_extra=PLANNING
     )
     acceleration: tuple[str, ...] = Field(("30 °/s²",), json_schema_extra=PLANNING)
     jerk: tuple[str, ...] = Field(
         (),
-        description="limit; without one the rate is a trapezoid",
+        description="limit; without it the rate has a trapezoidal profile",
         examples=[["100 °/s³"]],
         json_schema_extra=PLANNING,
     )
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that change no result in this use, each with the reason."""
+        """Return the keys that have no effect on the result in this use, each with the reason."""
         if not use.angles:
             angles = tuple(key for key in _ANGLE_KEYS if key in use.qualified)
             if angles and not self.readback:
                 raise key_error(
                     "[bench] qualification",
-                    f"it states {', '.join(angles)} in place of keys, and with readback = false "
-                    "no result depends on these; remove the file that states them",
+                    f"it states {', '.join(angles)} in place of keys, but with readback = false "
+                    "they have no effect; remove the file that states them",
                     names=angles,
                 )
-            return dict.fromkeys(_ANGLE_KEYS, f"{use.method} uses no angle of the table")
+            return dict.fromkeys(_ANGLE_KEYS, f"{use.method} does not use the angles of the table")
         if not self.readback:
             raise key_error(
                 "[bench] readback",
@@ -80,7 +80,7 @@ class TurntableSection(BenchSection):
 
 
 class TurntableData(DataSection):
-    """[data] of a turntable: a recording, with the angles of its axes."""
+    """Section [data] for a turntable: a recording, with the angles of the axes."""
 
     table: tuple[str | int, ...] | None = Field(
         None, description="columns of the axes' readback, outermost first"
@@ -88,20 +88,20 @@ class TurntableData(DataSection):
     table_unit: str = "°"
     table_file: str | None = Field(
         None,
-        description="the file of that readback, where it is a separate file with its own clock",
+        description="file of that readback, if it is a separate file with its own clock",
         examples=["table.csv"],
     )
-    table_time: str | int | None = Field(None, description="in that file: column of time")
+    table_time: str | int | None = Field(None, description="column of time in that file")
     table_time_unit: str = "s"
     sample: Literal["instant", "mean"] = Field(
         "instant",
-        description="whether a sample is the reading at its time, or its mean over one period, as "
-        "of an IMU that integrates; for method systematic",
+        description="whether a sample is the reading at its time or the mean over one period, as "
+        "from an IMU that integrates; for method systematic",
     )
     hold: str | int | None = Field(
         None,
-        description="column of the number of each hold, negative elsewhere, that a bench host "
-        "wrote; holds are then not detected",
+        description="column with the number of each hold, negative elsewhere, as written by a "
+        "bench host; holds are then not detected",
         examples=["hold"],
     )
 
@@ -121,12 +121,12 @@ class TurntableData(DataSection):
         return self
 
     def readback(self, bench: Turntable | StillTable) -> tuple[ReadbackColumn, ...]:
-        """Return the columns of the axes' angles: those of `table`, else the names of the axes.
+        """Return the columns with the axes' angles: those in `table`, or else the axes' names.
 
         Raises
         ------
         InputError
-            Another number of columns than axes, or no unit of angles.
+            The number of columns differs from the number of axes, or the unit is not an angle unit.
         """
         if isinstance(bench, StillTable) or not bench.readback:
             return ()
@@ -135,7 +135,7 @@ class TurntableData(DataSection):
             raise key_error(
                 "[data] table",
                 f"{format_count(len(columns), 'column')} for the {len(bench.names)} axes "
-                f"{', '.join(bench.names)}; name the column of each axis",
+                f"{', '.join(bench.names)}; name one column for each axis",
                 names=tuple(map(str, columns)),
             )
         size = unit_size(self.table_unit, "°", "table_unit")
@@ -148,21 +148,21 @@ class TurntableData(DataSection):
         return tuple(found)
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys of the readback, where the method uses no angle."""
+        """Return the keys of the readback if the method does not use angles."""
         if use.angles:
             return {}
-        return dict.fromkeys(_READBACK_KEYS, f"{use.method} uses no angle of the table")
+        return dict.fromkeys(_READBACK_KEYS, f"{use.method} does not use the angles of the table")
 
     def further_files(self) -> dict[str, str]:
-        """Return the file of the readback, if it has its own."""
+        """Return the file of the readback, if there is a separate one."""
         return {} if self.table_file is None else {"readback": self.table_file}
 
 
 def build(section: TurntableSection, folder: Path) -> Turntable:
-    """Return the bench in SI; files that it names lie in `folder`."""
+    """Build the bench in SI from its section; the files that it names are in `folder`."""
     if section.latitude is None:
         raise InputError(
-            "[bench] latitude is missing; add it: gyros on a turntable measure the earth's rate",
+            "[bench] latitude is missing; add it, because the gyros measure the earth's rate",
             key="[bench] latitude",
         )
     x, y, z = (
@@ -196,7 +196,7 @@ def build(section: TurntableSection, folder: Path) -> Turntable:
 
 
 def _limits(section: TurntableSection) -> tuple[AxisMotionLimits, ...]:
-    """Return one limit for all axes, or one per axis where a key has several."""
+    """Return one limit for all axes, or one per axis if a key has several values."""
     likes = {"rate": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
     stated: dict[str, tuple[str, ...]] = {name: getattr(section, name) for name in likes}
     axes = max(map(len, stated.values()))
@@ -214,7 +214,7 @@ def _limits(section: TurntableSection) -> tuple[AxisMotionLimits, ...]:
             )
     result: list[AxisMotionLimits] = []
     for rate, acceleration, jerk in zip(*each.values(), strict=True):
-        assert rate is not None  # only a jerk may be without limit
+        assert rate is not None  # only the jerk may be unlimited
         assert acceleration is not None
         result.append(AxisMotionLimits(rate, acceleration, jerk))
     return tuple(result)

@@ -1,8 +1,8 @@
-"""A turntable in simulation: from step to step at its limits, with its readback.
+"""Simulation of a turntable that moves from step to step at its limits, with its readback.
 
 The table starts at rest with all angles zero. Before a step it moves all axes at once, each at its
-own limits and to the nearest of the equivalent angles; samples of this move have no label. Angles
-are cumulative: after two turns an axis reads 720°.
+own limits and to the nearest equivalent angle. Samples during this move have no label. Angles are
+cumulative, so after two turns an axis reads 720°.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,10 +29,10 @@ from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_columns, readback_units
 from inercal.recordings.io.column_table import row_blocks
 
-_THERE = 1e-12  # rad: an axis this near its goal does not move
-_ROUNDED = 1e-6  # of a sample, of a rate
-_MARGIN_SECONDS = 0.5  # s of the readback's file before and after the recording
-_BLOCK = 1 << 13  # samples at a time: their matrices stay in the cache
+_THERE = 1e-12  # rad: an axis this near to its goal does not move
+_ROUNDED = 1e-6  # rounding error of a sample or a rate, relative
+_MARGIN_SECONDS = 0.5  # s by which the readback's file extends beyond the recording at each end
+_BLOCK = 1 << 13  # samples at a time, so that their matrices stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +42,11 @@ class PathProfile:
     Parameters
     ----------
     axes : tuple of k AxisProfile
-        The outermost first.
+        Profiles of the axes, outermost first.
     labels : tuple of str
-        Of each section; empty of a move between steps.
+        Label of each section; empty for a move between steps.
     ends : (sections,) array
-        When each section ends, s; the first one starts at 0.
+        Time at which each section ends, s; the first section starts at 0.
     """
 
     axes: tuple[AxisProfile, ...]
@@ -54,25 +54,26 @@ class PathProfile:
     ends: Array
 
     def evaluate(self, time: Array) -> tuple[Array, Array, Array]:
-        """Return angles, rates and accelerations at times (n,), (n, k) each: rad, s."""
+        """Return angles, rates and accelerations at times (n,), as (n, k) arrays in rad and s."""
         parts = zip(*(axis.evaluate(time) for axis in self.axes), strict=True)
         angles, rates, accelerations = (np.stack(part, axis=-1) for part in parts)
         return angles, rates, accelerations
 
     def sample_labels(self, rate_hz: float) -> NDArray[np.str_]:
-        """Return the label of each sample; one at the very end of a section belongs to it."""
+        """Return the label of each sample; a sample at the end of a section belongs to it."""
         last = np.floor(self.ends * rate_hz + _ROUNDED).astype(np.int64)
         samples = np.diff(last, prepend=0)
         return np.repeat(np.array(["", *self.labels]), [1, *samples])
 
 
 def path_profile(bench: Turntable, steps: Sequence[TableStep]) -> PathProfile:
-    """Return the motion of the axes through the steps.
+    """Return the motion of the axes over all steps.
 
     Raises
     ------
     InputError
-        No steps, a step of other axes than the table has, or a rate beyond its axis' limit.
+        There are no steps, a step is for other axes than the table has, or a rate exceeds the limit
+        of its axis.
     """
     if not steps:
         raise InputError("turntable: the path has no steps; add at least one", key="steps")
@@ -106,7 +107,7 @@ def path_profile(bench: Turntable, steps: Sequence[TableStep]) -> PathProfile:
 
 
 def _nearest_rotation(now: Array, goal: Array) -> Array:
-    """Return the rotations from angles to the nearest equivalents of the goal, (k,) rad."""
+    """Return the rotations from the current angles to the nearest equivalent goal, (k,) rad."""
     return goal + 2 * pi * np.round((now - goal) / (2 * pi)) - now
 
 
@@ -149,32 +150,34 @@ def simulate_turntable_motion(
     trials: int = 1,
     readback_hz: float | None = None,
 ) -> SimulatedMotion:
-    """Return the motion of each trial, and the readback of each axis.
+    """Simulate the motion in each trial, and the readback of each axis.
 
     Parameters
     ----------
     bench : Turntable
-        Its parameters are drawn from normal distributions of their stated deviations.
+        The bench. Its parameters are drawn from normal distributions with their stated standard
+        deviations.
     steps : sequence of TableStep
     rate_hz : float
         Samples per second.
     rng : Generator
     trials : int
-        Length of the leading axis of what is drawn, of the motion and of the readback.
+        Number of trials, which is the leading axis of the drawn errors, the motion and the
+        readback.
     readback_hz : float, optional
-        Readings of the table per second, interpolated linearly to the samples; None is one reading
-        per sample.
+        Readings of the table per second, which are interpolated linearly to the samples. None means
+        one reading per sample.
 
     Returns
     -------
     SimulatedMotion
-        Its readback, by the name of the axis, such as "outer", is the cumulative angle,
-        (trials, n) rad.
+        The motion. Its readback is the cumulative angle of each axis, (trials, n) rad, by the name
+        of the axis, such as "outer".
 
     Raises
     ------
     InputError
-        As `path_profile`.
+        `path_profile` refuses the steps.
     """
     way = path_profile(bench, steps)
     labels = way.sample_labels(rate_hz)
@@ -204,18 +207,18 @@ def sample_readback(
     q: Mapping[str, Array],
     rng: np.random.Generator,
 ) -> Array:
-    """Return the readback of the table at the stamps of its clock, (n, k) rad.
+    """Return the readback of the table at time stamps of its own clock, (n, k) rad.
 
     Parameters
     ----------
     bench : Turntable
     way : PathProfile
     stamps : (n,) array
-        s of the table's clock; before and after its motion the table rests.
+        Times on the table's clock, s. The table is at rest before and after its motion.
     q : mapping of str to ()
-        The bench's parameters by name, SI.
+        The bench's parameters, SI, by name.
     rng : Generator
-        Of the readback's noise.
+        Generator for the noise of the readback.
     """
     angles = way.evaluate(stamps * (1 - q["clock"]) - q["latency"])[0]
     return ideal_readback(bench, angles, q) + bench.white * rng.standard_normal(angles.shape)
@@ -224,7 +227,7 @@ def sample_readback(
 def add_hold_numbers(
     bench: Turntable, steps: Sequence[TableStep], done: SimulatedMotion
 ) -> SimulatedMotion:
-    """Return a simulation with the number of the hold of each sample, as a bench host writes it."""
+    """Add the hold number of each sample to a simulation, in the same form as a bench host."""
     number, margin = np.full(done.time.size, -1.0), settling_time(bench)
     for k, step in enumerate(step for step in steps if isinstance(step, Position)):
         time = done.time[done.labels == step.label]
@@ -235,16 +238,16 @@ def add_hold_numbers(
 def readback_files(
     run: RunBase[TurntableData], done: SimulatedMotion, rng: np.random.Generator
 ) -> dict[str, Recording]:
-    """Return the readback file by the table's clock, where the run file names one.
+    """Return the readback file with the table's own clock, if the run file names one.
 
-    The clock is ahead by the bench's latency and gains at the rate `clock`. The file begins before
-    the recording and ends after it, as if started and stopped by hand.
+    The clock is ahead by the bench's latency and gains at the relative rate `clock`. The file
+    begins before the recording and ends after it, as if it had been started and stopped by hand.
     """
     bench, data, rate = run.bench, run.data, run.rate_hz
     if data.sample == "mean":
         raise key_error(
             "[data] sample",
-            'a simulation makes readings at their times; write sample = "instant" to simulate',
+            'a simulation produces readings at single instants; set sample = "instant" to simulate',
             run.path,
         )
     if data.table_file is None:

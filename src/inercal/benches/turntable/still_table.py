@@ -1,7 +1,7 @@
-"""A turntable of which nothing is read: it holds still at rests and turns between them.
+"""A turntable without readback, which is still during rests and turns between them.
 
-Its angles, its level and the squareness of its axes are unknown. What is known is gravity, and the
-Earth's rate from the latitude.
+Its angles, its level and the squareness of its axes are unknown. Only gravity and, from the
+latitude, the earth's rate are known.
 """
 
 from collections.abc import Sequence
@@ -16,14 +16,14 @@ from inercal.physics.sensors import Sensor
 
 @dataclass(frozen=True)
 class StillTable:
-    """The bench of a turntable whose angles are not used.
+    """A turntable whose angles are not used.
 
     Parameters
     ----------
     gravity : Measured
         Local gravity, m/s².
     latitude : Measured
-        rad, positive in the north.
+        Latitude, rad, positive in the north.
     """
 
     gravity: Measured
@@ -31,7 +31,7 @@ class StillTable:
 
     @classmethod
     def from_turntable(cls, bench: "Turntable | StillTable") -> "StillTable":
-        """Return what is known of a turntable without its angles."""
+        """Return the same turntable without its angles, with only gravity and latitude."""
         if isinstance(bench, StillTable):
             return bench
         place = bench.place
@@ -39,12 +39,12 @@ class StillTable:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The imperfections, as data."""
+        """The imperfections of the bench, as data."""
         return (
             local_gravity(self.gravity),
             Parameter.from_measured("latitude", "rad", self.latitude, "latitude"),
         )
 
     def nuisances(self, steps: Sequence[Any], sensor: Sensor) -> dict[str, Parameter]:
-        """Return both parameters by name: they act on every step."""
+        """Return both parameters by name, because they act on every step."""
         return {parameter.name: parameter for parameter in self.parameters}

@@ -1,4 +1,4 @@
-"""Two calibrations compared, coefficient by coefficient and all together.
+"""Compare two calibrations, coefficient by coefficient and all together.
 
 Both are first converted to the same axes, nominal readout, form of the model and body frame.
 """
@@ -16,9 +16,9 @@ from inercal.calibration import Calibration
 from inercal.calibration.comparison import changes
 from inercal.calibration.shared_errors import shared_covariance
 
-ROUNDING = 1e-6  # of u, what cancels in full
-_FIXED_STD = 1e-12  # of a coefficient's natural size: fixed by a frame or a user, not measured
-_MIXED = {"k1", "scale", "delta_o", "delta_p"}  # by a change of the frame or the form
+ROUNDING = 1e-6  # in u: the rounding error where shared errors cancel completely
+_FIXED_STD = 1e-12  # of a coefficient's natural size; below, a frame or a user fixed it
+_MIXED = {"k1", "scale", "delta_o", "delta_p"}  # mixed by a change of the frame or the form
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +29,9 @@ class Comparison:
     ----------
     first, second : Calibration
     names : tuple of str
-        Coefficients that both have, with an uncertainty.
+        Coefficients that both calibrations have, with an uncertainty.
     exclusions : tuple of str
-        In words: coefficients that only one has, or that were not measured.
+        Descriptions of the coefficients that only one has or that were not measured.
     """
 
     first: Calibration
@@ -41,19 +41,19 @@ class Comparison:
 
     @cached_property
     def difference(self) -> Array:
-        """Second minus first, SI, (p,)."""
+        """Values of the second minus those of the first calibration, SI, (p,)."""
         first, second = (np.array([one.value(n) for n in self.names]) for one in self._both)
         return second - first
 
     @cached_property
     def std(self) -> tuple[Array, Array]:
-        """Standard uncertainties (k = 1) of first and second, SI, (p,) each."""
+        """Standard uncertainties (k = 1) of the first and the second, SI, (p,) each."""
         first, second = (np.array([one.uncertainty(n) for n in self.names]) for one in self._both)
         return first, second
 
     @cached_property
     def difference_covariance(self) -> Array:
-        """Covariance of the difference, SI, (p, p); errors that both state to share cancel."""
+        """Covariance of the difference, SI, (p, p); errors that both share cancel."""
         first, second = (
             [one.sensor.coefficients.index(name) for name in self.names] for one in self._both
         )
@@ -64,47 +64,47 @@ class Comparison:
 
     @property
     def states_uncertainty(self) -> bool:
-        """Whether one of the calibrations states uncertainties, so that E_n exists."""
+        """Whether at least one calibration states uncertainties, so that E_n exists."""
         return any(one.states_uncertainty for one in self._both)
 
     @property
     def states_shared(self) -> bool:
-        """Whether both calibrations state what they share with others."""
+        """Whether both calibrations state the errors that they share with others."""
         return all(one.shared is not None for one in self._both)
 
     @cached_property
     def difference_std(self) -> Array:
         """Standard uncertainty of the difference, SI, (p,)."""
         variance = np.diag(self.difference_covariance)
-        # Where two calibrations share all errors, rounding leaves a little, or less than nothing.
+        # If two calibrations share all errors, rounding leaves a tiny or even negative variance.
         return np.sqrt(np.maximum(variance, (ROUNDING * np.hypot(*self.std)) ** 2))
 
     @cached_property
     def normalised_errors(self) -> Array:
-        """E_n, (p,)."""
+        """Normalised errors E_n, (p,)."""
         return changes.normalised_errors(self.difference, self.difference_std)
 
     @cached_property
     def joint_test(self) -> changes.JointTest | None:
-        """All coefficients together; None without a common coefficient, or without covariance."""
+        """Joint test of all coefficients; None without common coefficients or a covariance."""
         if not self.names or not self.states_uncertainty:
             return None
         return changes.joint_test(self.difference, self.difference_covariance)
 
     @property
     def same_recording(self) -> bool:
-        """Whether both are of the same recording, and so share its errors."""
+        """Whether both are from the same recording and therefore share its errors."""
         first, second = map(recording_sha256, self._both)
         return bool(first) and first == second
 
     @property
     def exceedances(self) -> int:
-        """How many |E_n| exceed 1."""
+        """Number of coefficients whose |E_n| exceeds 1."""
         return int(np.sum(np.abs(self.normalised_errors) > 1))
 
     @property
     def expected_exceedances(self) -> float:
-        """How many would exceed 1 by chance, without a change."""
+        """Number of coefficients whose |E_n| would exceed 1 by chance if nothing changed."""
         return changes.CHANCE_FRACTION * len(self.names)
 
     @property
@@ -113,12 +113,12 @@ class Comparison:
 
 
 def compare(first: Calibration, second: Calibration) -> Comparison:
-    """Return two calibrations compared in the terms of the second, else in those of the first.
+    """Compare two calibrations in the frame and form of the second, or else of the first.
 
     Raises
     ------
     InputError
-        Neither can be brought to the terms of the other.
+        If neither calibration can be converted to the frame and form of the other.
     """
     try:
         return build_comparison(match_frame_and_form(first, second), second)
@@ -132,8 +132,8 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
 
 
 def build_comparison(first: Calibration, second: Calibration) -> Comparison:
-    """Return the comparison of two calibrations that are in the same terms."""
-    # Without a covariance no coefficient is known to be fixed.
+    """Return the comparison of two calibrations that have the same frame and form."""
+    # Without a covariance we cannot know which coefficients are fixed.
     fixed = frozenset[str]().union(
         *(fixed_coefficients(one) for one in (first, second) if one.states_uncertainty)
     )
@@ -152,7 +152,7 @@ def build_comparison(first: Calibration, second: Calibration) -> Comparison:
 
 
 def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibration:
-    """Return a calibration converted to the terms of another.
+    """Return a calibration converted to the body frame and form of another.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
     Raises
     ------
     InputError
-        It cannot be converted; the message gives the reason.
+        If it cannot be converted; the message gives the reason.
     """
     if calibration.sensor is like.sensor and calibration.frame == like.frame:
         return calibration
@@ -172,13 +172,13 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
     if dependent and mine != its:
         raise InputError(
             f"its reference temperature is {mine - ZERO_CELSIUS:g} °C, not "
-            f"{its - ZERO_CELSIUS:g} °C; calibrate both with one reference temperature"
+            f"{its - ZERO_CELSIUS:g} °C; calibrate both with the same reference temperature"
         )
     frame = calibration.frame if _states_no_frame(like) else like.frame
     if _states_no_frame(calibration):
         calibration = replace(calibration, frame=frame)
     try:
-        # The frame first: it keeps the form, and refuses more than the form.
+        # Convert the frame first: this keeps the form and refuses more cases than the form does.
         turned = _keep_unmeasured(calibration, calibration.in_frame(frame))
         return _keep_unstated(calibration, turned.in_form(like.sensor.form))
     except InercalError as error:
@@ -189,9 +189,9 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
 
 
 def _states_no_frame(calibration: Calibration) -> bool:
-    """Return whether a calibration of another program leaves the body frame open.
+    """Return whether a calibration from another program leaves the body frame open.
 
-    A file without misalignments states scale factors along the sensor's axes only, and these are
+    A file without misalignments states only scale factors along the sensor's axes, and these are
     the same in every frame.
     """
     terms = {CoefficientName(name).term for name in calibration.sensor.coefficients}
@@ -201,14 +201,14 @@ def _states_no_frame(calibration: Calibration) -> bool:
 def _keep_unstated(calibration: Calibration, turned: Calibration) -> Calibration:
     """Return a converted calibration without the coefficients that it did not state before.
 
-    A conversion gives the value 0 to terms that are missing. Of a calibration that states
-    uncertainties these have u = 0 and do not count as measured; of one that another program made,
-    0 would be compared as if it had been stated.
+    A conversion gives missing terms the value 0. If the calibration states uncertainties, these
+    terms have u = 0 and do not count as measured. If it comes from another program, the 0 would be
+    compared as if it had been stated.
 
     Raises
     ------
     InputError
-        A stated coefficient would depend on a missing one.
+        If a stated coefficient would depend on a missing one.
     """
     stated = calibration.sensor.coefficients
     if calibration.states_uncertainty or set(turned.sensor.coefficients) <= set(stated):
@@ -224,11 +224,11 @@ def _keep_unstated(calibration: Calibration, turned: Calibration) -> Calibration
 
 
 def _keep_unmeasured(calibration: Calibration, turned: Calibration) -> Calibration:
-    """Return a calibration in another frame without uncertainty of what was not measured.
+    """Return a calibration in another frame with u = 0 for coefficients that were not measured.
 
-    Misalignments of gyros that were not measured get the uncertainty of the turn alone, and would
-    count as measured. A frame of the accelerometers fixes some of their misalignments by
-    definition: these are measured in another frame.
+    Otherwise gyro misalignments that were not measured would get the uncertainty of the rotation
+    and count as measured. A frame that is defined by the accelerometers fixes some of their
+    misalignments by definition; in another frame these do count as measured.
     """
     if turned.frame == calibration.frame:
         return turned
@@ -248,8 +248,7 @@ def _require_same_axes(calibration: Calibration, like: Calibration) -> None:
         if axis.measures != other.measures or not np.allclose(axis.frame, other.frame, atol=1e-9):
             raise InputError(
                 f"its axis {axis.name} has another direction in the body frame; calibrate again "
-                "with "
-                "the same [sensor]",
+                "with the same [sensor]",
                 names=(axis.name,),
             )
         mine, its = axis.readout, other.readout
@@ -257,20 +256,20 @@ def _require_same_axes(calibration: Calibration, like: Calibration) -> None:
         if not same or mine.unit != its.unit:
             raise InputError(
                 f"its axis {axis.name} has nominally {mine.scale:.9g} {mine.unit} per SI unit and "
-                f"{mine.offset:g} at zero, not {its.scale:.9g} {its.unit} and {its.offset:g}: "
-                "coefficients are deviations from the nominal readout; calibrate with the same "
+                f"{mine.offset:g} at zero, not {its.scale:.9g} {its.unit} and {its.offset:g}. "
+                "Coefficients are deviations from the nominal readout, so calibrate with the same "
                 "[sensor]",
                 names=(axis.name,),
             )
 
 
 def fixed_coefficients(calibration: Calibration) -> frozenset[str]:
-    """Return the coefficients that were not measured: the frame or the user fixed them."""
+    """Return the coefficients that the frame or the user fixed, so that they were not measured."""
     sensor = calibration.sensor
     rows = zip(sensor.coefficients, calibration.std, sensor.unit_scale, strict=True)
     return frozenset(name for name, std, unit_scale in rows if std <= _FIXED_STD * unit_scale)
 
 
 def recording_sha256(calibration: Calibration) -> str:
-    """Return the SHA-256 of the recording that a calibration is of; empty where it names none."""
+    """Return the SHA-256 of the recording of a calibration; empty if it is not stated."""
     return calibration.provenance.get("recording sha256", "")

@@ -1,22 +1,22 @@
-"""Whether a coefficient changed between calibrations, and how it drifts.
+"""Test whether a coefficient changed between calibrations.
 
-Between two calibrations, the normalised error of ISO/IEC 17043:2010 (annex B) and ISO 13528:2022,
-here of the later beyond the earlier::
+Two calibrations are compared by the normalised error of ISO/IEC 17043:2010 (annex B) and
+ISO 13528:2022, here for the later minus the earlier value::
 
     E_n = (x₂ − x₁) / U,   U = 2 √(u₁² + u₂² − 2 cov)  (GUM 6.2.1, 5.2.2)
 
-|E_n| ≤ 1 is not called a change. Where nothing changed, 4.55 % of them exceed 1 by chance, one in
-22. For many coefficients together there is a joint test as well, with all covariances::
+A difference with |E_n| ≤ 1 is not called a change. If nothing changed, 4.55 % (one in 22) exceed 1
+by chance. All coefficients together are also tested jointly, with all covariances::
 
     χ² = dᵀ C⁺ d,   d = x₂ − x₁,   C = C₁ + C₂ − S − Sᵀ
 
-with as many degrees of freedom as C has rank; a difference along directions that C does not span is
-left out of χ². S is the covariance of both by errors that they state to share (`shared_errors`):
-those cancel in the difference.
+The number of degrees of freedom is the rank of C; a difference along directions that C does not
+span is left out of χ². S is the covariance of the two calibrations due to the errors that they
+state as shared (`shared_errors`), which cancel in the difference.
 
-E_n and χ² take calibrations as independent where a calibration does not state its shared errors:
-both are then too small, and chance calls fewer changes than one in 22. How a history goes on over
-time is in `courses`.
+If a calibration does not state its shared errors, E_n and χ² treat the calibrations as independent.
+Both are then too small, and fewer than one in 22 coefficients are called changed by chance. The
+module `courses` models how a coefficient changes over time.
 """
 
 # scipy has no type stubs.
@@ -33,25 +33,25 @@ from inercal.estimation.uncertainty.coverage import COVERAGE
 
 TrendVerdict = Literal["steady", "drifts", "changed", "too few"]
 CHANCE_FRACTION = erfc(COVERAGE / sqrt(2))
-"""Part of all |E_n| that exceed 1 where nothing changed, 0.0455."""
+"""Fraction of |E_n| that exceed 1 by chance if nothing changed, 0.0455."""
 YEAR = 31_557_600.0  # s, of 365.25 days (Julian year)
 _RANK_TOLERANCE = 1e-9  # of the largest eigenvalue of the scaled covariance
 
 
 def normalised_errors(difference: Array, std: Array) -> Array:
-    """Return E_n of differences.
+    """Return the normalised errors E_n of differences.
 
     Parameters
     ----------
     difference : (...,) array
-        Later minus earlier.
+        Later value minus earlier value.
     std : (...,) array
-        Standard uncertainty (k = 1) of the difference: √(u₁² + u₂²) of independent values.
+        Standard uncertainty (k = 1) of the difference; √(u₁² + u₂²) for independent values.
 
     Returns
     -------
     (...,) array
-        NaN where there is no uncertainty.
+        E_n; NaN where there is no uncertainty.
 
     Examples
     --------
@@ -63,17 +63,17 @@ def normalised_errors(difference: Array, std: Array) -> Array:
 
 
 class JointTest(NamedTuple):
-    """The test of all coefficients together.
+    """The result of the joint test of all coefficients.
 
     Parameters
     ----------
     chi2 : float
     rank : int
-        Its degrees of freedom: the rank of the covariance.
+        Degrees of freedom, which is the rank of the covariance.
     size : int
-        How many coefficients there are.
+        Number of coefficients.
     p_value : float
-        How likely chance alone makes χ² as large.
+        Probability that χ² is this large by chance.
     """
 
     chi2: float
@@ -83,7 +83,7 @@ class JointTest(NamedTuple):
 
 
 def joint_test(difference: Array, covariance: Array) -> JointTest:
-    """Return the joint test of a difference, (p,), with its covariance, (p, p)."""
+    """Test a difference, (p,), jointly with its covariance, (p, p)."""
     size = difference.size
     scale = np.sqrt(np.diag(covariance))
     if not size or not (scale > 0).all():
@@ -91,7 +91,7 @@ def joint_test(difference: Array, covariance: Array) -> JointTest:
             "covariance has a variance of 0, or difference is empty; pass coefficients with an "
             "uncertainty"
         )
-    # Scaled to ones on the diagonal: units that differ by many powers of ten say nothing of rank.
+    # Scale the diagonal to ones, because units of very different size would distort the rank.
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     seen = values > _RANK_TOLERANCE * values[-1]
     along = (vectors.T @ (difference / scale))[seen]
@@ -100,12 +100,12 @@ def joint_test(difference: Array, covariance: Array) -> JointTest:
 
 
 def chi2_p_value(chi2: float, dof: int) -> float:
-    """Return how likely a χ² of that many degrees of freedom is as large; 1 of none."""
+    """Return the probability of a χ² at least this large; 1 if there are no degrees of freedom."""
     return float(scipy.special.gammaincc(dof / 2, chi2 / 2)) if dof else 1.0
 
 
 class ConstancyTest(NamedTuple):
-    """χ² about the weighted mean, its degrees of freedom, and how likely chance makes as much."""
+    """χ² about the weighted mean, its degrees of freedom and its p-value."""
 
     chi2: float
     dof: int
@@ -113,14 +113,15 @@ class ConstancyTest(NamedTuple):
 
 
 def constancy_test(values: Array, std: Array, shared: Array | None = None) -> ConstancyTest:
-    """Return the test of (n,) values against their mean.
+    """Test whether (n,) values agree with their weighted mean.
 
     Parameters
     ----------
     values, std : (n,) arrays
-        With their own standard uncertainties.
+        Values and their independent standard uncertainties.
     shared : (n, n) array, optional
-        Covariance by what they share; an error that all have moves their mean alone.
+        Covariance due to shared errors; an error that all values have in common moves only their
+        mean.
     """
     covariance = np.diag(std**2) if shared is None else np.diag(std**2) + shared
     ones = np.ones(values.size)
@@ -133,11 +134,12 @@ def constancy_test(values: Array, std: Array, shared: Array | None = None) -> Co
 
 
 def trend_verdict(*, drifts: bool, constant: ConstancyTest) -> TrendVerdict:
-    """Say what a history shows.
+    """Return whether the coefficient drifts, changed or is steady in a history.
 
-    "drifts": the slope exceeds its U (`courses.CourseComparison.drifts`). "changed": no such slope,
-    but the values scatter about their mean more than in 95.45 % of histories where nothing changes;
-    of two calibrations that is |E_n| > 1. "steady": neither. "too few": there is one calibration.
+    "drifts" means that the slope exceeds its U (`courses.CourseComparison.drifts`). "changed" means
+    that there is no such slope, but the values scatter about their mean more than in 95.45 % of
+    histories in which nothing changes; for two calibrations this means |E_n| > 1. "steady" means
+    neither. "too few" means that there is only one calibration.
     """
     if not constant.dof:
         return "too few"

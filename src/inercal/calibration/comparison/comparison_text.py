@@ -1,4 +1,4 @@
-"""Comparisons of two calibrations in words and rounded figures."""
+"""Describe the comparison of two calibrations in words and rounded numbers."""
 
 from math import isnan
 
@@ -14,7 +14,7 @@ INDEPENDENCE_NOTE = (
     "and χ² are then too small, and only larger changes are detected"
 )
 
-_CHANCE = 0.05  # of a joint test
+_CHANCE = 0.05  # significance level of a joint test
 RUN_TO_RUN_NOTE = (
     "E_n and χ² do not include scatter between power cycles, days or mountings: inercal repeat "
     "estimates it from several calibrations, and --repeatability (compare, store diff) uses it"
@@ -27,12 +27,12 @@ def grade_text(grade: str) -> str:
 
 
 def format_en(value: float) -> str:
-    """Return E_n, with a star where |E_n| exceeds 1; empty for the first calibration."""
+    """Return E_n as text, with a star if |E_n| exceeds 1; empty for the first calibration."""
     return "" if isnan(value) else f"{value:+.2f}{' *' if abs(value) > 1 else ''}"
 
 
 def joint_test_text(test: JointTest) -> str:
-    """Return the test of all coefficients together."""
+    """Return the result of the joint test of all coefficients as text."""
     text = (
         f"χ² = {test.chi2:.1f} with {test.rank} degrees of freedom, p {p_value_text(test.p_value)}"
     )
@@ -42,7 +42,7 @@ def joint_test_text(test: JointTest) -> str:
 
 
 def comparison_lines(compared: Comparison) -> list[str]:
-    """Return the results of a comparison, line by line."""
+    """Return the text lines with the results of a comparison."""
     first, second = compared.first.sensor.name, compared.second.sensor.name
     lines = (
         [f"the calibrations are of different sensors: {first} and {second}"]
@@ -57,7 +57,7 @@ def comparison_lines(compared: Comparison) -> list[str]:
 
 
 def _test_lines(compared: Comparison) -> list[str]:
-    """Return the results of E_n and χ², and which uncertainties they take."""
+    """Return lines with the results of E_n and χ², and on the uncertainties that they use."""
     if not compared.states_uncertainty:
         return ["neither calibration states uncertainties, so E_n and χ² cannot be calculated"]
     lines = [
@@ -74,7 +74,7 @@ def _test_lines(compared: Comparison) -> list[str]:
 
 
 def run_to_run_lines(found: RunToRun) -> list[str]:
-    """Return which differences exceed the ordinary scatter from run to run, and which do not."""
+    """Return lines on the differences that exceed the usual scatter from run to run."""
     lines = [
         f"beyond the usual scatter from run to run ({found.source}): "
         f"{', '.join(found.beyond) or 'none'} of {len(found.names)}. About "
@@ -88,11 +88,11 @@ def run_to_run_lines(found: RunToRun) -> list[str]:
 
 
 def repeatability_lines(exceedances: int, joint: JointTest | None) -> list[str]:
-    """Return where the scatter from run to run is judged, for a change that may be no more."""
+    """Return a note on the scatter from run to run if a change may be due to it only."""
     is_changed = exceedances > 0 or (joint is not None and joint.p_value < _CHANCE)
     return [RUN_TO_RUN_NOTE] if is_changed else []
 
 
 def exceedance_text(beyond: int, of: int, by_chance: float) -> str:
-    """Return how many coefficients changed, and how many would by chance."""
+    """Return a line with the number of changed coefficients and the number expected by chance."""
     return f"|E_n| > 1 (*) in {beyond} of {of}. About {by_chance:.2g} would be expected by chance."

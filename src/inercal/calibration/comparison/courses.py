@@ -1,29 +1,32 @@
-"""How a coefficient goes over time: a level, a straight line, or a random walk.
+"""Model how a coefficient changes over time: as a level, a straight line, or a random walk.
 
-Calibrations at times t_i have values with own variances s_i² and a part S that they share. They
-scatter from one to the next by τ, too::
+Calibrations at times t_i have values with independent variances s_i² and a shared covariance S. In
+addition, they scatter from one to the next by τ::
 
     y = X β + e,   cov(e) = V + S,   V = diag(s_i²) + τ² I [+ q W],   W_ij = min(t_i, t_j)
 
-X is a column of ones, or ones and times. τ² and q maximise the restricted likelihood. With
-A = Xᵀ(V + S)⁻¹X and G = A⁻¹Xᵀ(V + S)⁻¹, scatter and shared errors are stated apart::
+X contains a column of ones, or a column of ones and a column of times. τ² and q maximise the
+restricted likelihood. With A = Xᵀ(V + S)⁻¹X and G = A⁻¹Xᵀ(V + S)⁻¹, the covariances due to scatter
+and due to shared errors are stated separately::
 
     cov_A(β) = c G V Gᵀ,   cov_B(β) = G S Gᵀ,   c = max(1, χ²/ν),   ν = n − p
     U² of x β          = t_ν² x cov_A xᵀ + 4 x cov_B xᵀ
     U² of the next use = t_ν² (τ² + x cov_A xᵀ) + 4 x cov_B xᵀ
 
-What all calibrations share moves the level, not the slope. Level, line and walk are compared by the
-likelihood of the same contrasts, those of the values to their mean; line and walk have one
-parameter more than the level.
+Errors that all calibrations share shift the level, but not the slope. Level, line and walk are
+compared by the likelihood of the same contrasts, which are the deviations of the values from their
+mean. Line and walk have one parameter more than the level.
 
-A random walk looks like a line, and hides in it: beside a slope q is estimated as too small. So
-the slope is also judged by τ² and q of the walk, which were fitted without it. With T = b/u(b) by
-these, T² of n values is bounded by n − 1, for a slope that is not fitted enlarges τ² and q. Then ::
+A random walk can look like a line: if a slope is fitted as well, the estimate of q is too small.
+Therefore the slope is also judged with τ² and q of the walk, which were fitted without a slope. Let
+T = b/u(b) be computed with these. T² of n values cannot exceed n − 1, because a slope that is not
+fitted enlarges τ² and q. Then ::
 
     t² = ν T²/(ν + 1 − T²),   ν = n − 2
 
-is Student's where all of the variance is estimated: of a level with scatter, and of a pure walk. A
-drift must reach a part of t_ν, by simulation 0.7 to 0.8, with which 8 % of walks are called drifts.
+follows Student's distribution if the whole variance is estimated, which is so for a level with
+scatter and for a pure walk. A drift must reach a fraction of t_ν. The fraction, 0.7 to 0.8, was
+found by simulation, and with it 8 % of walks are called drifts.
 
 Sources: JCGM 100:2008, H.3 and G.4; Patterson and Thompson, Biometrika 58 (1971), 545–554.
 """
@@ -43,17 +46,17 @@ from inercal.estimation.uncertainty.repeated_measurements import (
 
 Course = Literal["level", "line", "walk"]
 NEWEST = 100
-"""How many calibrations a fit takes at most: the newest."""
+"""A fit uses at most this many calibrations, the newest ones."""
 LEAST_FOR_DRIFT = 5
-"""Fewer calibrations show no drift: their scatter is not known well enough."""
+"""With fewer calibrations, no drift is reported: their scatter is not known well enough."""
 _LEAST_FOR_LINE = 3
 _BESIDE_WALK, _BESIDE_WALK_OF_FEW = 0.8, {5: 0.7, 6: 0.75}
-"""Of t_ν, what a slope must reach beside a random walk, of many values and by their number."""
-_AHEAD = 2.0  # of 2 ln(likelihood), what one parameter more must gain (Akaike 1974)
+"""Fraction of t_ν that a slope must reach beside a random walk, in general and for few values."""
+_AHEAD = 2.0  # gain of 2 ln(likelihood) that justifies one more parameter (Akaike 1974)
 
 
 class SlopeStatement(NamedTuple):
-    """Drift a year, its standard uncertainty by scatter, and U."""
+    """Drift per year, its standard uncertainty due to scatter, and its U."""
 
     slope: float
     std: float
@@ -67,21 +70,21 @@ class CourseFit:
     Parameters
     ----------
     time : float
-        Years, as the times were given: where the line has `value`.
+        Time to which the value in `beta` refers, in years on the time scale of the data.
     beta : (p,) array
-        Value at that time, and the slope a year of a line.
+        Value at that time and, for a line, the slope per year.
     scatter, shared : (p, p) arrays
-        cov_A and cov_B.
+        Covariances cov_A due to scatter and cov_B due to shared errors.
     tau : float
         Standard deviation of the scatter from one calibration to the next.
     walk : float
-        q a year, of a random walk; 0 where none is fitted.
+        Variance q per year of a random walk; 0 if none is fitted.
     chi2 : float
     dof : int
     count : int
-        n.
+        Number n of calibrations.
     factor : float
-        t_ν with the coverage of 2u.
+        Coverage factor t_ν with the coverage of 2u.
     """
 
     time: float
@@ -96,11 +99,11 @@ class CourseFit:
     factor: float
 
     def evaluate(self, time: Array) -> Array:
-        """Return the values at times, in years."""
+        """Return the fitted values at these times in years."""
         return self._columns(time) @ self.beta
 
     def expanded(self, time: Array, *, next_use: bool = False) -> Array:
-        """Return U of the mean at times, or of the next use."""
+        """Return U of the mean, or of the next use, at these times in years."""
         x = self._columns(time)
         by_scatter = np.einsum("ni,ij,nj->n", x, self.scatter, x)
         if next_use:
@@ -114,7 +117,7 @@ class CourseFit:
 
     @property
     def slope(self) -> SlopeStatement:
-        """The drift a year; of a level it is 0."""
+        """The drift per year; it is 0 for a level."""
         if len(self.beta) == 1:
             return SlopeStatement(0.0, 0.0, 0.0)
         by_scatter, shared = self.scatter[1, 1], max(float(self.shared[1, 1]), 0.0)
@@ -123,24 +126,24 @@ class CourseFit:
 
     @property
     def is_significant(self) -> bool:
-        """Whether there are calibrations enough, and the slope exceeds its U."""
+        """Whether there are enough calibrations and the slope exceeds its U."""
         return self.count >= LEAST_FOR_DRIFT and abs(self.slope.slope) > self.slope.expanded
 
 
 @dataclass(frozen=True, eq=False)
 class CourseComparison:
-    """Level, line and random walk of the same calibrations.
+    """Level, line and random walk fitted to the same calibrations.
 
     Parameters
     ----------
     level, line, walk : CourseFit
-        Of the walk the level, with q.
+        The three fits; the walk is fitted as a level with q.
     wandering_line : CourseFit
-        A line with q, whose slope has the uncertainty of a walk too.
+        A line with q; the uncertainty of its slope includes that of a walk.
     likelihood : mapping of "level", "line", "walk" to float
-        Logarithm of the restricted likelihood less that of the level.
+        Logarithm of the restricted likelihood minus that of the level.
     beside_walk : float
-        |t| of the slope by the variances of the walk.
+        |t| of the slope, computed with the variances of the walk.
     """
 
     level: CourseFit
@@ -152,13 +155,13 @@ class CourseComparison:
 
     @property
     def best(self) -> Course:
-        """The level, unless line or walk gain more than a parameter is worth."""
+        """The best model: the level, unless line or walk gain enough for one more parameter."""
         best: Course = "line" if self.likelihood["line"] >= self.likelihood["walk"] else "walk"
         return best if 2 * self.likelihood[best] > _AHEAD else "level"
 
     @property
     def drifts(self) -> bool:
-        """Whether the slope exceeds its U, and a random walk does not explain it as well."""
+        """Whether the slope exceeds its U and a random walk does not explain it equally well."""
         return (
             self.line.is_significant
             and self.wandering_line.is_significant
@@ -175,16 +178,16 @@ class CourseComparison:
 def compare_courses(
     time: Array, values: Array, own: Array, shared: Array
 ) -> CourseComparison | None:
-    """Return the courses of values; None of fewer than three, or where all are of one time.
+    """Fit level, line and walk; None for fewer than three values or if all times are equal.
 
     Parameters
     ----------
     time : (n,) array
-        Years.
+        Times in years.
     values, own : (n,) arrays
-        With their own variances, without what they share.
+        Values and their independent variances, without the shared errors.
     shared : (n, n) array
-        Covariance by what they share.
+        Covariance due to shared errors.
     """
     if values.size < _LEAST_FOR_LINE or np.ptp(time) == 0:
         return None
@@ -209,7 +212,7 @@ def compare_courses(
 
 
 def _slope_beside_walk(time: Array, values: Array, covariance: Array) -> float:
-    """Return |t| of a slope with a covariance that was estimated without it."""
+    """Return |t| of a slope, using a covariance that was estimated without the slope."""
     x = _columns(time, float(time.mean()), 2)
     weighted = np.linalg.solve(covariance, x)
     inverse = np.linalg.inv(x.T @ weighted)
@@ -223,12 +226,12 @@ def fit_course(
     time: Array, values: Array, own: Array, shared: Array, *, slope: bool = False,
     walks: bool = False,
 ) -> CourseFit:  # fmt: skip
-    """Return a level, or a line where `slope`; with the q of a random walk where `walks`.
+    """Fit a level, or a line if `slope` is true; if `walks` is true, also the q of a random walk.
 
-    Parameters are those of `compare_courses`, with n ≥ 2, and n ≥ 3 where `slope`.
+    The parameters are those of `compare_courses`, with n ≥ 2, and n ≥ 3 if `slope` is true.
     """
     n = values.size
-    # In units in which values and times are near 1.
+    # Use units in which values and times are near 1.
     unit = float(np.sqrt(np.var(values, ddof=1) + np.mean(own + np.diag(shared))))
     span = float(np.ptp(time)) or 1.0
     y, own, shared = (values - values.mean()) / unit, own / unit**2, shared / unit**2
@@ -237,7 +240,7 @@ def fit_course(
     scattered = _covariance(at, own, np.sqrt(tau2), q)
     total = np.linalg.inv(scattered + shared)
     middle = float(at.mean())
-    if slope:  # where value and slope are not correlated
+    if slope:  # choose the time at which value and slope are uncorrelated
         information = _columns(at, middle, 2).T @ total @ _columns(at, middle, 2)
         middle += information[0, 1] / information[0, 0]
     x = _columns(at, middle, 1 + slope)
@@ -261,7 +264,7 @@ def fit_course(
 def _scatter(
     time: Array, y: Array, own: Array, shared: Array, *, slope: bool, walks: bool
 ) -> tuple[float, float]:
-    """Return τ² and q."""
+    """Estimate τ² and q."""
     n = y.size
     factors = [np.eye(n)]
     if walks:

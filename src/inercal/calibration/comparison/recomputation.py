@@ -1,4 +1,4 @@
-"""The difference of a calibration from stored values of the same data: of rounding alone."""
+"""Compare a calibration with stored values for the same data, which may differ by rounding."""
 
 from collections.abc import Sequence
 
@@ -11,13 +11,13 @@ from inercal.calibration import Calibration
 def largest_change(
     calibration: Calibration, names: Sequence[str], values: Array, u: Array
 ) -> float:
-    """Return the largest difference of a value or of its u from stored ones, in stored u.
+    """Return the largest difference of a value, or of its u, from the stored one, in stored u.
 
     Parameters
     ----------
     calibration : Calibration
     names : sequence of str
-        The stored coefficients; inf where those of the calibration are others.
+        Names of the stored coefficients; the result is inf if the calibration has others.
     values, u : (p,) array
         Stored values and standard uncertainties, SI.
     """

@@ -1,13 +1,13 @@
-"""Whether a difference of two calibrations exceeds the ordinary scatter from run to run.
+"""Test whether the difference of two calibrations exceeds the usual scatter from run to run.
 
-E_n and χ² ask whether a sensor changed beyond what the two calibrations state. A sensor also
-scatters from one turn-on, day and mounting to the next, by σ of each use, and two calibrations
-differ by that without a fault. With ν degrees of freedom of σ::
+E_n and χ² test whether a sensor changed by more than the stated uncertainties allow. A sensor also
+scatters from one turn-on, day and mounting to the next, with standard deviation σ for each use, so
+two calibrations differ even without a fault. If σ has ν degrees of freedom::
 
     E_run = d/(t_ν √(u_d² + 2σ²))
 
-u_d² is the variance of the difference d without what both share, t_ν has the coverage of 2u. The
-joint test takes the covariance C_d + 2Σ.
+u_d² is the variance of the difference d without shared errors, and t_ν has the coverage of 2u. The
+joint test uses the covariance C_d + 2Σ.
 """
 
 from dataclasses import dataclass
@@ -26,16 +26,17 @@ from inercal.estimation.uncertainty.conformity import expanded_uncertainty
 
 @dataclass(frozen=True, eq=False)
 class RunScatter:
-    """How coefficients of a sensor scatter from one use to the next.
+    """The scatter of a sensor's coefficients from one use to the next.
 
     Parameters
     ----------
     source : str
-        As printed, "TRIAD-7.repeatability.json".
+        Name of the source for printing, such as "TRIAD-7.repeatability.json".
     names : tuple of p str
     covariance : (p, p) array
-        Of one calibration about the mean, without its own uncertainty, SI.
+        Covariance of one calibration about the mean, without its own uncertainty, SI.
     dof : (p,) array
+        Degrees of freedom of each coefficient.
     """
 
     source: str
@@ -46,7 +47,7 @@ class RunScatter:
 
 @dataclass(frozen=True, eq=False)
 class RunToRun:
-    """Two calibrations against the scatter from run to run.
+    """The difference of two calibrations compared with the scatter from run to run.
 
     Parameters
     ----------
@@ -54,9 +55,9 @@ class RunToRun:
     names : tuple of p str
         Coefficients whose scatter is known.
     normalised_errors : (p,) array
-        E_run.
+        Normalised errors E_run.
     changed : (p,) array of bool
-        |E_n| > 1.
+        Whether |E_n| > 1.
     joint : JointTest or None
     """
 
@@ -68,42 +69,44 @@ class RunToRun:
 
     @property
     def beyond(self) -> tuple[str, ...]:
-        """Coefficients whose difference exceeds the ordinary scatter."""
+        """Coefficients whose difference exceeds the usual scatter."""
         pairs = zip(self.names, self.normalised_errors, strict=True)
         return tuple(name for name, one in pairs if abs(one) > 1)
 
     @property
     def within(self) -> tuple[str, ...]:
-        """Coefficients with |E_n| > 1 whose difference is ordinary."""
+        """Coefficients with |E_n| > 1 whose difference is within the usual scatter."""
         rows = zip(self.names, self.normalised_errors, self.changed, strict=True)
         return tuple(name for name, one, changed in rows if changed and abs(one) <= 1)
 
     @property
     def expected_exceedances(self) -> float:
-        """How many would exceed it by chance."""
+        """Number of coefficients that would exceed the scatter by chance."""
         return CHANCE_FRACTION * len(self.names)
 
 
 def scatter_of_file(path: Path, compared: Comparison) -> RunScatter:
-    """Return the scatter that a file of `inercal repeat` states, in the terms of a comparison.
+    """Read the scatter for a comparison from a file written by `inercal repeat`.
 
     Raises
     ------
     InputError
-        No such file, one in another frame or form, or of other coefficients.
+        If the file does not exist, has another frame or form, or has other coefficients.
     """
     found = load_next_use(path)
     terms = compared.second.frame, compared.second.sensor.form
     if (found.frame, found.form) != terms:
         raise InputError(
-            f"{path}: its frame is {found.frame} and its form {found.form}, those of the "
-            f"calibrations {terms[0]} and {terms[1]}: repeat with calibrations in these",
+            f"{path}: its frame is {found.frame} and its form is {found.form}, but the "
+            f"calibrations have {terms[0]} and {terms[1]}: run inercal repeat with calibrations "
+            "that have this frame and form",
             file=path,
             key="--repeatability",
         )
     if not set(found.names) & set(compared.names):
         raise InputError(
-            f"{path}: has no coefficient of the calibrations; it has {', '.join(found.names)}",
+            f"{path}: it contains none of the coefficients of the calibrations, only "
+            f"{', '.join(found.names)}",
             file=path,
             key="--repeatability",
         )
@@ -111,7 +114,7 @@ def scatter_of_file(path: Path, compared: Comparison) -> RunScatter:
 
 
 def against_scatter(compared: Comparison, scatter: RunScatter) -> RunToRun | None:
-    """Return the comparison with the scatter; None where no coefficient has one."""
+    """Compare the differences with the scatter; None if no coefficient has a known scatter."""
     names = tuple(name for name in compared.names if name in scatter.names)
     if not names or not compared.states_uncertainty:
         return None

@@ -1,23 +1,24 @@
-"""Uncertainty of means, of functions and of procedures.
+"""Uncertainty of means, functions and procedures.
 
-Of functions: propagation to first order, C_y = J C_x Jᵀ (GUM 5.2.2, equation 13; S2, 6.2).
+Functions: first-order propagation, C_y = J C_x Jᵀ (GUM 5.2.2, equation 13; S2, 6.2).
 
-Of procedures: propagation of distributions by Monte Carlo (GUM Supplement 1), and consistency over
-trials. Trials are drawn in batches, each with a random stream of its own that is spawned from one
-seed: a batch does not depend on how many others there are, and they may be drawn in any order.
+Procedures: propagation of distributions by Monte Carlo (GUM Supplement 1), and consistency over
+trials. Trials are drawn in batches. Each batch has its own random stream, spawned from one seed, so
+a batch does not depend on the number of other batches, and they may be drawn in any order.
 
-Of means (type A) whose samples are not independent: samples are cut into a batches of equal length,
-and the scatter of the batch means is used instead of the scatter of the samples (non-overlapping
-batch means; Flegal and Jones 2010, Annals of Statistics 38, 1034–1070, equation 4; for independent
-samples it is GUM 4.2.3)::
+Means (type A) of samples that are not independent: the samples are divided into a batches of equal
+length, and the scatter of the batch means is used instead of the scatter of the samples
+(non-overlapping batch means; Flegal and Jones 2010, Annals of Statistics 38, 1034–1070, equation 4;
+for independent samples it is GUM 4.2.3)::
 
     Ω = Σ bⱼ (ȳⱼ − ȳ)(ȳⱼ − ȳ)ᵀ / (a − 1),   cov ȳ = Ω / n,   a − 1 degrees of freedom
 
-It is unbiased when a batch is long compared with the correlation time of the noise. Few, long
-batches cost little: beyond some 10 to 30 the interval hardly gets shorter (Schmeiser 1982,
-Operations Research 30, 556–568), so their number is fixed and their length grows with the data.
-Sections of the same noise pool their scatter: a fit that is weighted by a covariance of ν degrees
-of freedom in m channels has its χ² enlarged by about ν / (ν − m − 1), so ν should be many times m.
+The estimate is unbiased if a batch is long compared with the correlation time of the noise. A few
+long batches are enough: beyond about 10 to 30 batches the interval hardly gets shorter (Schmeiser
+1982, Operations Research 30, 556–568), so their number is fixed and their length grows with the
+data. The scatter of sections with the same noise is pooled. If a fit is weighted by a covariance
+with ν degrees of freedom in m channels, its χ² is enlarged by about ν / (ν − m − 1), so ν should be
+many times m.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -37,12 +38,12 @@ BATCHES = 20
 def propagate(
     function: Callable[[Array], Array], x: Array, covariance: Array
 ) -> tuple[Array, Array]:
-    """Return y = f(x) and its covariance.
+    """Return y = f(x) and its covariance, to first order.
 
     Parameters
     ----------
     function : callable
-        (..., p) to (..., q).
+        Function f from (..., p) to (..., q).
     x : (..., p) array
         Values.
     covariance : (..., p, p) array
@@ -53,7 +54,7 @@ def propagate(
     value : (..., q) array
         f(x).
     covariance : (..., q, q) array
-        To first order.
+        Covariance of f(x), to first order.
     """
     value, j = value_and_jacobian(function, x, covariance)
     return value, j @ covariance @ np.swapaxes(j, -1, -2)
@@ -62,27 +63,29 @@ def propagate(
 def value_and_jacobian(
     function: Callable[[Array], Array], x: Array, covariance: Array
 ) -> tuple[Array, Array]:
-    """Return y = f(x), (..., q), and ∂f/∂x over the range of x, (..., q, p); as for `propagate`."""
+    """Return y = f(x), (..., q), and ∂f/∂x over the range of x, (..., q, p); see `propagate`."""
     sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     return function(x), jacobian(function, x, 0.1 * sd)
 
 
 def jacobian(function: Callable[[Array], Array], x: Array, step: Array) -> Array:
-    """Return ∂f/∂x by central differences of fourth order, (..., q, p).
+    """Return ∂f/∂x, (..., q, p), from fourth-order central differences.
 
     Parameters
     ----------
     function : callable
-        (..., p) to (..., q).
+        Function f from (..., p) to (..., q).
     x : (..., p) array
-        Where.
+        Point at which to differentiate.
     step : (..., p) or (p,) array
-        Size of the steps: a part of the range over which f matters. A step that rounding of x
-        would swallow is enlarged.
+        Step size: a fraction of the range over which f matters. A step that would be lost in the
+        rounding of x is enlarged.
     """
-    # Rounding costs ε f / h and curvature h⁴ f⁗ / 30: at h = 1e-4 x both are below 1e-11.
+    # Rounding adds an error of ε f / h and curvature h⁴ f⁗ / 30; at h = 1e-4 x both are below
+    # 1e-11.
     step = np.broadcast_to(np.maximum(step, 1e-4 * np.abs(x)), x.shape)
-    # Where the value and its uncertainty are both zero, any step will do: the column is not used.
+    # If the value and its uncertainty are both zero, any step works, because the column is not
+    # used.
     step = np.where(step > 0, step, 1e-4)
     columns: list[Array] = []
     for i in range(x.shape[-1]):
@@ -102,28 +105,30 @@ def monte_carlo(
     progress: Callable[[int, int], None] | None = None,
     executor: Executor | None = None,
 ) -> dict[str, Array]:
-    """Return what `run` gives for every trial.
+    """Return the results of `run` for all trials.
 
     Parameters
     ----------
     run : callable or several
-        A generator and a number of trials n, to arrays (n, ...) by name. Several are given
-        generators of equal draws; each batch of each is a task of its own.
+        Function of a random generator and a number of trials n that returns arrays (n, ...) by
+        name. Several functions get generators with equal draws; each batch of each function is a
+        separate task.
     trials : int
-        How many in all.
+        Total number of trials.
     seed : int
-        Of all streams. Equal seeds and equal batches give equal results.
+        Seed of all random streams. Equal seeds and equal batches give equal results.
     batch : int, optional
-        Trials drawn at once: enough to share the cost of a call, few enough for the cache.
+        Number of trials drawn at once: enough to share the cost of a call, few enough for the
+        cache.
     progress : callable, optional
-        Called with the number of trials done and of all trials, when more are done.
+        Called with the number of finished trials and the total number whenever more are finished.
     executor : Executor, optional
-        Where batches are drawn; by default in this process. The results are the same.
+        Executor that draws the batches; by default this process. The results do not depend on it.
 
     Returns
     -------
     dict of str to (trials, ...) arrays
-        By the names that `run` gives.
+        Results under the names that `run` uses.
     """
     runs = (run,) if callable(run) else run
     executor = executor or SerialExecutor()
@@ -148,17 +153,17 @@ def _draw_batch(run: Run, stream: SeedSequence, count: int) -> Mapping[str, Arra
 
 
 def nees(error: Array, covariance: Array) -> Array:
-    """Return the normalised error squared eᵀ C⁻¹ e of each trial.
+    """Return the normalised estimation error squared, eᵀ C⁻¹ e, for each trial.
 
-    Its mean is p where C is the covariance of e (Bar-Shalom, Li and Kirubarajan 2001, Estimation
-    with Applications to Tracking and Navigation, 5.4.2).
+    Its mean is p if C is the covariance of e (Bar-Shalom, Li and Kirubarajan 2001, Estimation with
+    Applications to Tracking and Navigation, 5.4.2).
 
     Parameters
     ----------
     error : (trials, p) array
-        Estimate − truth.
+        Estimate minus true value.
     covariance : (trials, p, p) or (p, p) array
-        As stated.
+        Stated covariance of the error.
 
     Returns
     -------
@@ -170,30 +175,31 @@ def nees(error: Array, covariance: Array) -> Array:
 def pooled_mean_covariances(
     sections: Iterable[Array], batches: int = BATCHES
 ) -> tuple[list[Array], float]:
-    """Return the covariance of the mean of each of several sections of the same noise.
+    """Return the covariances of the means of several sections that have the same noise.
 
     The sections share one Ω, estimated from all of them; the covariance of each mean is Ω / n.
 
     Parameters
     ----------
     sections : iterable of (..., n, m) arrays
-        Sections of n samples of m channels, of any lengths at one sampling rate; their means may
-        differ, their noise may not. They are read once, one after another.
+        Sections of n samples in m channels, with any lengths but a common sampling rate. Their
+        means may differ, but their noise must be the same. They are read once, one after another.
     batches : int
-        Batches per section. Of many sections, few and long batches are enough: 4 of each of 40
-        give as many degrees of freedom as 20 of each of 6, and allow noise of a longer correlation.
+        Number of batches per section. With many sections, a few long batches are enough: 4 batches
+        in each of 40 sections give about as many degrees of freedom as 20 batches in each of 6, and
+        they allow noise with a longer correlation time.
 
     Returns
     -------
     covariances : list of (..., m, m) arrays
-        One for each section.
+        One covariance for each section.
     dof : float
-        Degrees of freedom behind all of them.
+        Degrees of freedom of all of them.
 
     Raises
     ------
     InputError
-        Too few samples for a covariance of m channels.
+        There are too few samples for a covariance of m channels.
     """
     total, dof, m = np.zeros(()), 0, 0
     counts: list[int] = []

@@ -1,19 +1,20 @@
-"""Variance components: how much sensors differ in truth, and how much of it is between lots.
+"""Variance components: the true scatter between sensors, within lots and between lots.
 
-Each value has a standard uncertainty of its own, which scatters it, too::
+Each value has its own standard uncertainty, which adds to its scatter::
 
     y_ij = θ + L_i + S_ij + e_ij,   L ~ N(0, σ_L²),   S ~ N(0, σ²),   e_ij ~ N(0, u_ij²) known
 
 The estimator is that of Paule and Mandel (1982, Journal of Research of the National Bureau of
-Standards 87, 377–385), stage by stage: σ² such that the weighted squares about the means of the
-lots have their expectation, with w_ij = 1/(u_ij² + σ²) and g lots of n sensors,
+Standards 87, 377–385), applied in two stages. First σ² is chosen so that the weighted squares about
+the lot means equal their expectation. With w_ij = 1/(u_ij² + σ²), n sensors and g lots this is
 
     Q(σ²) = Σ w_ij (y_ij − ȳ_i)² = n − g,
 
-then σ_L² likewise from the means of the lots, which have the variances 1/Σ_j w_ij. With equal u
-both are those of REML. Limits of σ are where Q has the quantiles of χ² (Viechtbauer 2007,
-Statistics in Medicine 26, 37–52). Errors that all sensors share, such as those of one bench, are
-not in this model: they shift θ, and no number of sensors lowers them.
+Then σ_L² is found in the same way from the lot means, which have the variances 1/Σ_j w_ij. With
+equal u both estimates are those of REML. The limits of σ are the values at which Q equals the
+quantiles of χ² (Viechtbauer 2007, Statistics in Medicine 26, 37–52). Errors that all sensors share,
+such as those of one bench, are not included in this model: they shift θ, and more sensors do not
+reduce them.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -31,9 +32,9 @@ from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty.coverage import COVERAGE_PROBABILITY
 
 Indices = NDArray[np.intp]
-_PRECISION = 1e-9  # of σ², relative
+_PRECISION = 1e-9  # relative tolerance for σ²
 _STEPS = 200
-_LEAST = 1e-200  # variance of a value that has none
+_LEAST = 1e-200  # variance used for a value without uncertainty
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Component:
     Parameters
     ----------
     sd : float
-        0 where the values scatter less than their uncertainties alone would scatter them.
+        Standard deviation; 0 if the values scatter less than their uncertainties predict.
     low, high : float
         Limits with 95.45 % coverage.
     dof : int
@@ -62,11 +63,11 @@ class Components:
     Parameters
     ----------
     mean, std : float
-        θ and its standard uncertainty, which holds the scatter alone (Hartung and Knapp 2001).
+        θ and its standard uncertainty, which includes only the scatter (Hartung and Knapp 2001).
     within : Component
-        Between sensors of one lot, or of all where there is one lot.
+        Scatter between sensors in a lot, or between all sensors if there is one lot.
     lots : Component or None
-        Between lots; None for one lot.
+        Scatter between lots; None for one lot.
     """
 
     mean: float
@@ -76,27 +77,27 @@ class Components:
 
 
 def variance_components(value: Array, std: Array, lots: Indices | None = None) -> Components:
-    """Return mean, scatter within lots and scatter between lots of values of known uncertainty.
+    """Return the mean, and the scatter within and between lots, of values with known uncertainty.
 
     Parameters
     ----------
     value, std : (n,) arrays
         Values and their standard uncertainties.
     lots : (n,) array of int, optional
-        Lot of each value, from 0; every number up to the largest comes. One lot by default.
+        Lot of each value, numbered from 0 without gaps. By default all values are in one lot.
 
     Raises
     ------
     InputError
-        Fewer than two values in each lot: their scatter is not observed.
+        No lot has two or more values, so the scatter within lots is not observed.
     """
     lots = np.zeros(len(value), dtype=np.intp) if lots is None else lots
     count = int(lots.max(initial=0)) + 1
     dof = len(value) - count
     if dof < 1:
         raise InputError(
-            f"{len(value)} values in {count} lots do not show the scatter within a lot; give a "
-            "lot with two values or more"
+            f"{len(value)} values in {count} lots do not show the scatter within a lot; give a lot "
+            "with at least two values"
         )
     within = _component(value, std, lots, count, dof)
     weight = 1 / np.maximum(std**2 + within.sd**2, _LEAST)
@@ -112,18 +113,18 @@ def variance_components(value: Array, std: Array, lots: Indices | None = None) -
 
 
 def _mean_std(value: Array, weight: Array) -> float:
-    """Return u of the weighted mean, never below that of the weights."""
+    """Return the standard uncertainty of the weighted mean, at least the one from the weights."""
     total = weight.sum()
     q = weight @ (value - weight @ value / total) ** 2 / (len(value) - 1)
     return float(np.sqrt(max(q, 1.0) / total))
 
 
 def _component(value: Array, std: Array, lots: Indices, count: int, dof: int) -> Component:
-    # About a common value, for large means lose digits.
+    # Relative to a common value, because large means would lose digits.
     variance, value = std**2, value - np.median(value)
 
     def squares(excess: float) -> tuple[float, float]:
-        """Return Q and its derivative, to which the change of the means adds nothing."""
+        """Return Q and its derivative; the change of the means does not contribute to it."""
         weight = 1 / (variance + excess)
         total = np.bincount(lots, weight, count)
         mean = np.bincount(lots, weight * value, count) / total
@@ -149,10 +150,10 @@ def _component(value: Array, std: Array, lots: Indices, count: int, dof: int) ->
 def _root(
     squares: Callable[[float], tuple[float, float]], size: float, least: float, x: float
 ) -> float:
-    """Return the excess variance at which `squares` is `size`; 0 if it is less everywhere.
+    """Return the excess variance at which `squares` equals `size`; 0 if it is always smaller.
 
-    Newton's steps: the function is convex and falls, so that they end below the root at the latest
-    after the first, and then rise to it.
+    It uses Newton's method. The function is convex and decreasing, so the iterate is below the root
+    after the first step at the latest, and then rises to it.
     """
     for _ in range(_STEPS):
         found, slope = squares(x)
@@ -166,17 +167,17 @@ def _root(
 
 
 def scatter_limits(variance: float, variance_of_it: float, dof: int) -> Component:
-    """Return σ, estimated in the presence of known noise, with limits of 95.45 % coverage.
+    """Return σ, estimated in the presence of known noise, with 95.45 % coverage limits.
 
-    σ² + s², s² the part of the noise, has the distribution of χ² with ν degrees of freedom, and so
-    the variance 2 (σ² + s²)²/ν: from it follows s².
+    With noise variance s², the estimate of σ² + s² has a scaled χ² distribution with ν degrees of
+    freedom, so its variance is 2 (σ² + s²)²/ν. The variance of the estimate therefore gives s².
 
     Parameters
     ----------
     variance, variance_of_it : float
-        σ² as estimated, and the variance of the estimate.
+        The estimate of σ², and its variance.
     dof : int
-        ν.
+        Degrees of freedom ν.
 
     Examples
     --------

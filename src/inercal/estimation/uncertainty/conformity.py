@@ -1,20 +1,21 @@
-"""Conformity of a value with limits, by its uncertainty (JCGM 106:2012, ILAC-G8:09/2019).
+"""Conformity of values with limits, considering uncertainty (JCGM 106:2012, ILAC-G8:09/2019).
 
-With limits T_L and T_U (one may be infinite), a value y and its expanded uncertainty U, the guard
-band is w = 0 of the rule "simple", and w = factor · U of the rule "guarded"::
+The limits are T_L and T_U (one may be infinite), y is a value and U its expanded uncertainty. The
+guard band is w = 0 for the rule "simple", and w = factor · U for the rule "guarded"::
 
     pass              T_L + w ≤ y ≤ T_U − w
     conditional pass  within the limits, but not by w
     conditional fail  beyond a limit, by w at most
     fail              beyond a limit by more than w
 
-The conformance probability is that of the true value being within the limits, given y alone
-(JCGM 106, clause 7)::
+The conformance probability is the probability that the true value is within the limits, given only
+y (JCGM 106, clause 7)::
 
     p_c = F((T_U − y)/u) − F((T_L − y)/u)
 
-F is the normal distribution, or Student's with ν degrees of freedom. A value on its acceptance
-limit, with w = U = 2u, is beyond the limit with a probability of 2.28 %; w = 0.83 U gives 4.9 %.
+F is the normal distribution, or Student's with ν degrees of freedom. If a value is on its
+acceptance limit and w = U = 2u, its true value is beyond the tolerance limit with a probability of
+2.28 %; w = 0.83 U gives 4.9 %.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -32,27 +33,27 @@ from inercal.estimation.uncertainty.coverage import COVERAGE
 
 Result = Literal["pass", "conditional pass", "conditional fail", "fail"]
 RESULTS: tuple[Result, ...] = get_args(Result)
-"""From the best to the worst."""
+"""The possible results, from best to worst."""
 RuleName = Literal["guarded", "simple"]
-_POINTS = 1 << 12  # of the joint probability: its error is some 1e-4
-_PRIMES = 512  # below this number there are 97: more coefficients than a sensor has
-_JITTER = 1e-10  # of a correlation matrix that is singular
+_POINTS = 1 << 12  # lattice points for the joint probability, whose error is about 1e-4
+_PRIMES = 512  # there are 97 primes below this number, more than a sensor has coefficients
+_JITTER = 1e-10  # added to the diagonal of a singular correlation matrix
 
 
 @dataclass(frozen=True)
 class DecisionRule:
-    """How a value near a limit is judged.
+    """The rule for judging a value near a limit.
 
     Parameters
     ----------
     name : "guarded" or "simple"
     factor : float
-        Guard band in U, of the rule "guarded".
+        Guard band as a multiple of U, for the rule "guarded".
 
     Raises
     ------
     InputError
-        A factor that is not positive, or another than 1 with the rule "simple".
+        The factor is not positive, or it is not 1 with the rule "simple".
     """
 
     name: RuleName = "guarded"
@@ -70,14 +71,14 @@ class DecisionRule:
             )
 
     def guard(self, std: Array, dof: float | Array = inf) -> Array:
-        """Return the guard band w of standard uncertainties, in their unit and shape."""
+        """Return the guard bands w for standard uncertainties, in the same unit and shape."""
         if self.name == "simple":
             return np.zeros(np.shape(std))
         return self.factor * expanded_uncertainty(std, dof)
 
 
 def expanded_uncertainty(std: Array, dof: float | Array = inf) -> Array:
-    """Return U: 2u, or of ν degrees of freedom t u with the same coverage, 95.45 %."""
+    """Return U = 2u, or U = t u for ν degrees of freedom, with 95.45 % coverage."""
     std, dof = np.broadcast_arrays(np.asarray(std, dtype=float), dof)
     k = np.full(std.shape, COVERAGE)
     finite = np.isfinite(dof)
@@ -86,12 +87,12 @@ def expanded_uncertainty(std: Array, dof: float | Array = inf) -> Array:
 
 
 def judge(value: Array, lower: Array, upper: Array, guard: Array) -> Array:
-    """Return the result of each value as its place in `RESULTS`.
+    """Return the result for each value as an index in `RESULTS`.
 
     Parameters
     ----------
     value, lower, upper, guard : (...) arrays
-        In one unit; a limit that is not there is infinite.
+        Values, limits and guard bands in one unit; a missing limit is infinite.
 
     Returns
     -------
@@ -105,26 +106,26 @@ def judge(value: Array, lower: Array, upper: Array, guard: Array) -> Array:
 def conformance_probability(
     value: Array, std: Array, lower: Array, upper: Array, dof: float | Array = inf
 ) -> Array:
-    """Return the probability that each true value is within its limits; shapes are broadcast.
+    """Return the probability that each true value is within its limits, with broadcasting.
 
     Parameters
     ----------
     value, std : (...) arrays
         Value and standard uncertainty. Without uncertainty the probability is 0 or 1.
     lower, upper : (...) arrays
-        Limits; one that is not there is infinite.
+        Limits; a missing limit is infinite.
     dof : (...) array or float
-        Degrees of freedom of u.
+        Degrees of freedom of the standard uncertainties.
     """
     value, std, lower, upper, dof = np.broadcast_arrays(value, std, lower, upper, dof)
     with np.errstate(divide="ignore", invalid="ignore"):
         above, below = (upper - value) / std, (lower - value) / std
-        # The smaller tails are subtracted: they keep their digits.
+        # Subtract the smaller tails, which keep their digits.
         flip = below > 0
         above, below = np.where(flip, -below, above), np.where(flip, -above, below)
         normal: Array = ndtr(above) - ndtr(below)
         finite = np.isfinite(dof)
-        nu = np.minimum(dof, 1e9)  # infinite is judged as normal
+        nu = np.minimum(dof, 1e9)  # infinite degrees of freedom: normal distribution
         student: Array = stdtr(nu, above) - stdtr(nu, below)
     inside = (lower <= value) & (value <= upper)
     return np.where(std > 0, np.where(finite, student, normal), inside.astype(float))
@@ -133,18 +134,19 @@ def conformance_probability(
 def joint_conformance_probability(
     value: Array, covariance: Array, lower: Array, upper: Array
 ) -> float:
-    """Return the probability that all true values are within their limits at once.
+    """Return the probability that all true values are within their limits simultaneously.
 
-    The integral of the multivariate normal distribution over the box, by the separation of
-    variables of Genz (1992, Journal of Computational and Graphical Statistics 1, 141–149) on a
-    lattice of square roots of primes with the tent transform: equal input gives equal bits.
+    This is the integral of the multivariate normal distribution over the box. It uses the
+    separation of variables of Genz (1992, Journal of Computational and Graphical Statistics 1,
+    141–149) on a lattice of square roots of primes with the tent transform, so the same input gives
+    exactly the same result.
 
     Parameters
     ----------
     value : (p,) array
     covariance : (p, p) array
     lower, upper : (p,) arrays
-        Limits; one that is not there is infinite.
+        Limits; a missing limit is infinite.
     """
     std = np.sqrt(np.diag(covariance))
     exact = std == 0
@@ -156,7 +158,7 @@ def joint_conformance_probability(
     std = std[chosen]
     below, above = (lower - value)[chosen] / std, (upper - value)[chosen] / std
     correlation = covariance[np.ix_(chosen, chosen)] / np.outer(std, std)
-    # The least probable first: the integrand then varies least.
+    # Start with the least probable value, because the integrand then varies least.
     order = np.argsort(ndtr(above) - ndtr(below))
     below, above = below[order], above[order]
     p = len(order)
@@ -170,7 +172,7 @@ def joint_conformance_probability(
         low = ndtr((below[k] - shift) / root[k, k])
         share = np.maximum(ndtr((above[k] - shift) / root[k, k]) - low, 0.0)
         product *= share
-        # Within the open interval, for its ends are infinite.
+        # Stay within the open interval, because the quantiles at its ends are infinite.
         drawn[:, k] = ndtri(np.clip(low + lattice[:, k] * share, 1e-16, 1 - 1e-16))
     return float(np.mean(product))
 

@@ -1,7 +1,7 @@
-"""Control charts of repeated vectors: Shewhart, EWMA or CUSUM, T² and MEWMA.
+"""Control charts for repeated vectors: Shewhart, EWMA or CUSUM, T² and MEWMA.
 
-A point is the difference d_t of p values to their reference, with the covariance V_t of a point and
-R_t of the reference, which all points have in common::
+A point is the difference d_t between p values and their reference. V_t is the covariance of the
+point, and R_t that of the reference, which is common to all points::
 
     Shewhart   z² = d_i²/(V + R)_ii                                of each value
     EWMA       w_t = (1 − λ) w_{t−1} + λ d_i/√V_ii,   w²/(λ/(2 − λ) + R_ii/V_ii)
@@ -9,14 +9,14 @@ R_t of the reference, which all points have in common::
     MEWMA      w_t = (1 − λ) w_{t−1} + λ V^−½ d,
                wᵀ (λ/(2 − λ) I + V^−½ R V^−½)⁻¹ w
 
-A CUSUM chart (`cusum`) may take the place of the EWMA.
+A CUSUM chart (`cusum`) can be used instead of the EWMA.
 
-The error of the reference is the same in all points, so that it does not average in w. Each
-statistic is compared with a limit h, that of χ² where V is known. Where V was estimated from few
-points h is larger (`run_lengths.wider_limit`).
+The error of the reference is the same in all points, so it does not average out in w. Each
+statistic is compared with a limit h, which comes from χ² if V is known. If V was estimated from few
+points, h is larger (`run_lengths.wider_limit`).
 
-All charts together have the in-control run length that is stated: the four kinds have equal shares
-of the rate of false signals, and each value an equal share of its kind's.
+All charts together have the stated in-control run length: the four kinds have equal shares of the
+false-signal rate, and the values have equal shares within each kind.
 """
 
 from collections.abc import Sequence
@@ -33,22 +33,22 @@ from inercal.estimation.uncertainty.run_lengths import chart_limit, wider_limit
 ChartKind = Literal["Shewhart", "EWMA", "CUSUM", "T²", "MEWMA"]
 KINDS: tuple[ChartKind, ...] = get_args(ChartKind)
 LastingKind = Literal["EWMA", "CUSUM"]
-"""Of the charts of small lasting changes of one value."""
-_DRAWN = 4  # kinds: only one of the lasting ones
+"""The kinds of charts for small lasting changes in one value."""
+_DRAWN = 4  # number of chart kinds, with only one kind for lasting changes
 EWMA_WEIGHT, MEWMA_WEIGHT = 0.2, 0.1
-"""λ of both charts."""
+"""The weight λ of the EWMA and MEWMA charts."""
 
 
 @dataclass(frozen=True, eq=False)
 class ChartLimits:
-    """Limits h of the squares.
+    """Limits h for the squared statistics.
 
     Parameters
     ----------
     shewhart, lasting : (p,) arrays
     t2, mewma : float
     run_length : float
-        ARL₀ of all charts together.
+        In-control run length ARL₀ of all charts together.
     lasting_kind : "EWMA" or "CUSUM"
     """
 
@@ -61,23 +61,23 @@ class ChartLimits:
 
     @property
     def single_run_length(self) -> float:
-        """ARL₀ of the Shewhart, EWMA or CUSUM chart of one value."""
+        """ARL₀ of the Shewhart, EWMA or CUSUM chart for one value."""
         return self.run_length * _DRAWN * len(self.shewhart)
 
     @property
     def joint_run_length(self) -> float:
-        """ARL₀ of T² or MEWMA."""
+        """ARL₀ of the T² or MEWMA chart."""
         return self.run_length * _DRAWN
 
 
 @dataclass(frozen=True, eq=False)
 class ChartValues:
-    """Statistics of n points.
+    """Chart statistics of n points.
 
     Parameters
     ----------
     shewhart, lasting : (n, p) arrays
-        Signed: in standard deviations. Of a CUSUM the larger sum.
+        Signed statistics in standard deviations; for a CUSUM, the larger of the two sums.
     t2, mewma : (n,) arrays
     """
 
@@ -87,7 +87,7 @@ class ChartValues:
     mewma: Array
 
     def signals(self, limits: ChartLimits) -> dict[ChartKind, NDArray[np.bool_]]:
-        """Return which points are beyond each kind's limits, (n,) or (n, p) arrays of bool."""
+        """Return which points exceed each kind's limits, as (n,) or (n, p) arrays of bool."""
         return {
             "Shewhart": self.shewhart**2 > limits.shewhart,
             limits.lasting_kind: self.lasting**2 > limits.lasting,
@@ -99,16 +99,16 @@ class ChartValues:
 def chart_limits(
     run_length: float, dof: Array, joint_dof: float, lasting: LastingKind = "EWMA"
 ) -> ChartLimits:
-    """Return the limits of the charts of p values.
+    """Return the limits of the charts for p values.
 
     Parameters
     ----------
     run_length : float
-        ARL₀ of all together.
+        In-control run length ARL₀ of all charts together.
     dof : (p,) array
         Degrees of freedom of each value's variance; infinite if it is known.
     joint_dof : float
-        Of their covariance.
+        Degrees of freedom of their covariance.
     lasting : "EWMA" or "CUSUM"
     """
     p = len(dof)
@@ -124,7 +124,7 @@ def chart_limits(
 
 
 def lasting_limit(run_length: float, dof: float, kind: LastingKind) -> float:
-    """Return the limit of the square of the chart of small lasting changes of one value."""
+    """Return the limit for the squared statistic of the lasting-change chart of one value."""
     if kind == "CUSUM":
         return cusum_limit(run_length, dof) ** 2
     return _limit(run_length, EWMA_WEIGHT, 1, dof)
@@ -142,16 +142,16 @@ def chart_values(
     restarts: Sequence[int] = (),
     lasting: LastingKind = "EWMA",
 ) -> ChartValues:
-    """Return the statistics of points in the order of time.
+    """Return the chart statistics of points in time order.
 
     Parameters
     ----------
     difference : (n, p) array
-        d.
+        Differences d from the reference.
     point, reference : (n, p, p) arrays
-        V and R.
+        Covariances V and R.
     restarts : sequence of int
-        Points at which the charts that weigh the past begin anew.
+        Points at which the charts with memory restart.
     lasting : "EWMA" or "CUSUM"
     """
     n, p = difference.shape
@@ -184,9 +184,9 @@ def chart_values(
 
 
 def _inverse_root(covariance: Array) -> Array:
-    """Return the symmetric root of the inverse."""
+    """Return the symmetric square root of the inverse."""
     scale = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    # Symmetric in units of the standard deviations; any root whitens.
+    # The root is symmetric in units of the standard deviations; any root would whiten.
     root: Array = (vectors / np.sqrt(values)) @ vectors.T / scale
     return root

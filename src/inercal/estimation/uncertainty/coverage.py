@@ -1,6 +1,6 @@
-"""The coverage factor of every expanded uncertainty that is stated."""
+"""The coverage factor used for all stated expanded uncertainties."""
 
 COVERAGE = 2.0
-"""k of U = k u; about 95 % for the usual degrees of freedom (GUM 6.3)."""
+"""The coverage factor k in U = k u; it gives about 95 % for usual degrees of freedom (GUM 6.3)."""
 COVERAGE_PROBABILITY = 0.9545
-"""Of an interval of ± 2u of a normal distribution; intervals of other ones have it, too."""
+"""Coverage of ± 2u for a normal distribution; it is also used for other distributions."""

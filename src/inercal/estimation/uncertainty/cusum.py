@@ -1,17 +1,18 @@
-"""Two-sided CUSUM chart: its sums, run lengths and limits.
+"""The two-sided CUSUM chart: sums, run lengths and limits.
 
-Of standardised z_t the chart keeps two sums, with the allowance k::
+For standardised values z_t and the allowance k, the chart keeps two sums::
 
     C⁺_t = max(0, C⁺_{t−1} + z_t − k),   C⁻_t = max(0, C⁻_{t−1} − z_t − k),   signal where C > h
 
-After a shift δ the run length of C⁺ that begins at u is (Page 1954), with the normal density φ::
+After a shift δ, the mean run length of C⁺ that starts at u is (Page 1954), with the normal density
+φ::
 
     L(u) = 1 + L(0) Φ(k − δ − u) + ∫₀^h L(x) φ(x + k − δ − u) dx
 
-and 1/ARL = 1/L⁺(0) + 1/L⁻(0) of both sums (Kemp 1961). Where the standard deviation was estimated
-with ν degrees of freedom, the mean rate of false signals over z = x/s, ν s² ~ χ²_ν, is 1/ARL₀. An
-error of the reference's mean would add up in a sum: the allowance grows by 1.645 of its standard
-deviation, which 90 % of references do not exceed.
+and for both sums 1/ARL = 1/L⁺(0) + 1/L⁻(0) (Kemp 1961). If the standard deviation was estimated
+with ν degrees of freedom, 1/ARL₀ is the false-signal rate averaged over z = x/s with ν s² ~ χ²_ν.
+An error of the reference's mean would accumulate in a sum. The allowance is therefore enlarged by
+1.645 times its standard deviation, which 90 % of references do not exceed.
 
 Sources: Page, Biometrika 41 (1954), 100–115; Kemp, J. R. Statist. Soc. B 23 (1961), 149–153;
 Montgomery, Statistical Quality Control, 9.1 (k = 0.5, h = 4.77: ARL₀ = 370).
@@ -30,23 +31,23 @@ import scipy
 from inercal.basics.arrays import Array
 
 ALLOWANCE = 0.5
-"""k: a lasting change of 1 standard deviation is found soonest."""
+"""The allowance k, which detects a lasting change of 1 standard deviation soonest."""
 REFERENCE_FACTOR = 1.645
-_QUANTILES = (np.arange(9) + 0.5) / 9  # of s²
+_QUANTILES = (np.arange(9) + 0.5) / 9  # probabilities for quantiles of s²
 _LEAST, _MOST = 0.5, 60.0  # h
-_LARGEST = 1e9  # run length that rounding leaves
+_LARGEST = 1e9  # longest run length that rounding allows
 
 
 def cusum_sums(z: Array, reference: Array, restarts: Collection[int] = ()) -> tuple[Array, Array]:
-    """Return C⁺ and C⁻ of points.
+    """Return the sums C⁺ and C⁻ for a series of points.
 
     Parameters
     ----------
     z : (n, p) array
     reference : (n, p) array
-        Standard deviation of the reference's mean in that of a point.
+        Standard deviation of the reference's mean, in units of a point's standard deviation.
     restarts : collection of int
-        Points at which the sums begin anew.
+        Points at which the sums restart from zero.
     """
     up, down = np.zeros_like(z), np.zeros_like(z)
     high, low = np.zeros(z.shape[1]), np.zeros(z.shape[1])
@@ -61,29 +62,29 @@ def cusum_sums(z: Array, reference: Array, restarts: Collection[int] = ()) -> tu
 
 
 def cusum_run_length(limit: float, shift: float = 0.0, scale: float = 1.0) -> float:
-    """Return the mean run length of the two-sided chart.
+    """Return the average run length of the two-sided chart.
 
     Parameters
     ----------
     limit : float
-        h.
+        Limit h.
     shift, scale : float
-        Mean and standard deviation of z, 0 and 1 in control.
+        Mean and standard deviation of z; they are 0 and 1 in control.
 
     Examples
     --------
     >>> [round(cusum_run_length(4.774, shift), 1) for shift in (0.0, 0.5, 1.0, 2.0)]
     [370.1, 35.3, 9.9, 3.9]
     """
-    # In units of the standard deviation of z.
+    # In units of the standard deviation of z:
     h, k, off = limit / scale, ALLOWANCE / scale, shift / scale
     return 1 / (1 / _one_sided(h, k - off) + 1 / _one_sided(h, k + off))
 
 
 def _one_sided(h: float, drift: float) -> float:
-    """Return L(0) of a sum that loses `drift` at each point in the mean."""
+    """Return L(0) for a sum that decreases by `drift` per point on average."""
     node, gauss = np.polynomial.legendre.leggauss(24 + ceil(1.6 * h))
-    # L(0) is an unknown of its own.
+    # L(0) is a separate unknown.
     at = np.concatenate([[0.0], 0.5 * h * (node + 1)])
     by = np.concatenate([[0.0], 0.5 * h * gauss])
     density = np.exp(-((at[None, :] + drift - at[:, None]) ** 2) / 2) / sqrt(2 * pi)
@@ -96,14 +97,14 @@ def _one_sided(h: float, drift: float) -> float:
 
 @cache
 def cusum_limit(run_length: float, dof: float = inf) -> float:
-    """Return h with an in-control run length.
+    """Return the limit h that gives an in-control run length.
 
     Parameters
     ----------
     run_length : float
-        ARL₀.
+        In-control run length ARL₀.
     dof : float
-        ν of the estimated standard deviation.
+        Degrees of freedom ν of the estimated standard deviation.
 
     Examples
     --------

@@ -1,15 +1,16 @@
-"""Random effects of known shape in repeated measurements of one vector (REML).
+"""Random effects with known shapes in repeated measurements of one vector (REML).
 
-Sessions i = 1 … k measure p values with a covariance C_i of their own, known. They scatter by
-random effects, too: an effect c is the same in all sessions of one level, a day say, and has the
-covariance σ_c² G_c G_cᵀ of known shape::
+Each session i = 1 … k measures p values with its own known covariance C_i. Random effects add to
+the scatter. An effect c is the same in all sessions with the same level, such as a day, and has the
+covariance σ_c² G_c G_cᵀ with a known shape::
 
     y_i = θ + Σ_c u_c(level of i) + e_i,   u_c ~ N(0, σ_c² G_c G_cᵀ),   e_i ~ N(0, C_i)
 
-A few sessions cannot give a free covariance of p values, of rank k − 1 at most; they can give one
-variance for each shape. The variances maximise the restricted likelihood, by Fisher scoring with
-σ_c² ≥ 0 (Patterson and Thompson 1971, Biometrika 58, 545–554). With V the covariance of all
-sessions, X that of θ, P = V⁻¹ − V⁻¹X(XᵀV⁻¹X)⁻¹XᵀV⁻¹ and Z_c the effect's part of V without σ_c²::
+A few sessions cannot determine an unconstrained covariance of p values, because its rank would be
+at most k − 1. They can determine one variance for each shape. The variances maximise the restricted
+likelihood, found by Fisher scoring with σ_c² ≥ 0 (Patterson and Thompson 1971, Biometrika 58,
+545–554). With V the covariance of all sessions, X that of θ, P = V⁻¹ − V⁻¹X(XᵀV⁻¹X)⁻¹XᵀV⁻¹ and Z_c
+the effect's part of V without σ_c²::
 
     score_c = ½ (yᵀPZ_cPy − tr PZ_c),   information_cd = ½ tr PZ_cPZ_d
 """
@@ -25,18 +26,18 @@ from inercal.basics.arrays import Array
 
 _STEPS = 100
 _HALVINGS = 30
-_LEAST_SEEN = 1e-10  # of an effect, relative to what it moves in all
-_PRECISION = 1e-6  # of the score in units of its standard deviation
+_LEAST_SEEN = 1e-10  # least visible part of an effect, relative to its total effect
+_PRECISION = 1e-6  # tolerance of the score in units of its standard deviation
 
 
 @dataclass(frozen=True, eq=False)
 class RandomEffect:
-    """Scatter of a known shape that the sessions of one level share.
+    """Scatter with a known shape, common to all sessions with the same level.
 
     Parameters
     ----------
     shape : (p, r) array
-        G; its columns are independent.
+        The matrix G, with independent columns.
     level : (k,) array of int
         Level of each session, from 0.
     """
@@ -46,30 +47,30 @@ class RandomEffect:
 
     @property
     def levels(self) -> int:
-        """How many levels there are."""
+        """Number of levels."""
         return int(self.level.max()) + 1
 
     def factor(self) -> Array:
-        """Return H with Z = H Hᵀ, (k p, levels · r)."""
+        """Return the factor H, (k p, levels · r), with Z = H Hᵀ."""
         same = (self.level[:, None] == np.arange(self.levels)).astype(float)
         return np.asarray(np.kron(same, self.shape), dtype=float)
 
     def covariance(self) -> Array:
-        """Return Z, (k p, k p), of variance 1."""
+        """Return the covariance Z, (k p, k p), for unit variance."""
         same = (self.level[:, None] == self.level).astype(float)
         return np.asarray(np.kron(same, self.shape @ self.shape.T), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
 class EffectVariances:
-    """Variances of the effects.
+    """Estimated variances of the effects.
 
     Parameters
     ----------
     variance : (c,) array
-        σ_c²; 0 if the sessions scatter less than their own covariances say.
+        Variances σ_c²; 0 if the sessions scatter less than their own covariances predict.
     covariance : (c, c) array
-        Of the variances: the inverse of the information.
+        Covariance of the variances: the inverse of the information.
     converged : bool
     """
 
@@ -79,7 +80,7 @@ class EffectVariances:
 
 
 def block_matrix(blocks: Array) -> Array:
-    """Return (k p, k p) of blocks (k, p, p)."""
+    """Return the block-diagonal matrix (k p, k p) with the blocks (k, p, p)."""
     k, p, _ = blocks.shape
     result = np.zeros((k, p, k, p))
     result[np.arange(k), :, np.arange(k)] = blocks
@@ -94,27 +95,27 @@ def effect_variances(
     Parameters
     ----------
     values : (k, p) array
-        In units in which the effects have similar sizes.
+        Measured values, in units in which the effects have similar sizes.
     covariance : (k p, k p) array
-        Of all that is known: C_i, and what sessions share. Positive definite.
+        Known covariance: C_i, and contributions that sessions share. It is positive definite.
     effects : sequence of RandomEffect
     """
     k, p = values.shape
     x = np.tile(np.eye(p), (k, 1))
     y = (values - values.mean(axis=0)).ravel()
-    # From half of the scatter: where all is noise the steps end at 0.
+    # Start from half of the scatter: if everything is noise, the steps end at 0.
     start = np.array([_first_variance(values, one) for one in effects])
     return restricted_variances(y, x, covariance, [one.factor() for one in effects], start)
 
 
 def restricted_likelihood(y: Array, x: Array, v: Array) -> tuple[float, Array, Array]:
-    """Return the logarithm of the restricted likelihood, without its constant, P, and P y.
+    """Return the restricted log-likelihood without its constant, P, and P y.
 
     Parameters
     ----------
     y : (n,) array
     x : (n, p) array
-        Derivatives of y by what is free.
+        Derivatives of y with respect to the free parameters.
     v : (n, n) array
         Covariance of y.
     """
@@ -128,10 +129,10 @@ def restricted_likelihood(y: Array, x: Array, v: Array) -> tuple[float, Array, A
 
 
 class MeasurementBlock(NamedTuple):
-    """Measurements y = x θ + e that are independent of those of other blocks.
+    """Measurements y = x θ + e that are independent of other blocks.
 
-    y (n,) has the derivatives x (n, p) by what is free in this block alone, the known covariance
-    (n, n), and for each effect c a factor H_c (n, r).
+    x (n, p) contains the derivatives of y (n,) with respect to the parameters that are free only in
+    this block. The known covariance is (n, n), and each effect c has a factor H_c (n, r).
     """
 
     y: Array
@@ -149,20 +150,21 @@ def restricted_variances(
     ----------
     y, x, covariance : (n,), (n, p) and (n, n) arrays
     factors : sequence of (n, r) arrays
-        H_c.
+        Factors H_c.
     start : (c,) array
-        Variances to begin with.
+        Start values of the variances.
 
     Returns
     -------
     EffectVariances
-        0 for an effect that only θ sees, such as a random walk between two times beside a slope.
+        The variances; 0 for an effect that θ absorbs completely, such as a random walk between two
+        times if a slope is free.
     """
     return pooled_variances((MeasurementBlock(y, x, covariance, factors),), start)
 
 
 def pooled_variances(blocks: Sequence[MeasurementBlock], start: Array) -> EffectVariances:
-    """Return the variances σ_c² ≥ 0 that all blocks have in common, as `restricted_variances`."""
+    """Return the variances σ_c² ≥ 0 common to all blocks; see `restricted_variances`."""
     parts = [[h @ h.T for h in one.factors] for one in blocks]
 
     def covariances(variance: Array) -> list[Array]:
@@ -202,7 +204,7 @@ def pooled_variances(blocks: Sequence[MeasurementBlock], start: Array) -> Effect
                 break
             step /= 2
         else:
-            converged = True  # no step raises the likelihood
+            converged = True  # no step increases the likelihood
             break
         variance, (value, projections) = trial, found
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
@@ -214,7 +216,7 @@ def pooled_variances(blocks: Sequence[MeasurementBlock], start: Array) -> Effect
 def _are_seen(
     blocks: Sequence[MeasurementBlock], covariances: Sequence[Array], projected: Sequence[Array]
 ) -> NDArray[np.bool_]:
-    """Return whether effects move more than what is free: Σ tr HᵀPH against Σ tr HᵀV⁻¹H."""
+    """Return whether the free parameters leave effects visible: Σ tr HᵀPH vs. Σ tr HᵀV⁻¹H."""
     found: list[bool] = []
     for c in range(len(blocks[0].factors)):
         factors = [one.factors[c] for one in blocks]

@@ -1,29 +1,30 @@
-"""Statistics that a few wrong values do not move: scale, covariance, selection by p-values.
+"""Robust statistics that a few wrong values do not affect: scale, covariance, outliers.
 
-The covariance is that of least determinant (Rousseeuw and Van Driessen 1999, Technometrics 41,
-212–223): of the three quarters of the values whose covariance has the least determinant, by their
-concentration steps. Nothing is drawn at random: the steps begin at the half nearest the medians,
-and at the orthogonalised estimator of Gnanadesikan and Kettenring (Maronna and Zamar 2002,
-Technometrics 44, 307–317), pairwise covariances (σ²(x + y) − σ²(x − y))/4 made positive definite
-along their eigenvectors. The values within χ²₀.₉₇₅ of it give the final covariance. Up to a tenth
-of the values may have a common error. p-values are selected so that the expected share of false
-ones is below a bound (Benjamini and Hochberg 1995, Journal of the Royal Statistical Society B 57,
-289–300).
+The covariance is the minimum covariance determinant (Rousseeuw and Van Driessen 1999, Technometrics
+41, 212–223): the covariance of those three quarters of the values for which its determinant is
+smallest, found by their concentration steps. Nothing is drawn at random. The steps start from the
+half of the values nearest the medians, and from the orthogonalised Gnanadesikan–Kettenring
+estimator (Maronna and Zamar 2002, Technometrics 44, 307–317), which makes the pairwise covariances
+(σ²(x + y) − σ²(x − y))/4 positive definite along their eigenvectors. The values within χ²₀.₉₇₅ of
+this covariance give the final covariance. Up to a tenth of the values may have a common error.
+p-values are selected so that the expected share of false discoveries is below a bound (Benjamini
+and Hochberg 1995, Journal of the Royal Statistical Society B 57, 289–300).
 
-Which rows of a table differ from the others, with limits that hold at the number of rows.
+Outliers are rows of a table that differ from the others; the limits account for the number of rows.
 
-A row x is judged by the m rows nearer to the centre, with their mean and covariance S::
+A row x is compared with the m rows nearer to the centre, using their mean and covariance S::
 
     T² = m/(m + 1) (x − mean)ᵀ S⁻¹ (x − mean),   T² (m − p)/(p (m − 1)) ~ F(p, m − p)
 
-for normal rows (Hotelling). x is the farthest of m + 1 rows, so its tail probability counts m + 1
-times. Rows are taken in by their distance, and from the first that is beyond the limit all are
-outliers: the sequential test of Rosner (1983, Technometrics 25, 165–172), by all columns together
-as by Caroni and Prescott (1992, Applied Statistics 41, 355–364). A quarter of the rows can be
-outliers, and cannot hide one another because none of them is within the first three quarters.
+for normal rows (Hotelling). Because x is the farthest of m + 1 rows, its tail probability is
+multiplied by m + 1. Rows are added in the order of their distance. The first row beyond the limit
+and all later ones are outliers. This is the sequential test of Rosner (1983, Technometrics 25,
+165–172), applied to all columns together as in Caroni and Prescott (1992, Applied Statistics 41,
+355–364). Up to a quarter of the rows can be outliers. They cannot mask one another because none of
+them is among the first three quarters.
 
-Each column is tested alone too: all columns together find a row against the correlation, and a
-single column finds one coefficient among many with fewer rows.
+Each column is also tested separately. The joint test finds rows that contradict the correlation,
+and the test of a single column needs fewer rows to find one wrong coefficient among many.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -34,43 +35,43 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 
-FALSE_DISCOVERIES = 0.05  # expected share of false ones among those selected
+FALSE_DISCOVERIES = 0.05  # expected share of false discoveries among those selected
 _MAD_TO_SIGMA = 1.482602218505602  # of a normal distribution
-_KEPT = 0.975  # of good values, in the covariance
-_CORE = 0.75  # of all values, of least determinant
+_KEPT = 0.975  # share of good values included in the covariance
+_CORE = 0.75  # share of all values with the smallest determinant
 _PASSES, _STEPS = 2, 50
-_SETTLED = 1e-9  # of the logarithm of the determinant
+_SETTLED = 1e-9  # tolerance of the logarithm of the determinant
 RIDGE = 1e-10
-"""Of a variance: columns that depend on one another, as of a symmetric matrix, have no inverse."""
+"""Smallest relative variance; dependent columns, as in a symmetric matrix, have no inverse."""
 ROWS_A_COLUMN = 5
-"""With fewer rows for each column, their covariance says nothing."""
-_BEGIN_ROWS = 20_000  # of which the steps begin
+"""Rows needed per column; with fewer, the covariance is meaningless."""
+_BEGIN_ROWS = 20_000  # most rows used for the start of the steps
 NAMED_BY_CHANCE = 0.05
-"""Expected number of rows that are called outliers where there is none."""
-_LEVEL = 0.9 * NAMED_BY_CHANCE  # the tests of a sequence add a tenth
-_TOGETHER = 0.2  # of it, for all columns together
-_SHARE = 0.25  # of the rows, that can be outliers
+"""Expected number of rows flagged as outliers if there are none."""
+_LEVEL = 0.9 * NAMED_BY_CHANCE  # sequential testing adds about a tenth
+_TOGETHER = 0.2  # share of this rate for the joint test of all columns
+_SHARE = 0.25  # largest share of rows that can be outliers
 LEAST_ROWS = 10
 
 
 def robust_scale(values: Array) -> Array:
-    """Return the standard deviation of each column by its median absolute deviation, (p,)."""
+    """Return each column's standard deviation from its median absolute deviation, (p,)."""
     return _MAD_TO_SIGMA * np.median(np.abs(values - np.median(values, axis=0)), axis=0)
 
 
 def squared_distances(values: Array) -> tuple[Array, Array]:
-    """Return the robust squared Mahalanobis distance of each row, and the share of each column.
+    """Return each row's robust squared Mahalanobis distance, and the share of each column.
 
     Parameters
     ----------
     values : (n, p) array
-        A column without scatter is ignored. With fewer than `ROWS_A_COLUMN` rows for each column,
-        correlations are left out.
+        The values. A column without scatter is ignored. With fewer than `ROWS_A_COLUMN` rows per
+        column, correlations are ignored.
 
     Returns
     -------
     distances : (n,) array
-        Their median is that of χ² with p degrees of freedom.
+        Squared distances, scaled so that their median is that of χ² with p degrees of freedom.
     shares : (n, p) array
         Parts of the distance; their sum is the distance.
     """
@@ -98,9 +99,9 @@ def squared_distances(values: Array) -> tuple[Array, Array]:
 
 
 def _concentrated(values: Array, centre: Array, covariance: Array) -> tuple[float, Array]:
-    """Return the least determinant, its logarithm, that steps from a covariance reach; distances.
+    """Return the smallest log-determinant that concentration steps reach, and the distances.
 
-    Each step takes the covariance of the nearest values: it lowers the determinant.
+    Each step uses the covariance of the nearest values, which reduces the determinant.
     """
     core = max(int(_CORE * len(values)), values.shape[1] + 1)
     distances, before = _distances(values, centre, covariance)[0], np.inf
@@ -116,7 +117,7 @@ def _concentrated(values: Array, centre: Array, covariance: Array) -> tuple[floa
 
 
 def _distances(values: Array, centre: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return squared distances, scaled to the median of χ², and the parts of the columns."""
+    """Return squared distances, scaled to the median of χ², and the columns' parts of them."""
     off = values - centre
     ridge = RIDGE * float(np.diag(covariance).mean())
     parts = off * np.linalg.solve(covariance + ridge * np.eye(len(covariance)), off.T).T
@@ -126,7 +127,7 @@ def _distances(values: Array, centre: Array, covariance: Array) -> tuple[Array, 
 
 
 def _orthogonalised(values: Array) -> tuple[Array, Array]:
-    """Return centre and covariance of scaled values, (p,) and (p, p)."""
+    """Return the centre, (p,), and the orthogonalised covariance, (p, p), of scaled values."""
     back = np.eye(values.shape[1])
     turned = values
     for _ in range(_PASSES):
@@ -136,7 +137,8 @@ def _orthogonalised(values: Array) -> tuple[Array, Array]:
         p = unit.shape[1]
         correlation = np.eye(p)
         for j in range(p):
-            # One column against all before it: their sums and differences at once.
+            # Compare one column with all columns before it: compute all sums and differences at
+            # once.
             sums = robust_scale(unit[:, :j] + unit[:, j : j + 1]) ** 2
             differences = robust_scale(unit[:, :j] - unit[:, j : j + 1]) ** 2
             correlation[j, :j] = correlation[:j, j] = (sums - differences) / 4
@@ -147,14 +149,14 @@ def _orthogonalised(values: Array) -> tuple[Array, Array]:
 
 
 def false_discovery_selection(tails: Array, rate: float = FALSE_DISCOVERIES) -> NDArray[np.intp]:
-    """Return the places of the p-values that are rejected, the smallest first.
+    """Return the indices of the rejected p-values, smallest first.
 
     Parameters
     ----------
     tails : (n,) array
         p-values.
     rate : float
-        Expected share of false ones among them, at most.
+        Upper bound for the expected share of false rejections.
     """
     order = np.argsort(tails, kind="stable")
     below = tails[order] <= rate * np.arange(1, len(tails) + 1) / len(tails)
@@ -163,14 +165,15 @@ def false_discovery_selection(tails: Array, rate: float = FALSE_DISCOVERIES) -> 
 
 
 def find_outliers(values: Array, distances: Array) -> NDArray[np.intp]:
-    """Return the places of the outliers, the farthest first.
+    """Return the row indices of the outliers, farthest first.
 
     Parameters
     ----------
     values : (n, p) array
-        None are found in fewer than `LEAST_ROWS` rows. A column without scatter is ignored.
+        The rows. With fewer than `LEAST_ROWS` rows no outliers are found. A column without scatter
+        is ignored.
     distances : (n,) array
-        Robust squared distances, as for `inercal.estimation.uncertainty.robust.squared_distances`.
+        Robust squared distances from `inercal.estimation.uncertainty.robust.squared_distances`.
     """
     used = values[:, np.median(np.abs(values - np.median(values, axis=0)), axis=0) > 0]
     n, p = used.shape
@@ -186,10 +189,10 @@ def find_outliers(values: Array, distances: Array) -> NDArray[np.intp]:
 
 
 def _outliers_of_columns(values: Array, level: float) -> NDArray[np.bool_]:
-    """Return which rows are outliers of some column, (n,)."""
+    """Return which rows are outliers in at least one column, (n,)."""
     n = len(values)
     order = np.argsort(np.abs(values - np.median(values, axis=0)), axis=0)
-    # Sums of the nearest 1, 2, … rows; about the median, they lose no digits.
+    # Sums over the nearest 1, 2, … rows, relative to the median so that no digits are lost.
     centred = np.take_along_axis(values - np.median(values, axis=0), order, axis=0)
     first = n - int(_SHARE * n)
     inside = np.arange(first, n)[:, None]
@@ -206,7 +209,7 @@ def _outliers_of_columns(values: Array, level: float) -> NDArray[np.bool_]:
 
 
 def _joint_outliers(values: Array, distances: Array, level: float) -> NDArray[np.intp]:
-    """Return the places of the outliers by all columns together."""
+    """Return the indices of the outliers found by the joint test of all columns."""
     n, p = values.shape
     order = np.argsort(distances, kind="stable")
     scaled = (values - np.median(values, axis=0)) / values.std(axis=0)

@@ -1,22 +1,23 @@
-"""Means of readings that are rounded to steps: the error that no number of samples averages out.
+"""Rounding errors in the means of quantised readings, which more samples do not average out.
 
-A reading is q·round(x/q) with x = μ + noise of standard deviation σ, s = σ/q. Noise of more than
-half a step averages the rounding out. With less noise the mean keeps an error that depends on where
-μ lies between two steps; over all such places its variance is
+A reading is q·round(x/q) with x = μ + noise of standard deviation σ, s = σ/q. If the noise is more
+than half a step, rounding averages out. With less noise, the mean keeps an error that depends on
+the position of μ between two steps. Over all positions its variance is
 
     β² = q²/(2π²) Σ_j exp(−4π²j²s²)/j²,      q²/12 without noise
 
-and the samples scatter by v = σ² + q²/12 − β². Means whose true values are closer than a step share
-one place between two steps, and so one error: gyros at rest in any attitude. Accelerometers in
-different attitudes have independent errors.
+and the variance of the samples is v = σ² + q²/12 − β². Means whose true values differ by much less
+than a step have the same position between two steps and therefore the same error. This applies to
+gyros at rest in any attitude. Accelerometers in different attitudes have independent errors.
 
-The noise of such readings is known by its lower bound only. For a grid of s the likelihood of the
-counts of each level, each rest with its own μ, is
+Only a lower bound is known for the noise of such readings. On a grid of s, the likelihood of the
+counts at each level, with a separate μ for each rest, is
 
     P(level l) = Φ((l + ½ − μ)/s) − Φ((l − ½ − μ)/s)
 
-and the bound is the least s with 2Δ ln L ≤ 4, less one step of the grid. The scatter of the rests'
-means must not be used instead: where they share a place between two steps, it shows that place.
+and the bound is the smallest s with 2Δ ln L ≤ 4, minus one grid step. The scatter of the rests'
+means must not be used instead: if they share a position between two steps, it reflects that
+position and not the noise.
 
 Sources: Widrow and Kollár, Quantization Noise, Cambridge 2008 (the characteristic function of
 rounded readings); GUM F.2.2.1 for q²/12.
@@ -34,29 +35,29 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 
 _ORDERS = np.arange(1, 400)
-_GRID = 0.02  # of s
-_LARGEST = 0.8  # s, where the error of a mean is below 1e-6 of a step
-_LIKELY = 4.0  # 2Δ ln L of the bound
-_SECTIONS = 40  # to which the noise is fitted
-_WIDEST = 32  # levels of a section; noise of the grid spans 8
-_GOLDEN, _ROUNDS = (5**0.5 - 1) / 2, 24  # of the search for μ: to 1e-5 of its range
-_SAME = 1e-7  # of the span: values closer than this are one value
-_SIMILAR = 1.5  # times the least gap: gaps of one step in a text of few digits
-_PARTS = (1, 2, 3, 4)  # the step may be this part of the usual gap
-_OFF, _OFF_BY_TEXT, _LARGEST_OFF = 0.02, 0.35, 0.2  # of the step, of the text's last digit
-_MOST_DIGITS = 9  # decimals looked for
-_CLOSE = 12  # levels that are close together, of which places are counted from one to the next
+_GRID = 0.02  # step in s
+_LARGEST = 0.8  # s at which the error of a mean is below 1e-6 of a step
+_LIKELY = 4.0  # 2Δ ln L at the bound
+_SECTIONS = 40  # most sections to which the noise is fitted
+_WIDEST = 32  # most levels in a section; the noise on the grid spans 8
+_GOLDEN, _ROUNDS = (5**0.5 - 1) / 2, 24  # steps in the search for μ, down to 1e-5 of its range
+_SAME = 1e-7  # fraction of the span: closer values count as one value
+_SIMILAR = 1.5  # multiple of the smallest gap: gaps of one step in text with few digits
+_PARTS = (1, 2, 3, 4)  # the step may be this fraction of the usual gap
+_OFF, _OFF_BY_TEXT, _LARGEST_OFF = 0.02, 0.35, 0.2  # of the step, and of the last digit
+_MOST_DIGITS = 9  # number of decimals that are tried
+_CLOSE = 12  # number of adjacent levels for which steps are counted from one to the next
 
 
 def mean_rounding_variance(noise: float) -> float:
-    """Return β²/q², the variance of the rounding error of a mean, by s = σ/q."""
+    """Return β²/q², the relative variance of a mean's rounding error, as a function of s = σ/q."""
     return float(
         np.sum(np.exp(-((2 * np.pi * noise * _ORDERS) ** 2)) / _ORDERS**2) / (2 * np.pi**2)
     )
 
 
 def last_digit(values: Array) -> float:
-    """Return the unit of the last decimal place of values, (...); 0 below 1e-9."""
+    """Return the unit of the last decimal place of the values, (...), or 0 if below 1e-9."""
     size = float(np.abs(values).max(initial=0.0))
     for digits in range(_MOST_DIGITS + 1):
         scaled = values * 10.0**digits
@@ -66,14 +67,14 @@ def last_digit(values: Array) -> float:
 
 
 class Ladder(NamedTuple):
-    """Even levels of readings: a + k q.
+    """Equally spaced levels of readings, a + k q.
 
     Parameters
     ----------
     step, first : float
-        q and a, in the unit of the readings.
+        Step q and first level a, in the unit of the readings.
     off : float
-        Rms departure of the readings from the levels, by the digits that they are written with.
+        RMS deviation of the readings from the levels, caused by the number of written digits.
     """
 
     step: float
@@ -81,20 +82,20 @@ class Ladder(NamedTuple):
     off: float
 
     def indices(self, readings: Array) -> NDArray[np.int64]:
-        """Return the level k of each reading."""
+        """Return the level index k of each reading."""
         return np.rint((readings - self.first) / self.step).astype(np.int64)
 
 
 def rounding_ladder(levels: Array) -> Ladder | None:
-    """Return the even levels to which readings are rounded; None if they have no common step.
+    """Return the equally spaced levels of rounded readings, or None if there is no common step.
 
     The values need not be exact multiples: a step of .02 °/s written in rad/s with four decimals
-    has gaps of three and of four units of the last place.
+    has gaps of three and four units in the last place.
 
     Parameters
     ----------
     levels : (n,) array
-        The different values of a channel, sorted.
+        The distinct values of a channel, sorted.
     """
     if levels.size < 2:
         return None
@@ -114,10 +115,10 @@ def rounding_ladder(levels: Array) -> Ladder | None:
 
 
 def _fitted_ladder(levels: Array, step: float, digit: float) -> Ladder | None:
-    """Return the ladder nearest to the levels by least squares; None if none is near enough.
+    """Return the least-squares ladder for the levels, or None if the fit is not good enough.
 
-    From where levels are closest together the fit goes on to twice the range each time: a step that
-    is known roughly places near levels only.
+    The fit starts where levels are closest together and doubles its range each time, because a
+    roughly known step predicts only nearby levels.
     """
     few = min(_CLOSE, levels.size)
     densest = int(np.argmin(levels[few - 1 :] - levels[: levels.size - few + 1]))
@@ -135,7 +136,7 @@ def _fitted_ladder(levels: Array, step: float, digit: float) -> Ladder | None:
             break
         reach = near[-1] - near[0]
         wider = np.searchsorted(levels, [near[0] - 0.5 * reach, near[-1] + 0.5 * reach]).tolist()
-        if wider == [start, stop]:  # nothing near beyond
+        if wider == [start, stop]:  # no more levels nearby
             wider = [max(start - 1, 0), min(stop + 1, levels.size)]
         start, stop = wider
         near = levels[start:stop]
@@ -146,15 +147,15 @@ def _fitted_ladder(levels: Array, step: float, digit: float) -> Ladder | None:
 
 
 def noise_lower_bound(sections: Sequence[NDArray[np.int64]]) -> float:
-    """Return the lower bound of s = σ/q from readings within sections.
+    """Return a lower bound for s = σ/q from the readings within sections.
 
     Parameters
     ----------
     sections : sequence of (n,) arrays of int
-        Level of each sample, in steps; each section has a true value of its own.
+        Level of each sample, in steps; each section has its own true value.
     """
     chosen = sections[:: max(1, -(-len(sections) // _SECTIONS))]
-    # A section that spans many levels moves, or has noise beyond the grid.
+    # A section that spans many levels is moving, or its noise is beyond the grid.
     chosen = [one for one in chosen if int(one.max()) - int(one.min()) < _WIDEST]
     if not chosen:
         return _LARGEST
@@ -170,22 +171,22 @@ def noise_lower_bound(sections: Sequence[NDArray[np.int64]]) -> float:
 
 
 def _profile(counts: Array, grid: Array) -> Array:
-    """Return ln L at each s of a grid, with the best μ of each section: concave in μ.
+    """Return ln L at each s on a grid, with the best μ for each section; it is concave in μ.
 
     Parameters
     ----------
     counts : (r, k) array
-        Samples at each of k neighbouring levels, which begin at 0.
+        Number of samples at each of k adjacent levels, starting at 0.
     grid : (g,) array
     """
-    from scipy.special import log_ndtr  # not loaded where a run file is only checked
+    from scipy.special import log_ndtr  # imported here because checking a run file does not need it
 
     level: Array = np.arange(counts.shape[1], dtype=np.float64)
 
     def value(mu: Array) -> Array:
         low: Array = (level - 0.5 - mu[..., None]) / grid[:, None]
         high: Array = low + 1 / grid[:, None]
-        flip = low > 0  # probabilities of the upper tail lose no digits
+        flip = low > 0  # upper-tail probabilities lose no digits
         ends: Array = np.stack([np.where(flip, -low, high), np.where(flip, -high, low)])
         upper, lower = np.asarray(log_ndtr(ends), dtype=np.float64)
         log: Array = upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-300)))

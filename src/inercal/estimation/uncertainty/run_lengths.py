@@ -1,14 +1,13 @@
-"""Run lengths of control charts, and the limits for a run length.
+"""Run lengths of control charts, and limits for a given run length.
 
 The run length is the number of points until a chart signals. Its mean while nothing is wrong is the
-in-control run length, ARL₀. A chart that weighs the past keeps, of standardised z_t in p
-dimensions::
+in-control run length, ARL₀. A chart with memory computes, from standardised z_t in p dimensions::
 
     w_t = (1 − λ) w_{t−1} + λ z_t,   signal where |w_t|² (2 − λ)/λ > h
 
-λ = 1 is the chart of single points: Shewhart's for p = 1, T² for more. In control the direction of
-w_t does not count: from |w| = r the next |w|²/λ² is χ² with p degrees of freedom and noncentrality
-((1 − λ) r/λ)², so that with the density k of the next |w|::
+λ = 1 gives the chart for single points: Shewhart's for p = 1, T² for larger p. In control, the
+direction of w_t has no effect: starting at |w| = r, the next |w|²/λ² is χ² with p degrees of
+freedom and noncentrality ((1 − λ) r/λ)². With the density k of the next |w|, the run length is::
 
     ARL(r) = 1 + ∫₀^R ARL(s) k(s | r) ds,   R² = h λ/(2 − λ),   ARL₀ = ARL(0)
 
@@ -33,14 +32,14 @@ _LEAST = 1e-12
 
 
 def in_control_run_length(limit: float, weight: float, size: int) -> float:
-    """Return ARL₀ of a chart.
+    """Return the in-control run length ARL₀ of a chart.
 
     Parameters
     ----------
     limit : float
-        h: of the square, χ² with p degrees of freedom where `weight` is 1.
+        Limit h for the squared statistic, which is χ² with p degrees of freedom if `weight` is 1.
     weight : float
-        λ, above 0 and at most 1.
+        Weight λ, above 0 and at most 1.
     size : int
         p.
 
@@ -63,15 +62,15 @@ def in_control_run_length(limit: float, weight: float, size: int) -> float:
 
 
 def _density(to: Array, since: Array, weight: float, size: int) -> Array:
-    """Return the density of the next |w| at `to` where it was `since`."""
+    """Return the density of the next |w| at `to` if the current |w| is `since`."""
     x, c = to / weight, np.maximum((1 - weight) * since / weight, _LEAST)
     order = size / 2 - 1
-    # of x², the noncentral χ²: ½ e^{−(x² + c²)/2} (x/c)^order I_order(x c), times 2 x/λ
+    # the noncentral χ² density of x², ½ e^{−(x² + c²)/2} (x/c)^order I_order(x c), times 2 x/λ
     log_power = order * (np.log(np.maximum(x, _LEAST)) - np.log(c))
     bessel = scipy.special.ive(order, x * c)
     small = bessel <= 1e-280
     log_bessel = np.log(np.where(small, 1.0, bessel))
-    # I_ν(y) → (y/2)^ν / Γ(ν + 1) where y is small
+    # I_ν(y) → (y/2)^ν / Γ(ν + 1) for small y
     series = order * np.log(np.maximum(x * c, 1e-300) / 2) - scipy.special.gammaln(order + 1)
     log_bessel = np.where(small, series - x * c, log_bessel)
     density: Array = np.exp(-((x - c) ** 2) / 2 + log_power + log_bessel) * x / weight
@@ -80,14 +79,14 @@ def _density(to: Array, since: Array, weight: float, size: int) -> Array:
 
 @cache
 def chart_limit(run_length: float, weight: float, size: int) -> float:
-    """Return h of a chart with an in-control run length.
+    """Return the limit h that gives a chart an in-control run length.
 
     Parameters
     ----------
     run_length : float
-        ARL₀, above 1.
+        In-control run length ARL₀, above 1.
     weight : float
-        λ.
+        Weight λ.
     size : int
         p.
 
@@ -108,10 +107,10 @@ def chart_limit(run_length: float, weight: float, size: int) -> float:
 
 
 def wider_limit(limit: float, size: int, dof: float) -> float:
-    """Return h for a covariance that was estimated with ν degrees of freedom.
+    """Return the limit h for a covariance estimated with ν degrees of freedom.
 
-    The probability of a single point beyond it is that of `limit` with a known covariance: p times
-    a quantile of F, of t² for p = 1.
+    A single point exceeds it with the same probability as it exceeds `limit` with a known
+    covariance. The limit is p times a quantile of F, or of t² for p = 1.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""The targets, a module each; the registry `inercal.export.TARGETS` names them."""
+"""The export targets, one module for each; the registry is `inercal.export.TARGETS`."""

@@ -1,10 +1,10 @@
-"""Analog Devices ADIS16xxx: words of the scale and bias registers, by sizes that the user states.
+"""Analog Devices ADIS16xxx: scale and bias register words, with step sizes stated by the user.
 
     scale, then bias   out = (1 + n_s u_s) raw + n_b u_b
     bias, then scale   out = (1 + n_s u_s) (raw + n_b u_b)
 
-u_s and u_b are the sizes of one step of the registers. The data sheet of the part states the order
-and the sizes. So 1 + s = 1/M_ii, and B = −b/M_ii or −b.
+u_s and u_b are the sizes of one register step. The part's data sheet states the order and the
+sizes. So 1 + s = 1/M_ii, and B = −b/M_ii or −b.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ _SCALE_BITS = 16
 OPTIONS = (
     TargetOption(
         "order",
-        "what the part does first, by its data sheet: scale or bias",
+        "what the part applies first, according to its data sheet: scale or bias",
         required=True,
         kind=str,
         choices=("scale", "bias"),
@@ -37,7 +37,8 @@ OPTIONS = (
         "gyro_bias_lsb", "size of a step of the bias registers, '0.02 deg/s'", like="rad/s"
     ),
     TargetOption(
-        "scale_lsb", "size of a step of the scale registers, 2^-15; absent: no such registers"
+        "scale_lsb",
+        "size of a step of the scale registers, such as 2^-15; omit it if there are none",
     ),
     TargetOption("bias_bits", "bits of a bias register", required=True, kind=int),
 )

@@ -1,14 +1,14 @@
-"""ArduPilot: INS parameters, and INS_TCAL where a bias depends on temperature.
+"""ArduPilot: INS parameters, and INS_TCAL parameters if a bias depends on temperature.
 
     accelerometer   f = SCAL ∘ (raw − [P(T − 35) − P(T_cal − 35)] − OFFS)
     gyro            ω = raw − [P(T − 35) − P(T_cal − 35)] − OFFS
     P(t) = (c₁ t + c₂ t² + c₃ t³) 10⁻⁶, T and T_cal within TMIN … TMAX, °C
 
-with OFFS the bias at T_cal, SCAL = 1/M_ii. The polynomial about 35 °C follows from that about the
-reference T_r, Σ a_k (T − T_r)^k, by c_j = 10⁶ Σ_k (k over j) a_k (35 − T_r)^(k−j). Written from a
-description of the order of operations of AP_InertialSensor (GPL-3); no line is taken from it.
-The reader takes `NAME,VALUE` or `NAME VALUE`; the reference temperature becomes T_cal within
-TMIN … TMAX.
+OFFS is the bias at T_cal, and SCAL = 1/M_ii. The polynomial about 35 °C follows from the one about
+the reference T_r, Σ a_k (T − T_r)^k, with c_j = 10⁶ Σ_k (k over j) a_k (35 − T_r)^(k−j). This was
+written from a description of the order of operations in AP_InertialSensor (GPL-3); no code was
+copied. The reader accepts `NAME,VALUE` or `NAME VALUE`; the reference temperature becomes T_cal,
+limited to TMIN … TMAX.
 """
 
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ _CENTRE = 35.0  # °C
 _UNIT = 1e-6
 _ORDERS = 3
 _MIN_SPAN = 10.0  # K
-_SMALLEST = 1e-9  # an offset of exactly 0 reads as "not calibrated"
+_SMALLEST = 1e-9  # an offset of exactly 0 means "not calibrated"
 _IMU = TargetOption("imu", "number of the IMU, 1 to 3", 1, kind=int)
 OPTIONS = (
     _IMU,
@@ -56,7 +56,7 @@ OPTIONS = (
 
 
 def _parameter_names(kind: str, imu: int) -> tuple[str, str, str, str]:
-    """Return the stems of offset, scale, device id and temperature parameters of an IMU."""
+    """Return the stems of an IMU's offset, scale, device id and temperature parameters."""
     word = _WORDS[kind]
     n = "" if imu == 1 else str(imu)
     offsets = "INS_GYROFFS_" if kind == "w" and imu == 1 else f"INS_{word}{n}OFFS_"
@@ -64,12 +64,12 @@ def _parameter_names(kind: str, imu: int) -> tuple[str, str, str, str]:
 
 
 def _shifted(powers: Array, by: float) -> Array:
-    """Return the coefficients of t, t², …, (k, 3), of a polynomial about another centre.
+    """Return the coefficients of t, t², …, (k, 3), for a polynomial about another centre.
 
     Parameters
     ----------
     powers : (k, 3) array
-        Coefficients of d, d², …; d = t + by.
+        Coefficients of d, d², …, where d = t + by.
     by : float
     """
     k = len(powers)
@@ -150,7 +150,7 @@ def _render(request: Request) -> Rendering:
             "thermal = P(T - 35) - P(CALTEMP - 35), P(t) = 1e-6 (c1 t + c2 t^2 + c3 t^3), "
             "T in degC within TMIN ... TMAX"
         )
-    remarks = ["INS_GYR_CAL 0 keeps the gyro offsets: 1 would measure them anew at each boot"]
+    remarks = ["INS_GYR_CAL 0 keeps the gyro offsets: 1 would measure them again at each boot"]
     if options["acc_id"] is None and options["gyro_id"] is None:
         remarks.append(
             "no device ids were stated (acc_id, gyro_id); make sure that this is the right board"

@@ -1,11 +1,11 @@
-"""C99 header with an inline correction in integers, for counts.
+"""C99 header with an inline correction in integer arithmetic, for counts.
 
     motion = round((Σ K x + B) / 2^s),   K = C 2^(s + p),   B = −Σ C o 2^(s + p)
 
-x are the counts, C and o of the sensor's own output. The result is in steps of 2^−p: p is 16 for
-m/s² and 20 for rad/s. s is the largest for which six products fit 63 bits; K has 28 bits and B has
-64, so that the offset is not rounded to a count. Errors: half a step by the rounding of the result,
-and |x| 2^−(s + p + 1) of each product by the rounding of K.
+x are the counts; C and o apply to the sensor's own output. The result is in steps of 2^−p, where p
+is 16 for m/s² and 20 for rad/s. s is the largest value for which six products fit in 63 bits. K has
+28 bits and B has 64, so that the offset is not rounded to a count. The errors are half a step from
+rounding the result, and |x| 2^−(s + p + 1) for each product from rounding K.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,9 @@ from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
 from inercal.physics.quantities import QUANTITIES
 
 _FRACTION = {"f": 16, "w": 20}
-_BITS = 28  # of K, so that six products of 32 bit counts fit 63 bits
+_BITS = 28  # bits of K, so that six products with 32-bit counts fit in 63 bits
 _MAX_SHIFT = 40
-_LARGEST_CONSTANT = 1 << 61  # the products add up to 2^61.6 at most
+_LARGEST_CONSTANT = 1 << 61  # the sum of the products is at most 2^61.6
 OPTIONS = (TargetOption("lsb", "output units of one count of the reading", 1.0),)
 
 
@@ -96,7 +96,7 @@ def _render(request: Request) -> Rendering:
             *loops,
             "}",
             "",
-            "/* Returns 0 where a reading gives the motion that it must. */",
+            "/* Returns 0 if a reading gives the expected motion. */",
             f"static inline int {name}_self_test_fixed(void)",
             *check_lines(
                 "int32_t",
@@ -123,9 +123,9 @@ def _render(request: Request) -> Rendering:
 
 
 def _loop(n: int, first: int, shift: int) -> list[str]:
-    """Return the loop over three channels.
+    """Return the C code of the loop over three channels.
 
-    Their divisor is a constant, so that a compiler of 32 bits needs no division of 64.
+    The divisor is a constant, so that a 32-bit compiler needs no 64-bit division.
     """
     one, half = f"INT64_C({1 << shift})", f"INT64_C({1 << (shift - 1)})"
     return [
@@ -142,7 +142,7 @@ def _loop(n: int, first: int, shift: int) -> list[str]:
 
 
 def _shift(largest: float) -> int:
-    """Return s for rows whose factors are at most `largest` with s = 0."""
+    """Return the shift s for rows whose factors are at most `largest` if s = 0."""
     shift = int(np.floor(_BITS - np.log2(largest)))
     if shift < 1:
         raise InputError(

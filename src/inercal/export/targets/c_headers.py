@@ -1,7 +1,7 @@
-"""Headers of C99 in single precision and of C++11, a template over the type of the numbers.
+"""C99 headers in single precision, and C++11 headers with a template over the number type.
 
-The correction is inline, without allocation and without a library; a self-test corrects a reading
-whose result is known.
+The correction is inline and needs neither memory allocation nor a library. A self-test corrects a
+reading whose result is known.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +16,7 @@ from inercal.export.polynomial import CodeModel, Dialect, code_model, statements
 from inercal.export.target_definition import Rendering, Request
 from inercal.export.targets.code_text import code_rendering, code_target, motion_comment
 
-_TOLERANCE = 1e-5  # of the self-test, of results above 1
+_TOLERANCE = 1e-5  # tolerance of the self-test, relative for results above 1
 # Written so that a NaN fails.
 _BEYOND_TOLERANCE = (
     "!(motion[i] - expected[i] <= tolerance[i] && expected[i] - motion[i] <= tolerance[i])"
@@ -25,9 +25,10 @@ _BEYOND_TOLERANCE = (
 
 @dataclass(frozen=True)
 class _Language:
-    """What differs between the two: the type of the numbers, literals and declarations.
+    """Differences between the two languages: number type, literals and declarations.
 
-    The declarations name {name}, {n} channels, {parameter} and {argument} of the temperature.
+    The declarations contain the placeholders {name}, {n} for the number of channels, and
+    {parameter} and {argument} for the temperature.
     """
 
     real: str
@@ -43,7 +44,7 @@ class _Language:
 
 
 def literal(value: float) -> str:
-    """Return a constant of single precision.
+    """Return a single-precision literal.
 
     >>> literal(2.0), literal(1e-7)
     ('2.0f', '1.00000001e-07f')
@@ -110,7 +111,7 @@ def _render(language: _Language, request: Request) -> Rendering:
         *_body_lines(code, real, number),
         "}",
         "",
-        "/* Returns 0 where the check above is reproduced to 1e-5. */",
+        "/* Returns 0 if the check above is reproduced to 1e-5. */",
         *(line.format(**words) for line in language.self_test),
         *check_lines(real, constants, call, _BEYOND_TOLERANCE, len(code.offset)),
         *(line.format(**words) for line in language.end),
@@ -125,7 +126,7 @@ def _render(language: _Language, request: Request) -> Rendering:
 
 
 def header_text(comment: Sequence[str], guard: str, lines: Sequence[str]) -> str:
-    """Return a header with its explanation and its include guard."""
+    """Return a header with its explanation and include guard."""
     explanation = "".join(f" * {line}".rstrip() + "\n" for line in comment)
     parts = [f"#ifndef {guard}", f"#define {guard}", "", *lines, "", "#endif"]
     return f"/*\n{explanation} */\n" + "\n".join(parts) + "\n"
@@ -134,7 +135,7 @@ def header_text(comment: Sequence[str], guard: str, lines: Sequence[str]) -> str
 def check_lines(
     kind: str, constants: Mapping[str, str], call: str, failure: str, n: int
 ) -> list[str]:
-    """Return the body of a self-test: 0, or the number of the channel whose result is wrong.
+    """Return the body of a self-test, which returns 0 or the number of the wrong channel.
 
     Parameters
     ----------
@@ -143,11 +144,11 @@ def check_lines(
     constants : mapping of str to str
         Initialisers of constant arrays, (n,), by name.
     call : str
-        The call of the correction, from `reading` to `motion`.
+        The call that corrects `reading` to `motion`.
     failure : str
-        The condition of a wrong result of channel i.
+        The condition for a wrong result in channel i.
     n : int
-        Channels.
+        Number of channels.
     """
     return [
         "{",
@@ -165,7 +166,7 @@ def check_lines(
 
 
 def _array_text(values: Array, indent: str, number: Callable[[float], str]) -> str:
-    """Return the initialiser of an array of one or two dimensions."""
+    """Return the initialiser of a one- or two-dimensional array."""
     if values.ndim == 1:
         return "{" + ", ".join(number(float(x)) for x in values) + "}"
     rows = f",\n{indent}    ".join(_array_text(row, indent, number) for row in values)
@@ -205,7 +206,7 @@ def _body_lines(code: CodeModel, real: str, number: Callable[[float], str]) -> l
 
 
 def _temperature_lines(code: CodeModel, real: str, number: Callable[[float], str]) -> list[str]:
-    """Return the temperature from the reference, limited where a range is stated."""
+    """Return code for the temperature difference from the reference, limited to a stated range."""
     at = "temperature"
     lines: list[str] = []
     if code.limits is not None:

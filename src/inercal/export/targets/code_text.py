@@ -1,4 +1,4 @@
-"""What the targets of code share: the terms that code holds, its formula and its remarks."""
+"""Helpers shared by code targets: the supported terms, the formula and the remarks."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from inercal.export.term_kinds import TermKind
 _HELD: frozenset[TermKind] = frozenset(
     {"bias", "scale", "misalignment", "g", "bias_temperature", "polynomial"}
 )
-_MAX_ORDER = 99  # of temperature: code has no limit
+_MAX_ORDER = 99  # power of temperature, which code does not limit
 
 
 def code_target(
@@ -24,7 +24,7 @@ def code_target(
     *,
     named_by_function: bool = False,
 ) -> Target:
-    """Return a target of code, which includes all terms except derivatives (`DERIVATIVES`)."""
+    """Return a code target, which supports all terms except derivatives (`DERIVATIVES`)."""
     return Target(
         name,
         meaning,
@@ -43,7 +43,7 @@ def code_rendering(
     digits: type[Any] = np.float64,
     remarks: Sequence[str] = (),
 ) -> Rendering:
-    """Return the rendering of code that computes in numbers of type `digits`."""
+    """Return the rendering for code that computes with numbers of type `digits`."""
     return Rendering(
         lambda y, dT: code.correct(y, dT, digits),
         write,
@@ -55,7 +55,7 @@ def code_rendering(
 
 
 def motion_comment(code: CodeModel) -> str:
-    """Return a comment that names the elements of the result."""
+    """Return a comment that lists the elements of the result."""
     words = {"f": "specific force x y z (m/s^2)", "w": "angular rate x y z (rad/s)"}
     return ", then ".join(words[kind] for kind, _ in code.model.triads)
 

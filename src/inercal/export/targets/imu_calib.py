@@ -1,4 +1,4 @@
-"""ROS imu_calib: YAML with SM and bias of the accelerometers.
+"""ROS imu_calib: a YAML file with SM and bias of the accelerometers.
 
     f = SM y − bias
 
@@ -17,7 +17,7 @@ def _render(request: Request) -> Rendering:
     bias = written(triad.correction @ triad.bias, 12)
 
     rows = ",\n     ".join(yaml_row(row, 12) for row in matrix)
-    gyros = ("gyros are not corrected: imu_calib takes a mean at rest",) * (model.gyro is not None)
+    gyros = ("gyros are not corrected: imu_calib uses a mean at rest",) * (model.gyro is not None)
     return Rendering(
         by_triad(model, {"f": lambda y, dT: y @ matrix.T - bias}),
         with_comments(f"SM: [{rows}]\nbias: [{yaml_row(bias, 12)}]\n"),

@@ -2,9 +2,9 @@
 
     x = T K (raw − B)
 
-T has a unit diagonal and K is diagonal: K = diag(C_ii), T = C K⁻¹, B = o, of the sensor's own
-output x = C (output − o). The program reads 21 numbers and ignores the rest of the file, where
-the explanation follows. Source: calibration.h of imu_tk (2-clause BSD), described in words.
+T has a unit diagonal and K is diagonal: K = diag(C_ii), T = C K⁻¹, B = o, for the sensor's own
+output, x = C (output − o). The program reads 21 numbers and ignores the rest of the file, which
+contains the explanation. Source: calibration.h of imu_tk (2-clause BSD), described in words.
 """
 
 from collections.abc import Mapping, Sequence
@@ -72,7 +72,8 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         matrix=np.asarray(np.linalg.inv(correction), dtype=float), bias=numbers[18:]
     )
     accelerometer = options["part"] == "accelerometer"
-    # With a lower triangle of zero, imu_tk's own frame of the accelerometers' axes.
+    # If the lower triangle is zero, this is imu_tk's own frame, defined by the accelerometers'
+    # axes.
     own = accelerometer and not np.tril(matrix, -1).any()
     return StatedCalibration(
         triad if accelerometer else None,

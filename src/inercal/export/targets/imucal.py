@@ -1,10 +1,10 @@
-"""imucal: its JSON file of a Ferraris or turntable calibration.
+"""imucal: JSON file of a Ferraris or turntable calibration.
 
     a = R_a⁻¹ K_a⁻¹ (raw − b_a),   ω = R_g⁻¹ K_g⁻¹ (raw − K_ga a − b_g)
 
-With output = offset + scale (M f + b): K_a = diag(scale), R_a = M, b_a = offset + scale b, and
-K_ga = scale A of the gyros. Source: ferraris_calibration_info.py of mad-lab-fau/imucal 2.6 (MIT).
-The reader takes results in acc_unit and gyr_unit to m/s² and rad/s.
+With output = offset + scale (M f + b): K_a = diag(scale), R_a = M, b_a = offset + scale b, and K_ga
+= scale A of the gyros. Source: ferraris_calibration_info.py of mad-lab-fau/imucal 2.6 (MIT). The
+reader converts results from acc_unit and gyr_unit to m/s² and rad/s.
 """
 
 import json
@@ -53,7 +53,7 @@ def _render(request: Request) -> Rendering:
     }
 
     def correct(readings: Array, dT: Array) -> Array:
-        # The numbers of the file are exact: JSON holds doubles.
+        # The numbers in the file are exact, because JSON can represent doubles.
         return (readings - model.joined("bias")) @ model.correction.T
 
     def write(header: Sequence[str]) -> str:

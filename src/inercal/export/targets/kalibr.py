@@ -1,16 +1,16 @@
-"""Kalibr and OpenVINS: IMU files with triangular matrices, and Kalibr's read back.
+"""Kalibr and OpenVINS: IMU files with triangular matrices, and import of Kalibr's files.
 
     Kalibr     y = M f + b,   y_g = M_g C_gyro_i ω + A C_gyro_i f + b_g
     OpenVINS   f = R_ACCtoIMU Ta⁻¹ (y − b),   ω = R_GYROtoIMU Tw⁻¹ (y_g − b_g − Tg f)
 
-In their IMU frame x lies along the accelerometer's x axis, y in the plane of its x and y. With
-M = L Q (L lower triangular, Q a rotation) the frame is t = Q body; there y = L f + b. The gyro has
-a frame of its own, G Qᵀ = L_g C_g, and y_g = L_g C_g ω + A_body Qᵀ f + b_g. So for Kalibr M = L,
-M_g = L_g, C_gyro_i = C_g and A = A_body Qᵀ C_gᵀ: A acts on the force turned into the gyro's frame.
-For OpenVINS Ta = L, R_IMUtoACC = I, Tw = L_g, R_IMUtoGYRO = C_g and Tg = A_body Qᵀ, which acts on
-the force in the IMU frame. Sources: IccSensors.py of ethz-asl/kalibr (BSD), described in words; a
-description of ov_msckf and ov_core (GPL-3), of which no line is taken. Files of Kalibr have no
-biases; the noise densities that both need are stated by the user.
+In their IMU frame, x lies along the accelerometer's x axis, and y in the plane of its x and y axes.
+With M = L Q (L lower triangular, Q a rotation) the frame is t = Q body, in which y = L f + b. The
+gyro has its own frame, G Qᵀ = L_g C_g, and y_g = L_g C_g ω + A_body Qᵀ f + b_g. So for Kalibr M =
+L, M_g = L_g, C_gyro_i = C_g and A = A_body Qᵀ C_gᵀ: A acts on the force rotated into the gyro's
+frame. For OpenVINS Ta = L, R_IMUtoACC = I, Tw = L_g, R_IMUtoGYRO = C_g and Tg = A_body Qᵀ, which
+acts on the force in the IMU frame. Sources: IccSensors.py of ethz-asl/kalibr (BSD), described in
+words; a description of ov_msckf and ov_core (GPL-3), from which no code was copied. Kalibr's files
+contain no biases. The user states the noise densities that both programs need.
 """
 
 import re
@@ -51,7 +51,7 @@ _KEYS = {
     "gyroscope_random_walk": "rad/s^2/sqrt(Hz)",
     "update_rate": "Hz",
 }
-_LARGEST = 1 << 20  # bytes of a file of noise
+_LARGEST = 1 << 20  # largest size of a noise file, bytes
 _OPTIONS = (
     *(TargetOption(name, f"{unit}; or in the file of noise") for name, unit in _KEYS.items()),
     TargetOption("noise", "imu.yaml of a noise analysis, with these keys", kind=str),
@@ -61,7 +61,7 @@ _OPTIONS = (
 
 @dataclass(frozen=True, eq=False)
 class _TriangularModel:
-    """L, Q, L_g, C_g and A Qᵀ as written, all (3, 3)."""
+    """The matrices L, Q, L_g, C_g and A Qᵀ as written to the file, all (3, 3)."""
 
     accelerometer: Array
     turn: Array
@@ -70,7 +70,7 @@ class _TriangularModel:
     sensitivity: Array
 
     def correction(self, bias: Array, gyro_bias: Array):
-        """Return the correction in the frame of the calibration, by the matrices of the file."""
+        """Return the correction in the calibration's frame, computed with the file's matrices."""
         back = np.linalg.inv(self.accelerometer)
         back_g = self.gyro_turn.T @ np.linalg.inv(self.gyro)
 
@@ -161,7 +161,7 @@ def _rendering(
 
 
 def _head_lines(request: Request, target: str, model: str) -> list[str]:
-    """Return the lines that files of both programs begin with."""
+    """Return the first lines of the files for both programs."""
     noise = _noise_lines(request.options, target)
     return [
         "imu0:",
@@ -172,19 +172,19 @@ def _head_lines(request: Request, target: str, model: str) -> list[str]:
 
 
 def _yaml_matrix(name: str, matrix: Array, indent: str, digits: int = 12) -> list[str]:
-    """Return a matrix as YAML, a flow list a row."""
+    """Return a matrix as YAML, with one flow list per row."""
     rows = [f"{indent}- [{yaml_row(row, digits)}]" for row in matrix]
     return [f"{indent}{name}:", *rows]
 
 
 def _noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
-    """Return the lines `key: number` of the noise."""
+    """Return the noise as lines `key: number`."""
     known: dict[str, float] = {}
     if options["noise"] is not None:
         path = Path(options["noise"])
         text = read_small_file(path, "file of noise", _LARGEST).decode("utf-8", "replace")
         for name in _KEYS:
-            # One number per line: PyYAML, an extra, is not needed.
+            # One number per line, so PyYAML, which is an extra, is not needed.
             if found := re.search(rf"^\s*{name}\s*:\s*([-+.\deE]+)", text, re.MULTILINE):
                 known[name] = _number(found[1], name, path)
     known |= {name: options[name] for name in _KEYS if options[name] is not None}
@@ -234,7 +234,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     force, rate = _section(one, "accelerometers"), _section(one, "gyroscopes")
     if force is None or rate is None:
         raise InputError(
-            f"{name} is of model {one.get('model')!r}, which has no intrinsics; calibrate with "
+            f"{name} uses the model {one.get('model')!r}, which has no intrinsics; calibrate with "
             "Kalibr's model scale-misalignment"
         )
     matrix, gyro = _matrix(force, "M"), _matrix(rate, "M")
@@ -248,7 +248,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
 
 
 def _section(content: Any, name: str) -> dict[str, Any] | None:
-    """Return a map within a map; None if there is none."""
+    """Return a nested mapping, or None if there is none."""
     found = cast("dict[str, Any]", content).get(name) if isinstance(content, dict) else None
     return cast("dict[str, Any]", found) if isinstance(found, dict) else None
 
@@ -256,7 +256,7 @@ def _section(content: Any, name: str) -> dict[str, Any] | None:
 def _matrix(content: Mapping[str, Any], name: str) -> Array:
     found = content.get(name)
     rows = cast("list[Any]", found) if isinstance(found, list) else []
-    # Checked before numpy sees it: by aliases a small file can describe a huge array.
+    # Checked before conversion to numpy: with aliases a small file can describe a huge array.
     numbers = [
         float(x)
         for row in rows[:4]

@@ -1,12 +1,12 @@
-"""PX4: parameters of accelerometers, gyros and their thermal calibration, as QGroundControl loads.
+"""PX4: parameters for accelerometers, gyros and thermal calibration, to load in QGroundControl.
 
     accelerometer   f = SCALE ∘ (raw − thermal − OFF)
     gyro            ω = raw − thermal − OFF
     thermal         X1 Δ + X2 Δ² + X3 Δ³ + X0,  Δ = T − TREF, T within TMIN … TMAX
 
-with OFF the bias, SCALE = 1/M_ii. Source: the classes of src/lib/sensor_calibration and
-src/modules/temperature_compensation of PX4-Autopilot (BSD-3), described in words. The reader takes
-the parameters as QGroundControl saves them; X0 adds to the bias.
+OFF is the bias, and SCALE = 1/M_ii. Source: the classes of src/lib/sensor_calibration and
+src/modules/temperature_compensation of PX4-Autopilot (BSD-3), described in words. The reader
+accepts parameters saved by QGroundControl; X0 is added to the bias.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ _INTEGER, _REAL = 6, 9  # MAV_PARAM_TYPE
 _NAMES = {"f": ("ACC", "A"), "w": ("GYRO", "G")}
 _ORDERS = 3
 _FIELDS = 5  # vehicle, component, name, value, type
-_SETS = 4  # of thermal parameters
+_SETS = 4  # number of thermal parameters
 _INSTANCE = TargetOption("instance", "n of CAL_ACCn and CAL_GYROn", 0, kind=int)
 
 OPTIONS = (
@@ -116,7 +116,8 @@ def _render(request: Request) -> Rendering:
         tuple(formula),
         "readings of the driver in m/s^2 and rad/s, axes of the sensor before the board's rotation",
         (
-            "PX4 turns the result by SENS_BOARD_ROT or CAL_*_ROT afterwards; it has no gyro scale",
+            "PX4 rotates the result by SENS_BOARD_ROT or CAL_*_ROT afterwards; it has no gyro "
+            "scale",
             "the ids must be those of this board's sensors, otherwise PX4 ignores the set",
         ),
     )
@@ -157,7 +158,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
 
 
 def _thermal_set(known: Mapping[str, float], letter: str, device: float | None) -> str | None:
-    """Return the stem of the thermal parameters of a device that are in force."""
+    """Return the stem of the active thermal parameters of a device."""
     if device is None or known.get(f"TC_{letter}_ENABLE") != 1:
         return None
     stems = [f"TC_{letter}{m}_" for m in range(_SETS)]

@@ -1,6 +1,7 @@
-"""Scripts that correct: a Python module without imports, and a MATLAB or Octave function.
+"""Correction scripts: a Python module without imports, and a MATLAB or Octave function.
 
-The Python module has a function `correct` of one reading; the other corrects rows of readings.
+The Python module has a function `correct` for one reading; the MATLAB function corrects rows of
+readings.
 """
 
 from collections.abc import Sequence

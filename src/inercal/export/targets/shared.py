@@ -1,4 +1,4 @@
-"""What targets share: numbers as written, comments, and the checks of a diagonal target."""
+"""Helpers shared by targets: number formats, comments, and checks for diagonal targets."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from inercal.export.term_kinds import TermKind
 
 MATRIX: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment"})
 MATRIX_AND_G: frozenset[TermKind] = frozenset({*MATRIX, "g"})
-# Of flight controllers: no number across the axes, and no scale factor of gyros.
+# Terms of flight controllers: no cross-axis terms, and no gyro scale factors.
 PARAMETERS: dict[str, frozenset[TermKind]] = {
     "f": frozenset({"bias", "scale", "bias_temperature"}),
     "w": frozenset({"bias", "bias_temperature"}),
@@ -23,12 +23,12 @@ _LARGEST_OFF_DIAGONAL = 0.5
 
 
 def number(value: float, digits: int = 9) -> str:
-    """Return a number with significant digits; 9 distinguish all numbers of single precision."""
+    """Return a number as text; 9 significant digits distinguish all single-precision numbers."""
     return f"{float(value) + 0.0:.{digits}g}"
 
 
 def yaml_number(value: float, digits: int = 9) -> str:
-    """Return a number with a point: some readers of YAML take 1e-05 for a text.
+    """Return a number with a decimal point, because some YAML readers take 1e-05 for text.
 
     >>> yaml_number(1e-5), yaml_number(2.0), yaml_number(0.25)
     ('1.0e-05', '2.0', '0.25')
@@ -38,17 +38,17 @@ def yaml_number(value: float, digits: int = 9) -> str:
 
 
 def yaml_row(values: Sequence[float] | Array, digits: int = 9) -> str:
-    """Return numbers of YAML with commas between them."""
+    """Return numbers in YAML format, separated by commas."""
     return ", ".join(yaml_number(x, digits) for x in values)
 
 
 def row_text(values: Sequence[float] | Array, digits: int = 9) -> str:
-    """Return numbers with commas between them."""
+    """Return numbers as text, separated by commas."""
     return ", ".join(number(x, digits) for x in values)
 
 
 def written(values: Array, digits: int = 9) -> Array:
-    """Return numbers as a program reads them from text with these digits."""
+    """Return numbers as a program would read them from text with this many digits."""
     flat = [float(number(x, digits)) for x in np.asarray(values).ravel()]
     return np.array(flat).reshape(np.shape(values))
 
@@ -59,12 +59,12 @@ def single(values: Array | float) -> Array:
 
 
 def comments(lines: Sequence[str], mark: str) -> str:
-    """Return lines of comment."""
+    """Return comment lines."""
     return "".join(f"{mark} {line}\n" for line in lines)
 
 
 def with_comments(body: str) -> Callable[[Sequence[str]], str]:
-    """Return a function that writes a body below the explanation in lines that begin with #."""
+    """Return a function that writes a file body below an explanation in # comment lines."""
     return lambda header: comments(header, "#") + body
 
 
@@ -76,7 +76,7 @@ def needed(
     Raises
     ------
     InputError
-        It is not stated.
+        The option is not stated.
     """
     if options[name] is None:
         meaning = next(one.meaning for one in declared if one.name == name)
@@ -87,12 +87,12 @@ def needed(
 
 
 def require_aligned(model: ExportModel, target: str) -> None:
-    """Refuse axes that are not along the target's, if it has only one number per axis.
+    """Raise an error if axes are not aligned with those of a target with one number per axis.
 
     Raises
     ------
     InputError
-        An axis of the sensor does not lie along that of its channel.
+        A sensor axis is not aligned with the axis of its channel.
     """
     for _, triad in model.triads:
         far = np.abs(triad.matrix - np.eye(3)).max(axis=1) > _LARGEST_OFF_DIAGONAL
@@ -106,13 +106,13 @@ def require_aligned(model: ExportModel, target: str) -> None:
 
 
 def by_triad(model: ExportModel, corrections: Mapping[str, Correction]) -> Correction:
-    """Return the correction of all channels from one for each kind; others stay unchanged.
+    """Combine corrections for each kind into one; other channels stay unchanged.
 
     Parameters
     ----------
     model : ExportModel
     corrections : mapping of "f" or "w" to callable
-        (readings (n, 3), dT (n,)) -> motion (n, 3).
+        Functions (readings (n, 3), dT (n,)) -> motion (n, 3).
     """
 
     def correct(readings: Array, dT: Array) -> Array:
@@ -126,7 +126,7 @@ def by_triad(model: ExportModel, corrections: Mapping[str, Correction]) -> Corre
 
 
 def matrix_correction(matrix: Array, bias: Array) -> Correction:
-    """Return x = C (y − b)."""
+    """Return the correction function x = C (y − b)."""
     return lambda y, dT: (y - bias) @ matrix.T
 
 
@@ -140,7 +140,7 @@ def parameter_correction(
     reference: float,
     centre: float,
 ) -> Correction:
-    """Return x = scale ∘ (y − [P(T) − P(taken)] − b), as flight controllers compute it.
+    """Return the correction of flight controllers, x = scale ∘ (y − [P(T) − P(taken)] − b).
 
     Parameters
     ----------
@@ -148,9 +148,9 @@ def parameter_correction(
     powers : (k, 3) array
         Coefficients of P in powers of T − centre.
     taken : float
-        Temperature of the bias, °C.
+        Temperature at which the bias applies, °C.
     limits : (float, float)
-        °C, between which T is clipped.
+        Limits to which T is clipped, °C.
     reference, centre : float
         Reference temperature of the sensor and centre of P, °C.
     """
@@ -170,6 +170,6 @@ def parameter_correction(
 
 
 def output_text(*triads: Triad) -> str:
-    """Return a text that says which output a formula takes."""
+    """Return a text that states which output a formula uses."""
     units = " and ".join(dict.fromkeys(triad.unit for triad in triads))
     return f"readings as the sensor states them, in {units}"

@@ -2,8 +2,8 @@
 
     out = C (in − B)
 
-with C = M⁻¹ and B = b, on top of the factory's calibration, in single precision. Source: VN-100
-user manual UM001 v2, 6.2.2. The check of a message is the XOR of the characters between $ and *.
+with C = M⁻¹ and B = b, in addition to the factory calibration, in single precision. Source: VN-100
+user manual UM001 v2, 6.2.2. The checksum of a message is the XOR of the characters between $ and *.
 """
 
 from functools import reduce
@@ -23,7 +23,7 @@ REGISTERS = {"f": 25, "w": 84}
 
 
 def message(body: str) -> str:
-    """Return a message with its check.
+    """Return a message with its checksum.
 
     >>> message("VNRRG,25,1,0,0,0,1,0,0,0,1,0,0,0")
     '$VNRRG,25,1,0,0,0,1,0,0,0,1,0,0,0*75'

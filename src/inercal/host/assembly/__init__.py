@@ -1,16 +1,18 @@
-"""Assembles the frames of the log into IMU samples with the table's angles at their times.
+"""Assembles the frames of the log into IMU samples with the table's angles at the same times.
 
-The IMU's time is its own counter's, the table's its controller's. Both are tied to the host's clock
-by the least difference to the time of arrival in the first seconds: what is left is the bench's
-latency. Later, arrivals only tell how often a counter has begun again meanwhile (`packet_dating`).
+The IMU's time comes from its own counter, and the table's time from its controller. Both are
+matched to the host's clock by the smallest difference to the arrival times in the first seconds;
+the remaining difference is the bench's latency. After that, arrival times only show how often a
+counter has wrapped (`packet_dating`).
 
-The same frames give the same samples to the last bit, however often `take` is called.
+The same frames give bitwise identical samples, however often `take` is called.
 
-Events are JSON objects by their `what`. "session": a host attached; `next` is the first step that
-is to be done (anew), `wraps` the s after which the table's clock begins again, null or left out if
-never. "section": `number`, `label`, `state` "begun", "done" or "void", `time` by the table's clock,
-and whether it is a `hold`. "interruption": `cause`, in words, why the table is stopped, and `since`
-when that was so, s of the run; null: the run continues. Others are of no matter here.
+Events are JSON objects that are distinguished by `what`. "session" means that a host attached:
+`next` is the first step to be done (or repeated), and `wraps` is the time in s after which the
+table's clock restarts, null or missing if never. "section" has `number`, `label`, `state` ("begun",
+"done" or "void"), `time` by the table's clock, and whether it is a `hold`. "interruption" has
+`cause`, a text on why the table is stopped (null: the run continues), and `since`, the run time in
+s when this began. Other events are ignored.
 """
 
 import json
@@ -40,35 +42,35 @@ from inercal.recordings import AngleQuality, Track
 from inercal.recordings.data.recording_loader import readback_units
 from inercal.runfile import Run
 
-_MAX_HOLD_GAP = 0.5  # s without a sample that end a hold
+_MAX_HOLD_GAP = 0.5  # s without a sample, after which a hold ends
 
 
 class SampleBlock(NamedTuple):
-    """Samples, as a recording contains them.
+    """A block of samples with the values that a recording contains.
 
     Parameters
     ----------
     time : (n,) array
-        s by the IMU's clock, from the recording's first sample on.
+        Time since the recording's first sample by the IMU's clock, s.
     output : (n, m) array
-        In output units of the sensor's axes.
+        Readings in the output units of the sensor's axes.
     reading : (n, m) array
-        The same in SI.
+        The same readings in SI.
     angle_output : (n, k) array
-        The readback in units of its columns: angles, or rates of a table of rates. No columns of
-        a table whose angles are not recorded.
+        The readback in the units of its columns: angles, or rates from a rate table. It has no
+        columns if the table's angles are not recorded.
     angles : (n, k) array
-        The same in rad, or rad/s; what the driver reports where it is not recorded.
+        The readback in rad or rad/s; the driver's values if it is not recorded.
     hold : (n,) array of int
-        Number of the hold; −1 elsewhere.
+        Number of the hold; −1 outside of holds.
     temperature : (n,) array
-        K; NaN where there is none.
+        Temperature in K; NaN if unknown.
     table : (n,) array
-        s by the table's clock.
+        Time by the table's clock, s.
     noise_gain, interpolation_sd : (n,) array
-        How well the angles are known, as of `AngleQuality`; the second in rad.
+        Quality of the angles, as in `AngleQuality`; the standard deviation is in rad.
     starts_recording : bool
-        The recording begins with this block: what came before is void.
+        True if the recording begins with this block, so that earlier samples are void.
     """
 
     time: Array
@@ -85,14 +87,14 @@ class SampleBlock(NamedTuple):
 
     @property
     def estimator_track(self) -> Track:
-        """The track for a sequential estimator; without angles if none are recorded."""
+        """The samples as a track for an estimator; without angles if none are recorded."""
         if self.angle_output.shape[-1]:
             return self.track
         return Track(self.time, self.reading, self.angle_output, self.hold)
 
     @property
     def track(self) -> Track:
-        """The samples with the angles that the driver reports."""
+        """The samples as a track with the angles that the driver reports."""
         quality = AngleQuality(self.noise_gain, self.interpolation_sd)
         return Track(self.time, self.reading, self.angles, self.hold, angle_quality=quality)
 
@@ -104,21 +106,22 @@ class SampleTally:
     Parameters
     ----------
     samples : int
-        Given out, since the recording began.
+        Samples that were returned since the recording began.
     bytes : PacketCounts
-        Of the IMU's bytes, all sessions together.
+        Counts for the IMU's bytes, over all sessions.
     drops : DroppedPackets
-        Packets that are no samples.
+        Packets that did not become samples.
     samples_without_angle : int
-        Samples that are left out: the table's angles are not known.
+        Samples that were left out because the table's angles are unknown.
     samples_with_unusable_angle : int
-        Samples whose angle no filter uses: the table was read too seldom while it turned.
+        Samples with an angle that no filter uses, because the table was polled too rarely while
+        turning.
     polls : int
-        Of the table.
+        Polls of the table.
     poll_drops : int
-        Polls whose time is not later than that before.
+        Polls whose time is not later than that of the previous poll.
     implausible_polls : int
-        Polls that are no motion of the table, and are left out.
+        Polls that were left out because they imply motion that the table cannot make.
     """
 
     samples: int
@@ -132,16 +135,16 @@ class SampleTally:
 
 
 class SampleAssembler:
-    """Assembles the frames of a run.
+    """Assembles the frames of a run into samples.
 
     Parameters
     ----------
     run : Run
-        On a bench that a host drives.
+        A run on a bench that a host can drive.
     layout : PacketLayout
-        Of the IMU's packets.
+        Layout of the IMU's packets.
     poll : float
-        s between polls of the table.
+        Time between two polls of the table, s.
 
     Attributes
     ----------
@@ -154,8 +157,8 @@ class SampleAssembler:
     Raises
     ------
     InputError
-        No bench that a host drives, or no rate; packets without counter and time, of another
-        rate, or without an axis of the sensor.
+        No host can drive the bench, the rate is missing, or the packets have neither counter nor
+        time, have another rate, or lack an axis of the sensor.
     """
 
     def __init__(self, run: Run, layout: PacketLayout, poll: float = POLL_INTERVAL):
@@ -168,7 +171,8 @@ class SampleAssembler:
         )
         self._settling = control.settling(bench)
         self._sections = SectionTimeline(self._settling)
-        # SI size of a unit of each axis' column in the recording; negative reverses.
+        # SI size of a unit in each axis' column of the recording; a negative size reverses the
+        # sign.
         sizes = readback_units(run)
         names = [name for name in control.readback(bench) if name in sizes]
         self._units = np.array([sizes[name] for name in names])
@@ -185,7 +189,7 @@ class SampleAssembler:
 
     @property
     def tally(self) -> SampleTally:
-        """Counts of everything processed so far, by outcome."""
+        """Counts of all data processed so far, by outcome."""
         imu, table = self.imu, self.table
         return SampleTally(
             self._count, imu.counts, replace(imu.drops), self._no_angle, self._unusable,
@@ -194,38 +198,38 @@ class SampleAssembler:
 
     @property
     def interruptions(self) -> tuple[InterruptionSpan, ...]:
-        """Times (s of the run) and reasons of the interruptions."""
+        """Run times in s and causes of the interruptions."""
         return tuple(replace(one) for one in self._interruptions.interruptions)
 
     @property
     def offset(self) -> float | None:
-        """The IMU's clock minus the table's, s, from arrival times; None while unknown."""
+        """The IMU's clock minus the table's from arrival times, s; None while unknown."""
         if self.imu.offset is None or self.table.offset is None:
             return None
         return self.table.offset - self.imu.offset
 
     @property
     def is_recording(self) -> bool:
-        """Whether samples are produced: both clocks are known, and the recording has begun."""
+        """Whether samples are produced: both clocks are matched, and the recording has begun."""
         return self.offset is not None and self._sections.start < np.inf
 
     @property
     def recording_start(self) -> float | None:
-        """Time of the recording's first sample, s of the run; None before there is one."""
+        """Run time of the recording's first sample, s; None before there is one."""
         if self._first_tick is None or self.imu.offset is None:
             return None
         return self._first_tick / self.imu.per_second + self.imu.offset
 
     def take_received(self) -> tuple[Array, Array] | None:
-        """Return what the IMU has sent since the last call, even if the table's angles are unknown.
+        """Return the readings that arrived since the last call, even without known table angles.
 
         Returns
         -------
         time : (n,) array
-            s of the run. While the clocks are matched, in the first 5 s, it may be late by the
-            latency of the bytes.
+            Run time, s. During the first 5 s, in which the clocks are matched, it may be late by
+            the latency of the bytes.
         output : (n, m) array
-            In output units of the sensor's axes.
+            Readings in the output units of the sensor's axes.
         """
         recent, offset = self.imu.recent, self.imu.provisional_offset
         if not recent or offset is None:
@@ -235,7 +239,7 @@ class SampleAssembler:
         return whole.ticks / self.imu.per_second + offset, whole.output
 
     def feed(self, frame: LogFrame) -> None:
-        """Add a frame to those waiting to be processed."""
+        """Add a frame to the queue."""
         self._pending.append(frame)
 
     def take(self) -> SampleBlock | None:
@@ -244,7 +248,7 @@ class SampleAssembler:
         Raises
         ------
         InputError
-            A frame that is none of a run, or a table that set its clock anew.
+            A frame does not belong to a run, or the table has reset its clock.
         """
         pending, self._pending = self._pending, []
         for kind, group in groupby(_sort_frames(pending), key=lambda one: one.kind):
@@ -261,9 +265,9 @@ class SampleAssembler:
         return self._block()
 
     def labels(self, table: Array) -> NDArray[np.str_]:
-        """Return the labels of the samples of `SampleBlock.table`, (n,).
+        """Return the labels (n,) for the table times of samples, as in `SampleBlock.table`.
 
-        "" beside sections and in void ones.
+        The label is "" outside of sections and in void ones.
         """
         return self._sections.labels(table)
 
@@ -281,7 +285,7 @@ class SampleAssembler:
             self.table.begin_session(np.inf if wraps is None else float(wraps))
 
     def _start_recording(self) -> None:
-        """Begin a recording."""
+        """Begin a new recording."""
         self._first_tick: float | None = None  # tick
         self._count, self._holds, self._no_angle, self._unusable = 0, 0, 0, 0
         self._last_hold_sample = (-1, -np.inf)  # section and time of the last sample in a hold
@@ -300,7 +304,7 @@ class SampleAssembler:
         late = table >= self._sections.start
         angles, quality, there = self.table.readback(table)
         self.table.discard_old(float(table[-1]))
-        if not self._records_angles:  # a sample counts whether or not the table was read
+        if not self._records_angles:  # samples count even if the table was not polled
             angles[~there], there = np.nan, np.ones_like(there)
         self._no_angle += int(np.sum(late & ~there))
         kept = late & there
@@ -331,7 +335,7 @@ class SampleAssembler:
         )
 
     def _ready_samples(self, until: float, offset: float) -> PacketSamples | None:
-        """Return the samples before a table time; later ones keep waiting."""
+        """Return the samples before a table time; later ones are kept."""
         waiting, imu = self.imu.waiting, self.imu
         if not waiting:
             return None
@@ -356,7 +360,7 @@ class SampleAssembler:
 
 
 def _sort_frames(frames: list[LogFrame]) -> list[LogFrame]:
-    """Group frames by kind between events, so that many of one kind are processed at once."""
+    """Group frames by kind between events, so that frames of one kind are processed together."""
     result: list[LogFrame] = []
     for _, group in groupby(frames, key=lambda one: one.kind == EVENT):
         result += sorted(group, key=lambda one: one.kind)

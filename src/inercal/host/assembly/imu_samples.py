@@ -1,4 +1,4 @@
-"""The IMU's packets, in the order of its own clock."""
+"""The IMU's packets in the order of its own clock."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -19,38 +19,39 @@ from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import LogFrame
 from inercal.physics.sensors import Sensor
 
-_MISMATCH_TIME = 2.0  # s for which packets may wait for their date before that is said
+_MISMATCH_TIME = 2.0  # s for which packets may wait for a date before this is reported
 _ROUNDING = 1e-6
-_MAX_TICK = 2.0**53  # beyond which whole numbers are not exact
-_MAX_RECENT = 256  # pieces: those of the 5 s in which the clocks are matched come one a tick
+_MAX_TICK = 2.0**53  # floats represent integers up to this exactly
+_MAX_RECENT = 256  # pieces; during the 5 s in which the clocks are matched, each tick adds one
 _NO_NUMBER, _BAD_STATUS, _BEYOND_RANGE = 1, 2, 3
 _FLAWS = {_NO_NUMBER: "no_number", _BAD_STATUS: "bad_status", _BEYOND_RANGE: "beyond_range"}
 
 
 class PacketSamples(NamedTuple):
-    """Good packets in order of time."""
+    """Good packets in the order of time."""
 
-    ticks: Array  # (n,), the counter or clock of the device, counted on; whole numbers are exact
+    ticks: Array  # (n,), unwrapped counter or clock of the device; integers are exact
     output: Array  # (n, m), in output units of the sensor's axes
-    temperature: Array  # (n,) K, NaN where there is none
+    temperature: Array  # (n,) K; NaN if unknown
 
     def where(self, rows: "NDArray[np.bool_] | slice") -> "PacketSamples":
-        """Return some of them."""
+        """Return a selection of the packets."""
         return self._make(column[rows] for column in self)
 
 
 @dataclass
 class DroppedPackets:
-    """Counts of packets that are not samples, by kind.
+    """Counts of packets that did not become samples, by reason.
 
     Parameters
     ----------
     repeated, out_of_order : int
-        Of a counter that came before, or that is ahead of those behind it.
+        Packets whose counter was used before, or is ahead of the following packets.
     undated : int
-        Of a counter that jumped, or of which nothing tells how often it has come round.
+        Packets whose counter jumped, or has wrapped an unknown number of times.
     no_number, bad_status, beyond_range : int
-        No reading; the device says that it is not good; beyond the full scale of the sensor.
+        Packets without a reading, with a bad status, or with a reading beyond the sensor's full
+        scale.
     """
 
     repeated: int = 0
@@ -63,32 +64,32 @@ class DroppedPackets:
 
 @dataclass
 class ReceivedSamples:
-    """What the IMU sent.
+    """Receives the IMU's bytes and converts them to samples.
 
     Parameters
     ----------
     sensor : Sensor
-        Its axes are those of the packets, in SI.
+        Sensor whose axes the packets contain, in SI.
     layout : PacketLayout
     rate_hz : float
-        Samples per second of the device's clock.
+        Samples per second by the device's clock.
 
     Attributes
     ----------
     per_second : float
-        Ticks.
+        Ticks per second.
     offset : float or None
-        The host's time minus the IMU's, s, the least of the first packets; None before.
+        Host time minus IMU time, s: the smallest difference for the first packets; None before.
     drops : DroppedPackets
     waiting : list of PacketSamples
-        In order, to be taken.
+        Samples in order that have not been taken yet.
     recent : deque of PacketSamples
-        The last of the same, for a viewer, which takes them out.
+        The latest samples for a viewer, which removes them.
 
     Raises
     ------
     InputError
-        A layout without counter and time, of another rate, or without an axis of the sensor.
+        The layout has neither counter nor time, has another rate, or lacks an axis of the sensor.
     """
 
     sensor: Sensor
@@ -141,7 +142,7 @@ class ReceivedSamples:
 
     @property
     def _roles(self) -> list[str]:
-        """The packets' names of the sensor's axes: ax … gz."""
+        """The names of the sensor's axes in the packets, ax to gz."""
         kinds = {"f": iter("xyz"), "w": iter("xyz")}
         return [
             ("a" if one.measures == "f" else "g") + next(kinds[one.measures])
@@ -150,24 +151,24 @@ class ReceivedSamples:
 
     @property
     def counts(self) -> PacketCounts:
-        """Counts of the packets of all sessions, by outcome."""
+        """Counts of the packets in all sessions, by outcome."""
         return self._before + self._decoder.counts
 
     @property
     def provisional_offset(self) -> float | None:
-        """The offset, or the least difference so far while the clocks are matched; None before."""
+        """The offset, or while clocks are matched the smallest difference so far; None before."""
         if self.offset is not None:
             return self.offset
         return self._least_difference if isfinite(self._least_difference) else None
 
     @property
     def waits_for_dates(self) -> bool:
-        """Whether packets have arrived that cannot be dated, or cannot be dated yet."""
+        """Whether packets have arrived that cannot be dated, or not yet."""
         return self._dating.doubt_since is not None
 
     @property
     def mismatch(self) -> str | None:
-        """Why arriving packets cannot be dated, in words; None while they can."""
+        """Text on why arriving packets cannot be dated; None while they can."""
         dating = self._dating
         if dating.waiting_time < _MISMATCH_TIME:
             return None
@@ -182,7 +183,7 @@ class ReceivedSamples:
         )
 
     def begin_session(self) -> None:
-        """Restart decoding: nothing is known about what was sent in between."""
+        """Restart decoding, because it is unknown what was sent in between."""
         self._before = self.counts
         zero = self._decoder.time_zero
         self._decoder = Decoder(self.layout, mid_stream=True, time_zero=zero)
@@ -195,7 +196,7 @@ class ReceivedSamples:
         self._dating.begin_session()
 
     def feed(self, frames: Sequence[LogFrame]) -> None:
-        """Take in what arrived in one session."""
+        """Process the frames that arrived in one session."""
         together: list[LogFrame] = []
         for frame in frames:
             if not frame.payload:
@@ -210,7 +211,7 @@ class ReceivedSamples:
         self._feed_together(together)
 
     def _feed_together(self, frames: Sequence[LogFrame]) -> None:
-        """Take in frames together, or one by one where a counter does not continue."""
+        """Process frames together, or one by one if a counter does not continue."""
         if not frames:
             return
         before = self._decoder.copy()
@@ -224,7 +225,7 @@ class ReceivedSamples:
             self._feed_arrival(frame)
 
     def _feed_arrival(self, frame: LogFrame) -> None:
-        """Take in a frame whose time of arrival matters."""
+        """Process a frame whose arrival time matters."""
         if self.offset is not None:
             self._dating.begin_arrival(frame.time)
         rows = self._rows(self._decoder.feed(frame.payload))
@@ -238,9 +239,9 @@ class ReceivedSamples:
         self.drops.undated = self._dating.dropped
 
     def _match(self, arrival: float, rows: PacketRows) -> PacketRows:
-        """Search for the smallest clock difference in a period without a gap or an outage.
+        """Search for the smallest clock difference during a period without a gap or an outage.
 
-        Returns the packets of this time.
+        Returns the packets in this period.
         """
         *before, rows = self._dating.split(rows)
         if self._first_arrival != -inf and (
@@ -261,14 +262,14 @@ class ReceivedSamples:
         return rows
 
     def _restart_matching(self) -> None:
-        """Restart the search for the smallest clock difference: earlier packets have no date."""
+        """Restart the search for the smallest clock difference; earlier packets get no date."""
         self._pending_rows, self._last = None, -inf
         self._least_difference, self._first_arrival = inf, -inf
         self.waiting.clear()
         self.recent.clear()
 
     def _rows(self, packets: Packets) -> PacketRows:
-        """Return packets with their flaws, those without a number of their own left out."""
+        """Return packets with their flaws, except those without a counter value of their own."""
         output = self.sensor.to_output(packets.readings[:, self._columns])
         with np.errstate(invalid="ignore"):
             flaw = np.where(
@@ -281,18 +282,18 @@ class ReceivedSamples:
         else:
             ticks = np.zeros(len(packets)) if packets.time is None else packets.time
         rows = PacketRows(ticks, output, packets.temperature, flaw)
-        known = np.abs(ticks) < _MAX_TICK  # a clock that is a real number may be none
+        known = np.abs(ticks) < _MAX_TICK  # a clock that is a real number may be NaN or too large
         return rows if known.all() else rows.where(known)
 
     def _take(self, rows: PacketRows) -> None:
-        """Keep good packets in order; the last packet waits for the next one."""
+        """Store good packets in order; the last packet waits for the next one."""
         if self._pending_rows is not None:
             rows = self._pending_rows.join(rows)
         self._pending_rows = rows.where(slice(-1, None))
         self._keep(rows.where(self._in_order(rows.ticks)))
 
     def _keep(self, rows: PacketRows) -> None:
-        """Count flaws, and let samples without one wait."""
+        """Count the flaws, and queue the samples without flaws."""
         if not rows.ticks.size:
             return
         self._last = float(rows.ticks[-1])
@@ -307,9 +308,10 @@ class ReceivedSamples:
             self.recent.append(good)
 
     def _in_order(self, ticks: Array) -> "NDArray[np.bool_] | slice":
-        """Return which packets are later than all earlier ones, ignoring the last.
+        """Return which packets are later than all earlier ones, without judging the last packet.
 
-        One that is ahead of the next, which is later than all before it, has a false counter.
+        A packet has a false counter if it is ahead of the next one, which is later than all packets
+        before.
         """
         if ticks[0] > self._last and (ticks[1:] > ticks[:-1]).all():
             return slice(0, -1)

@@ -1,19 +1,19 @@
-"""Dates packets by their counter; arrivals only tell how often the counter has wrapped.
+"""Dates packets by their counter; arrival times only show how often the counter has wrapped.
 
-Two bounds enclose the time of a packet. It follows the packet before it, which gives the smallest
-number of turns of the counter, and it was sent before it arrived. A host that was frozen reads
-packets long after they were sent, so the time of arrival alone dates nothing.
+Two bounds enclose the time of a packet. It follows the previous packet, which gives the smallest
+possible number of turns of the counter, and it was sent before it arrived. A host that was
+suspended reads packets long after they were sent, so an arrival time by itself dates nothing.
 
 Packets whose counter continues are dated at once. After a gap in the counter, an outage of the
-arrivals or a new session they wait, in parts without a gap, until one of these holds:
+arrivals or a new session, packets wait in gap-free parts until one of these holds:
 
-1. With the smallest numbers of turns the newest packet is as young as one that has just arrived.
-   Then every part has these turns, because the sum of the smallest numbers allows no other.
-2. Other turns fit, and packets have come as fast as they are sent for 0.5 s, so that no backlog is
-   left. Then only these packets are dated; the turns of those before are not known.
+1. With the smallest numbers of turns, the newest packet is as recent as one that has just arrived.
+   Then these numbers are right for every part, because their sum allows no others.
+2. Other numbers of turns fit, and packets have arrived as fast as they are sent for 0.5 s, so that
+   no backlog remains. Then only these packets are dated, as the turns of earlier ones are unknown.
 
-Where neither comes true the counter was reset or has jumped. A part is dropped where the packets
-before it continue behind it: the counter jumped and came back.
+If neither happens, the counter was reset or has jumped. A part is dropped if the packets before it
+continue after it, because then the counter jumped and came back.
 """
 
 from collections import deque
@@ -27,17 +27,17 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 
-_MAX_OUTAGE = 1.0  # s between two arrivals beyond which more may have been lost than is seen
-_TURN_SHARE = 0.25  # of a turn of the counter, beyond which a step may be any number of turns
-_GAP, _GAP_PACKETS = 0.1, 5.0  # s, and packets, that are missing without a question
-_ARRIVAL_UNCERTAINTY, _DRIFT = 0.1, 2e-4  # s; and of the time since the clocks were compared last
-_SOUNDINGS = 10  # comparisons of the clocks, one each second, of which the least difference counts
-_NO_BACKLOG_TIME = 0.5  # s for which packets come as fast as they are sent
+_MAX_OUTAGE = 1.0  # s between two arrivals; after a longer time, the amount of loss is unknown
+_TURN_SHARE = 0.25  # of a counter turn; a larger step may include any number of turns
+_GAP, _GAP_PACKETS = 0.1, 5.0  # s and packets; a step up to the larger counts as continuous
+_ARRIVAL_UNCERTAINTY, _DRIFT = 0.1, 2e-4  # s, and relative to the time since the last comparison
+_SOUNDINGS = 10  # clock comparisons, one per second, whose smallest difference counts
+_NO_BACKLOG_TIME = 0.5  # s for which packets must arrive as fast as they are sent
 _MAX_WAIT = 60.0  # s of arrivals for which undated packets are kept
 
 
 class PacketRows(NamedTuple):
-    """Packets, with a flag for what is wrong with each; 0 means nothing."""
+    """Packets, each with a flag for its flaw; 0 means none."""
 
     ticks: Array  # (n,), counter or clock of the device
     output: Array
@@ -45,21 +45,21 @@ class PacketRows(NamedTuple):
     flaw: NDArray[np.int64]
 
     def where(self, rows: "NDArray[np.bool_] | slice") -> "PacketRows":
-        """Return some of them."""
+        """Return a selection of the packets."""
         return self._make(column[rows] for column in self)
 
     def join(self, *others: "PacketRows") -> "PacketRows":
-        """Return these followed by the others."""
+        """Return these packets followed by the others."""
         return self._make(map(np.concatenate, zip(self, *others, strict=True)))
 
     def later_by(self, ticks: float) -> "PacketRows":
-        """Return the same packets with later times."""
+        """Return the packets with their times increased by `ticks`."""
         return self._replace(ticks=self.ticks + ticks) if ticks else self
 
 
 @dataclass
 class _Part:
-    """Gap-free packets waiting for a date, and each arrival with its newest tick."""
+    """Gap-free packets that wait for a date, and each arrival with its newest tick."""
 
     pieces: list[PacketRows] = field(default_factory=list[PacketRows])
     arrivals: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
@@ -87,9 +87,9 @@ class PacketDating:
     Parameters
     ----------
     per_second : float
-        Ticks.
+        Ticks per second.
     turn : float
-        Ticks after which the counter begins again at 0; infinite: never.
+        Ticks after which the counter restarts at 0; infinite: never.
     step : float
         Ticks from packet to packet.
 
@@ -98,9 +98,9 @@ class PacketDating:
     dropped : int
         Packets that could not be dated.
     doubt_since : float or None
-        Arrival of the first packet that waits for its date, s; None while none waits.
+        Arrival time of the first packet that waits for its date, s; None while none waits.
     behind : float
-        s by which the newest packet that waits is older than its arrival.
+        Time by which the newest waiting packet is older than its arrival, s.
     """
 
     def __init__(self, per_second: float, turn: float, step: float):
@@ -110,7 +110,7 @@ class PacketDating:
         self._outage = min(_MAX_OUTAGE, share / per_second)
         self._comparisons: deque[tuple[float, float]] = deque(maxlen=_SOUNDINGS)
         self._last, self._last_arrival = -inf, -inf
-        self._turns = 0.0  # ticks that are added to the counter
+        self._turns = 0.0  # ticks that are added to the counter for its turns
         self._parts: list[_Part] = []
         self._doubts = self._after_outage = self._begins_part = False
         self.dropped, self.behind = 0, 0.0
@@ -123,61 +123,61 @@ class PacketDating:
 
     @property
     def counts_turns(self) -> bool:
-        """Whether the arrival of a packet tells how often the counter has wrapped."""
+        """Whether the arrival time of a packet shows how often the counter has wrapped."""
         return self.turn_seconds / 2 > self._tolerance(self._last_arrival)
 
     def begin(self, arrival: float, difference: float, last: float) -> None:
-        """Date packets from now on: the least difference of arrival and device is known, s."""
+        """Begin to date packets, with the smallest difference of arrival and device time, s."""
         self._comparisons.append((arrival, difference))
         self._last, self._last_arrival = last, arrival
 
     def begin_session(self) -> None:
-        """Expect that the counter may have wrapped any number of times."""
+        """Begin a session, before which the counter may have wrapped any number of times."""
         self._drop_parts()
         self._doubts = self._after_outage = True
         self._turns = 0.0
 
     def follows_outage(self, arrival: float) -> bool:
-        """Return whether the last arrival is so long ago that any number of packets may be lost."""
+        """Return whether so much time has passed that any number of packets may be lost."""
         return arrival - self._last_arrival > self._outage
 
     def begin_arrival(self, arrival: float) -> None:
-        """Record that bytes have arrived, which may not contain a whole packet yet."""
+        """Record that bytes have arrived, which may not include a complete packet yet."""
         if self.follows_outage(arrival):
             self._doubts = self._after_outage = self._begins_part = True
 
     def needs_arrival(self, arrival: float) -> bool:
-        """Return whether packets arriving at that time must be fed one arrival at a time.
+        """Return whether packets that arrive at this time must be fed one arrival at a time.
 
-        This depends on the arrivals only: however they are fed, the packets have the same dates.
+        This depends only on the arrivals, so packets get the same dates however they are fed.
         """
         return self._doubts or self.follows_outage(arrival) or self._is_sounding(arrival)
 
     def hear(self, arrival: float) -> None:
-        """Record an arrival."""
+        """Record the time of an arrival."""
         self._last_arrival = arrival
 
     @property
     def waiting_time(self) -> float:
-        """How long packets have been arriving without a date, s."""
+        """Time for which packets have been arriving without a date, s."""
         return 0.0 if self.doubt_since is None else self._last_arrival - self.doubt_since
 
     def has_gap(self, ticks: Array, last: float) -> bool:
-        """Tell whether packets do not follow the one with tick `last`, or one another."""
+        """Return whether packets do not continue from the tick `last`, or contain a gap."""
         return bool((np.abs(np.diff(ticks, prepend=last)) > self._gap).any())
 
     def split(self, rows: PacketRows) -> list[PacketRows]:
-        """Return the pieces of packets that have no gap."""
+        """Split packets at gaps, and return the gap-free pieces."""
         gaps = np.flatnonzero(np.abs(np.diff(rows.ticks)) > self._gap) + 1
         bounds = [0, *gaps.tolist(), rows.ticks.size]
         return [rows.where(slice(*ends)) for ends in pairwise(bounds)]
 
     def follows_dated(self, ticks: Array) -> bool:
-        """Tell whether packets follow the last dated one, and one another, without a gap."""
+        """Return whether packets continue the last dated one and contain no gap."""
         return not (self._doubts or self.has_gap(ticks, self._last - self._turns))
 
     def date_next(self, rows: PacketRows) -> PacketRows:
-        """Return packets that continue, with their dates."""
+        """Date packets that continue the dated ones, and return them."""
         dated = rows.later_by(self._turns)
         self._last = float(dated.ticks[-1])
         return dated
@@ -188,9 +188,9 @@ class PacketDating:
         Parameters
         ----------
         rows : PacketRows
-            At least one, of one arrival.
+            At least one packet; all from one arrival.
         arrival : float
-            s by the host's clock.
+            Arrival time by the host's clock, s.
         """
         dated: list[PacketRows] = []
         for piece in self.split(rows):
@@ -275,13 +275,13 @@ class PacketDating:
         return dated
 
     def _first_fresh(self, part: _Part, arrival: float) -> int:
-        """Return the first arrival of a part that is as young as its last one, at `arrival`."""
+        """Return the index of a part's first arrival that is as recent as its last one."""
         youngest = arrival - part.last / self._per_second + _ARRIVAL_UNCERTAINTY
         ages = (heard - tick / self._per_second for heard, tick in part.arrivals)
         return next(k for k, one in enumerate(ages) if one <= youngest)
 
     def _give_up(self, arrival: float) -> list[PacketRows]:
-        """Drop packets that have waited too long; return no packets."""
+        """Drop packets that have waited too long; return an empty list."""
         first, _ = self._parts[0].arrivals[0]
         if arrival - first > _MAX_WAIT:
             self._drop_parts()

@@ -1,9 +1,9 @@
-"""Polls of a table in the order of its time, tied to the host's clock.
+"""Polls of a table in the order of its clock, which is matched to the host's clock.
 
-What of a poll is kept, which polls are no motion of the table, and what is known between two polls
-differs between tables of angles (`table_polls`) and of rates (`rate_polls`).
+Subclasses for turntables (`table_polls`) and rate tables (`rate_polls`) differ in the values they
+keep from a poll, in the check for implausible polls, and in the interpolation between polls.
 
-The clocks are tied at the start, and after an outage by `wrap_correction`.
+The clocks are matched at the start, and after an outage by `wrap_correction`.
 """
 
 from abc import ABC, abstractmethod
@@ -22,29 +22,29 @@ from inercal.host.run_log import LogFrame
 from inercal.host.table_state_codec import StateArrays, unpack_states
 from inercal.recordings import AngleQuality
 
-CLOCK_LOST = frozenset({"the table"})  # names of the refusal: a new run is needed
+CLOCK_LOST = frozenset({"the table"})  # names in an error after which a new run is needed
 MATCHING_TIME = 5.0  # s over which the smallest difference between two clocks is sought
-_ARRIVAL_TOLERANCE, _DRIFT = 1.0, 2e-4  # s, and of an outage: what arrival may be off by
-# Uncertainty of an arrival, s: turns of a clock are distinguished where half a turn is more
+_ARRIVAL_TOLERANCE, _DRIFT = 1.0, 2e-4  # s, and share of an outage: possible arrival error
+# Uncertainty of an arrival, s: clock turns can be counted if half a turn is longer than this
 _ARRIVAL_UNCERTAINTY = 0.1
 
 
 def wrap_correction(behind: float, wraps: float, outage: float) -> float:
-    """Return what to add to a table clock that may have restarted, s.
+    """Return the correction of a table clock that may have restarted, s.
 
     Parameters
     ----------
     behind : float
-        By the host's clock its time should be later by so much, s.
+        Time by which the clock is behind, according to the host's clock, s.
     wraps : float
-        s after which it begins again; infinite: never.
+        Time after which the clock restarts, s; infinite: never.
     outage : float
-        s for which nothing was heard of it.
+        Time for which nothing was received from the table, s.
 
     Raises
     ------
     InputError
-        It was set anew, or may have gone round any number of times.
+        The clock was reset, or may have restarted any number of times.
     """
     drift = _DRIFT * abs(outage)
     added = 0.0
@@ -67,48 +67,49 @@ def wrap_correction(behind: float, wraps: float, outage: float) -> float:
     return added
 
 
-# s without a poll after which nothing is known: the table may have gone anywhere. A table is taken
-# to stand through as much that stood on both sides.
+# Time without a poll after which the angles are unknown, because the table may have moved anywhere,
+# s. A table that was at rest before and after such a gap is assumed to have been at rest in it.
 MAX_UNREAD = 5.0
-_AFTER = 3  # polls that are needed behind a time
+_AFTER = 3  # number of polls that are needed after a time
 
 
 class PollHistory(NamedTuple):
-    """Polls in order of time; the oldest are dropped."""
+    """Polls in the order of time; the oldest ones are dropped."""
 
-    time: Array  # (n,) s by the table's clock, counted on
-    value: Array  # (n, k) rad, NaN while a table seeks its zero; or rad/s
+    time: Array  # (n,) s by the table's clock, unwrapped
+    value: Array  # (n, k) rad, NaN while a table searches for its zero; or rad/s
     settled: NDArray[np.bool_]  # (n,)
 
     def where(self, rows: "NDArray[np.bool_] | slice") -> "PollHistory":
-        """Return some of them."""
+        """Return a selection of the polls."""
         return self._make(column[rows] for column in self)
 
     def join(self, other: "PollHistory") -> "PollHistory":
-        """Return these and later ones."""
+        """Return these polls followed by later ones."""
         return self._make(map(np.concatenate, zip(self, other, strict=True)))
 
 
 class PollRecord(ABC):
-    """The states that a table has reported.
+    """The states of a table that were read in polls.
 
     Parameters
     ----------
     plausibility : Plausibility
-        Counts the polls that are no motion of the table.
+        Identifies polls that imply impossible motion, and counts them.
 
     Attributes
     ----------
     history : PollHistory or None
-        Polls; None before the first.
+        The polls; None before the first one.
     offset : float or None
-        The host's time minus the table's, s: the least of the first polls; None before.
+        Host time minus table time, s: the smallest difference for the first polls; None before.
     wrap_offset : float
-        What is added to the table's own times, s: its clock may have begun again in an outage.
+        Correction that is added to the table's times, s, as its clock may have restarted in an
+        outage.
     drops : int
-        Polls that were not later than the one before.
+        Number of polls that were not later than the previous one.
     count : int
-        Polls in all.
+        Number of all polls.
     """
 
     def __init__(self, plausibility: Plausibility[Any]):
@@ -117,19 +118,19 @@ class PollRecord(ABC):
         self.drops = self.count = 0
         self._counted = plausibility
         self._first_arrival, self._least_difference = 0.0, inf
-        # The host's time minus the table's as last heard: the clocks drift apart in a long run.
+        # The latest host time minus table time; the clocks drift apart in a long run.
         self._difference = 0.0
         self._wraps, self._must_match = inf, False
         self.wrap_offset = 0.0
 
     @property
     def implausible(self) -> int:
-        """Number of polls rejected because the table cannot move that way."""
+        """Number of polls that were rejected because the table cannot move that way."""
         return self._counted.rejected
 
     @property
     def complete_until(self) -> float:
-        """Time before which angles can be interpolated, s; −∞ where there are too few polls."""
+        """Time before which angles can be interpolated, s; −∞ if there are too few polls."""
         if self.history is None or self.history.time.size <= _AFTER:
             return -inf
         return float(self.history.time[-_AFTER])
@@ -140,7 +141,7 @@ class PollRecord(ABC):
         return -inf if self.history is None else float(self.history.time[-1])
 
     def begin_session(self, wraps: float) -> None:
-        """Expect that the clock may have restarted every `wraps` s (infinite: never)."""
+        """Begin a session before which the clock may have restarted every `wraps` s (or never)."""
         self._wraps = wraps
         self._counted.restart()
         if self.offset is None:
@@ -149,16 +150,16 @@ class PollRecord(ABC):
             self._must_match = True
 
     def expect_stop(self) -> None:
-        """Allow any deceleration until the table rests."""
+        """Allow any deceleration until the table is at rest."""
         self._counted.expect_stop()
 
     def feed(self, frames: Sequence[LogFrame]) -> None:
-        """Take in polls of one session.
+        """Process the polls of one session.
 
         Raises
         ------
         InputError
-            A clock that began anew.
+            The table's clock was reset.
         """
         if not frames:
             return
@@ -197,7 +198,7 @@ class PollRecord(ABC):
             self.offset = self._least_difference
 
     def discard_old(self, before: float) -> None:
-        """Drop the polls that are not needed for times from `before` on."""
+        """Drop the polls that are not needed for times after `before`."""
         if self.history is not None:
             first = int(np.searchsorted(self.history.time, before, "right")) - 3
             if first > 0:
@@ -205,17 +206,17 @@ class PollRecord(ABC):
 
     @abstractmethod
     def readback(self, time: Array) -> tuple[Array, AngleQuality, NDArray[np.bool_]]:
-        """Return values at times (n,), (n, k), their uncertainty, and where they are known.
+        """Return the values (n, k) at times (n,), their uncertainty, and where they are known.
 
         The times must be before `complete_until`.
         """
 
     @abstractmethod
     def _values(self, came: StateArrays) -> Array:
-        """Return the values kept from the polls, (n, k)."""
+        """Return the values to keep from the polls, (n, k)."""
 
     @abstractmethod
     def _plausible(
         self, time: Array, values: Array, came: StateArrays, later: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Return which polls the table can have moved to, (n,)."""
+        """Return which polls are plausible as motion of the table, (n,)."""

@@ -1,11 +1,11 @@
-"""The polls of a table of rates, and its rate between them.
+"""The polls of a rate table, and the interpolation of its rate.
 
-Between two polls the rate is interpolated linearly. No estimator follows the samples of such a
-table one by one: its states are means at steady rates. The controller of a motor has no clock, so
-that an angle at a fast rate is uncertain by the rate times the jitter of the link. The table needs
-no zero.
+Between two polls the rate is interpolated linearly. No sequential estimator uses these samples:
+states on a rate table are means at steady rates. A motor's controller has no clock, so at a fast
+rate the uncertainty of an angle is the rate times the timing jitter of the link. The table needs no
+zero.
 
-A poll is omitted where no motion within the limits explains its rate, as after a wrong digit.
+A poll is left out if no motion within the limits explains its rate, as after a corrupted digit.
 """
 
 from collections.abc import Sequence
@@ -23,19 +23,19 @@ from inercal.host.drivers.rotary_table import TableState
 from inercal.host.table_state_codec import StateArrays
 from inercal.recordings import AngleQuality
 
-MAX_IMPLAUSIBLE_RATES = 10  # in a row, beyond which the table cannot be followed
+MAX_IMPLAUSIBLE_RATES = 10  # in a row; after more, the table cannot be followed
 _RATE_MARGIN, _ACCELERATION_MARGIN = 1.2, 2.0  # times the limits
-_BAND = radians(1.0)  # rad/s by which a servo and its readback scatter
-_MAX_COMPARABLE_GAP = 0.5  # s between two readings that are compared
+_BAND = radians(1.0)  # rad/s; allowance for scatter in the servo and its readback
+_MAX_COMPARABLE_GAP = 0.5  # s; longest time between two readings that are compared
 
 
 class RatePlausibility(Plausibility[tuple[float, Array]]):
-    """Decides from their rates which readings a table can have within its limits.
+    """Decides whether the rates in readings are possible within the limits of a table.
 
     Parameters
     ----------
     limits : sequence of AxisMotionLimits
-        Of each axis.
+        Limits of each axis.
     """
 
     most_in_a_row = MAX_IMPLAUSIBLE_RATES
@@ -45,14 +45,14 @@ class RatePlausibility(Plausibility[tuple[float, Array]]):
         self._limits = tuple(limits)
 
     def accept_state(self, state: TableState) -> bool:
-        """Tell whether a reading is plausible, as a driver returned it."""
+        """Return whether a reading, as returned by a driver, is plausible."""
         return self.accept(state.time, np.array([axis.rate for axis in state.axes]))
 
     def accept(self, time: float, rates: Array) -> bool:
-        """Tell whether rates, (k,) rad/s, are plausible after those before.
+        """Return whether rates (k,) in rad/s are plausible after the earlier ones.
 
-        A second reading that agrees with one that was rejected is accepted: the first was right.
-        From a stop that was commanded until the table rests any deceleration is plausible.
+        If a second reading agrees with a rejected one, it is accepted, because the first was right.
+        From a stop command until the table is at rest, any deceleration is plausible.
         """
         now = time, rates
         before, doubted = self._accepted, self._doubted
@@ -86,12 +86,12 @@ class RatePlausibility(Plausibility[tuple[float, Array]]):
 
 
 class RatePolls(PollRecord):
-    """The states that a rate table has reported; its `history` contains rates, rad/s.
+    """The polls of a rate table; `history` contains its rates, rad/s.
 
     Parameters
     ----------
     bench : ControlledBench
-        Its limits: what is no motion within them is left out.
+        Bench whose limits decide which polls are implausible and left out.
     """
 
     def __init__(self, bench: ControlledBench):
@@ -113,9 +113,9 @@ class RatePolls(PollRecord):
         )
 
     def readback(self, time: Array) -> tuple[Array, AngleQuality, NDArray[np.bool_]]:
-        """Return rates at times (n,), (n, k) rad/s, and where they are known; as of `PollRecord`.
+        """Return rates (n, k) in rad/s at times (n,), and where they are known; see `PollRecord`.
 
-        The quality of angles is that of none: no filter uses them.
+        The quality of angles is that of missing angles, because no filter uses them.
         """
         if self.history is None:
             raise InputError(

@@ -1,22 +1,24 @@
 """Rejects table readings that imply impossible motion; a corrupted digit looks like this.
 
-Nothing protects the digits of a controller's reply. So each reading is compared with the last one
-that was accepted, Δt before, axis by axis. With the readback θ, the rate ω and the following error
-e as the controller states them, and the bench's limits ω_max and α_max::
+The digits of a controller's reply have no checksum. Therefore each reading is compared, axis by
+axis, with the last accepted reading, which is older by Δt. Here θ is the readback, ω is the rate
+and e is the following error as the controller states them, and ω_max and α_max are the bench's
+limits::
 
-    |Δθ| ≤ 1.2 ω_max Δt + n                                      possible at all
-    |Δθ − (ω₀ + ω₁) Δt/2| ≤ 2 α_max Δt (Δt/2 + τ) + |ω| Δt/20 + n  as the stated rates have it
-    |Δθ/Δt − Δθ₀/Δt₀| ≤ 2 α_max (Δt + Δt₀)/2 + 2 n/min(Δt, Δt₀)    as the motion before has it
-    |Δ(θ + e)| ≤ 10″ + n                                          where all axes are settled in both
+    |Δθ| ≤ 1.2 ω_max Δt + n                                      at any time
+    |Δθ − (ω₀ + ω₁) Δt/2| ≤ 2 α_max Δt (Δt/2 + τ) + |ω| Δt/20 + n  by the stated rates
+    |Δθ/Δt − Δθ₀/Δt₀| ≤ 2 α_max (Δt + Δt₀)/2 + 2 n/min(Δt, Δt₀)    by the previous motion
+    |Δ(θ + e)| ≤ 10″ + n                                          if all axes are settled in both
 
-n is six standard deviations of the readback's noise and the resolution of the digits, τ by how much
-the readback may be late. What the controller does not state is not checked.
+n is the sum of six standard deviations of the readback's noise and the resolution of the digits,
+and τ is the possible delay of the readback. Values that the controller does not state are not
+checked.
 
-A servo may decelerate faster than the bench's limits say. Two readings in a row that agree with one
-another, and are possible after the last accepted one, are accepted again. From a stop that was
-commanded until the table rests only the first line counts.
+A servo may decelerate faster than the bench's limits. Therefore two readings in a row that agree
+with each other, and are possible after the last accepted one, are accepted again. From a stop
+command until the table is at rest, only the first inequality applies.
 
-`Plausibility` keeps the account of such readings; a subclass compares readings.
+`Plausibility` counts the rejected readings; a subclass compares them.
 """
 
 from abc import ABC, abstractmethod
@@ -28,7 +30,7 @@ from typing import ClassVar, Generic, TypeVar
 from inercal.benches.turntable.bench import Turntable
 from inercal.host.drivers.rotary_table import TableState
 
-R = TypeVar("R")  # a reading as it is compared
+R = TypeVar("R")  # type of a reading in comparisons
 
 
 class Plausibility(ABC, Generic[R]):
@@ -37,9 +39,9 @@ class Plausibility(ABC, Generic[R]):
     Attributes
     ----------
     rejected : int
-        Readings that were rejected so far.
+        Number of readings that were rejected so far.
     in_a_row : int
-        Of them, those since the last reading that was accepted.
+        Number of rejected readings since the last accepted one.
     """
 
     most_in_a_row: ClassVar[int]
@@ -48,7 +50,7 @@ class Plausibility(ABC, Generic[R]):
         self.rejected, self.in_a_row = 0, 0
         self._accepted: R | None = None
         self._doubted: R | None = None
-        self._stopping = False  # a stop was commanded, and the table does not yet rest
+        self._stopping = False  # whether a stop was commanded and the table is not at rest yet
 
     @property
     def is_fault(self) -> bool:
@@ -57,50 +59,50 @@ class Plausibility(ABC, Generic[R]):
 
     @property
     def fault_text(self) -> str:
-        """The message of the fault, for a person."""
+        """Message to the operator about the fault."""
         return (
-            f"{self.in_a_row} readings of the table in a row are no motion within its limits: an "
+            f"{self.in_a_row} readings of the table in a row imply motion beyond its limits: an "
             "encoder jumps, or digits of its replies are wrong"
         )
 
     def restart(self) -> None:
-        """Do not compare the next reading with earlier ones: the host was away."""
+        """Do not compare the next reading with earlier ones, because the host was away."""
         self._accepted = self._doubted = None
         self.in_a_row = 0
         self._stopping = True
 
     def expect_stop(self) -> None:
-        """Allow any deceleration until the table rests: a stop may exceed the limits of a plan."""
+        """Allow any deceleration until the table rests, as a stop may exceed the plan's limits."""
         self._stopping = True
 
     @abstractmethod
     def accept_state(self, state: TableState) -> bool:
-        """Tell whether a reading is plausible, as a driver returned it."""
+        """Return whether a reading, as returned by a driver, is plausible."""
 
     def _accept(self, now: R) -> None:
         self._accepted, self._doubted, self.in_a_row = now, None, 0
 
     def _reject(self, now: R) -> None:
-        """Keep a reading in doubt: a second one that agrees with it is accepted."""
+        """Keep a rejected reading, so that a second one that agrees with it is accepted."""
         self._doubted = now
         self.rejected += 1
         self.in_a_row += 1
 
 
-MAX_IMPLAUSIBLE_READINGS = 5  # in a row: as many as readings that may fail
-_RATE_MARGIN = 1.2  # times the bench's limit, as of the interlocks
-_ACCELERATION_MARGIN = 2.0  # times the bench's limit: a servo overshoots where a ramp begins
-_RATE_SHARE = 0.05  # of a stated rate, which controllers average over some servo cycles
+MAX_IMPLAUSIBLE_READINGS = 5  # readings in a row; the same number may fail
+_RATE_MARGIN = 1.2  # times the bench's limit, as in the interlocks
+_ACCELERATION_MARGIN = 2.0  # times the bench's limit, as a servo overshoots when a ramp begins
+_RATE_SHARE = 0.05  # of a stated rate, which controllers average over several servo cycles
 NOISE_FACTOR = 6.0  # standard deviations
-_RESOLUTION = radians(1e-4)  # rad, of rates and angles told in few digits
-_SETTLED_ANGLE = radians(10 / 3600)  # rad, by which a servo that is settled may still move
-_MAX_COMPARABLE_GAP = 1.0  # s after which a reading is compared with none before
-_FEW_INTERVALS = 3.0  # times the interval before: beyond that it says nothing of this one
+_RESOLUTION = radians(1e-4)  # rad; rates and angles may be stated with few digits
+_SETTLED_ANGLE = radians(10 / 3600)  # rad by which a settled servo may still move
+_MAX_COMPARABLE_GAP = 1.0  # s; after a longer time, a reading is not compared with earlier ones
+_FEW_INTERVALS = 3.0  # times the previous interval; a longer interval is not compared with it
 
 
 @dataclass(frozen=True)
 class AxisReading:
-    """One axis in one reading, rad and rad/s; NaN for what is not stated."""
+    """One axis in one reading, rad and rad/s; NaN if not stated."""
 
     angle: float
     rate: float
@@ -109,7 +111,7 @@ class AxisReading:
 
 @dataclass(frozen=True)
 class _Reading:
-    """A reading, and the motion that led to it from the one before."""
+    """A reading, and the motion from the previous reading to it."""
 
     time: float
     axes: tuple[AxisReading, ...]
@@ -124,7 +126,7 @@ class ReadingPlausibility(Plausibility[_Reading]):
     Parameters
     ----------
     bench : Turntable
-        Its limits, noise and latency.
+        Bench that states limits, noise and latency.
     """
 
     most_in_a_row = MAX_IMPLAUSIBLE_READINGS
@@ -139,7 +141,7 @@ class ReadingPlausibility(Plausibility[_Reading]):
         self._latency = abs(bench.latency.value) + 3 * bench.latency.sd
 
     def accept_state(self, state: TableState) -> bool:
-        """Tell whether a reading is plausible, as a driver returned it."""
+        """Return whether a reading, as returned by a driver, is plausible."""
         homed = all(axis.homed for axis in state.axes)
         axes = [
             AxisReading(axis.angle if homed else nan, axis.rate, axis.following_error)
@@ -153,11 +155,11 @@ class ReadingPlausibility(Plausibility[_Reading]):
         Parameters
         ----------
         time : float
-            s by the table's clock, later than that of the reading before.
+            Time by the table's clock, s, later than that of the previous reading.
         axes : sequence of AxisReading
-            An axis without a zero has the angle NaN: then there is nothing to compare.
+            The angle of an axis without a zero is NaN; then it is not compared.
         settled : bool
-            All axes say that they hold their place.
+            Whether all axes report that they hold their position.
         """
         now = _Reading(time, tuple(axes), settled)
         before, doubted = self._accepted, self._doubted
@@ -196,7 +198,7 @@ class ReadingPlausibility(Plausibility[_Reading]):
         )
 
     def _agree(self, before: _Reading, now: _Reading) -> bool:
-        """Tell whether one reading may follow another on all axes."""
+        """Return whether one reading may follow another on all axes."""
         if not 0 < now.time - before.time <= _MAX_COMPARABLE_GAP:
             return False
         return self._is_possible(before, now) and (

@@ -1,10 +1,10 @@
-"""Sections of a run by the table's clock: when the table holds, and the sample labels.
+"""Sections of a run by the table's clock: the times of holds, and the labels of samples.
 
-The recording begins with the first section. Estimation begins with its rest: where that is
-interrupted before it lasted `COARSE_REST_SECONDS`, the recording begins anew with the section's
-repetition.
+The recording begins with the first section. Estimation begins with the rest in this section: if it
+is interrupted within `COARSE_REST_SECONDS`, the recording begins again when the section is
+repeated.
 
-`InterruptionList` has the times in which the run was interrupted, and why, by the same events.
+`InterruptionList` collects when and why the run was interrupted, from the same events.
 """
 
 import json
@@ -25,17 +25,17 @@ _COARSE_MARGIN = 1 + 1e-3
 
 @dataclass
 class SectionSpan:
-    """A section, complete or interrupted.
+    """A section, either complete or interrupted.
 
     Parameters
     ----------
     number : int
-        Of the task.
+        Number of the task.
     label : str
-    begun, end_time : float
-        s by the table's clock; infinite while it is open.
+    start_time, end_time : float
+        Times by the table's clock, s; the end is infinite while the section is open.
     state : "begun", "done" or "void"
-        Of a void one that was done first, the task is to be done again.
+        If a completed section becomes void, its task has to be repeated.
     is_hold : bool
     """
 
@@ -48,39 +48,39 @@ class SectionSpan:
 
 
 class SectionTimeline:
-    """The sections that the events of a log describe.
+    """The sections that the events in a log describe.
 
     Parameters
     ----------
     settling : float
-        s that go at both ends of a hold.
+        Time to cut off at both ends of a hold, s.
 
     Attributes
     ----------
     spans : list of SectionSpan
-        In the order of time.
+        Sections in the order of time.
     attempt : int
-        How often the recording has begun anew.
+        Number of times that the recording has begun again.
     """
 
     def __init__(self, settling: float):
         self.spans: list[SectionSpan] = []
         self.attempt: int = 0
         self._settling = settling
-        self._first = 0  # where the recording begins among all
+        self._first = 0  # index of the section with which the recording begins
 
     @property
     def start(self) -> float:
-        """When the recording begins, s by the table's clock; infinite while it has not."""
+        """Time at which the recording begins by the table's clock, s; infinite before."""
         return self.spans[self._first].start_time if self._first < len(self.spans) else inf
 
     def add_event(self, event: Mapping[str, Any], turns: float = 0.0) -> None:
-        """Take in an event "section"; `turns` (s) are added to its time.
+        """Process a "section" event; `turns` (s) are added to its time.
 
         Raises
         ------
         InputError
-            An event that is none.
+            The event does not describe a section.
         """
         try:
             number, label, what = int(event["number"]), str(event["label"]), event["state"]
@@ -119,7 +119,7 @@ class SectionTimeline:
             self.attempt += 1
 
     def hold_indices(self, time: Array) -> Indices:
-        """Return the index of the section in which the table holds at times, (n,); −1 for none."""
+        """Return the index of the section with a hold at each time (n,); −1 for none."""
         found = self._within(time)
         held = np.array([one.is_hold for one in self.spans], np.bool_)
         begun, ended = self._ends()
@@ -129,16 +129,16 @@ class SectionTimeline:
         return np.where(good, found, -1)
 
     def labels(self, time: Array) -> NDArray[np.str_]:
-        """Return the labels at times, (n,); "" outside sections and within void ones."""
+        """Return the labels at times (n,); "" outside of sections and within void ones."""
         names = np.array([*(one.label if one.state == "done" else "" for one in self.spans), ""])
         return names[self._within(time)]
 
     def _ends(self) -> Array:
-        """Return when the sections began, and when they ended, (2, sections)."""
+        """Return the start times and the end times of the sections, (2, sections)."""
         return np.array([(one.start_time, one.end_time) for one in self.spans]).reshape(-1, 2).T
 
     def _within(self, time: Array) -> Indices:
-        """Return in which section times are; −1 where in none."""
+        """Return the index of the section that contains each time; −1 for none."""
         begun, ended = self._ends()
         at = np.searchsorted(begun, time, "right") - 1
         return np.where((at >= 0) & (time <= ended[np.maximum(at, 0)]), at, -1)
@@ -154,10 +154,10 @@ class InterruptionSpan:
     Parameters
     ----------
     start, stop : float
-        s of the run; `stop` is that of the last event known while the interruption lasts.
+        Run times, s; while the interruption lasts, `stop` is the time of the last known event.
     causes : list of str
     is_open : bool
-        It lasts.
+        Whether the interruption still lasts.
     """
 
     start: float
@@ -172,7 +172,7 @@ class InterruptionList:
     Attributes
     ----------
     interruptions : list of InterruptionSpan
-        In the order of time.
+        Interruptions in the order of time.
     """
 
     def __init__(self) -> None:
@@ -180,16 +180,16 @@ class InterruptionList:
         self._last = 0.0
 
     def hear(self, time: float) -> None:
-        """Record that a device has sent something, s of the run."""
+        """Record that a device has sent something at a run time, s."""
         self._last = max(self._last, time)
 
     def add_event(self, time: float, event: Mapping[str, Any]) -> None:
-        """Take in an event "session", "section" or "interruption", at a time of the run, s."""
+        """Process an event "session", "section" or "interruption" at a run time, s."""
         what, cause = event.get("what"), event.get("cause")
         if what == "interruption" and cause is not None:
             self._begin(float(event.get("since", time)), str(cause))
         elif what == "session" and self._last:
-            # Where none lasts, a host was killed: nothing was said, and nothing came since.
+            # Without an open interruption, a host was killed, and nothing has been recorded since.
             self._begin(self._last, "" if self._is_open else HOST_GONE)
         elif what == "interruption" or event.get("state") == "begun":
             self._end(time)

@@ -1,15 +1,15 @@
-"""Interpolates the angles of the table between its polls.
+"""Interpolates the angles of a turntable between its polls.
 
-A cubic passes through the four unevenly spaced polls about a time. Its error is estimated from a
-fifth poll, which changes the interpolant by about as much. Where the table holds an angle and is
-polled less often, the angle is that of the nearest poll: each epoch of a filter, ten per second,
-has its own poll, so that their noise is independent.
+The angle is interpolated by a cubic through the four unevenly spaced polls around a time. The error
+of the cubic is estimated from a fifth poll, which changes the interpolated value by about as much.
+While the table holds an angle and is polled less often, the angle of the nearest poll is used: each
+epoch of a filter (ten per second) then has its own poll, so that their noise is independent.
 
-Elsewhere, next to a gap while the table turns, the interpolation is linear and marked as such: the
-table may have stopped in the gap. A poll that no motion within the limits explains is omitted
+Next to a gap while the table turns, the interpolation is linear and marked as such, because the
+table may have stopped in the gap. A poll that no motion within the limits explains is left out
 (`reading_plausibility`).
 """
-# Numba's decorator has no types.
+# Numba's decorator is not typed.
 # pyright: reportUntypedFunctionDecorator=false
 
 from math import inf, nan
@@ -31,26 +31,26 @@ from inercal.host.table_state_codec import StateArrays
 from inercal.methods.turntable.model import EPOCH_PERIOD
 from inercal.recordings import AngleQuality
 
-POLL_INTERVAL = 0.02  # s between polls while the table turns, on benches of iron and simulated ones
-HOLD_POLL_FACTOR = 4  # so many times seldomer a table is polled that holds its place
-# Polls: where one is missing a cubic goes on, and says how far it is off.
+POLL_INTERVAL = 0.02  # s between polls while the table turns, on real and simulated benches
+HOLD_POLL_FACTOR = 4  # while the table holds its position, it is polled less often by this factor
+# Polls: when a single poll is missing, the cubic continues and its error estimate grows.
 _GAP_POLLS = 2.5
-SAME_ANGLE = 5e-5  # rad, 10″, by which the angles of a table that stands differ beside noise
-_MAX_POLL_AGE = EPOCH_PERIOD / 2  # s from a poll within which no other epoch has it
-# What a cubic is off by over what a fifth poll changes: root mean squares over the places of a
-# sudden acceleration among evenly spaced polls (0.0097 and 0.0071 of its square of the interval).
+SAME_ANGLE = 5e-5  # rad, 10″; largest change of the angles at rest, without noise
+_MAX_POLL_AGE = EPOCH_PERIOD / 2  # s from a poll, within which no other epoch uses it
+# Error of the cubic divided by the change from a fifth poll: rms over the positions of a step in
+# acceleration among evenly spaced polls (0.0097 and 0.0071 of this step times the interval²).
 _INTERPOLATION_FACTOR = 1.4
 
 
 class TablePolls(PollRecord):
-    """The states that a table of angles has reported.
+    """The polls of a turntable, and the interpolation of its angles.
 
     Parameters
     ----------
     poll : float
-        s between polls.
+        Time between two polls, s.
     bench : Turntable
-        Its limits and noise: what is no motion of it is left out.
+        Bench whose limits and noise decide which polls are implausible and left out.
     """
 
     def __init__(self, poll: float, bench: Turntable):
@@ -59,13 +59,14 @@ class TablePolls(PollRecord):
         self._gap, self._same_angle = _GAP_POLLS * poll, SAME_ANGLE + NOISE_FACTOR * bench.white
 
     def _values(self, came: StateArrays) -> Array:
-        # An angle is one from the zero that homing finds; of a table that seeks it there is none.
+        # Angles count from the zero that homing finds; there are none while a table searches for
+        # it.
         return np.where(came.homed[:, None], came.angle, nan)
 
     def _plausible(
         self, time: Array, values: Array, came: StateArrays, later: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Return which polls the table can have moved to, (n,)."""
+        """Return which polls are plausible as motion of the table, (n,)."""
         columns = zip(
             time.tolist(), came.settled.tolist(), later.tolist(), values.tolist(),
             came.rate.tolist(), came.following_error.tolist(), strict=True,
@@ -82,7 +83,7 @@ class TablePolls(PollRecord):
         )
 
     def readback(self, time: Array) -> tuple[Array, AngleQuality, NDArray[np.bool_]]:
-        """Return angles at times (n,), (n, k) rad, their uncertainty, and where they are known.
+        """Return angles (n, k) in rad at times (n,), their uncertainty, and where they are known.
 
         The times must be before `complete_until`.
         """
@@ -137,7 +138,7 @@ def _interpolate_angles(
             first, last = a - 1, a + 2
         _lagrange_weights(x, first, last, t, weight)
         for k in range(y.shape[1]):
-            # Weights add up to 1: of large angles only the differences are rounded.
+            # The weights add up to 1, so only differences of large angles are rounded.
             found[i, k] = y[a, k]
             for j in range(first, last + 1):
                 found[i, k] += weight[j - first] * (y[j, k] - y[a, k])
@@ -148,11 +149,11 @@ def _interpolate_angles(
             gain[i] += weight[j] * weight[j]
         beyond = 0
         for e in (a - 2, a + 3):
-            b = e if e < a else a + 2  # where the way to it begins
+            b = e if e < a else a + 2  # where the interval to this poll begins
             if e < 0 or not (x[b + 1] - x[b] <= gap or _stood(x, y, settled, same, b)):
                 continue
             beyond += 1
-            # The interpolant through a fifth point moves by what the cubic misses there, times ω.
+            # A fifth point changes the interpolant by the cubic's error there times the ratio of ω.
             _lagrange_weights(x, first, last, x[e], other)
             ratio = 1.0
             for j in range(first, last + 1):
@@ -168,7 +169,7 @@ def _interpolate_angles(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _stood(x: Array, y: Array, settled: NDArray[np.bool_], same: float, a: int) -> bool:
-    """Return whether the table is assumed to stand between poll a and the next."""
+    """Return whether the table is assumed to be at rest between poll a and the next one."""
     if a < 0 or x[a + 1] - x[a] > MAX_UNREAD or not (settled[a] and settled[a + 1]):
         return False
     stands = True
@@ -179,7 +180,7 @@ def _stood(x: Array, y: Array, settled: NDArray[np.bool_], same: float, a: int) 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _lagrange_weights(x: Array, first: int, last: int, t: float, weight: Array) -> None:
-    """Write the weights at t of the polynomial through points first to last."""
+    """Write the weights at t of the polynomial through the points first to last."""
     for j in range(first, last + 1):
         weight[j - first] = 1.0
         for m in range(first, last + 1):

@@ -1,14 +1,15 @@
-"""A table on an ACUTROL3000, which is spoken to in lines like SCPI's, over TCP.
+"""Driver for tables on an ACUTROL3000 controller, which uses SCPI-like lines over TCP.
 
-Angles are in degrees on the line. `:demand:position n,x`, `:demand:rate n,x`, `:mode:position n`,
-`:mode:rate n`, `:limit:rate pos,n,x`, `:limit:acc pos,n,x`, `:limit:absolute? n`, `:read:pos? n`,
-`:interlock:close n`, `:interlock:reset` and `*stb?` are known from programs in use. Assumed, for
-want of the manual: lines end with LF and a command that is no question answers nothing; `*stb?`
-behind a command says that it was heard, bit 0 the interlock's fault (65 is seen then), bit 2 an
-error; a demand is taken whatever the mode; encoders are absolute, so that nothing is homed. No
-clock of the servo is known: `TableState.time` is NaN.
+Angles are in degrees on the line. The commands `:demand:position n,x`, `:demand:rate n,x`,
+`:mode:position n`, `:mode:rate n`, `:limit:rate pos,n,x`, `:limit:acc pos,n,x`, `:limit:absolute?
+n`, `:read:pos? n`, `:interlock:close n`, `:interlock:reset` and `*stb?` are known from existing
+programs. As the manual is not available, the following is assumed: lines end with LF; a command
+that is not a query has no reply; `*stb?` after a command confirms that it was received, with bit 0
+for an interlock fault (the status is then 65) and bit 2 for an error; a demand is accepted in any
+mode; encoders are absolute, so that no axis is homed. No servo clock is known, so `TableState.time`
+is NaN.
 
-Position mode brings a demand from before: each is set before its mode is.
+Position mode starts from the previous demand, so each demand is set before its mode.
 """
 
 import re
@@ -32,34 +33,34 @@ from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
 
 _NUMBER = re.compile(r"[+-]?\d{1,15}(?:\.\d{0,15})?(?:[Ee][+-]?\d{1,2})?", re.ASCII)
-_ANGLE_TOLERANCE = radians(0.001)  # rad of a demand: a few arc seconds, as such tables are exact
-# rad/s at rest; a readout of rates is noisier than one of angles, and a table that stands and is
-# held to turn is stopped again and killed.
+_ANGLE_TOLERANCE = radians(0.001)  # rad from the demand; such tables are accurate to arc seconds
+# Rate at rest, rad/s. A rate readout is noisier than an angle readout, and a table at rest that
+# appears to turn would be stopped again and killed.
 _REST_RATE = radians(0.05)
 _NO_HOMING = "the encoders of this controller are absolute: no axis is homed"
 
 
 @dataclass(frozen=True)
 class AcutrolAxis:
-    """An axis: its name and its number."""
+    """An axis, given by its name and its number."""
 
     name: str
     number: int
 
 
 class Acutrol(RotaryTable):
-    """A `RotaryTable` on the ACUTROL3000 at `address`.
+    """A `RotaryTable` on an ACUTROL3000 at `address`.
 
     Parameters
     ----------
     address : str
         `tcp://HOST:PORT`.
     axes : sequence of AcutrolAxis
-        Outer to inner.
+        The axes, from outer to inner.
     timeout : float
-        s that a reply may take.
+        Longest time to wait for a reply, s.
     opener : callable
-        Opens a link to an address; tests give their own.
+        Opens a link to an address; tests supply their own.
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class Acutrol(RotaryTable):
         self.axes = tuple(a.name for a in self._axes)
         self.unsupported = {"home": _NO_HOMING}
         require_unique_names(self.axes)
-        # What each axis was last told: an angle, or a rate.
+        # The last command to each axis: an angle or a rate.
         self._goals = [(nan, 0.0)] * len(self._axes)
         self._dialogue = TextDialogue(address, b"\n", timeout, opener)
         try:
@@ -87,14 +88,14 @@ class Acutrol(RotaryTable):
         return self._dialogue.ask(b"*idn?\n")
 
     def enable(self, axis: str | None = None) -> None:
-        """Close the interlock of an axis, or of all, at rest in rate mode."""
+        """Close the interlock of an axis, or of all axes, and leave them at rest in rate mode."""
         for i in axis_indices(axis, self.axes):
             n = self._axes[i].number
             self._send(":interlock:reset", f":mode:off {n}", f":interlock:close {n}")
             self._send(*self._rest_commands(i))
 
     def home(self, axis: str | None = None) -> None:
-        """Do nothing: the encoders are taken to be absolute."""
+        """Do nothing, because the encoders are assumed to be absolute."""
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
         """As `RotaryTable.move`."""
@@ -122,23 +123,23 @@ class Acutrol(RotaryTable):
         self._goals[i] = (nan, rate)
 
     def stop(self) -> None:
-        """Bring all axes to rest in rate mode; no safety function."""
-        # On one line: what is wrong with one axis keeps no other from hearing it.
+        """Bring all axes to rest in rate mode; this is not a safety function."""
+        # Send one line, so that a problem with one axis does not keep the command from the others.
         lines = [line for i in range(len(self._axes)) for line in self._rest_commands(i)]
         stop_with_retry(lambda: self._send(*lines, urgent=True))
 
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
-        """Open the interlock of an axis, or of all; refused as in `RotaryTable.kill`."""
+        """Open the interlock of an axis or of all axes; refused as in `RotaryTable.kill`."""
         chosen = axis_indices(axis, self.axes)
         if not coasting and any(self.read().axes[i].moving for i in chosen):
             raise TableFault(
                 f"{self._dialogue.address}: an axis turns and would coast if killed; call stop() "
-                "first, then kill(), or kill(coasting=True) where stopping failed"
+                "first, then kill(), or kill(coasting=True) if stopping failed"
             )
         self._send(*(f":interlock:open {self._axes[i].number}" for i in chosen))
 
     def read(self) -> TableState:
-        """Return where the table is now, without a time."""
+        """Return the present state of the table, without a time."""
         parts = [
             f":read:pos? {n};rate? {n};:interlock? {n}" for n in (a.number for a in self._axes)
         ]
@@ -165,7 +166,7 @@ class Acutrol(RotaryTable):
             angle=angle,
             rate=rate,
             following_error=nan,
-            # Where no angle was asked for, any is the right one.
+            # If no angle was commanded, every angle is in position.
             in_position=resting and not abs(angle - goal) > _ANGLE_TOLERANCE,
             moving=not resting,
             enabled=interlock == "closed",

@@ -1,11 +1,12 @@
-"""A rate table of one axis turned by a motor's own controller, in ASCII over a serial port.
+"""Driver for a single-axis rate table on a motor's own controller, in ASCII over a serial port.
 
-The ship rig's source (Xiao, Liu and Liu 2014) says that a host sets the motor's speed over a link
-and no more. Assumed is a controller as Ideal Aerosmith's, at 9600 baud: lines end with CR, and each
-is answered by what it asks for and a prompt `>`; `?` before the prompt refuses. `ACL x` sets the
-acceleration (°/s²), `JOG x` turns at a rate (°/s), `STO` decelerates to rest, `HOM` looks for zero,
-`VEL x` and `POS x` move to an angle, `PPO` and `PVE` print position and rate. It tells no clock of
-its own, `TableState.time` is NaN, and has no command that takes its power off.
+The source for the ship rig (Xiao, Liu and Liu 2014) only says that a host sets the motor's speed
+over a link. A controller like Ideal Aerosmith's at 9600 baud is assumed: lines end with CR, and
+each is answered by the requested value and a prompt `>`; `?` before the prompt means that the
+command was refused. `ACL x` sets the acceleration (°/s²), `JOG x` turns at a rate (°/s), `STO`
+decelerates to rest, `HOM` searches for zero, `VEL x` and `POS x` move to an angle, and `PPO` and
+`PVE` print position and rate. The controller reports no clock, so `TableState.time` is NaN. It has
+no command that switches its power off.
 """
 
 import re
@@ -26,29 +27,29 @@ from inercal.host.drivers.rotary_table import (
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
 
-_BAND = radians(0.05)  # rad and rad/s within which the axis is in position, and at rest
+_BAND = radians(0.05)  # rad and rad/s within which the axis is in position and at rest
 _NO_SERVO_OFF = (
-    "this controller has no command that takes the power off; possible: stop(), or the drive's own "
-    "switch"
+    "this controller has no command that switches the power off; possible: stop(), or the drive's "
+    "own switch"
 )
 _NUMBER = re.compile(r"[+-]?\d{1,12}(?:\.\d{0,12})?", re.ASCII)
 
 
 class Motor(RotaryTable):
-    """A `RotaryTable` of one axis on such a controller at `address`.
+    """A single-axis `RotaryTable` on such a controller at `address`.
 
     Parameters
     ----------
     address : str
-        `serial:/dev/ttyUSB0?baud=9600`, or `tcp://HOST:PORT` of a port server.
+        `serial:/dev/ttyUSB0?baud=9600`, or `tcp://HOST:PORT` for a serial port server.
     limits : AxisLimits
-        The rig's; the controller tells none.
+        Limits of the rig, because the controller reports none.
     axis : str
-        The axis' name.
+        Name of the axis.
     timeout : float
-        s that a reply may take.
+        Longest time to wait for a reply, s.
     opener : callable
-        Opens a link to an address; tests give their own.
+        Opens a link to an address; tests supply their own.
     """
 
     def __init__(
@@ -65,11 +66,11 @@ class Motor(RotaryTable):
         self._dialogue = TextDialogue(address, b">", timeout, opener)
 
     def identity(self) -> str:
-        """Return nothing: no command is known that asks for it."""
+        """Return "", because no identification command is known."""
         return ""
 
     def enable(self, axis: str | None = None) -> None:
-        """Ask for the position, to see that somebody answers: such a servo is on with its power."""
+        """Query the position to check that the controller answers; its servo is always on."""
         axis_indices(axis, self.axes)
         self._send("PPO")
 
@@ -97,17 +98,17 @@ class Motor(RotaryTable):
         self._goal, self._spinning = nan, rate
 
     def stop(self) -> None:
-        """Decelerate to rest (`STO`), at the acceleration last set; no safety function."""
+        """Decelerate to rest (`STO`) at the last acceleration; this is not a safety function."""
         self._goal, self._spinning = nan, 0.0
         stop_with_retry(lambda: self._send("STO", urgent=True))
 
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
-        """Refuse: see the module."""
+        """Refuse, because the controller has no such command; see the module docstring."""
         axis_indices(axis, self.axes)
         raise TableFault(_NO_SERVO_OFF)
 
     def read(self) -> TableState:
-        """Return where the axis is now, without a time."""
+        """Return the present state of the axis, without a time."""
         angle, rate = (radians(self._query_number(what)) for what in ("PPO", "PVE"))
         resting = abs(rate) <= _BAND and self._spinning == 0
         in_position = resting and not abs(angle - self._goal) > _BAND

@@ -1,21 +1,21 @@
-"""A table whose axes are motors of a Turbo PMAC, reached over Ethernet.
+"""Driver for tables whose axes are motors on a Turbo PMAC controller, over Ethernet.
 
-Units of the controller: positions and following errors in counts, `#nV` in counts per servo cycle
-(rounded to 0.1 by the controller), I-variables in counts, counts/ms and counts/ms², Ixx11 and
-Ixx28 in 1/16 count. One count is 2π/counts_per_turn rad.
+Units of the controller: positions and following errors are in counts, `#nV` is in counts per servo
+cycle (rounded to 0.1 by the controller), I-variables are in counts, counts/ms and counts/ms², and
+Ixx11 and Ixx28 are in 1/16 count. One count is 2π/counts_per_turn rad.
 
 **Time.** X:$0 counts servo cycles in 24 bits (the manual's suggested M100); one cycle is
-I10/8388608 ms. A reading asks for it first and last in the one line that asks for positions: the
-same number twice says that all belong to that cycle; otherwise `TableState.span` says how much
-passed. It wraps after 2 h at 2.26 kHz (`Pmac.wrap_period`), which readings count on: a table must
-be read more often than that for its time to be right. Nothing checks the digits on the line, and
-one that is wrong must not count a turn: where both numbers are further apart than a reply may
-take, or the first goes back by no more than that, it is not a reading. What goes back further, in
-both, began anew.
+I10/8388608 ms. A reading requests this count first and last in the same line as the positions.
+Equal counts show that all values belong to one cycle; otherwise `TableState.span` is the time that
+passed. The count wraps after 2 h at 2.26 kHz (`Pmac.wrap_period`), and readings continue it across
+a wrap, so a table must be read more often than this for its time to be right. The link has no
+checksum, and a corrupted digit must not be taken for a wrap. Therefore a reading is rejected if its
+counts are further apart than a reply can take, or if the first count goes back by no more than
+this. If both counts go back further, the clock has restarted.
 
-**Limits.** Rates are held to Ixx16 and accelerations to Ixx17, which nothing here writes: Ixx19 and
-Ixx22, those of jogs, are what a motion is commanded by, and would hold the next one back. Soft
-limits are Ixx13 and Ixx14 (0: none).
+**Limits.** Rates are limited by Ixx16 and accelerations by Ixx17, which this driver never writes.
+It commands motions by the jog variables Ixx19 and Ixx22, which would otherwise limit the next
+motion. Soft limits are Ixx13 and Ixx14 (0 means none).
 
 Source: Delta Tau, Turbo PMAC Software Reference Manual.
 """
@@ -42,16 +42,16 @@ from inercal.host.drivers.rotary_table import (
 )
 from inercal.host.link import Link, LinkLost, open_link
 
-_CYCLES = 1 << 24  # X:$0 wraps here
-# s after a command in which a motor may still say that it is where it was: it starts at the next
-# real-time interrupt (I8), a few servo cycles later.
+_CYCLES = 1 << 24  # number of cycles after which X:$0 wraps
+# s after a command in which a motor may still report rest: it starts at the next real-time
+# interrupt (I8), which is a few servo cycles later.
 _STARTING = 0.02
 _LIMITS = (0, 11, 13, 14, 16, 17, 60)
 
 
 @dataclass(frozen=True)
 class PmacAxis:
-    """An axis: its name, its motor's number (1 to 32), and counts in one turn (< 0 reverses it)."""
+    """An axis: its name, motor number (1 to 32), and counts per turn (< 0 reverses the axis)."""
 
     name: str
     motor: int
@@ -59,25 +59,25 @@ class PmacAxis:
 
 
 class Pmac(RotaryTable):
-    """A `RotaryTable` on the Turbo PMAC at `address`.
+    """A `RotaryTable` on a Turbo PMAC at `address`.
 
     Parameters
     ----------
     address : str
         `tcp://HOST:1025`.
     axes : sequence of PmacAxis
-        Outer to inner.
+        The axes, from outer to inner.
     timeout : float
-        s that a whole reply may take.
+        Longest time for a complete reply, s.
     opener : callable
-        Opens a link to an address; tests give their own.
+        Opens a link to an address; tests supply their own.
 
     Raises
     ------
     InputError
-        Axes that cannot be, or a motor that is not activated or whose loop closes every few cycles.
+        The axes are impossible, or a motor is not activated or its loop skips servo cycles.
     LinkLost
-        No Turbo PMAC answers there.
+        No Turbo PMAC answers at the address.
     """
 
     def __init__(
@@ -118,17 +118,17 @@ class Pmac(RotaryTable):
             raise
 
     def identity(self) -> str:
-        """Return the firmware's version and the controller's type."""
+        """Return the version of the firmware and the type of the controller."""
         version, kind = self._ask("VERSION TYPE", 2)
         return f"Turbo PMAC {kind.strip()}, firmware {version.strip()}"
 
     def enable(self, axis: str | None = None) -> None:
-        """Close the servo loop of an axis, or of all, where it stands (`J/`)."""
+        """Close the servo loop of an axis, or of all axes, at the present position (`J/`)."""
         chosen = axis_indices(axis, self.axes)
         self._ask(" ".join(f"#{self._axes[i].motor}J/" for i in chosen))
 
     def home(self, axis: str | None = None) -> None:
-        """Start the search for zero on an axis, or on all (`HM`)."""
+        """Start to search for the zero of an axis, or of all axes (`HM`)."""
         chosen = axis_indices(axis, self.axes)
         homing = " ".join(f"#{self._axes[i].motor}HM" for i in chosen)
         cycle = codec.parse_word(self._ask(f"{homing} RHX$0", 1)[0], 6)
@@ -136,7 +136,7 @@ class Pmac(RotaryTable):
             self._start_cycles[i] = cycle
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
-        """Start toward `angle` (`J=`); see `RotaryTable.move`."""
+        """Start a move to `angle` (`J=`); see `RotaryTable.move`."""
         i = axis_index(axis, self.axes)
         self.limits[i].check(axis, rate, acceleration, angle)
         counts = angle / tau * self._axes[i].counts_per_turn
@@ -150,30 +150,30 @@ class Pmac(RotaryTable):
         self._jog(i, rate, acceleration, "J/" if rate == 0 else "J+" if forward else "J-")
 
     def stop(self) -> None:
-        """Decelerate all axes at Ixx15 (`^A`) and hold them; no safety function.
+        """Decelerate all axes at Ixx15 (`^A`) and hold them; this is not a safety function.
 
-        `^A` also closes the loops of killed motors. Motors that still turn then, or all where `^A`
-        is not answered in time, are told `J/` at the same deceleration. The caller has other means,
-        such as the watchdog, where an axis does not answer that either.
+        `^A` also closes the loops of killed motors. Motors that still turn afterwards, or all
+        motors if `^A` is not answered in time, get the command `J/` with the same deceleration. If
+        an axis does not answer this either, the caller has other means, such as the watchdog.
 
         Raises
         ------
         CommandRefused, ProtocolError
-            A motor refuses `J/`, or did not answer; all others have been told.
+            A motor refuses `J/` or does not answer; all others have received it.
         LinkLost
             The controller cannot be reached.
         """
         try:
             heard = self._dialogue.control("A")
         except LinkLost:
-            heard = self._dialogue.control("A")  # on another connection
+            heard = self._dialogue.control("A")  # possibly on another connection
         motors = [a.motor for a in self._axes]
         if heard:
             with suppress(ProtocolError, LinkLost):
                 state = self.read()
                 motors = [m for m, axis in zip(motors, state.axes, strict=True) if axis.moving]
         try:
-            # A reply of one line is told from a late answer to ^A.
+            # A one-line reply can be distinguished from a late answer to ^A.
             self._each(
                 (f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/ RHX$0" for m in motors),
                 lambda line: self._dialogue.ask_now(line, 1),
@@ -183,15 +183,15 @@ class Pmac(RotaryTable):
             raise
         finally:
             if not heard:
-                self._dialogue.drop()  # late replies may be under way
+                self._dialogue.drop()  # late replies may still arrive
 
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
-        """Open the loop of an axis, or of all, and take the power off (`K`).
+        """Open the loop of an axis, or of all axes, and switch the power off (`K`).
 
         Raises
         ------
         TableFault
-            An axis turns, and would coast; `coasting=True` says that it shall.
+            An axis turns and would coast; `coasting=True` permits this.
         """
         chosen = axis_indices(axis, self.axes)
         if not coasting:
@@ -200,13 +200,13 @@ class Pmac(RotaryTable):
                 if state.enabled and not state.settled:
                     raise TableFault(
                         f"axis {name} turns and would coast if killed; call stop() first, then "
-                        "kill(), or kill(coasting=True) where stopping failed",
+                        "kill(), or kill(coasting=True) if stopping failed",
                         names=(name,),
                     )
         self._each((f"#{self._axes[i].motor}K" for i in chosen), self._ask)
 
     def read(self) -> TableState:
-        """Return where the table is now; its time is the servo clock as it stands."""
+        """Return the present state of the table, with the servo clock as its time."""
         lines = self._ask(self._ask_state, 4 * len(self._axes) + 2)
         first, last = codec.parse_word(lines[0], 6), codec.parse_word(lines[-1], 6)
         during, back = (last - first) % _CYCLES, self._cycle - first
@@ -233,7 +233,7 @@ class Pmac(RotaryTable):
         return self._dialogue.ask(line, replies)
 
     def _each(self, lines: Iterable[str], ask: Callable[[str], object]) -> None:
-        """Send all lines, so that a motor whose line fails does not keep the others from theirs."""
+        """Send all lines, even if the line for one motor fails."""
         failure: CommandRefused | ProtocolError | LinkLost | None = None
         for line in lines:
             try:
@@ -289,10 +289,10 @@ class Pmac(RotaryTable):
         )
 
     def _jog(self, i: int, rate: float, acceleration: float, command: str) -> None:
-        """Set rate and acceleration, and start.
+        """Set rate and acceleration of an axis, and start its motion.
 
-        The times of acceleration (Ixx20) and of its S-curve (Ixx21) are 0, so that Ixx19 alone says
-        how the axis accelerates.
+        The acceleration time (Ixx20) and the S-curve time (Ixx21) are set to 0, so that only Ixx19
+        determines the acceleration.
         """
         axis = self._axes[i]
         per_turn, n = abs(axis.counts_per_turn) / tau, axis.motor
@@ -303,5 +303,5 @@ class Pmac(RotaryTable):
 
 
 def _decimal_text(value: float) -> str:
-    """Return a constant in the controller's notation, without an exponent."""
+    """Return a number in the controller's notation, without an exponent."""
     return f"{value:.12f}".rstrip("0").rstrip(".")

@@ -1,9 +1,11 @@
 """Encodes requests to a Turbo PMAC over Ethernet and decodes its replies, without any I/O.
 
-A request is a header of 8 bytes (type, request, value, index: two bytes each, length big-endian)
-and the command line. Its reply is text, lines ended by CR, the whole ended by ACK; or BELL, ERRnnn
-and CR where a command was refused. The controller sends 1400 bytes at most and waits to be asked
-for the rest; TCP may split those anywhere. No end is ever guessed from the size of what arrived.
+A request consists of a header of 8 bytes and the command line. The header contains type and request
+(one byte each), then value, index and length (two bytes each; the length is big-endian). The reply
+is text: lines that end with CR, and an ACK at the end. If a command is refused, the reply is BELL,
+ERRnnn and CR. The controller sends at most 1400 bytes and waits for a request before it sends the
+rest; TCP may split these bytes anywhere. The end of a reply is never guessed from the number of
+bytes that arrived.
 
 Source: Delta Tau, Turbo PMAC User Manual, "Turbo PMAC Ethernet Protocol"; Turbo PMAC Software
 Reference Manual, I6 (errors), `?` (status), `P`, `V`, `F`.
@@ -18,13 +20,13 @@ from inercal.basics.errors import InputError
 from inercal.host.drivers.rotary_table import ProtocolError, TableFault
 
 CHUNK_SIZE = 1400  # bytes that the controller sends at a time
-FLUSH_ANSWER = b"@"  # its answer to `FLUSH_REQUEST`
-_MAX_REPLY_SIZE = 1 << 20  # bytes; no reply of a table comes near
+FLUSH_ANSWER = b"@"  # the controller's answer to `FLUSH_REQUEST`
+_MAX_REPLY_SIZE = 1 << 20  # bytes; real replies are far shorter
 _MAX_LINE_SIZE = 1492  # bytes of a command line that a packet can carry
 
 _DOWNLOAD, _UPLOAD = 0x40, 0xC0
 _FLUSH, _GETRESPONSE, _CONTROL, _GETBUFFER = 0xB3, 0xBF, 0xC4, 0xC5
-# Requests for the next 1400 bytes of a reply, and to forget what is not yet sent.
+# Requests for the next 1400 bytes of a reply, and for discarding bytes that are not sent yet.
 BUFFER_REQUEST = pack(">BBHHH", _UPLOAD, _GETBUFFER, 0, 0, CHUNK_SIZE)
 FLUSH_REQUEST = pack(">BBHHH", _DOWNLOAD, _FLUSH, 0, 0, 0)
 _ACK = b"\x06"
@@ -60,12 +62,12 @@ ERRORS = {
 }
 
 NEGATIVE_END, POSITIVE_END = "negative end limit", "positive end limit"
-# Bits of the two status words by which a motor says that something is wrong.
+# Bits of the two status words with which a motor reports faults.
 _FAULTS = (
     (1, 22, NEGATIVE_END),
     (1, 21, POSITIVE_END),
-    (2, 12, "stopped on the desired position's limit"),
-    (2, 11, "stopped on a position limit"),
+    (2, 12, "stopped at a limit of the desired position"),
+    (2, 11, "stopped at a position limit"),
     (2, 8, "phasing reference error"),
     (2, 6, "integrated fatal following error"),
     (2, 5, "amplifier overload (I²t)"),
@@ -88,17 +90,17 @@ class MotorStatus(NamedTuple):
     Parameters
     ----------
     activated : bool
-        The controller serves this motor at all (Ixx00).
+        Whether the controller serves this motor at all (Ixx00).
     enabled : bool
-        The amplifier is on and the loop is closed.
+        Whether the amplifier is on and the loop is closed.
     moving : bool
-        The desired velocity is not zero; of an open loop the controller says so too.
+        Whether the desired velocity is not zero; the controller also reports this for an open loop.
     homed : bool
-        Home complete.
+        Whether homing is complete.
     in_position : bool
-        Within Ixx28 of the target.
+        Whether the motor is within Ixx28 of its target.
     faults : tuple of str
-        What is wrong, in words.
+        Faults as text.
     """
 
     activated: bool
@@ -109,10 +111,10 @@ class MotorStatus(NamedTuple):
     faults: tuple[str, ...]
 
 
-# The line that asks for the table's state is the same fifty times a second.
+# The line that requests the table's state is the same fifty times per second.
 @lru_cache(64)
 def response_request(line: str) -> bytes:
-    """Return the request that carries out `line` and asks for its reply."""
+    """Return the request that executes `line` and asks for its reply."""
     try:
         data = line.encode("ascii")
     except UnicodeEncodeError:
@@ -127,15 +129,15 @@ def response_request(line: str) -> bytes:
 
 
 def control_request(letter: str) -> bytes:
-    """Return the request for a control character, "A" for ^A.
+    """Return the request for a control character, such as "A" for ^A.
 
-    The character is the first byte of the value, as the drivers in use at synchrotrons send it.
+    The character is the first byte of the value, as in the drivers that synchrotrons use.
     """
     return pack("<BBHHH", _UPLOAD, _CONTROL, ord(letter) & 0x1F, 0, 0)
 
 
 class ReplyReader:
-    """The reply to `line`, assembled from pieces of any size."""
+    """Assembles the reply to `line` from pieces of any size."""
 
     def __init__(self, line: str):
         self._line = line
@@ -144,23 +146,23 @@ class ReplyReader:
 
     @property
     def awaits_request(self) -> bool:
-        """Whether the controller waits to be asked for the next chunk of an unfinished reply."""
+        """Whether the controller waits for a request before it sends the rest of a reply."""
         return len(self._data) > 0 and len(self._data) % CHUNK_SIZE == 0
 
     @property
     def size(self) -> int:
-        """Number of bytes received."""
+        """Number of bytes received so far."""
         return len(self._data)
 
     def feed(self, data: bytes) -> list[str] | None:
-        """Take what arrived; return the reply's lines once it is whole, None before.
+        """Process received bytes; return the lines of the reply once it is complete, else None.
 
         Raises
         ------
         CommandRefused
-            The controller answered BELL and an error.
+            The controller answered with BELL and an error.
         ProtocolError
-            Bytes after the end, characters that are not text, or no end within 1 MiB.
+            There are bytes after the end, or bytes that are not text, or no end within 1 MiB.
         """
         seen = len(self._data)
         self._data += data
@@ -200,8 +202,8 @@ class ReplyReader:
         return text.split("\r")[:-1]
 
     def _raise_refusal(self, rest: bytes) -> None:
-        """Raise the error that the controller sends after BELL, or wait for the rest of it."""
-        # What has come is completed by a known refusal, to see whether it can still become one.
+        """Raise the error that the controller sends after BELL, or wait until it is complete."""
+        # Check whether the received part is the beginning of a known refusal.
         match = _REFUSAL.fullmatch(rest + b"\x07ERR000\r"[len(rest) :])
         if match is None:
             raise ProtocolError(
@@ -215,7 +217,7 @@ class ReplyReader:
 
 
 def parse_number(text: str) -> float:
-    """Return a number as the controller writes it: decimal, or `$` and hexadecimal digits.
+    """Return a number in the controller's notation: decimal, or hexadecimal after `$`.
 
     Raises `ProtocolError` for any other text.
     """
@@ -243,10 +245,10 @@ def parse_word(text: str, digits: int) -> int:
     return int(text, 16)
 
 
-# A motor says few different words in a run.
+# In a run, a motor reports only a few different words.
 @lru_cache(256)
 def parse_status(text: str) -> MotorStatus:
-    """Return the status of a motor from the 12 digits that answer `#n?`: two words of 24 bits."""
+    """Return a motor's status from the reply to `#n?`: 12 digits, two words of 24 bits."""
     if len(text.strip()) != 12:
         raise ProtocolError(
             f"the PMAC replied {text[:40]!r} where a motor status of 12 hexadecimal digits was "

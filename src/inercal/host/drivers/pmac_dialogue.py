@@ -1,13 +1,13 @@
-"""Requests to a Turbo PMAC; a late reply is never taken for the reply to the next request.
+"""Exchanges requests and replies with a Turbo PMAC, and never assigns a late reply wrongly.
 
-A request is a packet of its own, and the next is sent when its reply has come or its time limit has
-passed: a controller may take one packet for one request. A reply is read to its ACK. Where it does
-not come whole in time, or what comes is no reply, the controller is told to forget it and the
-connection is given up; the next request opens another, which bytes under way to the old one cannot
-reach. A request is not repeated, as the command may have been executed.
+Each request is a packet of its own, because a controller may take one packet for one request. The
+next one is sent when the reply has arrived or the time limit has passed. A reply is read up to its
+ACK. If it is not complete in time, or the bytes are not a valid reply, the controller is told to
+discard it and the connection is closed. The next request opens a new connection, which bytes sent
+to the old one cannot reach. A request is not repeated, because the command may have been executed.
 
-Commands that stop the table wait for no answer that came late, and none of a new connection: see
-`control` and `ask_now`.
+Commands that stop the table wait neither for a late answer nor for the first answers on a new
+connection; see `control` and `ask_now`.
 """
 
 from collections.abc import Callable
@@ -18,10 +18,10 @@ from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.link import Link, LinkLost, open_link, read_until
 
-# ERRnnn behind BELL (I6), no LF before lines and ACK behind them (I3): what the codec reads; bare
-# numbers, addresses as $hex (I9).
+# The codec needs ERRnnn after BELL (I6), no LF before lines and ACK after them (I3), and plain
+# numbers with addresses as $hex (I9).
 _REPLY_FORMAT_COMMAND = "i6=1 i3=2 i9=2"
-STOP_TIMEOUT = 0.3  # s that the answer to a command of a stop is waited for
+STOP_TIMEOUT = 0.3  # s to wait for the answer to a stop command
 
 
 class PmacDialogue(Closeable):
@@ -30,11 +30,11 @@ class PmacDialogue(Closeable):
     Parameters
     ----------
     address : str
-        Where the controller is.
+        Address of the controller.
     timeout : float
-        s that a whole reply may take.
+        Longest time for a complete reply, s.
     opener : callable
-        Opens a link to an address; tests give their own.
+        Opens a link to an address; tests supply their own.
     """
 
     def __init__(
@@ -48,17 +48,18 @@ class PmacDialogue(Closeable):
         self._connect()
 
     def ask(self, line: str, replies: int = 0) -> list[str]:
-        """Return the `replies` lines that answer a command line.
+        """Send a command line, and return the `replies` lines that answer it.
 
         Raises
         ------
         CommandRefused
-            The controller answers ERRnnn; the connection stays.
+            The controller answers ERRnnn; the connection stays open.
         ProtocolError
-            No whole reply in time, bytes that are no reply, or another number of lines: nothing of
-            it is used, and the connection is given up. The command may have been executed.
+            There is no complete reply in time, the bytes are not a valid reply, or the number of
+            lines is wrong. Nothing from the reply is used, and the connection is closed. The
+            command may have been executed.
         LinkLost
-            The connection is lost, or cannot be opened; the next call opens another.
+            The connection is lost or cannot be opened; the next call opens a new one.
         """
         link = self._connect()
         try:
@@ -73,12 +74,12 @@ class PmacDialogue(Closeable):
             raise
 
     def ask_now(self, line: str, replies: int) -> list[str]:
-        """As `ask`, within `STOP_TIMEOUT`, and though an earlier request is unanswered.
+        """As `ask`, within `STOP_TIMEOUT`, and even if an earlier request is unanswered.
 
-        The line is sent on a new connection before anything is answered there.
+        On a new connection, the line is sent before anything else is answered.
 
-        After a `ProtocolError` the connection stays as it is, so that the next command of a stop
-        need not wait for a new one; the caller drops it after the last command.
+        After a `ProtocolError` the connection is kept, so that the next stop command need not wait
+        for a new one; the caller drops it after the last command.
         """
         link = self._open()
         try:
@@ -88,21 +89,22 @@ class PmacDialogue(Closeable):
             raise
 
     def control(self, letter: str) -> bool:
-        """Send a control character, "A" for ^A; False where nothing answers in `STOP_TIMEOUT`.
+        """Send a control character, "A" for ^A; return False without an answer in `STOP_TIMEOUT`.
 
-        The manual leaves open what answers a character that reports nothing. Any byte counts; then
-        a FLUSH, whose answer is known, ends whatever else comes. Without an answer the connection
-        stays, so that the next command of a stop can be sent at once. On a new connection it is the
-        first that is sent: a controller whose replies are late or garbled may still obey.
+        The manual does not say what answers a character that reports nothing. Any byte counts as an
+        answer. Then a FLUSH, whose answer is known, ends whatever else arrives. Without an answer
+        the connection is kept, so that the next stop command can be sent at once. On a new
+        connection the character is sent first, because a controller with late or garbled replies
+        may still obey.
 
         Raises
         ------
         LinkLost
-            The connection is lost, or cannot be opened; the next call opens another.
+            The connection is lost or cannot be opened; the next call opens a new one.
         """
         link = self._open()
         try:
-            link.read(codec.CHUNK_SIZE, 0.0)  # what has arrived before is no answer
+            link.read(codec.CHUNK_SIZE, 0.0)  # bytes that arrived before are not an answer
             link.write(codec.control_request(letter))
             if not read_until(link, lambda _: True, STOP_TIMEOUT):
                 return False
@@ -115,14 +117,14 @@ class PmacDialogue(Closeable):
         return True
 
     def drop(self) -> None:
-        """Close a connection on which replies may be under way; the next request opens another."""
+        """Close a connection on which late replies may arrive; the next request opens a new one."""
         if self._link is not None:
             with suppress(LinkLost):
                 self._link.write(codec.FLUSH_REQUEST)
         self.close()
 
     def close(self) -> None:
-        """Close the connection, if there is one; the next request opens another."""
+        """Close the connection, if there is one; the next request opens a new one."""
         if self._link is not None:
             self._link.close()
             self._link = None
@@ -146,7 +148,8 @@ class PmacDialogue(Closeable):
         if not read_until(link, take, timeout, codec.CHUNK_SIZE):
             raise ProtocolError(
                 f"{self.address}: no complete reply to {line!r} within {timeout:g} s "
-                f"({reader.size} bytes came); the controller may have executed it: check the table"
+                f"({reader.size} bytes arrived); the controller may have executed it: check the "
+                "table"
             )
         if len(lines) != replies:
             raise ProtocolError(
@@ -156,13 +159,13 @@ class PmacDialogue(Closeable):
         return lines
 
     def _open(self) -> Link:
-        """Return the connection. If there is none, open one, on which nothing was sent yet."""
+        """Return the connection; if there is none, open one without sending anything on it."""
         if self._link is None:
             self._link = self._opener(self.address)
         return self._link
 
     def _connect(self) -> Link:
-        """Return the connection, with replies in the format that the codec reads."""
+        """Return the connection after setting the reply format that the codec reads."""
         link = self._open()
         if self._formatted:
             return link
@@ -175,19 +178,20 @@ class PmacDialogue(Closeable):
 
         try:
             link.write(codec.FLUSH_REQUEST)
-            # A reply left over in the controller would come before the answer, and ends there.
+            # A reply left over in the controller would arrive before the answer, and is dropped
+            # here.
             if not read_until(link, flushed, self._timeout) or not came.endswith(
                 codec.FLUSH_ANSWER
             ):
                 raise LinkLost(
-                    f"{self.address}: no Turbo PMAC answered FLUSH there; check the address, the "
-                    "cable and the power"
+                    f"{self.address}: no Turbo PMAC answered FLUSH at this address; check the "
+                    "address, the cable and the power"
                 )
             link.write(codec.response_request(_REPLY_FORMAT_COMMAND))
             if not read_until(link, lambda data: reader.feed(data) is not None, self._timeout):
                 raise LinkLost(
-                    f"{self.address}: no Turbo PMAC answered {_REPLY_FORMAT_COMMAND!r} there; "
-                    "check the address, the cable and the power"
+                    f"{self.address}: no Turbo PMAC answered {_REPLY_FORMAT_COMMAND!r} at this "
+                    "address; check the address, the cable and the power"
                 )
         except BaseException:
             self.close()

@@ -1,8 +1,8 @@
-"""What every rotary table can do, in SI, whichever controller turns it.
+"""The common interface of all rotary tables, in SI, whichever controller turns them.
 
-Signs and zeros are the table's own: an angle is what its encoder says since it was homed, positive
-as the controller counts. `TableState.time` is the controller's servo clock, never the host's: at
-30 °/s, 20 ms of jitter on the way are 0.6°.
+Signs and zeros are the table's own: an angle is the encoder's reading since homing, positive in the
+controller's counting direction. `TableState.time` is the controller's servo clock, never the
+host's, because at 30 °/s a transmission jitter of 20 ms corresponds to 0.6°.
 """
 
 from abc import ABC, abstractmethod
@@ -15,12 +15,12 @@ from inercal.basics.errors import InercalError, InputError
 from inercal.host.closeable import Closeable
 from inercal.host.link import LinkLost
 
-Feature = Literal["servo", "home"]  # what a controller may be unable to do on one axis
-REST_RATE = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
+Feature = Literal["servo", "home"]  # functions that a controller may lack for a single axis
+REST_RATE = radians(0.5)  # rad/s; almost the rate resolution of a PMAC with few counts per turn
 
 
 class ProtocolError(InercalError):
-    """A reply that does not follow the protocol, or did not arrive whole; none of it is used."""
+    """A reply breaks the protocol or is not complete; no part of it is used."""
 
 
 class TableFault(InercalError):
@@ -34,11 +34,11 @@ class AxisLimits:
     Parameters
     ----------
     rate, acceleration : float
-        Highest that may be asked for, rad/s and rad/s².
+        Highest rate and acceleration that can be commanded, rad/s and rad/s².
     low, high : float
-        Soft limits, rad; infinite where there are none.
+        Soft limits, rad; infinite if there are none.
     following_error : float
-        The servo gives up beyond it, rad.
+        Following error beyond which the servo switches off, rad.
     """
 
     rate: float = inf
@@ -50,7 +50,7 @@ class AxisLimits:
     def check(
         self, axis: str, rate: float, acceleration: float, angle: float | None = None
     ) -> None:
-        """Raise `InputError` for a motion beyond the limits of the axis."""
+        """Raise `InputError` if a motion exceeds the limits of the axis."""
         if angle is not None and not self.low <= angle <= self.high:
             raise InputError(
                 f"axis {axis}: {degrees(angle):.6g}° is beyond the soft limits; possible: "
@@ -61,7 +61,7 @@ class AxisLimits:
         requested = [("acceleration", acceleration, self.acceleration, "°/s²")]
         if angle is not None:
             requested.append(("rate", rate, self.rate, "°/s"))
-        elif rate != 0:  # A spin at 0 brings the axis to rest; a move needs a rate to get there.
+        elif rate != 0:  # a spin at 0 stops the axis, but a move needs a rate
             requested.append(("rate", abs(rate), self.rate, "°/s"))
         for what, value, most, unit in requested:
             if not (0 < value <= most and isfinite(value)):
@@ -75,20 +75,21 @@ class AxisLimits:
 
 @dataclass(frozen=True)
 class AxisState:
-    """One axis at one instant; NaN for a number that the controller does not report.
+    """The state of one axis at one instant; NaN for numbers that the controller does not report.
 
     Parameters
     ----------
     angle, rate, following_error : float
-        rad, rad/s, rad: the encoder's, not the commanded.
+        Measured by the encoder, not commanded: rad, rad/s and rad.
     in_position, moving : bool
-        Within the servo's band of the target; the commanded rate is not zero.
+        Whether the axis is within the servo's band around its target, and whether it is commanded
+        to move.
     enabled, homed : bool
-        The servo holds the axis; its zero has been found.
+        Whether the servo holds the axis, and whether its zero has been found.
     faults : tuple of str
-        Why it does not turn, in words; empty if all is well.
+        Faults that keep the axis from turning, as texts; empty if there are none.
     at_low, at_high : bool
-        A limit switch is closed, at the end of smaller or larger angles.
+        Whether the limit switch at the low or the high end is closed.
     """
 
     angle: float
@@ -104,17 +105,17 @@ class AxisState:
 
     @property
     def settled(self) -> bool:
-        """Whether the move is over; both flags are needed: an axis in motion may be in its band."""
+        """Whether the move is over; uses both flags, as a moving axis may cross its band."""
         return self.in_position and not self.moving
 
     @property
     def rests(self) -> bool:
-        """Whether the axis neither turns nor is commanded to."""
+        """Whether the axis neither turns nor is commanded to turn."""
         return abs(self.rate) < REST_RATE and not self.moving
 
     @property
     def status_text(self) -> str:
-        """What the axis does, for an operator: its faults, else "off", "turns" or "holds"."""
+        """Text for an operator: the axis's faults, otherwise "off", "turns" or "holds"."""
         if self.faults:
             return ", ".join(self.faults)
         return "off" if not self.enabled else "turns" if self.moving else "holds"
@@ -122,17 +123,17 @@ class AxisState:
 
 @dataclass(frozen=True)
 class TableState:
-    """All axes, outer to inner, in one reading.
+    """All axes in one reading, from outer to inner.
 
     Parameters
     ----------
     time : float
-        The controller's servo clock as it stands, s; NaN where it tells none. Where it starts again
-        (`RotaryTable.wrap_period`), it is counted on within one connection.
+        Time of the controller's servo clock, s; NaN if it reports none. If the clock wraps
+        (`RotaryTable.wrap_period`), the time continues across the wrap within one connection.
     axes : tuple of AxisState
     span : float
-        s that passed in the controller between the reading's first number and its last; 0 where all
-        belong to one servo cycle. `time` is the middle.
+        Time between the first and the last number of the reading in the controller, s; 0 if all
+        belong to one servo cycle. `time` is the middle of this span.
     """
 
     time: float
@@ -141,22 +142,23 @@ class TableState:
 
 
 class RotaryTable(Closeable, ABC):
-    """A table of one or more axes. One object serves one thread; a stop path opens its own.
+    """A table with one or more axes. One object serves one thread; a stop path opens its own.
 
-    Every method raises `LinkLost` where the controller is gone, `ProtocolError` where it cannot be
-    understood and `TableFault` where it refuses. To close it lets go of the controller; the table
-    goes on with what it does.
+    Every method raises `LinkLost` if the controller is gone, `ProtocolError` if its reply is not
+    understood, and `TableFault` if it refuses. Closing releases the controller; the table continues
+    its motion.
 
     Attributes
     ----------
     axes : tuple of str
-        Names, outer to inner.
+        Names of the axes, from outer to inner.
     limits : tuple of AxisLimits
-        As the controller is set.
+        Limits as set in the controller.
     wrap_period : float
-        After how many s the controller's clock starts again at 0; infinite where never.
+        Time after which the controller's clock restarts at 0, s; infinite if it never does.
     unsupported : mapping of str to str
-        What the controller cannot do on one axis: "servo" off, "home", each with the reason.
+        Functions that the controller lacks for a single axis, "servo" (switching off) or "home",
+        each with the reason.
     """
 
     axes: tuple[str, ...]
@@ -170,46 +172,46 @@ class RotaryTable(Closeable, ABC):
 
     @abstractmethod
     def enable(self, axis: str | None = None) -> None:
-        """Close the servo loop of an axis where it stands; without an axis, of all."""
+        """Close the servo loop of an axis at its present position; without an axis, of all axes."""
 
     @abstractmethod
     def home(self, axis: str | None = None) -> None:
-        """Start the search for zero on an axis, or on all; over when homed and settled."""
+        """Start to search for the zero of one or all axes; finished when homed and settled."""
 
     @abstractmethod
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
-        """Start toward `angle` (rad), at most at `rate` (rad/s) and `acceleration` (rad/s²)."""
+        """Start a move to `angle` (rad) at up to `rate` (rad/s) and `acceleration` (rad/s²)."""
 
     @abstractmethod
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
-        """Bring an axis to `rate` (rad/s, signed) at `acceleration` (rad/s²), and keep it there."""
+        """Bring an axis to a signed `rate` (rad/s) at `acceleration` (rad/s²), and hold it."""
 
     @abstractmethod
     def stop(self) -> None:
-        """Decelerate all axes and hold them. No safety function: that is the hardware interlock.
+        """Decelerate all axes and hold them; the hardware interlock is the safety function.
 
-        The command is sent before any answer is waited for, also on a new connection.
-        `ProtocolError` says that it was not answered, `LinkLost` that no connection was possible.
+        The command is sent before waiting for any answer, even on a new connection. `ProtocolError`
+        means that it was not answered, and `LinkLost` that no connection was possible.
         """
 
     @abstractmethod
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
-        """Take the power off an axis, or off all; refused while it turns, unless it may coast."""
+        """Switch off the power of one or all axes; refused while one turns, unless it may coast."""
 
     @abstractmethod
     def read(self) -> TableState:
-        """Return where the table is now."""
+        """Return the present state of the table."""
 
 
 def axis_index(axis: str, axes: tuple[str, ...]) -> int:
-    """Return the index of the axis named `axis`; raises `InputError` that names the axes."""
+    """Return the index of the axis `axis`; raises an `InputError` that names the axes."""
     if axis not in axes:
         raise InputError(f"no axis {axis!r}; this table has {', '.join(axes)}", names=(axis,))
     return axes.index(axis)
 
 
 def axis_indices(axis: str | None, axes: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the index of one axis, or those of all; raises as `axis_index`."""
+    """Return the index of one axis, or of all axes; raises as `axis_index` does."""
     return tuple(range(len(axes))) if axis is None else (axis_index(axis, axes),)
 
 
@@ -224,9 +226,9 @@ def require_unique_names(axes: tuple[str, ...]) -> None:
 
 
 def stop_with_retry(stop: Callable[[], object]) -> None:
-    """Stop the table, and repeat the command if it was not acknowledged.
+    """Stop the table, and repeat the command once if it was not acknowledged.
 
-    The connection is a new one then, and to stop twice is to stop.
+    The second command uses a new connection; repeating a stop is harmless.
     """
     try:
         stop()

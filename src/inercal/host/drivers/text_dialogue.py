@@ -1,9 +1,9 @@
-"""Sends lines of text to a controller; a known byte ends each reply.
+"""Exchanges text lines with a controller whose replies end with a known byte.
 
-Where a reply does not come whole in time, the link is given up and another opened. Over TCP that
-is all: bytes under way to the old connection cannot arrive. A serial port is read until it has been
-silent for the timeout; a reply later than that would be taken for the next one's, and nothing in
-such a protocol could tell.
+If a reply is not complete in time, the link is closed and a new one is opened. Over TCP this is
+sufficient, because bytes sent to the old connection cannot arrive on the new one. A serial port is
+read until it has been silent for the timeout; an even later reply would be taken for the reply to
+the next line, and nothing in such a protocol could show this.
 """
 
 from collections.abc import Callable
@@ -12,8 +12,8 @@ from inercal.host.closeable import Closeable
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.link import Link, LinkLost, read_until
 
-_MAX_STRAY_READS = 20  # pieces of what is still under way
-_MAX_REPLY_SIZE = 1 << 16  # bytes; no reply of a table comes near
+_MAX_STRAY_READS = 20  # reads of bytes that still arrive
+_MAX_REPLY_SIZE = 1 << 16  # bytes; real replies are far shorter
 
 
 class TextDialogue(Closeable):
@@ -22,13 +22,13 @@ class TextDialogue(Closeable):
     Parameters
     ----------
     address : str
-        As `open_link` takes it.
+        An address as in `open_link`.
     ending : bytes
-        The byte that ends a reply.
+        The byte at the end of each reply.
     timeout : float
-        s that a whole reply may take.
+        Longest time for a complete reply, s.
     opener : callable
-        Opens a link to an address; tests give their own.
+        Opens a link to an address; tests supply their own.
     """
 
     def __init__(self, address: str, ending: bytes, timeout: float, opener: Callable[[str], Link]):
@@ -37,18 +37,18 @@ class TextDialogue(Closeable):
         self._link: Link | None = opener(address)
 
     def ask(self, line: bytes, *, urgent: bool = False) -> str:
-        """Return the reply to `line`, sent as it is, without its ending and spaces around.
+        """Send `line` unchanged, and return the reply without its ending and surrounding spaces.
 
-        Bytes that arrived before make the reply doubtful: they are an error, and nothing is sent.
-        An urgent line is sent all the same.
+        Bytes that arrived before the line was sent make the reply doubtful: they raise an error,
+        and nothing is sent. An urgent line is sent nevertheless.
 
         Raises
         ------
         ProtocolError
-            No whole reply in time, or a reply that is not text: it is not used, and the link is
-            a new one. The command may have been carried out.
+            There is no complete reply in time, or the reply is not text. The reply is not used, and
+            the link is replaced by a new one. The command may have been executed.
         LinkLost
-            The link is lost and cannot be opened anew; the next call tries again.
+            The link is lost and cannot be reopened; the next call tries again.
         """
         link = self._link or self._open(settle=not urgent)
         came = bytearray()
@@ -72,7 +72,7 @@ class TextDialogue(Closeable):
             if not read_until(link, whole, self._timeout):
                 raise ProtocolError(
                     f"{self.address}: no complete reply to {line!r} within {self._timeout:g} s "
-                    f"({len(came)} bytes came); the controller may have executed it: check the "
+                    f"({len(came)} bytes arrived); the controller may have executed it: check the "
                     "table"
                 )
             text, behind = came.split(self._ending, 1)
@@ -87,17 +87,17 @@ class TextDialogue(Closeable):
         return text.decode("ascii").strip()
 
     def close(self) -> None:
-        """Close the link; a later question opens it anew."""
+        """Close the link; the next request reopens it."""
         if self._link is not None:
             self._link.close()
             self._link = None
 
     def _open(self, *, settle: bool = True) -> Link:
-        """Return a new link; one that settles is silent before anything is sent on it."""
+        """Return a new link; with `settle`, wait until it is silent."""
         self.close()
         link = self._opener(self.address)
         if settle and link.address.startswith("serial:"):
-            # Another program that talks there would keep it from ever being silent.
+            # Another program that uses the device would prevent it from ever being silent.
             for _ in range(_MAX_STRAY_READS):
                 if not link.read(_MAX_REPLY_SIZE, self._timeout):
                     break

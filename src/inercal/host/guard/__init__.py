@@ -1,24 +1,24 @@
-"""The watchdog: it stops the table on request, and when the heartbeat of the host fails.
+"""The watchdog stops the table on request, and when the host's heartbeat fails.
 
 The watchdog is a separate process with its own connection to the table, so that it can stop the
-table although the host is blocked or has ended. It reads a pipe to which only the host writes::
+table even if the host is blocked or has ended. It reads a pipe to which only the host writes::
 
     .           heartbeat; after the first, a gap of `silence` s is a reason to stop
     s           stop now; so are the bytes 2 and 15, which signal handlers write
     q           release the table and end
     end of file the host has ended: stop now, and end when the table is at rest
 
-It writes lines: `ready`, `stopping: WHY`, `at rest`, `killed: WHY`, `cannot: WHY`. Between
-`stopping` and `at rest` it stops any axis that turns again; the host must not command the table.
+It writes the lines `ready`, `stopping: WHY`, `at rest`, `killed: WHY` and `cannot: WHY`. Between
+`stopping` and `at rest` it stops any axis that turns again, and the host must not command the
+table.
 
-It stops by `RotaryTable.stop`, which sends the command before it waits for any answer: all axes
-decelerate and are held. It kills an axis that does not
-decelerate as its limits allow; that axis coasts. It measures the deceleration by the clock of the
-controller, where there is one. It does not stop a table at rest whose servos are all off, as that
-would switch them on. Where the link is lost, it connects again and stops again, until the table is
-at rest.
+It uses `RotaryTable.stop`, which sends the command before it waits for any answer; all axes
+decelerate and are held. If an axis does not decelerate as its limits allow, the watchdog kills it,
+and this axis coasts. It measures the deceleration by the clock of the controller, if there is one.
+It does not stop a table at rest whose servos are all off, because this would switch them on. If the
+link is lost, it reconnects and stops again, until the table is at rest.
 
-This is no safety function: that is the hardware interlock.
+This is not a safety function; the hardware interlock is.
 """
 
 import os
@@ -36,36 +36,36 @@ from inercal.host.closeable import Closeable
 from inercal.host.link import LinkLost
 
 _BEAT_INTERVAL = 0.1  # s
-_START_TIMEOUT = 30.0  # s that the guard may take to be ready
-_EXIT_TIMEOUT = 10.0  # s that it may take to end, connecting perhaps
+_START_TIMEOUT = 30.0  # s within which the guard must be ready
+_EXIT_TIMEOUT = 10.0  # s within which it must end, even if it is just connecting
 
 
 class Guard(Closeable):
-    """The host's side of the guard of the table at `address`.
+    """The host's side of the guard for the table at `address`.
 
-    One object serves one thread, and signals the main one.
+    Each object serves one thread, and sends signals to the main thread.
 
     Parameters
     ----------
     address : str
-        As `inercal.host.addresses.open_table` takes it.
+        An address as in `inercal.host.addresses.open_table`.
     silence : float
-        s without a beat after which the table is stopped.
+        Time without a heartbeat after which the table is stopped, s.
     patience : float
-        s that a guard without a host looks for a table that is gone. A simulated one may have ended
-        with its host.
+        Time for which a guard without a host tries to reach a lost table, s. A simulated table may
+        have ended together with its host.
 
     Attributes
     ----------
     signal_received : bool
-        A signal came within `catch_signals`.
-    killed : bool
-        It has said that it took the power off an axis, which did not slow down.
+        Whether a signal was received within `catch_signals`.
+    axis_killed : bool
+        Whether the guard has reported that it killed an axis that did not slow down.
 
     Raises
     ------
     LinkLost
-        The guard does not reach the table.
+        The guard cannot reach the table.
     """
 
     def __init__(self, address: str, silence: float = 1.5, patience: float = 600.0):
@@ -74,7 +74,7 @@ class Guard(Closeable):
         self._released = False
         command = [sys.executable, "-P", "-m", "inercal.host.guard.watchdog", address]
         command += ["--silence", str(silence), "--patience", str(patience)]
-        # A session of its own: no terminal sends it a signal, or takes it along when it closes.
+        # A separate session, so that no terminal can signal it or end it by closing.
         self._process = Popen(command, 0, None, PIPE, PIPE, STDOUT, start_new_session=True)
         assert self._process.stdin
         assert self._process.stdout
@@ -90,7 +90,7 @@ class Guard(Closeable):
 
     @property
     def alive(self) -> bool:
-        """Whether the guard runs; without one, a table must not be left alone."""
+        """Whether the guard is running; without it, the table must not move unattended."""
         return self._process.poll() is None
 
     def beat(self) -> None:
@@ -101,11 +101,11 @@ class Guard(Closeable):
             self._write(b".")
 
     def stop(self) -> bool:
-        """Request a stop of the table now; False if no guard can receive it."""
+        """Request an immediate stop of the table; return False if no guard can receive it."""
         return self._write(b"s") and self.alive
 
     def read_lines(self) -> list[str]:
-        """Return the lines that the guard wrote since the last call; never waits."""
+        """Return the lines that the guard has written since the last call; never waits."""
         with suppress(OSError):
             while data := os.read(self._lines, 1 << 16):
                 self._received += data
@@ -116,9 +116,10 @@ class Guard(Closeable):
 
     @contextmanager
     def catch_signals(self) -> Generator[None]:
-        """Have SIGINT and SIGTERM stop the table, from the main thread, while in the context.
+        """Let SIGINT and SIGTERM stop the table during the context; for the main thread only.
 
-        The system's handler writes to the guard's pipe by itself, whatever the interpreter does.
+        The signal handler in C writes to the guard's pipe directly, whatever the interpreter is
+        doing.
         """
 
         def interrupted(*_: object) -> None:
@@ -135,12 +136,12 @@ class Guard(Closeable):
             signal.set_wakeup_fd(before)
 
     def release_to_guard(self) -> None:
-        """Leave the table to the guard, which ends when the table is at rest."""
+        """Leave the table to the guard, which ends after the table has come to rest."""
         self._close_pipe()
         self._released = True
 
     def close(self) -> None:
-        """Tell the guard to end, and wait for it; a second call does nothing."""
+        """Tell the guard to end, and wait until it has; a second call does nothing."""
         if self._released:
             _guards.discard(self)
             _detached_processes.append(self._process)
@@ -176,14 +177,14 @@ class Guard(Closeable):
     def _write(self, data: bytes) -> bool:
         try:
             return os.write(self._pipe, data) == len(data)
-        except OSError:  # full, or nobody there: `alive` tells
+        except OSError:  # the pipe is full or has no reader; `alive` shows which
             return False
 
     def _close_pipe(self) -> None:
-        """Close the pipe, which no signal may write to then."""
+        """Close the pipe, after making sure that no signal can write to it."""
         if self._pipe < 0:
             return
-        with suppress(ValueError):  # only the main thread has one
+        with suppress(ValueError):  # only the main thread can have a wake-up descriptor
             other = signal.set_wakeup_fd(-1)
             if other not in (-1, self._pipe):
                 signal.set_wakeup_fd(other)
@@ -193,11 +194,11 @@ class Guard(Closeable):
 
 
 _guards: WeakSet[Guard] = WeakSet()
-_detached_processes: list[Popen[bytes]] = []  # they end by themselves, and are not to be waited for
+_detached_processes: list[Popen[bytes]] = []  # they end by themselves and need no waiting
 
 
 def _close_pipes_after_fork() -> None:
-    """Close in a forked process what would hide the host's end from the guard."""
+    """Close the pipes in a forked process, so that the guard notices when the host ends."""
     for guard in _guards:
         guard._close_pipe()  # pyright: ignore[reportPrivateUsage]
 

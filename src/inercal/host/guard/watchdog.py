@@ -1,7 +1,7 @@
-"""The guard's process: what it receives, and how it stops the table.
+"""The guard's process: reads commands and heartbeats, and stops the table.
 
-Run as `python -m inercal.host.guard.watchdog TABLE_ADDRESS --silence 1.5`, with the host's pipe as
-its input.
+It is run as `python -m inercal.host.guard.watchdog TABLE_ADDRESS --silence 1.5`, with the host's
+pipe as its standard input.
 """
 
 import os
@@ -24,22 +24,22 @@ from inercal.host.drivers.rotary_table import (
     TableState,
 )
 
-_TIMEOUT = 0.5  # s of a reply
-_START_ATTEMPTS = 4  # to find the table at the beginning
-# Time between checks of a table that need not stop, s: a lost link is noticed before it matters
+_TIMEOUT = 0.5  # s for a reply
+_START_ATTEMPTS = 4  # attempts to reach the table at the beginning
+# Time between checks of a table that need not stop, s: early enough to notice a lost link
 _IDLE_INTERVAL = 1.0
-_STOP_POLL_INTERVAL = 0.03  # s between looks at one that shall
-_REST_READINGS = 2  # at rest in a row
-# Time over which a rate must fall by this part, s, or the table does not slow down
+_STOP_POLL_INTERVAL = 0.03  # s between readings of a table that is being stopped
+_REST_READINGS = 2  # readings at rest in a row
+# Time within which the rate must fall by this fraction, s; otherwise the table is not slowing down
 _DECELERATION_WINDOW = 0.5
 _MIN_RATE_DROP = 0.1
-_WAKE_UP_DELAY = 0.1  # s that a wake-up may be late
-_GRACE = 1.0  # s beyond what deceleration takes
-_CLOCK_TIMEOUT = 5.0  # s by the wall that the controller's clock may stand
+_WAKE_UP_DELAY = 0.1  # s by which a wake-up may be late
+_GRACE = 1.0  # s in addition to the deceleration time
+_CLOCK_TIMEOUT = 5.0  # s of wall time for which the controller's clock may stand still
 
 
 class _RateSample(NamedTuple):
-    """When, by the controller's clock and by the wall's, and the highest rate then, rad/s."""
+    """The highest rate at an instant, rad/s, with the controller's time and the wall time."""
 
     time: float
     wall: float
@@ -48,20 +48,20 @@ class _RateSample(NamedTuple):
 
 @dataclass
 class _StopProgress:
-    """The progress of a stop.
+    """The progress of a stop that is being executed.
 
     Parameters
     ----------
     acknowledged : bool
-        The controller has answered it.
+        Whether the controller has answered the stop.
     killed : bool
-        It was of no avail.
+        Whether the servos were killed because the stop had no effect.
     rest_readings : int
-        Looks in a row that found the table at rest.
+        Number of readings at rest in a row.
     expected_time : float
-        s that it takes by the limits from the highest rate that was seen.
+        Time that the stop takes at the acceleration limits from the highest rate seen, s.
     first, last : _RateSample or None
-        Between which the table has or has not slowed down.
+        Samples between which the table should have slowed down.
     """
 
     acknowledged: bool = False
@@ -73,19 +73,19 @@ class _StopProgress:
 
 
 class Watchdog:
-    """The guard in its own process.
+    """The guard, in its own process.
 
     Parameters
     ----------
     address : str
     silence : float
-        s without a beat after which the table is stopped.
+        Time without a heartbeat after which the table is stopped, s.
     patience : float
-        s without a word from the table after which a guard without a host gives up.
+        Time without a reply from the table after which a guard without a host gives up, s.
     listen : sequence of int
-        Descriptors: the pipe, and what signals to the guard itself write to.
+        Descriptors to read: the host's pipe, and the pipe for signals to the guard itself.
     say : callable
-        Takes a line.
+        Takes a line to report.
     """
 
     def __init__(
@@ -101,14 +101,14 @@ class Watchdog:
         self._say = say
         self._table: RotaryTable | None = None
         self._state: TableState | None = None
-        self._reported_errors = set[str]()  # what was in the way, said once until it is over
+        self._reported_errors = set[str]()  # current errors, so that each is reported only once
         self._last_answer_time = self._last_reading_time = monotonic()
-        self._last_beat_time: float | None = None  # when the last came; None: none is due
+        self._last_beat_time: float | None = None  # time of the last heartbeat; None: none expected
         self._host_gone = self._released = False
         self._stopping: _StopProgress | None = None
 
     def run(self) -> int:
-        """Watch until released, or the host is gone and the table rests; return the status."""
+        """Watch until released, or until the table rests without a host; return the status."""
         try:
             return self._watch()
         finally:
@@ -135,7 +135,7 @@ class Watchdog:
             if self._host_gone and not self._stopping:
                 return 0
             if self._host_gone and now - self._last_answer_time > self._patience:
-                self._say(f"cannot: no word from the table for {self._patience:g} s; given up")
+                self._say(f"cannot: no reply from the table for {self._patience:g} s; given up")
                 return 1
         return 0
 
@@ -150,14 +150,14 @@ class Watchdog:
         return min(max(due - monotonic(), 0.0), _IDLE_INTERVAL)
 
     def _listen(self, wait: float) -> None:
-        """Carry out a command that arrives within `wait` s."""
+        """Execute a command that arrives within `wait` s."""
         ends = [self._signals] if self._host_gone else [self._pipe, self._signals]
         due = monotonic() + wait
         ready, _, _ = select(ends, [], [], wait)
         late = monotonic() - due
         if self._last_beat_time is not None and late > _WAKE_UP_DELAY:
             self._last_beat_time += (
-                late  # the whole machine stood still: that is no silence of the host
+                late  # the whole machine stood still, so this is not a silence of the host
             )
         if self._signals in ready:
             os.read(self._signals, 64)
@@ -185,7 +185,7 @@ class Watchdog:
             return
         self._say(f"stopping: {why}")
         self._stopping = _StopProgress()
-        # Servos that were off a moment ago are looked at first: to stop would switch them on.
+        # First check whether all servos are off, because a stop would switch them on.
         if not (self._servos_are_off() and self._read_state() and self._servos_are_off()):
             self._stopping.acknowledged = self._send_stop()
 
@@ -194,7 +194,7 @@ class Watchdog:
         if not stop.acknowledged and not stop.killed and not self._servos_are_off():
             stop.acknowledged = self._send_stop()
         if not self._read_state() or self._state is None:
-            # What it heard before the link was lost is not known.
+            # It is unknown which commands the table received before the link was lost.
             stop.acknowledged, stop.rest_readings, stop.first = False, 0, None
             return
         turning = [abs(axis.rate) > REST_RATE or axis.moving for axis in self._state.axes]
@@ -221,7 +221,8 @@ class Watchdog:
         slows, stop.last = now.rate < (1 - _MIN_RATE_DROP) * stop.last.rate, now
         if slows:
             return
-        # Told again before it is killed: the host may have commanded a motion in the same moment.
+        # Repeat the stop before killing, as the host may have commanded a motion at the same
+        # moment.
         late = stands or now.time - stop.first.time > stop.expected_time + _GRACE
         if late and self._try(lambda table: table.kill(coasting=True)):
             stop.killed = True
@@ -234,16 +235,16 @@ class Watchdog:
         self._reported_errors.clear()
         self._say("at rest")
         if self._table and not allows_second_connection(self._address):
-            # The host's again.
+            # From here on the host may command the table again.
             self._table.close()
             self._table = None
 
     def _find_table(self) -> bool:
-        """Check that the table answers; a single late reply is allowed, as at the start."""
+        """Check that the table answers; as at the start, a single late reply is tolerated."""
         return any(self._read_state(quietly=left > 0) for left in reversed(range(_START_ATTEMPTS)))
 
     def _check_link(self) -> None:
-        """Check the link to the host; a machine that stalls for a moment is not a lost link."""
+        """Check the link to the table; a machine that stalls for a moment is not a lost link."""
         if (self._read_state(quietly=True) or self._read_state()) and self._reported_errors:
             self._reported_errors.clear()
             self._say("ready")
@@ -253,7 +254,7 @@ class Watchdog:
         return self._state is not None and not any(axis.enabled for axis in self._state.axes)
 
     def _read_state(self, *, quietly: bool = False) -> bool:
-        """Read the state of the table; False if it does not answer."""
+        """Read the state of the table; return False if it does not answer."""
         self._state = None
         self._last_reading_time = monotonic()
 
@@ -263,10 +264,8 @@ class Watchdog:
         return self._try(read, quietly=quietly)
 
     def _send_stop(self) -> bool:
-        """Send a stop, which waits for no answer to leave; tell whether it was answered."""
-        return self._try(
-            lambda table: table.stop(), unanswered="a stop was sent, without an answer"
-        )
+        """Send a stop without waiting for an answer first; return whether it was answered."""
+        return self._try(lambda table: table.stop(), unanswered="a stop was sent, but not answered")
 
     def _try(
         self,
@@ -275,12 +274,12 @@ class Watchdog:
         quietly: bool = False,
         unanswered: str = "cannot",
     ) -> bool:
-        """Do something with the table; report what prevents it once, if that is wanted."""
+        """Call a function with the table; report an error once, unless quiet."""
         try:
             if self._table is None:
                 self._table = open_table(self._address, None, _TIMEOUT)
             act(self._table)
-        # Whatever it is, the next time it may be gone, and nobody else tries.
+        # Whatever the error is, it may be gone next time, and nobody else will try.
         except Exception as error:
             what = unanswered if isinstance(error, ProtocolError) else "cannot"
             wrong = f"{what}: {str(error) or type(error).__name__}"
@@ -293,17 +292,17 @@ class Watchdog:
 
 
 def _say(line: str) -> None:
-    # The host may be gone, or be frozen and its pipe full: neither keeps the table from stopping.
+    # The host may be gone, or suspended with its pipe full; this must not delay the stop.
     with suppress(OSError):
         os.write(1, " ".join(line[:1000].split()).encode() + b"\n")
 
 
 def _ignore_signal(*_: object) -> None:
-    """Do nothing: the wake-up descriptor has already passed the signal on."""
+    """Do nothing, because the wake-up descriptor has already passed on the signal."""
 
 
 def main() -> int:
-    """Watch the table at the address given; return the status to exit with."""
+    """Watch the table at the given address, and return the exit status."""
     parser = ArgumentParser(
         prog="python -m inercal.host.guard.watchdog", description="Guards a table."
     )
@@ -317,8 +316,8 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.set_wakeup_fd(poke, warn_on_full_buffer=False)
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _ignore_signal)  # ignored, it would write nothing
-    # Before what else the machine does, where the system lets it.
+        signal.signal(number, _ignore_signal)  # with SIG_IGN, no byte would be written
+    # Run with a higher priority than other processes, if the system permits it.
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, -20)
     if not os.isatty(1):

@@ -1,8 +1,9 @@
-"""The dialogue of a guided measurement: what to set, the reading, its scatter, and the next row.
+"""The dialogue of a guided measurement: asks for settings and readings, row by row.
 
-A line is a reading or a command. A reading far from what is expected must be given again: the same
-once more, or `keep`, accepts it. In lines that a file or another program gives, what cannot be used
-ends the measurement: the following lines would be taken for another position.
+A line is a reading or a command. A reading that is far from the expected value must be confirmed,
+by giving the same reading again or by `keep`. If the lines come from a file or another program, an
+unusable line ends the measurement, because the following lines would be assigned to the wrong
+position.
 """
 
 import re
@@ -15,36 +16,36 @@ from inercal.host.guided.measurement_table import MeasuredRow, MeasurementTable,
 from inercal.host.guided.reading_check import ReadingCheck, scatter
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-_MOST = 1e100  # as of tables of means
+_MOST = 1e100  # as in tables of means
 _COMMANDS = "undo, repeat, quit or help"
 _HELP = (
     "undo     takes back the last reading",
-    "repeat   takes back all readings of this row, or of the row before",
-    "keep     accepts a reading that is far from what is expected",
-    "quit     ends; the same command continues later where the measurement was",
+    "repeat   takes back all readings in this row, or in the previous row if this one has none",
+    "keep     accepts a reading that is far from the expected value",
+    "quit     ends the measurement; the same command continues it later",
     "help     prints this list",
 )
 
 
 class GuidedMeasurement:
-    """A measurement, row by row.
+    """A guided measurement, row by row.
 
     Parameters
     ----------
     table : MeasurementTable
     check : ReadingCheck
     instruments : sequence of Instrument
-        They read the sensor's columns; without any, all is typed.
+        Instruments that read the sensor's columns; without any, all readings are typed.
     count : int
-        Readings of a mean.
+        Number of readings per mean.
     units : mapping of str to str
-        Of the columns that are filled in.
+        Units of the columns that are filled in.
     read_line : callable
-        From a prompt to the line; None at the end of the input.
+        Takes a prompt and returns the line; None at the end of the input.
     say : callable
         Prints a line.
     interactive : bool
-        Whether somebody can correct a line; otherwise it ends the measurement.
+        Whether somebody can correct an unusable line; otherwise it ends the measurement.
     """
 
     def __init__(
@@ -62,19 +63,19 @@ class GuidedMeasurement:
         self._table, self._check, self._instruments = table, check, instruments
         self._count, self._units = count, units
         self._read_line, self._say, self._interactive = read_line, say, interactive
-        self._doubtful: list[Reading] = []  # far from expected, and not accepted yet
+        self._doubtful: list[Reading] = []  # readings far from expected that are not accepted yet
         self._lines = 0
-        self._shown: int | None = None  # the row whose setting was said last
+        self._shown: int | None = None  # the row whose setting was printed last
 
     def run(self) -> bool:
-        """Measure the remaining rows; return whether all are measured.
+        """Measure the remaining rows, and return whether all rows are complete.
 
         Raises
         ------
         InputError
-            A line that cannot be used, where nobody can correct it.
+            A line cannot be used, and nobody can correct it.
         LinkLost
-            An instrument does not answer, where nobody can repeat the reading.
+            An instrument does not answer, and nobody can repeat the reading.
         """
         while True:
             k = self._table.open_row
@@ -109,7 +110,7 @@ class GuidedMeasurement:
             self._take(k, text)
 
     def _take(self, k: int, line: str) -> None:
-        """Take the reading of a line, or of the instruments with what the line adds."""
+        """Accept the typed reading, or read the instruments and add the typed columns."""
         row, before = self._table.rows[k], self._doubtful
         typed = self._typed_columns(row)
         by_hand = _typed_numbers(line, typed, self._units)
@@ -148,7 +149,7 @@ class GuidedMeasurement:
             )
 
     def _take_back(self, k: int | None, *, last: bool) -> None:
-        """Undo the readings of this row, or of the previous row if this one has none."""
+        """Take back the readings of this row, or of the previous row if this one has none."""
         self._shown, rows = None, self._table.rows
         if self._doubtful:
             self._doubtful = []
@@ -194,7 +195,7 @@ class GuidedMeasurement:
         return tuple(name for name in row.columns if name not in self._check.axes)
 
     def _summary(self, row: MeasuredRow) -> str:
-        """Return means and standard deviations in words."""
+        """Return the means and standard deviations of a row as text."""
         n, expected = len(row.readings), self._check.expected(row.planned.label)
         texts: list[str] = []
         for name, value in row.mean().items():
@@ -206,25 +207,25 @@ class GuidedMeasurement:
 
 
 def _typed_numbers(line: str, columns: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
-    """Return the numbers of a line by column.
+    """Return the numbers in a line, by column.
 
     Raises
     ------
     InputError
-        Another count of numbers, or what is no number.
+        The line has another number of values, or a word that is not a number.
     """
     words = [word for word in re.split(r"[,;\s]+", line.replace("−", "-").strip()) if word]
     wanted = ", ".join(f"{name} in {units[name]}" if units.get(name) else name for name in columns)
     for word in words:
         if not _NUMBER.fullmatch(word) or abs(float(word)) >= _MOST:
             raise InputError(
-                f"{word[:40]!r} is no number and no command; type {wanted or 'nothing'}, or "
+                f"{word[:40]!r} is neither a number nor a command; type {wanted or 'nothing'}, or "
                 f"{_COMMANDS}",
                 names=(word,),
             )
     if len(words) != len(columns):
         raise InputError(
             f"{format_count(len(words), 'number')}, but {len(columns)} are needed: type "
-            f"{wanted or 'nothing'}, with decimal points and spaces between"
+            f"{wanted or 'nothing'}, with decimal points, separated by spaces"
         )
     return dict(zip(columns, map(float, words), strict=True))

@@ -1,7 +1,7 @@
-"""Readings of instruments: SCPI over TCP or serial, or a device that sends lines unasked.
+"""Reads instruments: SCPI over TCP or serial, or devices that send lines without a query.
 
-A reply, or a line, holds one number or several between commas, semicolons or spaces. 9.9E37 is the
-overload of SCPI.
+A reply or line contains one number, or several separated by commas, semicolons or spaces. The value
+9.9E37 means overload in SCPI.
 """
 
 import re
@@ -15,31 +15,31 @@ from inercal.host.closeable import Closeable
 from inercal.host.link import Link, LinkLost, open_link
 
 _OVERLOAD = 9e36
-_LONGEST = 4096  # bytes of a reply
-_MOST_PIECES = 1000  # that are discarded: a fast device never ends
-_WORD = re.compile(r"[A-Za-zµμΩ°/²%]*")  # a unit after a number is no reading
+_LONGEST = 4096  # bytes in a reply
+_MOST_PIECES = 1000  # pieces to discard at most, because a fast device never stops sending
+_WORD = re.compile(r"[A-Za-zµμΩ°/²%]*")  # a unit after a number is not a value
 
 
 class Instrument(Closeable):
-    """An instrument at an address.
+    """A measuring instrument at an address.
 
     Parameters
     ----------
     address : str
-        As `open_link` takes it.
+        An address as in `open_link`.
     query : str
-        What is sent for a reading; empty for a device that sends lines by itself.
+        Command that requests a reading; empty for a device that sends lines by itself.
     timeout : float
-        s that a reading may take.
+        Longest time for one reading, s.
     opener : callable
         Opens a link to an address.
 
     Raises
     ------
     InputError
-        An address that is none, or pyserial is not installed.
+        The address is invalid, or pyserial is not installed.
     LinkLost
-        Nobody is there.
+        No device answers.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Instrument(Closeable):
         self._link: Link | None = self._open()
 
     def begin(self) -> None:
-        """Discard earlier replies: the next reading is taken from now on."""
+        """Discard earlier replies, so that the next reading is taken from now on."""
         link = self._link = self._link or self._open()
         data = self._buffer
         try:
@@ -67,20 +67,20 @@ class Instrument(Closeable):
             self.close()
             raise
         if data:
-            # The rest of a line that began before now is no reading of now.
+            # Discard the rest of a line that began earlier, because it is not a current reading.
             _, ended, rest = data.rpartition(b"\n")
             self._cut = bool(rest) or (self._cut and not ended)
             self._buffer = b""
 
     def read(self) -> list[float]:
-        """Return the numbers of one reading.
+        """Return the numbers in one reading.
 
         Raises
         ------
         InputError
-            A reply without numbers, or an overload.
+            The reply contains no numbers, or an overload.
         LinkLost
-            No reply in time; the next reading opens the link anew.
+            There is no reply in time; the next reading reopens the link.
         """
         link = self._link = self._link or self._open()
         try:
@@ -96,14 +96,14 @@ class Instrument(Closeable):
         return numbers_in_reply(line, self.address)
 
     def close(self) -> None:
-        """Close the link; a later reading opens it anew."""
+        """Close the link; a later reading reopens it."""
         if self._link is not None:
             self._link.close()
             self._link = None
 
     def _open(self) -> Link:
         self._buffer = b""
-        # A serial device may be in the middle of a line; a server begins with a new one.
+        # A serial device may be in the middle of a line, but a server begins with a new line.
         self._cut = self.address.startswith("serial:")
         return self._opener(self.address)
 
@@ -122,8 +122,8 @@ class Instrument(Closeable):
             self._buffer += data
             if len(self._buffer) > _LONGEST:
                 raise LinkLost(
-                    f"{self.address}: {_LONGEST} bytes without the end of a line; check the baud "
-                    "rate",
+                    f"{self.address}: received {_LONGEST} bytes without an end of line; check the "
+                    "baud rate",
                     names=(self.address,),
                 )
         line, _, self._buffer = self._buffer.partition(b"\n")
@@ -131,12 +131,12 @@ class Instrument(Closeable):
 
 
 def numbers_in_reply(reply: str, address: str) -> list[float]:
-    """Return the numbers of a reply.
+    """Return the numbers in a reply.
 
     Raises
     ------
     InputError
-        There is none, a word among them is no unit, or one is not finite or an overload.
+        The reply contains no number, a word that is not a unit, a non-finite number or an overload.
 
     Examples
     --------
@@ -153,20 +153,20 @@ def numbers_in_reply(reply: str, address: str) -> list[float]:
                 break
     if not found or not all(isfinite(value) and abs(value) < _OVERLOAD for value in found):
         raise InputError(
-            f"{address}: {reply[:60]!r} is no reading: numbers between commas are expected; check "
-            "the range of the instrument and --query",
+            f"{address}: {reply[:60]!r} is not a reading: expected numbers separated by commas; "
+            "check the range of the instrument and --query",
             names=(address,),
         )
     return found
 
 
 def read_instruments(instruments: Sequence[Instrument], columns: Sequence[str]) -> dict[str, float]:
-    """Return one reading of all instruments, by column, in order.
+    """Return one reading from all instruments together, by column, in order.
 
     Raises
     ------
     InputError
-        Another number of values than columns.
+        The number of values differs from the number of columns.
     LinkLost
         An instrument does not answer.
     """

@@ -1,9 +1,10 @@
-"""The table of a guided measurement: a worksheet that is filled row by row, and never half-written.
+"""The table of a guided measurement: a worksheet that is filled in row by row and saved safely.
 
-The table is on disk after each change, and is all that a later session needs. Where several
-readings make a mean, a second file `NAME.readings.csv` has each of them. A reading is written there
-first, and a reading that is taken back is removed from the table first: whatever is interrupted, a
-row without a mean whose readings are all there gets its mean when the table is opened again.
+The table is written to disk after each change, and a later session needs nothing else. If a mean
+consists of several readings, a second file `NAME.readings.csv` contains each of them. A new reading
+is written to this file first, and a reading that is taken back is removed from the table first.
+Therefore a row whose readings are complete but whose mean is missing after an interruption gets its
+mean when the table is opened again.
 """
 
 import csv
@@ -20,24 +21,24 @@ from inercal.benches.operator_sheet import Sheet, SheetRow
 from inercal.pipeline.design.worksheet import rows_as_csv, run_sheet, table_rows
 from inercal.runfile import Run
 
-Reading = Mapping[str, float]  # by column of the table
-_STEP, _NUMBER = "step", "reading"  # columns of the single readings
+Reading = Mapping[str, float]  # values by column of the table
+_STEP, _NUMBER = "step", "reading"  # columns in the file of single readings
 
 
 @dataclass(eq=False)
 class MeasuredRow:
-    """A row of the table.
+    """One row of the table.
 
     Parameters
     ----------
     planned : SheetRow
-        What is set, and the stated cells.
+        The setting, and the cells that are stated in advance.
     columns : tuple of str
-        Those that are measured.
+        Columns that are measured.
     cells : dict of str to str
-        Of all columns of the table, as written.
+        Cells of all columns in the table, as written.
     readings : list of Reading
-        The single readings, as far as they are known.
+        The single readings, if known.
     """
 
     planned: SheetRow
@@ -47,45 +48,45 @@ class MeasuredRow:
 
     @property
     def complete(self) -> bool:
-        """Whether all its means are in the table."""
+        """Whether all means of the row are in the table."""
         return all(self.cells[name].strip() for name in self.columns)
 
     def mean(self) -> dict[str, float]:
-        """Return the mean of the single readings, by column."""
+        """Return the means of the single readings, by column."""
         n = len(self.readings)
         return {name: fsum(one[name] for one in self.readings) / n for name in self.columns}
 
 
 def measurement_files(table: Path) -> tuple[Path, Path]:
-    """Return the files of a measurement: the table, and that of its single readings."""
+    """Return the files of a measurement: the table and the file of its single readings."""
     return table, table.with_name(f"{table.stem}.readings.csv")
 
 
 class MeasurementTable:
-    """The table, its rows and its file.
+    """The table of a measurement, with its rows and its file.
 
     Parameters
     ----------
     run : Run
     path : Path
-        A table of this run's worksheet, whose filled rows stay as they are, or no file yet.
+        File of this run's worksheet, whose filled rows are kept, or a file that does not exist yet.
     count : int
-        Readings of a mean.
+        Number of readings per mean.
     anew : bool
-        Begin with an empty table, whatever the file holds.
+        Begin with an empty table, whatever the file contains.
 
     Attributes
     ----------
     sheet : Sheet
     rows : list of MeasuredRow
-        In the order of the table.
+        The rows, in the order of the table.
     left_out : tuple of str
-        Steps of the plan that the table has no row of.
+        Steps of the plan that have no row in the table.
 
     Raises
     ------
     InputError
-        The run has no worksheet, or the file is another table, or has a row that is filled in part.
+        The run has no worksheet, the file is another table, or a row is only partly filled in.
     """
 
     def __init__(self, run: Run, path: Path, count: int, *, anew: bool = False):
@@ -98,7 +99,7 @@ class MeasurementTable:
         self._columns, self.left_out = names, tuple[str, ...]()
         if not anew and self._readings_path.exists() and not path.exists():
             raise InputError(
-                f"{self._readings_path} exists without its table {path}: move it, or begin anew "
+                f"{self._readings_path} exists without its table {path}: move it, or start again "
                 "with --force",
                 file=self._readings_path,
             )
@@ -113,22 +114,22 @@ class MeasurementTable:
 
     @property
     def open_row(self) -> int | None:
-        """Place of the first row that is to be measured; None where all are."""
+        """Index of the first row that is still to be measured; None if all are complete."""
         return next((k for k, row in enumerate(self.rows) if not row.complete), None)
 
     @property
     def measured(self) -> int:
-        """Number of rows that are complete."""
+        """Number of complete rows."""
         return sum(row.complete for row in self.rows)
 
     def begin(self) -> None:
-        """Write the table as it is, and remove single readings of another one."""
+        """Write the table as it is, and remove single readings that belong to another table."""
         if not any(row.readings for row in self.rows):
             self._readings_path.unlink(missing_ok=True)
         self._write_table()
 
     def add(self, k: int, readings: Sequence[Reading]) -> bool:
-        """Add readings to row `k` and store them; return whether the row is complete by them."""
+        """Add readings to row `k` and store them; return whether they complete the row."""
         row = self.rows[k]
         with _unchanged_on_failure(row):
             row.readings = [*row.readings, *readings]
@@ -141,7 +142,7 @@ class MeasurementTable:
         return True
 
     def remove(self, k: int, *, last: bool) -> None:
-        """Undo the last reading of row `k`, or all of them; its means become empty."""
+        """Take back the last reading of row `k`, or all of them, and empty its means."""
         row = self.rows[k]
         with _unchanged_on_failure(row):
             row.cells = {**row.cells, **dict.fromkeys(row.columns, "")}
@@ -171,8 +172,9 @@ class MeasurementTable:
         for name in self._names:
             if self._columns.count(name) != 1:
                 raise InputError(
-                    f"{self.path} is no worksheet of {self._run.path}: it has no column {name!r} "
-                    "or two; name another table with --out, or begin anew with --force",
+                    f"{self.path} is not a worksheet of {self._run.path}: it has no column "
+                    f"{name!r}, "
+                    "or two of them; name another table with --out, or start again with --force",
                     file=self.path,
                     line=header[0],
                     names=(name,),
@@ -185,7 +187,7 @@ class MeasurementTable:
     def _matched_row(
         self, unused: list[SheetRow], number: int, cells: Sequence[str]
     ) -> MeasuredRow:
-        """Return a row of the file with its step, which is taken out of `unused`."""
+        """Return a row of the file with its step, and remove this step from `unused`."""
         given = dict.fromkeys(self._columns, "") | dict(zip(self._columns, cells, strict=False))
         for planned in unused:
             stated = dict(zip(self._names, planned.given, strict=False))
@@ -197,23 +199,23 @@ class MeasurementTable:
                 filled = [name for name in row.columns if given[name].strip()]
                 if filled and not row.complete:
                     raise InputError(
-                        f"{self.path} line {number}: {planned.label} is filled in part; fill in or "
-                        "empty the whole row",
+                        f"{self.path} line {number}: {planned.label} is only partly filled in; "
+                        "fill in or empty the whole row",
                         file=self.path,
                         line=number,
                         names=(planned.label,),
                     )
                 return row
         raise InputError(
-            f"{self.path} line {number}: {','.join(cells)[:60]!r} is no row of the worksheet of "
-            f"{self._run.path}; correct it, name another table with --out, or begin anew with "
+            f"{self.path} line {number}: {','.join(cells)[:60]!r} is not a row of the worksheet of "
+            f"{self._run.path}; correct it, name another table with --out, or start again with "
             "--force",
             file=self.path,
             line=number,
         )
 
     def _read_single_readings(self) -> None:
-        """Read the single readings, and give a row that has all of its readings its mean."""
+        """Read the single readings, and add the mean of a row whose readings are complete."""
         if not self._readings_path.exists():
             return
         path, by_label = self._readings_path, {row.planned.label: row for row in self.rows}
@@ -228,8 +230,8 @@ class MeasurementTable:
                 row.readings.append({name: float(one[name]) for name in row.columns})
             except (KeyError, ValueError):
                 raise InputError(
-                    f"{path} line {number}: no reading of a row of {self.path}; remove the line, "
-                    "or begin anew with --force",
+                    f"{path} line {number}: not a reading of any row of {self.path}; remove the "
+                    "line, or start again with --force",
                     file=path,
                     line=number,
                 ) from None
@@ -238,22 +240,22 @@ class MeasurementTable:
                 self._fill(row)
 
     def _lines(self, path: Path) -> list[tuple[int, str]]:
-        """Return the lines of a file, without spaces at their ends, by their numbers."""
+        """Return the numbered lines of a file, without trailing spaces."""
         try:
             text = read_small_file(path, "table").decode("utf-8-sig")
         except UnicodeDecodeError:
             raise InputError(
-                f"{path} is no text in UTF-8; name another table with --out", file=path
+                f"{path} is not UTF-8 text; name another table with --out", file=path
             ) from None
         return [(k, line.strip()) for k, line in enumerate(text.splitlines(), start=1)]
 
     def _cells(self, path: Path, lines: Sequence[tuple[int, str]]) -> list[tuple[int, list[str]]]:
-        """Return the cells of lines; of no line, an empty header."""
+        """Return the cells in lines; if there are no lines, an empty header."""
         try:
             found = [(number, next(csv.reader([text]))) for number, text in lines]
         except csv.Error as error:
             raise InputError(
-                f"{path} is no table: {error}; name another table with --out", file=path
+                f"{path} is not a table: {error}; name another table with --out", file=path
             ) from None
         return found or [(1, [])]
 
@@ -274,7 +276,7 @@ class MeasurementTable:
 
 @contextmanager
 def _unchanged_on_failure(row: MeasuredRow) -> Generator[None]:
-    """Leave a row as it was where its change cannot be stored."""
+    """Restore a row if its change cannot be stored."""
     before = row.cells, row.readings
     try:
         yield
@@ -284,7 +286,7 @@ def _unchanged_on_failure(row: MeasuredRow) -> Generator[None]:
 
 
 def _same_cell(found: str, stated: str) -> bool:
-    """Return whether cells agree; a spreadsheet writes 30 as 30.0."""
+    """Return whether two cells agree; a spreadsheet may write 30 as 30.0."""
     if found.strip() == stated:
         return True
     try:

@@ -1,9 +1,10 @@
-"""What a sensor without errors reads in each step, and readings that are far from it.
+"""Compares readings with the values that an ideal sensor would give in each step.
 
-Far is beyond a share of the size of the sensed specific force or rate, for gyros beyond a bias of
-6 °/s too: a bias of 0.1 g with a scale-factor error of 10 % passes at 1 g; another axis, a wrong
-sign or a shifted decimal point does not. Coefficients with a prior are taken at its mean. Of a
-method that estimates the attitudes, only the norm of the specific force is compared.
+A reading is far from the expected value if the difference exceeds a share of the sensed specific
+force or rate; gyros may also have a bias of 6 °/s. A bias of 0.1 g together with a scale factor
+error of 10 % passes at 1 g, but another axis, a wrong sign or a shifted decimal point does not.
+Coefficients with a prior are set to its mean. If the method estimates the attitudes, only the norm
+of the specific force is compared.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,22 +19,22 @@ from inercal.physics.sensors import Axis
 from inercal.recordings.data.recording_loader import reader_columns, stated_deviations
 from inercal.runfile import Run
 
-_GYRO_BIAS = radians(6.0)  # rad/s, of a consumer's gyro
+_GYRO_BIAS = radians(6.0)  # rad/s; the bias of a consumer-grade gyro
 
 
 class ReadingCheck:
-    """The expected readings of a run's steps.
+    """The expected readings in the steps of a run.
 
     Parameters
     ----------
     run : Run
     tolerance : float
-        Share of the sensed size by which a reading may differ.
+        Share of the sensed magnitude by which a reading may differ.
 
     Attributes
     ----------
     axes : dict of str to Axis
-        By the column of the table.
+        Axes by column of the table.
     """
 
     def __init__(self, run: Run, tolerance: float):
@@ -47,8 +48,8 @@ class ReadingCheck:
         self._duration = str(run.data.seconds)
         self._seconds = {step.label: step.seconds for step in run.steps}
         self._gravity = float(run.bench.gravity.value)
-        self._size: dict[str, dict[str, float]] = {}  # sensed, SI, by step and quantity
-        self._expected: dict[str, dict[str, float]] = {}  # output, by step and column
+        self._size: dict[str, dict[str, float]] = {}  # sensed magnitude, SI, by step and quantity
+        self._expected: dict[str, dict[str, float]] = {}  # output units, by step and column
         if not self._free and isinstance(run.bench, MeanBench):
             self._compute(run, run.bench)
 
@@ -56,7 +57,7 @@ class ReadingCheck:
         try:
             motion = bench.mean_motion(run.steps, {}).motion
         except (InputError, NotObserved):
-            return  # attitudes that the plan does not state
+            return  # the plan does not state the attitudes
         known = {
             name: float(value)
             for prior in run.priors
@@ -67,7 +68,7 @@ class ReadingCheck:
             run.sensor.to_output(run.sensor.forward(motion, c)),
             (len(run.steps), len(run.sensor.axes)),
         )
-        # A component that is the same in all steps may be in one row.
+        # A component that is the same in all steps may be in a single row.
         sizes = {
             kind: np.broadcast_to(np.linalg.norm(vectors, axis=-1), len(run.steps)).tolist()
             for kind, vectors in (("f", motion.f), ("w", motion.w))
@@ -80,15 +81,15 @@ class ReadingCheck:
             self._size[step.label] = {kind: size[k] for kind, size in sizes.items()}
 
     def expected(self, label: str) -> Mapping[str, float]:
-        """Return what an ideal sensor reads in a step, output units, by column; maybe empty."""
+        """Return an ideal sensor's readings in a step, in output units by column; may be empty."""
         return self._expected.get(label, {})
 
     def far_readings(self, label: str, reading: Mapping[str, float]) -> list[str]:
-        """Return which values of a reading are far from the expected ones, in words."""
+        """Return texts about the values in a reading that are far from the expected ones."""
         if self._free:
             return self._far_norm(reading)
         found: list[str] = []
-        # The mean rate of a turn by hand is that of its own duration.
+        # The mean rate of a turn by hand depends on its actual duration.
         faster = self._seconds.get(label, 0.0) / reading.get(self._duration, inf) or 1.0
         for column, value in self.expected(label).items():
             axis, size = self.axes[column], self._size[label]
@@ -104,7 +105,7 @@ class ReadingCheck:
         return found
 
     def _si_hint(self, axis: Axis, expected: float, value: float) -> str:
-        """Return a hint if a reading has the expected value in SI, not in the sensor's unit."""
+        """Return a hint if a reading is right in SI but not in the sensor's unit."""
         scale = axis.readout.scale
         in_si = value * scale + axis.readout.offset
         alike = abs(in_si - expected) <= self._tolerance * abs(expected)
@@ -129,7 +130,7 @@ class ReadingCheck:
         return [text]
 
     def out_of_range(self, reading: Mapping[str, float]) -> list[str]:
-        """Return which values of a reading are at or beyond the stated full scale, in words."""
+        """Return texts about the values in a reading that reach or exceed the full scale."""
         found: list[str] = []
         for column, axis in self.axes.items():
             reach = axis.readout.full_scale
@@ -138,7 +139,7 @@ class ReadingCheck:
         return found
 
     def columns_of_large_scatter(self, readings: Sequence[Mapping[str, float]]) -> list[str]:
-        """Return the columns whose scatter is far more than [data.sd] states of a mean."""
+        """Return the columns whose scatter far exceeds [data.sd], which is stated for a mean."""
         found: list[str] = []
         for column, axis in self.axes.items():
             stated = self._sd.get(axis.measures)
@@ -149,6 +150,6 @@ class ReadingCheck:
 
 
 def scatter(readings: Sequence[Mapping[str, float]], column: str) -> float:
-    """Return the standard deviation of single readings; 0 of fewer than two."""
+    """Return the standard deviation of single readings; 0 for fewer than two."""
     values = [one[column] for one in readings]
     return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0

@@ -1,1 +1,1 @@
-"""Manual operation of a table: commands, dead-man control of a jog, and the main loop."""
+"""Manual operation of a table: commands, dead-man control of jogs, and the main loop."""

@@ -1,7 +1,8 @@
-"""Checks a manual command of an axis, and returns the command for the table.
+"""Checks an operator's command to an axis, and returns the command for the table.
 
-The limits are those of the run file's [bench] and of the controller, whichever are narrower. A jog
-toward a soft limit is a move that ends `LIMIT_MARGIN` before it: the controller itself stops there.
+The limits are those in the run file's [bench] or in the controller, whichever are narrower. A jog
+toward a soft limit is executed as a move that ends `LIMIT_MARGIN` before the limit, so that the
+controller itself stops there.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,18 +42,18 @@ Activity = Literal["idle", "home", "go", "jog", "stop"]
 
 @dataclass(frozen=True)
 class AxisTask:
-    """The last manual command of an axis.
+    """The last manual command to an axis.
 
     Parameters
     ----------
     activity : "idle", "home", "go", "jog" or "stop"
-        Stop: it decelerates.
+        "stop" means that the axis decelerates.
     goal : float
-        Commanded angle, rad; NaN where none is commanded.
+        Commanded angle, rad; NaN if there is none.
     rate : float
-        Commanded rate, rad/s; signed in a jog.
+        Commanded rate, rad/s; signed for a jog.
     begun, due : float
-        s of the session: the time of the command, and the time limit of the motion.
+        Session time of the command and deadline of the motion, s.
     """
 
     activity: Activity = "idle"
@@ -62,16 +63,16 @@ class AxisTask:
     due: float = inf
 
 
-LIMIT_MARGIN = radians(0.1)  # rad before a soft limit, where a jog toward it ends
-_LEAST_JOG = radians(0.01)  # rad to that place below which an axis is there
+LIMIT_MARGIN = radians(0.1)  # rad; distance from a soft limit at which a jog toward it ends
+_LEAST_JOG = radians(0.01)  # rad from this end; an axis that is nearer has reached it
 _HOMING_TIMEOUT = 300.0  # s
-_DURATION_MARGIN, _GRACE = 1.5, 5.0  # times what a motion takes by its limits, and s on top
+_DURATION_MARGIN, _GRACE = 1.5, 5.0  # factor on the duration of a motion, and additional s
 
 
 def narrower_limits(
     controller: Sequence[AxisLimits], bench: Sequence[AxisMotionLimits]
 ) -> tuple[AxisLimits, ...]:
-    """Return the limits of each axis, from its controller and from the run file's bench."""
+    """Return the limits of each axis, the narrower of the controller's and the run file's."""
     return tuple(
         replace(
             of,
@@ -84,16 +85,16 @@ def narrower_limits(
 
 @dataclass(frozen=True)
 class CommandCheck:
-    """Judges commands of one table.
+    """Checks commands to one table.
 
     Parameters
     ----------
     axes : tuple of str
-        Names, outer to inner.
+        Names of the axes, from outer to inner.
     limits : sequence of AxisLimits
-        What each axis is held to.
+        Limits to enforce for each axis.
     unsupported : mapping
-        What the controller cannot do, with the reason.
+        Functions that the controller lacks, with the reasons.
     """
 
     axes: tuple[str, ...]
@@ -103,22 +104,22 @@ class CommandCheck:
     def judge(
         self, command: AxisCommand, state: TableState, tasks: Sequence[AxisTask], time: float
     ) -> tuple[Command, AxisTask | None]:
-        """Return the command for the table, and the axis's new task; None keeps the current one.
+        """Return the command for the table, and the axis's new task; None keeps the current task.
 
         Parameters
         ----------
         command : AxisCommand
         state : TableState
-            As last read.
+            The state that was last read.
         tasks : sequence of AxisTask
-            Of each axis.
+            Current task of each axis.
         time : float
-            s of the session.
+            Session time, s.
 
         Raises
         ------
         InputError
-            Beyond a limit, no such axis, or not possible now.
+            The command exceeds a limit, names no axis of this table, or is not possible now.
         TableFault
             The axis has a fault, or its servo is off.
         """
@@ -170,7 +171,7 @@ class CommandCheck:
 
 
 def _require_ready(axis: AxisState, task: AxisTask, rate: float = 0.0) -> None:
-    """Refuse a motion of an axis that cannot move; off a limit switch it may be jogged."""
+    """Refuse a motion if the axis cannot move; a jog away from a limit switch is allowed."""
     at_limit = axis.at_low or axis.at_high
     leaves = (rate > 0 and axis.at_low and not axis.at_high) or (
         rate < 0 and axis.at_high and not axis.at_low
@@ -181,6 +182,6 @@ def _require_ready(axis: AxisState, task: AxisTask, rate: float = 0.0) -> None:
         why = f"{', '.join(axis.faults)}: " if axis.faults else ""
         raise TableFault(f"{why}its servo is off; switch it on first")
     if axis.faults and not at_limit:
-        raise TableFault(f"{', '.join(axis.faults)}; switch its servo on anew once that is gone")
+        raise TableFault(f"{', '.join(axis.faults)}; switch its servo on again once that is gone")
     if task.activity == "home":
         raise InputError("it is homing; wait, or halt it")

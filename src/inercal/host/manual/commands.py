@@ -1,7 +1,8 @@
-"""The manual commands of an operator: a short list, each with its fields and no others.
+"""The manual commands of an operator, and their conversion from and to JSON.
 
-The page sends JSON objects in degrees and seconds; here they become commands in SI. The session
-(`manual.session`) decides whether the table can carry them out.
+Each command has a fixed set of fields. The page sends JSON objects in degrees and seconds, which
+are converted to commands in SI here. The session (`manual.session`) decides whether the table can
+execute them.
 
     {"what": "servo", "axis": "inner", "on": true}
     {"what": "home", "axis": "inner"}
@@ -18,9 +19,9 @@ from typing import Any, NamedTuple
 
 from inercal.basics.errors import InputError
 
-_MAX_NAME = 40  # characters of an axis' name
+_MAX_NAME = 40  # characters in the name of an axis
 _MAX_NUMBER = 1e6  # ° and °/s
-_MAX_PRESS = 1 << 53  # whole numbers that every JSON reader has exactly
+_MAX_PRESS = 1 << 53  # every JSON reader represents integers up to this exactly
 
 
 class ServoCommand(NamedTuple):
@@ -34,7 +35,7 @@ class ServoCommand(NamedTuple):
 
 
 class HomeAxisCommand(NamedTuple):
-    """Find the zero of an axis."""
+    """Find the zero position of an axis."""
 
     axis: str
 
@@ -43,7 +44,7 @@ class HomeAxisCommand(NamedTuple):
 
 
 class GoCommand(NamedTuple):
-    """Bring an axis to an angle, rad, at a rate, rad/s."""
+    """Move an axis to an angle (rad) at a rate (rad/s)."""
 
     axis: str
     angle: float
@@ -54,7 +55,7 @@ class GoCommand(NamedTuple):
 
 
 class JogCommand(NamedTuple):
-    """Turn an axis at a rate, rad/s, signed, while the press of this number is held."""
+    """Turn an axis at a signed rate (rad/s) while the key press with this number is held."""
 
     axis: str
     rate: float
@@ -65,13 +66,13 @@ class JogCommand(NamedTuple):
 
 
 class HoldCommand(NamedTuple):
-    """The press of this number is still held."""
+    """Report that the key press with this number is still held."""
 
     press: int
 
 
 class ReleaseCommand(NamedTuple):
-    """Stop the jogged axis."""
+    """Stop the axis that is being jogged."""
 
     def __str__(self) -> str:
         return "the key is released"
@@ -91,12 +92,12 @@ ManualCommand = AxisCommand | HoldCommand | ReleaseCommand | HaltCommand
 
 
 def parse_command(fields: Mapping[str, Any]) -> ManualCommand:
-    """Return the command of a JSON object.
+    """Parse a JSON object as a command and return it.
 
     Raises
     ------
     InputError
-        Another command, a field that is missing, unknown or not of its kind.
+        The command is unknown, or a field is missing, unknown or of the wrong type.
     """
     what = fields.get("what")
     if not isinstance(what, str) or what not in _COMMANDS:
@@ -115,7 +116,7 @@ def parse_command(fields: Mapping[str, Any]) -> ManualCommand:
 
 
 def command_fields(command: ManualCommand) -> dict[str, Any]:
-    """Return the JSON object of a command: `parse_command` in the other direction."""
+    """Return the JSON object for a command; this is the inverse of `parse_command`."""
     for what, (kind, fields) in _COMMANDS.items():
         if isinstance(command, kind):
             values = command._asdict()
@@ -155,7 +156,7 @@ def _switch(key: str, value: object) -> bool:
 
 def _press(key: str, value: object) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < _MAX_PRESS:
-        raise InputError(f"{key}: give a whole number from 0 on", key=key)
+        raise InputError(f"{key}: give a whole number of at least 0", key=key)
     return value
 
 

@@ -1,12 +1,12 @@
-"""The dead-man of a jog: an axis turns only while messages of a held key arrive.
+"""The dead-man control of a jog: an axis turns only while messages about a held key arrive.
 
-A press has a number. `begin` makes it live, each `hold` of the same number keeps it so, by the
-host's monotonic clock, for `HOLD_TIMEOUT` from its arrival. A press that has expired or was
-released is dead for good: messages that were held up on their way revive nothing.
+Each key press has a number. `begin` makes it live, and each `hold` with the same number keeps it
+live for `HOLD_TIMEOUT` from its arrival, by the host's monotonic clock. A press that has expired or
+was released stays dead: delayed messages cannot revive it.
 
-The loop that drives the table asks `is_live` in each tick and stops the axis. Where it does not do
-so in time, because it waits for a reply of the table, `overdue` is called from a thread of its own,
-which has the watchdog stop the table by the watchdog's own connection.
+The loop that drives the table calls `is_live` in each tick and stops the axis. If it does not do so
+in time, because it waits for a reply from the table, a separate thread calls `overdue`, which makes
+the watchdog stop the table through the watchdog's own connection.
 """
 
 from collections.abc import Callable
@@ -15,20 +15,20 @@ from time import monotonic
 
 from inercal.host.closeable import Closeable
 
-# s from the last message to the command that stops, so that it is with the table by 0.3 s
+# s from the last message to the stop command, so that it reaches the table within 0.3 s
 HOLD_TIMEOUT = 0.25
-_OVERDUE = 0.05  # s beyond it after which the watchdog must stop the table
+_OVERDUE = 0.05  # s after the timeout at which the watchdog must stop the table
 
 
 class DeadMan(Closeable):
-    """The dead-man of one session; its methods may be called from any thread.
+    """The dead-man control of one session; its methods may be called from any thread.
 
     Parameters
     ----------
     overdue : callable
         Called once for each motion that was not stopped in time.
     timeout : float
-        s that a press lives on after its last message.
+        Time for which a press stays live after its last message, s.
     """
 
     def __init__(self, overdue: Callable[[], object], timeout: float = HOLD_TIMEOUT):
@@ -41,7 +41,7 @@ class DeadMan(Closeable):
         self._thread.start()
 
     def begin(self, press: int) -> None:
-        """Begin a new press; the previous one is dead, and its number cannot be used again."""
+        """Begin a new press; the previous press is dead, and its number cannot be reused."""
         with self._changed:
             if press != self._press:
                 self._press, self._count = press, 0
@@ -49,7 +49,7 @@ class DeadMan(Closeable):
                 self._changed.notify_all()
 
     def hold(self, press: int) -> None:
-        """Keep a press alive."""
+        """Keep a press live."""
         with self._changed:
             now = monotonic()
             if press == self._press and now < self._deadline:
@@ -62,17 +62,17 @@ class DeadMan(Closeable):
             self._changed.notify_all()
 
     def is_live(self, press: int) -> bool:
-        """Tell whether a press is held."""
+        """Return whether a press is held."""
         with self._changed:
             return press == self._press and monotonic() < self._deadline
 
     @property
     def count(self) -> int:
-        """How many messages have kept the press alive."""
+        """The number of messages that have kept the press live."""
         return self._count
 
     def set_moving(self, moving: bool) -> None:
-        """State whether the press moves an axis; false once the stop command is sent."""
+        """Set whether the press moves an axis; set it to False when the stop command is sent."""
         with self._changed:
             self._is_moving = moving
             self._changed.notify_all()

@@ -1,4 +1,4 @@
-"""The IMU during manual operation: its readings for who looks on, and its gyros as an interlock."""
+"""The IMU during manual operation: shows its readings, and uses its gyros as an interlock."""
 
 import json
 from collections.abc import Callable
@@ -28,27 +28,27 @@ class ManualImu(Closeable):
     run : Run
         States the sensor and the bench.
     interlocks : Interlocks
-        Are shown the gyros.
+        Interlocks that check the gyros.
     now : callable
-        Returns the session's time, s.
+        Returns the session time, s.
     tick : Tick
-        Of the bench when the port is opened.
+        The bench's tick when the port is opened.
     wraps : float
-        s after which the table's clock begins again.
+        Time after which the table's clock restarts, s.
 
     Attributes
     ----------
     receiver : ImuReceiver
-        Says what is wrong with the port.
+        Receives the bytes, and reports trouble with the port.
     assembly : SampleAssembler
-        What came, and what became of it.
+        Assembles samples from the received data.
 
     Raises
     ------
     InputError
-        Packets that do not go with the sensor.
+        The packets do not match the sensor.
     LinkLost
-        Nobody is there.
+        The IMU does not answer.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class ManualImu(Closeable):
         self._begin(tick.time)
 
     def take(self, tick: Tick) -> None:
-        """Take what came by a tick."""
+        """Take the bytes that arrived by a tick."""
         heard = self.receiver.take(tick)
         if heard.reopened:
             self._begin(tick.time)
@@ -82,23 +82,23 @@ class ManualImu(Closeable):
             self.assembly.feed(LogFrame(IMU, time, data))
 
     def take_table(self, time: float, state: TableState) -> None:
-        """Take a reading of the table, at a time of the session, s."""
+        """Take a reading of the table at a session time, s."""
         self.assembly.feed(LogFrame(TABLE, time, pack_state(state)))
 
     def check_gyros(self, time: float) -> str | None:
-        """Return in words how the gyros' rates differ from those of the readback, if they do.
+        """Return a text on how the gyros' rates differ from the readback's; None if they agree.
 
         Raises
         ------
         InputError
-            A table that has set its clock anew.
+            The table has reset its clock.
         """
         if time - self._work_time < _WORK_INTERVAL:
             return None
         self._work_time = time
         block = self.assembly.take()
         if self.assembly.imu.mismatch is not None:
-            # An IMU that was switched off and on: here its clock may be matched anew.
+            # The IMU may have been switched off and on; here its clock may be matched again.
             self.assembly = self._new_assembly()
             self._begin(time)
         return (
@@ -110,10 +110,10 @@ class ManualImu(Closeable):
         self.receiver.close()
 
     def _begin(self, time: float) -> None:
-        """Do not compare what follows with anything earlier."""
+        """Begin a new comparison that does not continue the earlier data."""
         known = {"wraps": self._wraps} if isfinite(self._wraps) else {}
         session = {"what": "session", "next": 0, **known}
-        # One section without an end: samples outside of sections are not assembled.
+        # Use one section without an end, because samples outside of sections are not assembled.
         section = {"what": "section", "number": 0, "label": "", "state": "begun", "hold": False}
         for event in (session, section | {"time": -1e9}):
             self.assembly.feed(LogFrame(EVENT, time, json.dumps(event).encode()))

@@ -1,15 +1,17 @@
-"""A manual session, from the connection until the table is at rest: one loop of 20 ms.
+"""A manual session: the main loop, from the connection until the table is at rest.
+
+The loop runs every 20 ms::
 
     clock -> commands, dead-man -> table commanded and read, IMU's bytes -> interlocks, journal
 
-The driver, the watchdog and the interlocks are those of a run (`bench_run`); there are no steps.
-What an axis cannot do, or is beyond its limits, is refused before anything moves (`command_check`).
-The journal has every command with its operator and time, and everything that stops an axis.
+The driver, the watchdog and the interlocks are the same as in a run (`bench_run`), but there are no
+steps. A command that an axis cannot execute, or that exceeds its limits, is refused before anything
+moves (`command_check`). The journal records every command with its operator and time, and every
+event that stops an axis.
 
-A fault of an axis stops all axes, and the session continues, so that the operator can clear the
-fault. A finding of the interlocks ends the session. However it ends, the loop or the watchdog
-brings the table to rest.
-Both are software; the hardware interlock is the safety function.
+A fault of an axis stops all axes, and the session continues so that the operator can clear the
+fault. A fault that the interlocks find ends the session. However the session ends, the loop or the
+watchdog brings the table to rest. Both are software; the hardware interlock is the safety function.
 """
 
 from collections.abc import Callable, Mapping
@@ -60,53 +62,53 @@ from inercal.host.task_sequencer import (
 )
 from inercal.runfile import Run
 
-SHOW_INTERVAL = 0.1  # s of the wall's between two looks at the session
-_SIMULATED_READ_TIMEOUT = 0.5  # s: a simulated table may wait for a machine that is busy
-_GRACE = 5.0  # s to come to rest, in addition to the deceleration
-_STOP_GRACE = 1.0  # s that a stop may take beyond what the deceleration takes
+SHOW_INTERVAL = 0.1  # s of wall time between two updates of the display
+_SIMULATED_READ_TIMEOUT = 0.5  # s; a simulated table may be slow on a busy machine
+_GRACE = 5.0  # s to come to rest, in addition to the deceleration time
+_STOP_GRACE = 1.0  # s that a stop may take, in addition to the deceleration time
 _ARRIVAL_TOLERANCE = radians(0.05)  # rad
-_STARTING_TIME = 0.3  # s after a command in which an axis may still say that it rests
+_STARTING_TIME = 0.3  # s after a command in which an axis may still report rest
 
 
 class ManualSession:
-    """One session; a context manager that leaves the table at rest.
+    """One manual session; as a context manager it leaves the table at rest.
 
     Parameters
     ----------
     run : Run
-        Its [bench] names the axes and states their limits, its [sensor] is the IMU's.
+        The run whose [bench] names the axes and states their limits, and whose [sensor] is the IMU.
     journal : Journal
     addresses : DeviceAddresses
-        The IMU's may be empty.
+        Addresses of the devices; the IMU's may be empty.
     show : callable, optional
-        Called with the session itself, now and then.
+        Called with the session itself, at intervals.
     patience : float
-        s that the watchdog looks for a table that is gone.
+        Time for which the watchdog tries to reach a lost table, s.
 
     Attributes
     ----------
     axes : tuple of str
-        Names, outer to inner.
+        Names of the axes, from outer to inner.
     limits : tuple of AxisLimits
-        What each axis is held to.
+        Limits that are enforced for each axis.
     unsupported : mapping
-        What the controller cannot do, with the reason.
+        Functions that the controller lacks, with the reasons.
     time : float
-        The session's, s.
+        Session time, s.
     state : TableState or None
-        The table's, as last read.
+        The table state that was last read.
     tasks : list of AxisTask
-        The last command of each axis.
+        The last command to each axis.
     imu : ManualImu or None
     dead_man : DeadMan
 
     Raises
     ------
     InputError
-        A run file that is none of a turntable, an address that is none, or a table that another
-        program commands.
+        The run file is not for a turntable, an address is invalid, or another program commands the
+        table.
     LinkLost
-        Nobody is there.
+        A device does not answer.
     """
 
     def __init__(
@@ -123,7 +125,7 @@ class ManualSession:
         self._end_words = ""
         self._watchdog_stops = self._is_alarmed = self._was_read = self._was_commanded = False
         self._fault_words: list[tuple[str, ...]] = [()] * len(bench.names)
-        self._jog: tuple[int, int, str] | None = None  # axis, press, by whom
+        self._jog: tuple[int, int, str] | None = None  # axis, number of the press, operator
         self._last_checks = LastChecks()
         self._check_trouble: str | None = None
         self._plausibility = ReadingPlausibility(bench)
@@ -162,11 +164,11 @@ class ManualSession:
 
     @property
     def state(self) -> TableState | None:
-        """The last state of the table that was read."""
+        """The table state that was read last."""
         return self._driver.state
 
     def request(self, by: str, command: ManualCommand) -> None:
-        """Request a command from any thread; it reaches the dead-man at once."""
+        """Request a command from any thread; the dead-man control receives it at once."""
         match command:
             case JogCommand(press=press):
                 self.dead_man.begin(press)
@@ -180,16 +182,16 @@ class ManualSession:
         self._requests.put((by, command))
 
     def write_note(self, words: str) -> None:
-        """Record a note, from any thread."""
+        """Record a note; may be called from any thread."""
         self._requests.put(("", words))
 
     def end(self, words: str) -> None:
-        """End the session, from any thread or a signal; the first reason is kept."""
+        """End the session, from any thread or a signal handler; the first reason is kept."""
         self._end_words = self._end_words or words
         self.dead_man.release()
 
     def operate(self) -> str:
-        """Carry out the commands until the session ends; return why it ended."""
+        """Execute commands until the session ends, and return the reason for its end."""
         with self._guard.catch_signals():
             try:
                 self._clock.begin(self._next)
@@ -239,10 +241,10 @@ class ManualSession:
     def _is_driving(self) -> bool:
         return any(task.activity != "idle" for task in self.tasks)
 
-    # Commands of the operator.
+    # Commands from the operator.
 
     def _do_requests(self) -> bool:
-        """Carry out the waiting commands; return whether one was sent to the table."""
+        """Execute the waiting commands, and return whether any was sent to the table."""
         commanded = False
         with suppress(Empty):
             while not self._end_words:
@@ -254,10 +256,10 @@ class ManualSession:
         return commanded
 
     def _do(self, by: str, command: ManualCommand) -> bool:
-        """Carry out or refuse one command; return whether one was sent to the table."""
+        """Execute or refuse one command, and return whether it was sent to the table."""
         if isinstance(command, (ReleaseCommand, HoldCommand)):
             return isinstance(command, ReleaseCommand) and self._stop_jog(f"released by {by}")
-        # First stopped, then written down; all else is written down first.
+        # Stop first and record afterwards; all other commands are recorded first.
         if isinstance(command, HaltCommand):
             self._halt(f"{by}: {command}", "info")
             return True
@@ -281,17 +283,17 @@ class ManualSession:
         return True
 
     def _judged(self, command: AxisCommand, by: str) -> Command:
-        """Return the command for the table, and update `tasks`.
+        """Check a command, update `tasks`, and return the command for the table.
 
         Raises
         ------
         InputError, TableFault
-            As `CommandCheck.judge`, or the watchdog stops the table.
+            As in `CommandCheck.judge`, or because the watchdog is stopping the table.
         """
         if self.state is None:
             raise InputError("the table has not been read yet; try again")
         if self._watchdog_stops:
-            raise InputError("the watchdog stops the table; wait until it is at rest")
+            raise InputError("the watchdog is stopping the table; wait until it is at rest")
         checked, task = self._check.judge(command, self.state, self.tasks, self.time)
         i = axis_index(command.axis, self.axes)
         if isinstance(command, JogCommand):
@@ -306,27 +308,27 @@ class ManualSession:
         self.tasks[i] = replace(task, begun=self.time)
 
     def _forget(self, command: AxisCommand) -> None:
-        """Stop an axis that has refused a motion: its previous motion may no longer be wanted."""
+        """Stop an axis that refused a motion, as its previous motion may no longer be wanted."""
         if isinstance(command, (HomeAxisCommand, GoCommand, JogCommand)):
             if isinstance(command, JogCommand):
                 self._jog = None
                 self.dead_man.set_moving(False)
             self._stop_axis(axis_index(command.axis, self.axes))
 
-    # What stops.
+    # Stopping.
 
     def _follow_dead_man(self) -> None:
-        """Stop the jogged axis once nobody holds the key any more."""
+        """Stop the axis that is being jogged when nobody holds the key any more."""
         if self._jog is not None and not self.dead_man.is_live(self._jog[1]):
-            # A release in the queue names its operator when it is read.
+            # A release in the queue names its operator when it is processed.
             if self._requests.empty():
-                self._stop_jog(f"no message of a held key for {HOLD_TIMEOUT:g} s", "warning")
+                self._stop_jog(f"no message about the held key for {HOLD_TIMEOUT:g} s", "warning")
             else:
                 self._stop_axis(self._jog[0])
                 self.dead_man.set_moving(False)
 
     def _stop_jog(self, why: str, level: Literal["info", "warning"] = "info") -> bool:
-        """Stop the jogged axis, if any; return whether a command was sent to the table."""
+        """Stop the axis that is being jogged, if any; return whether a command was sent."""
         if self._jog is None:
             return False
         i, _, by = self._jog
@@ -339,7 +341,7 @@ class ManualSession:
         return True
 
     def _stop_axis(self, i: int) -> None:
-        """Decelerate one axis and hold it; one whose servo is off stays so."""
+        """Decelerate one axis and hold it; if its servo is off, it stays off."""
         state = self.state
         if state is not None and not state.axes[i].enabled:
             self._start(i, AxisTask())
@@ -354,7 +356,7 @@ class ManualSession:
             self._driver.stop([StopCommand()])
 
     def _halt(self, why: str, level: Literal["info", "alarm"] = "alarm") -> None:
-        """Stop all axes whose servos are on, one by one: what is switched off stays off."""
+        """Stop all axes with servos on, one by one; axes that are switched off stay off."""
         self._jog = None
         for i in range(len(self.axes)):
             self._stop_axis(i)
@@ -362,20 +364,20 @@ class ManualSession:
         self._say(level, why if level == "info" else f"{why}: all axes are stopped")
 
     def _alarm_end(self, words: str) -> None:
-        """Stop all and end, because of what an interlock has found."""
+        """Stop all axes and end the session because of a fault that an interlock has found."""
         self._end_words, self._is_alarmed = self._end_words or words, True
         self._jog = None
         on = [axis.enabled for axis in self.state.axes] if self.state is not None else []
         if all(on):
             self._driver.stop([StopCommand()])
         else:
-            # Somebody may have a hand on an axis whose servo is off: it is not closed.
+            # Somebody may have a hand on an axis with its servo off, so do not close its loop.
             for i in range(len(self.axes)):
                 self._stop_axis(i)
         self.dead_man.set_moving(False)
         self._say("alarm", words)
 
-    # What is seen.
+    # Monitoring.
 
     def _hear_guard(self) -> None:
         """Read the watchdog's messages, and check that it is alive."""
@@ -399,7 +401,7 @@ class ManualSession:
 
     def _is_plausible(self, state: TableState) -> bool:
         if not all(axis.enabled for axis in state.axes):
-            # A hand that turns an axis keeps to no limits.
+            # A hand may turn an axis faster than its limits.
             self._plausibility.restart()
             return True
         if self._plausibility.accept_state(state):
@@ -409,7 +411,7 @@ class ManualSession:
         return False
 
     def _follow_state(self, time: float, state: TableState) -> None:
-        """Check the progress of each axis, and the interlocks."""
+        """Check the progress of each axis, and run the interlocks."""
         if self.imu is not None:
             self.imu.take_table(time, state)
         self._last_checks.record("table", self.time)
@@ -436,7 +438,7 @@ class ManualSession:
         if not axis.enabled:
             self._start(i, AxisTask())
             if task.activity != "stop":
-                self._halt(f"axis {name}: its servo has gone off")
+                self._halt(f"axis {name}: its servo has switched off")
         elif task.activity == "home" and axis.homed and axis.settled:
             self._start(i, AxisTask(goal=0.0))
             self._say("info", f"axis {name}: homed")
@@ -454,7 +456,7 @@ class ManualSession:
             self._late(i, task)
 
     def _late(self, i: int, task: AxisTask) -> None:
-        """Stop an axis that exceeds the time limit of its command."""
+        """Stop an axis whose command has exceeded its time limit."""
         name, what = self.axes[i], task.activity
         if what == "stop":
             self._start(i, AxisTask())
@@ -478,9 +480,9 @@ class ManualSession:
             self._driver.switch_servos_off()
 
     def _wait_for_rest(self) -> None:
-        """Wait until the table is at rest; if it is not, leave it to the watchdog."""
+        """Wait until the table is at rest; if it does not stop, leave it to the watchdog."""
         slowest = max(one.rate / one.acceleration for one in self.limits)
-        # An axis may report the motion of a new command later.
+        # An axis may report the motion from a new command with some delay.
         least, until = self.time + _STARTING_TIME, self.time + slowest + _GRACE
         while self.time < least or (self.time < until and not self._is_at_rest):
             self._tick()
@@ -510,7 +512,7 @@ class ManualSession:
 
 
 def _without_free_axes(state: TableState) -> TableState:
-    """Return a state in which an axis without its servo stands: a hand may turn it."""
+    """Return the state with zero rates for axes without servo, which a hand may turn."""
     axes = (
         axis if axis.enabled else replace(axis, rate=0.0, following_error=0.0)
         for axis in state.axes

@@ -1,4 +1,4 @@
-"""Packets of IMUs: described in TOML, decoded from any stream of bytes, and made from readings.
+"""IMU packets: described in TOML, decoded from any stream of bytes, and encoded from readings.
 
 >>> from inercal.host.packets import Decoder, encode, read_layout
 >>> layout = read_layout("fixed")

@@ -1,13 +1,13 @@
-"""Checks of packets: cyclic redundancy checks and sums, declared as data.
+"""Checksums of packets, declared as data: cyclic redundancy checks (CRC) and sums.
 
-A CRC is given by the parameters of R. N. Williams, "A painless guide to CRC error detection
-algorithms" (1993), and named as in the catalogue of G. Cook, reveng.sourceforge.io/crc-catalogue;
-its check value is what it makes of the nine characters "123456789". NovAtel's CRC-32 (OEM7 Commands
-and Logs, "32-bit CRC") starts from zero and ends without inversion, unlike that of Ethernet.
+A CRC is defined by the parameters of R. N. Williams, "A painless guide to CRC error detection
+algorithms" (1993), and named as in the catalogue of G. Cook, reveng.sourceforge.io/crc-catalogue.
+Its check value is the CRC of the nine characters "123456789". NovAtel's CRC-32 (OEM7 Commands and
+Logs, "32-bit CRC") starts from zero and ends without inversion, unlike Ethernet's.
 
 A random packet passes a check of b bits with probability 2^-b.
 """
-# Numba's decorator has no types.
+# Numba's decorator is not typed.
 # pyright: reportUntypedFunctionDecorator=false
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ Values = NDArray[np.uint32]
 def _crc_registers(
     data: Bytes, start: Indices, stop: Indices, table: Values, init: int, reflected: bool
 ) -> Values:
-    """Return the last register of each span: aligned to bit 31 or, reflected, to bit 0."""
+    """Return the final register of each span: aligned to bit 31 or, if reflected, to bit 0."""
     out = np.empty(start.size, np.uint32)
     for k in range(start.size):
         register = np.uint32(init)
@@ -44,7 +44,7 @@ def _crc_registers(
 
 @njit(cache=True, nogil=True)
 def _byte_sums(data: Bytes, start: Indices, stop: Indices) -> Values:
-    """Return the sum of the bytes of each span."""
+    """Return the sum of the bytes in each span."""
     out = np.zeros(start.size, np.uint32)
     for k in range(start.size):
         total = np.uint32(0)
@@ -61,15 +61,15 @@ class Crc:
     Parameters
     ----------
     words : str
-        For people.
+        Name in messages.
     bits : int
-        Width.
+        Width in bits.
     polynomial, init, final : int
-        Without the leading bit; first content of the register; what is XORed to the last one.
+        Polynomial without the leading bit, initial register, and value XORed to the final register.
     reflected : bool
-        The least significant bit of a byte comes first.
+        Whether the least significant bit of a byte comes first.
     check_value : int
-        Of "123456789".
+        CRC of "123456789".
     """
 
     words: str
@@ -82,7 +82,7 @@ class Crc:
 
     @cached_property
     def _table(self) -> Values:
-        """Return what a byte in the top (or, reflected, bottom) place does to the register."""
+        """Return the effect of each byte in the top place (if reflected, the bottom place)."""
         value = np.arange(256, dtype=np.uint32)
         if self.reflected:
             polynomial = int(f"{self.polynomial:0{self.bits}b}"[::-1], 2)
@@ -96,7 +96,7 @@ class Crc:
         return value
 
     def span_checks(self, data: Bytes, start: Indices, stop: Indices) -> Values:
-        """Return the check of each span `start` to `stop` (half open) of `data`; all (n,)."""
+        """Return the checksums of the half-open spans `start` to `stop` of `data`; all (n,)."""
         unused = 0 if self.reflected else 32 - self.bits
         init = self.init << unused
         value = _crc_registers(data, start, stop, self._table, init, self.reflected)
@@ -105,7 +105,7 @@ class Crc:
 
 @dataclass(frozen=True)
 class ByteSum:
-    """The sum of bytes modulo 256, or (`negated`) what makes it zero."""
+    """The sum of bytes modulo 256, or its negative (`negated`), which makes the total zero."""
 
     words: str
     negated: bool
@@ -113,7 +113,7 @@ class ByteSum:
     bits: int = 8
 
     def span_checks(self, data: Bytes, start: Indices, stop: Indices) -> Values:
-        """Return the check of each span `start` to `stop` (half open) of `data`; all (n,)."""
+        """Return the checksums of the half-open spans `start` to `stop` of `data`; all (n,)."""
         total = _byte_sums(data, start, stop)
         return (np.uint32(0) - total if self.negated else total) & np.uint32(0xFF)
 

@@ -1,4 +1,4 @@
-"""Reads TOML descriptions of packets into a `PacketLayout`; errors are one line each."""
+"""Reads TOML descriptions of packets into a `PacketLayout`, with one-line error messages."""
 
 import math
 import re
@@ -21,7 +21,7 @@ PRESETS = tuple(
 )
 
 _SECTIONS = ("accelerometer", "gyro", "temperature", "time", "counter", "status")
-# What each section takes, by key; a channel's section may be left out where its roles are.
+# Keys of each section; the section of a channel may be omitted if the packets lack its roles.
 KEYS: Mapping[str, Mapping[str, type]] = {
     "": {
         **dict.fromkeys(("about", "byte_order", "rate", "line"), str),
@@ -39,32 +39,32 @@ KEYS: Mapping[str, Mapping[str, type]] = {
     "status": {"mask": int, "good": int},
 }
 _TYPE_NAMES = {str: "text", int: "a whole number", list: "a list", dict: "a section"}
-# What the scale of a channel is like, what its increments are like, and an example.
+# Units of each channel's scale and of its increments, and an example.
 _CHANNEL_UNITS = {
     "accelerometer": ("m/s²", "m/s", "1 µg"),
     "gyro": ("rad/s", "rad", "16/32768 °/s"),
     "temperature": ("K", None, "0.01 °C"),
     "time": ("s", None, "100 µs"),
 }
-_EXACT = 2**53  # the largest counts that a real number holds exactly
-_MASKED = 2**63 - 1  # bits of a status, which is kept as a signed number of 64 bits
+_EXACT = 2**53  # the largest count that a float represents exactly
+_MASKED = 2**63 - 1  # usable bits of a status, which is stored as a signed 64-bit integer
 T = TypeVar("T")
 _SCALE = re.compile(r"([-+0-9.eE^/ ]+?) +(\S.*)")
 _TERM = re.compile(r"[+-]?[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|2\^-?[0-9]{1,2}")
 
 
 def read_layout(source: str | Path) -> PacketLayout:
-    """Return the layout that a TOML file describes, or a preset by its name.
+    """Return the layout in a TOML file, or the preset with a given name.
 
     Parameters
     ----------
     source : str or path
-        A file, or one of `PRESETS`.
+        A file, or the name of one of `PRESETS`.
 
     Raises
     ------
     InputError
-        One line that names the file and the key: what is wrong, and what is possible.
+        The description is invalid; a one-line message names the file, the key and the fix.
     """
     if isinstance(source, str) and source in PRESETS:
         return parse_layout((_PRESETS / f"{source}.toml").read_text(encoding="utf-8"), source)
@@ -77,18 +77,18 @@ def read_layout(source: str | Path) -> PacketLayout:
 
 
 def parse_layout(text: str | bytes, name: str) -> PacketLayout:
-    """Return the layout that a TOML text describes.
+    """Return the layout in a TOML text.
 
     Parameters
     ----------
     text : str or bytes
     name : str
-        Of the file, with which messages begin.
+        Name of the file, with which messages begin.
 
     Raises
     ------
     InputError
-        As `read_layout`.
+        As in `read_layout`.
     """
     try:
         return _build_layout(parse_toml(text, "description of packets"), name)
@@ -120,7 +120,7 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
         "time": roles & {"time"},
     }
     if not carried["accelerometer"] | carried["gyro"]:
-        raise InputError(f"the packet has no reading; name one or more of {', '.join(AXES)}")
+        raise InputError(f"the packet contains no reading; name one or more of {', '.join(AXES)}")
     scales = {
         section: _scale(section, content.get(section), rate) if wanted else Scale()
         for section, wanted in carried.items()
@@ -148,11 +148,11 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
 
 
 def _check_keys(part: Any, section: str) -> None:
-    """Refuse an unknown key, or a value of the wrong type."""
+    """Refuse an unknown key or a value of the wrong type."""
     where, keys = f"[{section}] " if section else "", KEYS[section]
     if not isinstance(part, dict):
         raise InputError(
-            f"[[{section}]] has an entry that is no section; give sections with the keys "
+            f"[[{section}]] has an entry that is not a section; give sections with the keys "
             f"{', '.join(keys)}",
             key=section,
         )
@@ -170,7 +170,7 @@ def _check_keys(part: Any, section: str) -> None:
 
 
 def _with_key(key: str, made: Callable[[], T]) -> T:
-    """Add the key to the errors of `made`."""
+    """Add the key to the errors that `made` raises."""
     try:
         return made()
     except InputError as error:
@@ -229,13 +229,13 @@ def _frame(section: dict[str, Any], order: str | None) -> BinaryFrame:
 
 
 def _distinguishable(one: BinaryFrame, other: BinaryFrame) -> bool:
-    """Whether a fixed byte of one packet is another in the other: else the longer would hide."""
+    """Return whether a fixed byte differs between two packets, so that neither hides the other."""
     fixed = dict(other.constants)
     return any(fixed.get(offset, value) != value for offset, value in one.constants)
 
 
 def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Scale:
-    """Return what the values of a channel mean."""
+    """Return the scale of a channel, which defines the meaning of its values."""
     like, increment, example = _CHANNEL_UNITS[section]
     if given is None or "scale" not in given:
         raise InputError(
@@ -265,7 +265,7 @@ def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Sc
 
 
 def _parse_scale(text: str, example: str) -> tuple[float, str]:
-    """Return number and unit of "16/32768 g" or "2^-33 rad"."""
+    """Return the number and the unit in a text such as "16/32768 g" or "2^-33 rad"."""
     found = _SCALE.fullmatch(text.strip())
     terms = [term.strip() for term in found[1].split("/")] if found else []
     if found is None or not all(_TERM.fullmatch(term) for term in terms):
@@ -280,7 +280,7 @@ def _parse_scale(text: str, example: str) -> tuple[float, str]:
 
 
 def _unit_size(unit: str, like: str, increment: str | None, rate: float | None) -> float:
-    """Return the size of a unit in SI, an increment's times the rate."""
+    """Return the size of a unit in SI; for an increment, multiplied by the rate."""
     if increment is None:
         return si_factor(unit, like)
     try:
@@ -298,7 +298,7 @@ def _unit_size(unit: str, like: str, increment: str | None, rate: float | None) 
 def _whole_number(
     content: dict[str, Any], section: str, key: str, default: int, least: int, most: int
 ) -> int:
-    """Return the number that a key states, if it is within its bounds."""
+    """Return the number that a key states, after checking its bounds."""
     value = content.get(section, {}).get(key, default)
     if not least <= value <= most:
         where = f"[{section}] {key}"
@@ -324,7 +324,7 @@ def _invalid_codes(section: str, codes: list[Any]) -> tuple[float, ...]:
 def _wrap_values(
     content: dict[str, Any], frame: BinaryFrame | TextLine, time: Scale
 ) -> dict[str, float]:
-    """Return where counter and time start again: as stated, else by their width."""
+    """Return the values at which counter and time wrap: as stated, or from their width."""
     wraps = {f.role: 2.0**f.bits for f in frame.fields if 0 < f.bits < 64}
     if "wraps" in content.get("counter", {}):
         wraps["counter"] = float(_whole_number(content, "counter", "wraps", 2, 2, _EXACT))

@@ -1,4 +1,4 @@
-"""Encodes readings into the bytes that a device would send, for the simulator."""
+"""Encodes readings into the bytes that a device would send; used by the simulator."""
 
 from string import Formatter
 from typing import Any
@@ -21,28 +21,28 @@ def encode(
     temperature: ArrayLike | None = None,
     status: ArrayLike = 0,
 ) -> bytes:
-    """Return packets, rounded as the layout says.
+    """Return the packets of readings, rounded as the layout states.
 
-    A reading beyond the full scale, or beyond what its type holds, is sent at that limit; counter
-    and time start again where they wrap.
+    A reading beyond the full scale, or beyond the range of its type, is sent as the limit. Counter
+    and time restart at 0 where they wrap.
 
     Parameters
     ----------
     layout : PacketLayout
     readings : (n, 6) array
-        m/s² and rad/s, finite in the channels of the layout.
+        Readings in m/s² and rad/s, finite in the channels of the layout.
     counter : (n,) array of int, optional
-        From 0 on, by the layout's step, where it is left out.
+        By default it counts from 0 in the layout's step.
     time : (n,) array, optional
-        s; needed where packets carry it.
+        Times in s; required if the packets contain them.
     temperature : (n,) array, optional
-        K; needed where all packets carry it. NaN takes a packet without.
+        Temperatures in K; required if all packets contain them. NaN selects a packet without.
     status : (n,) array of int or int
 
     Raises
     ------
     InputError
-        A shape that is not (n, 6), or a channel that the packets carry and that is not given.
+        The shape is not (n, 6), or a channel that the packets contain is not given.
     """
     readings = np.asarray(readings, np.float64)
     if readings.ndim != 2 or readings.shape[1] != len(AXES):
@@ -80,10 +80,10 @@ def encode(
 
 
 def _raw_values(layout: PacketLayout, field: Field, given: dict[str, NDArray[Any]]) -> NDArray[Any]:
-    """Return raw values of a field, rounded where it takes whole numbers."""
+    """Return the raw values of a field, rounded if its type is an integer."""
     if field.role not in given:
         raise InputError(
-            f"the packets of {layout.name!r} carry {field.role}, which is not given; pass it",
+            f"the packets of {layout.name!r} contain {field.role}, which is not given; pass it",
             key=field.role,
             names=(layout.name,),
         )
@@ -92,7 +92,7 @@ def _raw_values(layout: PacketLayout, field: Field, given: dict[str, NDArray[Any
         return values * int(field.sign)
     if not np.isfinite(values).all():
         raise InputError(
-            f"the packets of {layout.name!r} carry {field.role}, which has values that are not "
+            f"the packets of {layout.name!r} contain {field.role}, which has values that are not "
             "finite; pass finite values",
             key=field.role,
             names=(layout.name,),
@@ -108,7 +108,7 @@ def _raw_values(layout: PacketLayout, field: Field, given: dict[str, NDArray[Any
     low, high = (-(2.0 ** (field.bits - 1)), 2.0 ** (field.bits - 1) - 1)
     if field.type[0] == "u":
         low, high = 0.0, 2.0**field.bits - 1
-    # The largest integer of 64 bits is not a float: the largest float below it stands for it.
+    # The largest 64-bit integer is not a float, so use the largest float below it.
     high = np.nextafter(high + 1, 0) if field.bits == 64 else high
     return np.clip(np.rint(raw), low, high)
 
@@ -116,7 +116,7 @@ def _raw_values(layout: PacketLayout, field: Field, given: dict[str, NDArray[Any
 def _records(
     layout: PacketLayout, frame: BinaryFrame, given: dict[str, NDArray[Any]], n: int
 ) -> NDArray[np.uint8]:
-    """Return packets of one kind, (n, length)."""
+    """Return packets of one kind as an array of bytes, (n, length)."""
     rows = np.zeros((n, frame.length), np.uint8)
     for offset, value in frame.constants:
         rows[:, offset] = value
@@ -141,7 +141,7 @@ def _records(
 def _text_lines(
     layout: PacketLayout, line: TextLine, given: dict[str, NDArray[Any]], n: int
 ) -> bytes:
-    """Return lines of text."""
+    """Return the readings as lines of text."""
     columns = {field.role: _raw_values(layout, field, given).tolist() for field in line.fields}
     parts = list(Formatter().parse(line.text))
     lines = list[str]()
@@ -160,7 +160,7 @@ def _text_lines(
 
 
 def _line_check(line: TextLine, text: str) -> int:
-    """Return the check of the line so far."""
+    """Return the checksum of a line that is complete except for its checksum."""
     (check,) = line.checks
     data = np.frombuffer(text.encode(), np.uint8)
     ends = np.array([check.start]), np.array([data.size])

@@ -1,7 +1,7 @@
-"""The packet layout of a device: pictures, and the meaning of their numbers in SI.
+"""The packet layout of a device: the formats of its packets, and the SI scale of each number.
 
-A reading in SI is sign · raw · size + zero. Increments (m/s, rad) are multiplied by the rate, so
-that they become the mean acceleration or angular rate over the interval.
+A reading in SI is sign · raw · size + zero. Increments (m/s, rad) are multiplied by the rate, which
+gives the mean acceleration or angular rate over the interval.
 """
 
 import math
@@ -13,18 +13,18 @@ from inercal.host.packets.packet_format import AXES, BinaryFrame, Field, TextLin
 
 @dataclass(frozen=True)
 class Scale:
-    """What the raw value of a channel means.
+    """The scale of a channel, which converts raw values to SI.
 
     Parameters
     ----------
     size : float
-        SI of one unit of the raw value.
+        SI value of one unit of the raw value.
     zero : float
-        SI of the raw value 0.
+        SI value of the raw value 0.
     full_scale : float
-        SI; a reading this large, to within one step of an integer, is saturated.
+        SI value; a reading within one integer step of it, or beyond, is saturated.
     invalid : tuple of float
-        Raw values that say that there is no reading.
+        Raw values that mean that there is no reading.
     """
 
     size: float = 1.0
@@ -35,26 +35,28 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class PacketLayout:
-    """The packets of a device.
+    """The packets of a device and the meaning of their values.
 
     Parameters
     ----------
     name : str
-        Of the description's file.
+        Name of the file with the description.
     description : str
-        The device, and what it has to be set to.
+        The device, and the settings that it needs.
     frames : tuple of BinaryFrame, or one TextLine
-        Packets that the stream may hold, all with the same channels but temperature and status.
+        Packets that may occur in the stream, all with the same channels except temperature and
+        status.
     accelerometer, gyro, temperature, time : Scale
-        To m/s², rad/s, K and s.
+        Scales to m/s², rad/s, K and s.
     rate_hz : float or None
-        Of the packets, where it is stated.
+        Packet rate, if it is stated.
     step : float
-        By which the counter (without one, the raw time) rises from packet to packet; 0: unknown.
+        Increment of the counter (without a counter, of the raw time) from packet to packet; 0:
+        unknown.
     wraps : mapping of str to float
-        Raw value at which "counter" and "time" start again at 0; 0: never.
+        Raw value at which "counter" and "time" restart at 0; 0: never.
     status_good : tuple of int
-        Mask and value: a status whose masked bits differ is marked.
+        Mask and value; a status whose masked bits differ from the value is marked.
     """
 
     name: str
@@ -71,12 +73,12 @@ class PacketLayout:
 
     @property
     def roles(self) -> frozenset[str]:
-        """The meanings of the fields of all packets."""
+        """The roles of the fields in all packets."""
         return frozenset(field.role for frame in self.frames for field in frame.fields)
 
     @property
     def sequence(self) -> str | None:
-        """What tells lost packets: "counter", else "time" of a stated rate, else None."""
+        """What reveals lost packets: "counter", else "time" with a stated rate, else None."""
         roles = {field.role for field in self.frames[0].fields}
         if "counter" in roles:
             return "counter"
@@ -84,14 +86,14 @@ class PacketLayout:
 
     @property
     def check_bits(self) -> int:
-        """Bits of the weakest check; 0 without any. Where there are several, each has its part."""
+        """Bits of the weakest checksum; 0 without any. Each of several covers its own part."""
         return min(
             min((check.kind.bits for check in frame.checks), default=0) for frame in self.frames
         )
 
     @property
     def protection(self) -> str:
-        """How well a packet is protected against changed bytes, in words.
+        """Text on how well a packet is protected against changed bytes.
 
         Examples
         --------
@@ -106,13 +108,13 @@ class PacketLayout:
         return f"{words}: 1 changed packet in {2**self.check_bits} passes"
 
     def scale(self, role: str) -> Scale:
-        """Return what the raw values of a role mean."""
+        """Return the scale of the raw values of a role."""
         if role in AXES:
             return self.accelerometer if role[0] == "a" else self.gyro
         return {"temperature": self.temperature, "time": self.time}.get(role, Scale())
 
     def resolution(self, field: Field) -> float:
-        """Return the step of a field in SI; 0 for real numbers in binary."""
+        """Return the resolution of a field in SI; 0 for binary real numbers."""
         size = abs(self.scale(field.role).size)
         if field.type[0] == "." and field.type[-1] == "f":
             return size * math.pow(10.0, -int(field.type[1:-1]))

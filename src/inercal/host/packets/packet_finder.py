@@ -1,8 +1,9 @@
-"""Finds packets in a buffer, whatever bytes lie between them: binary ones, or lines of text.
+"""Finds packets in a buffer that may contain other bytes: binary packets or lines of text.
 
-A binary packet may begin at any byte. From left to right, one is taken where its fixed bytes and
-its checks are right and no packet taken before reaches: this depends on the bytes alone, not on how
-they were cut. A stream in step is viewed in place; only behind its first flaw are bytes searched.
+A binary packet may begin at any byte. Searching from left to right, a packet is accepted if its
+fixed bytes and its checksums are right and it does not overlap an earlier accepted packet. The
+result depends only on the bytes, not on how they were divided. A stream without errors is decoded
+in place; bytes are searched only after its first flaw.
 """
 
 from typing import Any, NamedTuple
@@ -18,18 +19,18 @@ Raw = dict[str, NDArray[Any]]
 
 
 class DecodedPackets(NamedTuple):
-    """Packets of a buffer.
+    """Packets found in a buffer.
 
     Parameters
     ----------
     raw : mapping of str to (n,) array
-        Raw values by role, in the order of the packets; NaN where a packet lacks them.
+        Raw values by role, in the order of the packets; NaN if a packet lacks the role.
     packets : int
-        n.
+        Number of packets, n.
     packet_bytes, consumed_bytes : int
-        Bytes of packets, and bytes that need not be looked at again.
+        Number of bytes in packets, and number of bytes that need not be searched again.
     failed : int
-        Packets whose fixed bytes are right and whose checks are not.
+        Packets with the right fixed bytes but a wrong checksum.
     """
 
     raw: Raw
@@ -40,14 +41,14 @@ class DecodedPackets(NamedTuple):
 
 
 def find_packets(buffer: bytes, frames: tuple[BinaryFrame, ...]) -> DecodedPackets:
-    """Return the packets of a buffer.
+    """Return the packets in a buffer.
 
     Parameters
     ----------
     buffer : bytes
-        Begins where the buffer before was used up.
+        Begins after the bytes that were consumed from the previous buffer.
     frames : tuple of Frame
-        What the stream may hold; the first one that fits is taken.
+        Packets that the stream may contain; the first one that fits is accepted.
     """
     data = np.frombuffer(buffer, np.uint8)
     first = frames[0]
@@ -76,7 +77,7 @@ def _values(records: NDArray[Any], frame: BinaryFrame, role: str) -> NDArray[Any
     values = records[role]
     if values.ndim == 1:
         return values
-    order = (2, 1, 0) if frame.byte_orders[role] == "big" else (0, 1, 2)  # of three bytes
+    order = (2, 1, 0) if frame.byte_orders[role] == "big" else (0, 1, 2)  # of the three bytes
     low, middle, high = (values[:, k].astype(np.int32) for k in order)
     joined = low | middle << 8 | high << 16
     signed = next(field.type[0] == "i" for field in frame.fields if field.role == role)
@@ -84,7 +85,7 @@ def _values(records: NDArray[Any], frame: BinaryFrame, role: str) -> NDArray[Any
 
 
 def _count_leading_packets(data: Bytes, frame: BinaryFrame) -> int:
-    """Return how many good packets follow one another from the first byte on."""
+    """Return the number of valid packets in a row from the first byte on."""
     n = data.size // frame.length
     rows = data[: n * frame.length].reshape(n, frame.length)
     good = np.ones(n, bool)
@@ -96,7 +97,7 @@ def _count_leading_packets(data: Bytes, frame: BinaryFrame) -> int:
 
 
 def _valid_checks(data: Bytes, starts: Indices, frame: BinaryFrame) -> NDArray[np.bool_]:
-    """Return which packets pass their checks."""
+    """Return which packets have the right checksums."""
     good = np.ones(starts.size, bool)
     for check in frame.checks:
         value = np.zeros(starts.size, np.uint32)
@@ -115,7 +116,8 @@ def _search_packets(
     for k, frame in enumerate(frames):
         starts = np.flatnonzero(data[begin:] == frame.constants[0][1]) + begin
         for offset, value in frame.constants[1:]:
-            # Beyond the end of the buffer nothing speaks against a packet.
+            # Bytes beyond the end of the buffer are not known yet, so they cannot rule out a
+            # packet.
             there = data[np.minimum(starts + offset, data.size - 1)]
             starts = starts[(there == value) | (starts + offset >= data.size)]
         whole = starts + frame.length <= data.size
@@ -128,7 +130,7 @@ def _search_packets(
     lengths = np.array([frame.length for frame in frames])
     kept = np.flatnonzero(good)
     kept = kept[_select_disjoint(starts[kept], lengths[kinds[kept]])]
-    # What may still become a packet, and is within none, decides what lies behind it.
+    # If bytes outside of packets may still become a packet, decide about later bytes only then.
     undecided = np.concatenate(open_at)
     undecided = undecided[~_inside_packet(undecided, starts[kept], lengths[kinds[kept]])]
     waiting = int(undecided.min()) if undecided.size else data.size
@@ -139,7 +141,7 @@ def _search_packets(
 
 
 def _select_disjoint(starts: Indices, lengths: Indices) -> NDArray[np.bool_]:
-    """Return which packets remain when each excludes those that begin within it."""
+    """Return which packets remain when each one excludes those that begin within it."""
     keep = np.ones(starts.size, bool)
     if np.all(np.diff(starts) >= lengths[:-1]):
         return keep
@@ -152,25 +154,25 @@ def _select_disjoint(starts: Indices, lengths: Indices) -> NDArray[np.bool_]:
 
 
 def _inside_packet(places: Indices, starts: Indices, lengths: Indices) -> NDArray[np.bool_]:
-    """Return which places lie within a packet."""
+    """Return which positions lie within a packet."""
     if not starts.size:
         return np.zeros(places.size, bool)
     before = np.searchsorted(starts, places, side="right") - 1
     return (before >= 0) & (places < starts[before] + lengths[before])
 
 
-# A line that is longer is none of ours: 40 fields, of 64 characters at most, and what separates
-# them. Its end is kept, and cannot be taken for a line, for it is longer than any.
+# A longer line cannot be valid: it has at most 40 fields of at most 64 characters, with separators.
+# Its end is kept, but cannot be taken for a line, because it is longer than any.
 _MAX_LINE = 4096
 
 
 def find_lines(buffer: bytes, line: TextLine) -> DecodedPackets:
-    """Return the lines of a buffer that match the picture and pass their check.
+    """Return the lines in a buffer that match the line format and have the right checksum.
 
     Parameters
     ----------
     buffer : bytes
-        Begins where the buffer before was used up.
+        Begins after the bytes that were consumed from the previous buffer.
     line : TextLine
     """
     matches = line.pattern.findall(buffer)
@@ -197,7 +199,7 @@ def find_lines(buffer: bytes, line: TextLine) -> DecodedPackets:
 
 
 def _valid_line_checks(line: TextLine, matches: list[tuple[bytes, ...]]) -> NDArray[np.bool_]:
-    """Return which lines pass their checks."""
+    """Return which lines have the right checksums."""
     (check,) = line.checks
     covered = np.frombuffer(b"".join(match[0] for match in matches), np.uint8)
     stop = np.cumsum([len(match[0]) for match in matches], dtype=np.int64)

@@ -1,18 +1,20 @@
-"""Reads descriptions of packets, in the order of their bytes, into offsets and patterns.
+"""Parses descriptions of packets into field offsets, fixed bytes and patterns.
 
-The description of a binary packet is a row of words:
+The description of a binary packet is a list of words in the order of the bytes:
 
-- `FA`, two hexadecimal digits: a byte that is always there; the packet begins with one or more;
-- `ax:i16`: a field by its role, here a signed integer of 16 bits; `-ay:i16` has its sign reversed;
-- `_` or `_:4`: one byte or four that mean nothing here;
-- `crc16-xmodem@1`: a check over the bytes from 1 (counted from 0) up to the check itself.
+- `FA`, two hexadecimal digits: a fixed byte; the packet begins with one or more of them;
+- `ax:i16`: a field with its role and type, here a signed 16-bit integer; `-ay:i16` reverses the
+  sign;
+- `_` or `_:4`: one byte, or four, to be ignored;
+- `crc16-xmodem@1`: a checksum over the bytes from 1 (counted from 0) up to the checksum itself.
 
-Types are u, i (8, 16, 24, 32, 64 bits) and f (32, 64); `:be` or `:le` behind a field or check
-departs from the byte order of the packet. Remarks go from # to the end of their line.
+Types are u and i (8, 16, 24, 32, 64 bits) and f (32, 64). `:be` or `:le` after a field or checksum
+overrides the byte order of the packet. Comments begin with # and end with the line.
 
-A line of text is a Python format: `{ax:.6f}` a number with six decimals, `{counter:d}` a whole one,
-`{status:08x}` a hexadecimal one, `{_:0}` anything (written as 0), `{crc32-novatel@1:08x}` a check
-over the characters from 1 up to the separator before the check.
+A line of text is a Python format: `{ax:.6f}` is a number with six decimals, `{counter:d}` an
+integer, `{status:08x}` a hexadecimal number, `{_:0}` anything (written as 0), and
+`{crc32-novatel@1:08x}` a checksum over the characters from 1 up to the separator before the
+checksum.
 """
 
 import re
@@ -28,14 +30,14 @@ from inercal.host.packets.checksums import CHECKS, ByteSum, Crc
 
 AXES = ("ax", "ay", "az", "gx", "gy", "gz")
 ROLES = (*AXES, "temperature", "counter", "time", "status")
-MAX_LENGTH = 1024  # bytes of a packet, characters of a line's picture
+MAX_LENGTH = 1024  # bytes of a packet, or characters of a line format
 
 _BYTE = re.compile(r"[0-9A-Fa-f]{2}")
 _SKIP = re.compile(r"_(?::(\d{1,4}))?")
 _FIELD = re.compile(r"(-?)(\w+):([ui](?:8|16|24|32|64)|f(?:32|64))(?::(be|le))?")
 _CHECK = re.compile(r"([\w-]+)@(\d{1,4})(?::(be|le))?")
 _SPEC = re.compile(r"\.\d{1,2}[fe]|d|0?\d{0,2}x")
-# Bounded, so that any match is a finite number and no line is long.
+# Bounded, so that every match is a finite number and no line is long.
 _NUMBER = {
     "d": rb"[+-]?\d{1,18}",
     "f": rb"[+-]?(?:\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][+-]?\d{1,2})?",
@@ -45,7 +47,7 @@ _NUMBER["e"] = _NUMBER["f"]
 
 
 class Field(NamedTuple):
-    """A number of a packet: its role, sign and type, and its first byte (or place in the line)."""
+    """A number in a packet: its role, sign and type, and its first byte (or place in the line)."""
 
     role: str
     sign: float
@@ -54,12 +56,12 @@ class Field(NamedTuple):
 
     @property
     def bits(self) -> int:
-        """Of an integer in a binary packet; 0 for real numbers and for text."""
+        """Bits of an integer in a binary packet; 0 for real numbers and for text."""
         return int(self.type[1:]) if self.type[0] in "ui" else 0
 
 
 class CheckField(NamedTuple):
-    """A check over bytes `start` to `at`, where it stands itself."""
+    """A checksum over the bytes from `start` up to its own position `at`."""
 
     kind: Crc | ByteSum
     start: int
@@ -69,20 +71,20 @@ class CheckField(NamedTuple):
 
 @dataclass(frozen=True)
 class BinaryFrame:
-    """A binary packet.
+    """The format of a binary packet.
 
     Parameters
     ----------
     length : int
-        Bytes.
+        Number of bytes.
     constants : tuple of (int, int)
-        Offset and value of the bytes that never change; the first is at 0.
+        Offset and value of the fixed bytes; the first offset is 0.
     fields : tuple of Field
     checks : tuple of CheckField
     dtype : numpy.dtype
-        Structured; fields by role, 24-bit integers as three bytes.
+        Structured type with the fields by role; 24-bit integers consist of three bytes.
     byte_orders : mapping of str to str
-        "big" or "little", by role.
+        "big" or "little", for each role.
     """
 
     length: int
@@ -95,16 +97,17 @@ class BinaryFrame:
 
 @dataclass(frozen=True)
 class TextLine:
-    """A line of text.
+    """The format of a line of text.
 
     Parameters
     ----------
     text : str
-        The picture.
+        The description as a Python format.
     fields : tuple of Field
-        `type` is the format; `at` the number of the regular expression's group.
+        `type` is the format; `at` is the number of the group in the regular expression.
     checks : tuple of CheckField
-        None or one; `at` is the group's number, `start` counts from the line's first character.
+        At most one; `at` is the number of the group, and `start` counts from the line's first
+        character.
     """
 
     text: str
@@ -113,14 +116,14 @@ class TextLine:
 
     @property
     def accepts_truncated_lines(self) -> bool:
-        """Whether a line that has lost its first characters may pass for a whole one."""
+        """Whether a line without its first characters may be taken for a complete line."""
         return self.text.startswith("{") and not self.checks
 
     @cached_property
     def pattern(self) -> re.Pattern[bytes]:
-        """Matches a whole line; group 1 is what the check may cover, groups from 2 on are fields.
+        """Pattern of a whole line; group 1 can be covered by a checksum, the others are fields.
 
-        A line that begins with a fixed character may follow rubbish on the same line.
+        If a line begins with a fixed character, other characters may precede it.
         """
         covered, rest = b"", b""
         for literal, name, spec, _ in Formatter().parse(self.text):
@@ -128,7 +131,7 @@ class TextLine:
             if name is not None and "@" not in name:
                 any_text = rb"[^,;*\s]{0,64}"
                 piece += any_text if name == "_" else b"(" + _NUMBER[(spec or "d")[-1]] + b")"
-            if name is not None and "@" in name:  # the separator is not covered
+            if name is not None and "@" in name:  # the checksum does not cover the separator
                 covered += re.escape(literal[:-1].encode())
                 digits = self.checks[0].kind.bits // 4
                 rest = re.escape(literal[-1:].encode()) + rb"([0-9a-f]{%d})" % digits
@@ -141,7 +144,7 @@ class TextLine:
 
 
 def _require_valid_role(role: str, seen: list[str], kind: str) -> None:
-    """Refuse a role that is none, that comes twice, or that counts with real numbers."""
+    """Refuse a role that is unknown, occurs twice, or needs integers but is a real number."""
     if role not in ROLES:
         raise InputError(f"unknown role {role!r}; the roles are {', '.join(ROLES)}", names=(role,))
     if role in seen:
@@ -162,24 +165,25 @@ def _named_check(name: str) -> Crc | ByteSum:
 
 
 def read_frame(text: str, order: str | None) -> BinaryFrame:
-    """Read the picture of a binary packet.
+    """Parse the description of a binary packet.
 
     Parameters
     ----------
     text : str
     order : "big", "little" or None
-        Byte order of fields and checks that do not state their own.
+        Byte order of fields and checksums that do not state their own.
 
     Raises
     ------
     InputError
-        A word that is none, a role twice, no fixed byte to begin with, or no stated byte order.
+        A word is invalid, a role occurs twice, the first byte is not fixed, or a byte order is
+        missing.
     """
     at, constants, fields, checks = 0, list[tuple[int, int]](), list[Field](), list[CheckField]()
     formats, orders = dict[str, Any](), dict[str, str]()
 
     def ordered(word: str, own: str | None, size: int) -> str:
-        """Return the byte order of a field or check."""
+        """Return the byte order of a field or checksum."""
         if size > 1 and not (own or order):
             raise InputError(
                 f'{word!r} has no byte order; add byte_order = "little" or "big"', names=(word,)
@@ -235,12 +239,13 @@ def read_frame(text: str, order: str | None) -> BinaryFrame:
 
 
 def read_line(text: str) -> TextLine:
-    """Read the picture of a line of text.
+    """Parse the description of a line of text.
 
     Raises
     ------
     InputError
-        A field that is none, a role twice, two fields without a separator, or two checks.
+        A field is invalid, a role occurs twice, two fields have no separator, or there are two
+        checksums.
     """
     fields, checks, group = list[Field](), list[CheckField](), 1
     try:
@@ -281,4 +286,4 @@ def read_line(text: str) -> TextLine:
     return TextLine(text, tuple(fields), tuple(checks))
 
 
-_MAX_FIELDS = 40  # fields of a line, so that no line that matches is longer than `text` holds back
+_MAX_FIELDS = 40  # fields in a line, so that a matching line is always shorter than the buffer

@@ -1,9 +1,9 @@
-"""Turns the bytes of a device into readings, as they arrive or from a file.
+"""Decodes the bytes from a device into readings, as they arrive or from a file.
 
-However the bytes are cut, the packets are the same bit for bit. Garbage raises nothing: it is
-discarded and counted.
+The packets are the same bit for bit, however the bytes are divided. Invalid bytes raise no error:
+they are discarded and counted.
 
-Counters and clocks that restart at zero are unwrapped, and lost packets detected by their steps.
+Counters and clocks that wrap are unwrapped, and their steps reveal lost packets.
 """
 
 from collections.abc import Iterable
@@ -25,22 +25,22 @@ from inercal.host.packets.layout import PacketLayout
 from inercal.host.packets.packet_finder import DecodedPackets, Raw, find_lines, find_packets
 from inercal.host.packets.packet_format import AXES, BinaryFrame, TextLine
 
-_MAX_STEP = 2.0**62  # a longer step is not a step
+_MAX_STEP = 2.0**62  # a longer step cannot be right
 
 
 class Flag(IntFlag):
-    """Properties of a packet that a reader must know."""
+    """Properties of a packet that its user must know."""
 
-    SATURATED = 1  # a reading at its full scale
-    INVALID = 2  # a reading that the device calls none; it is NaN
+    SATURATED = 1  # a reading is at its full scale
+    INVALID = 2  # the device marks a reading as invalid; the reading is NaN
     GAP = 4  # packets were lost before this one
-    REPEATED = 8  # same counter as the packet before
-    OUT_OF_ORDER = 16  # a counter below that of the packet before
-    STATUS = 32  # the device's status is not that of good data
+    REPEATED = 8  # same counter as in the previous packet
+    OUT_OF_ORDER = 16  # counter is smaller than in the previous packet
+    STATUS = 32  # the device's status does not indicate good data
 
 
 class UnwrappedValues(NamedTuple):
-    """Unwrapped values, (n,); flags of the packets, (n,) uint8; lost packets."""
+    """Unwrapped values (n,), flags of the packets (n,) uint8, and the number of lost packets."""
 
     values: NDArray[Any]
     flags: NDArray[np.uint8]
@@ -48,20 +48,20 @@ class UnwrappedValues(NamedTuple):
 
 
 def flag_array(where: NDArray[np.bool_], flag: Flag) -> NDArray[np.uint8]:
-    """Return a flag where a condition is true."""
+    """Return an array that has a flag where a condition is true."""
     return where.astype(np.uint8) * np.uint8(flag)
 
 
 @dataclass
 class CounterUnwrapper:
-    """Follows a raw counter or clock through one stream.
+    """Unwraps the raw counter or clock of one stream.
 
     Parameters
     ----------
     modulus : float
-        Where it starts again at 0; 0: never.
+        Value at which it restarts at 0; 0: never.
     step : float
-        From packet to packet; 0: unknown, and nothing is said of the steps.
+        Step from packet to packet; 0: unknown, so that steps are not checked.
     """
 
     modulus: float
@@ -70,23 +70,24 @@ class CounterUnwrapper:
     _wrap_count: int = 0
 
     def unwrap(self, raw: NDArray[Any]) -> UnwrappedValues:
-        """Unwrap: a step of half the modulus or more counts as backward.
+        """Unwrap raw values; a step of half the modulus or more counts as backward.
 
         Parameters
         ----------
         raw : (n,) array of int64 or float64
-            Those that follow the ones of the call before.
+            Values that follow those of the previous call.
         """
         flags = np.zeros(raw.size, np.uint8)
         if not raw.size:
             return UnwrappedValues(raw, flags, 0)
         before = np.concatenate([raw[:1] if self._last is None else [self._last], raw[:-1]])
         step = np.subtract(raw, before, dtype=np.float64)
-        # A clock that is a real number may come out of a false packet as NaN or beyond all sense.
+        # In an invalid packet, a clock that is a real number may be NaN or absurdly large.
         step = np.where(np.abs(step) < _MAX_STEP, step, 0.0)
         values = raw
         if self.modulus:
-            # Whole turns are counted, not steps added up: the values of a clock stay exact.
+            # Whole turns are counted instead of adding up steps, so the values of a clock stay
+            # exact.
             turns = np.floor(0.5 - step / self.modulus).astype(np.int64)
             step += turns * self.modulus
             total = self._wrap_count + np.cumsum(turns)
@@ -104,7 +105,7 @@ class CounterUnwrapper:
 
 
 Number = TypeVar("Number", np.int64, np.float64)
-_BLOCK_SIZE = 1 << 20  # bytes at a time: what is made of them stays in the processor's cache
+_BLOCK_SIZE = 1 << 20  # bytes at a time, so that intermediate results stay in the CPU cache
 
 
 @dataclass(frozen=True)
@@ -114,15 +115,15 @@ class PacketCounts:
     Parameters
     ----------
     packets : int
-        Taken.
+        Accepted packets.
     discarded : int
         Bytes that belong to no packet.
     failed : int
-        Packets with the right form and a wrong check; their bytes are among those discarded.
+        Packets with the right form but a wrong checksum; their bytes are counted as discarded.
     lost : int
-        Packets that are missing by the counter, or by the time where that is what tells.
+        Packets that are missing according to the counter, or to the time if there is no counter.
     repeated, out_of_order : int
-        Packets with the counter of the one before, or a lower one.
+        Packets with the same counter as the previous one, or a smaller one.
     """
 
     packets: int = 0
@@ -138,20 +139,20 @@ class PacketCounts:
 
 @dataclass(frozen=True, eq=False)
 class Packets:
-    """Readings in SI.
+    """The readings in packets, in SI.
 
     Parameters
     ----------
     readings : (n, 6) array
-        ax, ay, az in m/s²; gx, gy, gz in rad/s; NaN where the packet has none, or an invalid one.
+        ax, ay, az in m/s²; gx, gy, gz in rad/s; NaN if missing or invalid.
     counter : (n,) array of int or None
-        Counted on; None where packets have no counter.
+        Unwrapped counter; None if the packets have none.
     time : (n,) array or None
-        s by the device's clock, counted on; None where packets have no time.
+        Unwrapped time by the device's clock, s; None if the packets have none.
     temperature : (n,) array
-        K; NaN in packets without.
+        Temperature in K; NaN in packets without.
     status : (n,) array of int
-        Of the device; 0 in packets without.
+        Status of the device; 0 in packets without.
     flags : (n,) array of uint8
         Bits of `Flag`.
     """
@@ -168,12 +169,12 @@ class Packets:
 
 
 def join_packets(parts: Iterable[Packets]) -> Packets:
-    """Concatenate packets of one stream.
+    """Concatenate packets from one stream.
 
     Raises
     ------
     InputError
-        No part.
+        There are no parts.
     """
     parts = list(parts)
     if not parts:
@@ -186,26 +187,26 @@ def join_packets(parts: Iterable[Packets]) -> Packets:
 
 
 class Decoder:
-    r"""Decodes one stream.
+    r"""Decodes the packets in one stream.
 
     Parameters
     ----------
     layout : PacketLayout
     mid_stream : bool
-        The first byte is not the first of a packet. The first line of a text without a check is
-        then left out: cut short, "123.4" is read as "3.4".
+        True if the first byte may be in the middle of a packet. Then the first line of a text
+        without a checksum is dropped, because a truncated "123.4" would be read as "3.4".
     time_zero : int, float or None
-        The device's raw time at which times begin; None for that of the first packet: float64 has
-        too few digits for times since 1970.
+        The device's raw time that becomes time 0; None for that of the first packet. It is needed
+        because float64 has too few digits for times since 1970.
 
     Attributes
     ----------
     counts : PacketCounts
-        So far.
+        Counts so far.
     time_zero : int, float or None
         As above; None only before the first packet.
     pending : int
-        Bytes that may belong to a packet that has not arrived as a whole.
+        Bytes that may belong to an incomplete packet.
 
     Examples
     --------
@@ -238,11 +239,11 @@ class Decoder:
 
     @property
     def pending(self) -> int:
-        """Bytes that are held back."""
+        """Number of bytes that are kept for an incomplete packet."""
         return len(self._buffer)
 
     def copy(self) -> "Decoder":
-        """Return a decoder that continues from here by itself."""
+        """Return an independent decoder that continues from here."""
         made = copy(self)
         made._sequences = {role: copy(one) for role, one in self._sequences.items()}
         return made
@@ -266,9 +267,9 @@ class Decoder:
         self._buffer = buffer[found.consumed_bytes :]
         return self._convert_packets(found)
 
-    @np.errstate(invalid="ignore", over="ignore")  # real numbers may be NaN, or beyond all sense
+    @np.errstate(invalid="ignore", over="ignore")  # real numbers may be NaN or absurdly large
     def _convert_packets(self, found: DecodedPackets) -> Packets:
-        """Return readings in SI and count them."""
+        """Convert packets to SI and count them."""
         n, layout, raw = found.packets, self.layout, found.raw
         flags = np.zeros(n, np.uint8)
         readings = np.full((n, len(AXES)), np.nan)
@@ -279,7 +280,7 @@ class Decoder:
                 flags |= _scale_channel(layout, role, signs[role], raw[role], column)
         status, stated = np.zeros(n, np.int64), np.zeros(n, bool)
         if "status" in raw:
-            stated = np.isfinite(raw["status"])  # where packets of several kinds come
+            stated = np.isfinite(raw["status"])  # packets of some kinds may lack it
             status[stated] = raw["status"][stated].astype(np.int64)
         mask, good = layout.status_good
         flags |= flag_array(stated & (status & mask != good), Flag.STATUS)
@@ -298,7 +299,7 @@ class Decoder:
         return Packets(readings, counter, time, temperature, status, flags)
 
     def _since_zero(self, raw: NDArray[Any]) -> NDArray[Any]:
-        """Return the raw times less that at which they begin."""
+        """Return the raw times relative to the time zero."""
         whole = raw.astype(np.int64 if raw.dtype.kind in "iu" else np.float64)
         if self.time_zero is None and whole.size:
             first = whole[0].item()
@@ -308,7 +309,7 @@ class Decoder:
     def _unwrap_column(
         self, role: str, raw: Raw, kind: type[Number], flags: NDArray[np.uint8]
     ) -> NDArray[Number] | None:
-        """Unwrap a counter or clock, and mark and count what is missing."""
+        """Unwrap a counter or clock, and flag and count missing packets."""
         if role not in raw:
             return None
         values = raw[role].astype(kind)
@@ -319,7 +320,7 @@ class Decoder:
 
 
 def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCounts]:
-    """Return the packets of a file of a device's bytes, and the counts by outcome.
+    """Return the packets in a file with a device's bytes, and their counts by outcome.
 
     Parameters
     ----------
@@ -330,12 +331,12 @@ def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCou
     -------
     packets : Packets
     counts : PacketCounts
-        An incomplete packet at the end is among the discarded bytes.
+        An incomplete packet at the end is included in the discarded bytes.
 
     Raises
     ------
     InputError
-        A file that cannot be read, or one without any packet.
+        The file cannot be read, or contains no packet.
     """
     decoder = Decoder(layout)
     try:
@@ -348,7 +349,7 @@ def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCou
     counts = decoder.counts + PacketCounts(discarded=decoder.pending)
     if not counts.packets:
         raise InputError(
-            f"{path}: {counts.discarded} bytes hold no packet of {layout.name!r}"
+            f"{path}: {counts.discarded} bytes contain no packet of {layout.name!r}"
             + (f"; {format_count(counts.failed, 'checksum error')}" if counts.failed else "")
             + "; choose the preset or layout of the IMU that sent them",
             file=path,
@@ -364,7 +365,7 @@ def _count_flag(flags: NDArray[np.uint8], flag: Flag) -> int:
 def _scale_channel(
     layout: PacketLayout, role: str, sign: float, raw: NDArray[Any], out: Array
 ) -> NDArray[np.uint8]:
-    """Write a channel in SI to `out`, and return flags."""
+    """Write a channel in SI to `out`, and return its flags."""
     scale = layout.scale(role)
     np.multiply(raw, sign * scale.size, out=out, casting="unsafe")
     if scale.zero:
@@ -372,7 +373,7 @@ def _scale_channel(
     flags = np.zeros(out.size, np.uint8)
     if np.isfinite(scale.full_scale):
         field = next(f for frame in layout.frames for f in frame.fields if f.role == role)
-        # Rounding of 32-bit numbers is 6e-8 of the value.
+        # The rounding error of 32-bit floats is 6e-8 of the value.
         margin = max(1.001 * layout.resolution(field), 1e-6 * scale.full_scale)
         flags |= flag_array(np.abs(out) >= scale.full_scale - margin, Flag.SATURATED)
     if scale.invalid or raw.dtype.kind == "f":

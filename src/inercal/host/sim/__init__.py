@@ -1,1 +1,1 @@
-"""Simulators of tables that answer as the real ones do; nothing here is shared with the drivers."""
+"""Simulators that answer like real tables and IMUs; they share no code with the drivers."""

@@ -1,15 +1,15 @@
-"""Compiled: what an IMU on a turntable reads, a few samples at a time.
+"""Compiled functions that compute the readings of an IMU on a turntable, in small blocks.
 
-The motion at the times of samples, between servo cycles: the commanded rate of a cycle, r_k, is the
-mean over it, so that the rate at its end is (r_k + r_k+1)/2; the angle between two ends is the
-cubic of their angles and rates, and rate and acceleration are its derivatives. So the integral of
-the rate is the angle, to the last bit that matters.
+The motion at the sample times is interpolated between servo cycles. The commanded rate r_k of a
+cycle is the mean over this cycle, so the rate at its end is (r_k + r_k+1)/2. The angle between two
+cycle ends is the cubic through their angles and rates, and its derivatives give rate and
+acceleration. Therefore the integral of the rate equals the angle up to rounding.
 
-Attitude, f, ω and its derivative are those of `inercal.benches.turntable.attitude`, the sensor's
-terms those of `inercal.physics.sensors.axis_model` in the reference form: each a product of at most
-`MAX_FACTORS` components of what its axis sees.
+Attitude, f, ω and the derivative of ω are those of `inercal.benches.turntable.attitude`. The
+sensor's terms are those of `inercal.physics.sensors.axis_model` in the reference form: each is a
+product of at most `MAX_FACTORS` components of the motion that its axis senses.
 """
-# Numba's decorator has no types.
+# Numba's decorator is not typed.
 # pyright: reportUntypedFunctionDecorator=false
 
 from math import floor
@@ -23,14 +23,14 @@ from inercal.physics.sensors.basis_functions import COMPONENTS
 
 Integers = NDArray[np.int64]
 
-RING_SIZE = 8192  # servo cycles of the motion, a power of 2
+RING_SIZE = 8192  # servo cycles of motion to keep, a power of 2
 MAX_FACTORS = 4  # components in a product
 COMPONENT_COUNT = len(COMPONENTS)
 
 
 @njit(cache=True, nogil=True)
 def store_motion(ring: Array, first: int, motion: Array) -> None:
-    """Keep angle and rate, (n, k, 3), of the cycles from `first` in `ring`, (KEPT, k, 2)."""
+    """Store angles and rates (n, k, 3) of the cycles from `first` on in `ring` (KEPT, k, 2)."""
     for j in range(motion.shape[0]):
         for i in range(motion.shape[1]):
             ring[(first + j) & (RING_SIZE - 1), i, 0] = motion[j, i, 0]
@@ -39,7 +39,7 @@ def store_motion(ring: Array, first: int, motion: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def interpolate_motion(ring: Array, period: float, times: Array, out: Array) -> None:
-    """Give angle, rate, acceleration at `times` (n,), s, as `out` (n, k, 3)."""
+    """Write angle, rate and acceleration at `times` (n,), s, to `out` (n, k, 3)."""
     last = RING_SIZE - 1
     for n in range(times.size):
         cycle = floor(times[n] / period)
@@ -66,13 +66,14 @@ def noise_free_readings(
     products: Integers,
     out: Array,
 ) -> None:
-    """Give noise-free readings, `out` (n, m), of f, ω and its derivative, `motion` (n, 9).
+    """Write noise-free readings to `out` (n, m) from f, ω and ω's derivative, `motion` (n, 9).
 
-    `temperature_offset` is the temperature less the reference, K; `frames` (m, 3, 3) the axes' I,
-    P, O, `along` (m,) what each reads without errors. A term is a factor, its axis, and the
-    components whose product it is, `products` (terms, MAX_FACTORS), −1 where there are fewer.
+    `temperature_offset` is the temperature minus the reference, K. `frames` (m, 3, 3) contains the
+    axes' I, P and O, and `along` (m,) is the error-free reading of each axis. A term consists of a
+    factor, its axis and the components in its product, `products` (terms, MAX_FACTORS), which is
+    filled up with −1.
     """
-    seen = np.zeros(COMPONENT_COUNT)  # dTdt stays 0: a simulation has one temperature
+    seen = np.zeros(COMPONENT_COUNT)  # dTdt stays 0, as a simulation has a constant temperature
     for n in range(motion.shape[0]):
         term = 0
         for k in range(along.size):
@@ -98,7 +99,7 @@ def noise_free_readings(
 def add_noise_and_limits(
     reading: Array, noise: Array, step: Array, low: Array, high: Array
 ) -> None:
-    """Add noise (n, m), round to steps (m,) where there are any, and limit, in place."""
+    """Add noise (n, m), round to steps (m,) if there are any, and limit the range, in place."""
     for n in range(reading.shape[0]):
         for k in range(reading.shape[1]):
             value = reading[n, k] + noise[n, k]

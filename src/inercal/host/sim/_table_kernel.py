@@ -1,24 +1,25 @@
-"""Compiled: one servo cycle after another of every axis of a table.
+"""Compiled functions that advance all axes of a simulated table by servo cycles.
 
-**Profile.** A trapezoid made online: the commanded rate goes, at most by `acceleration`·T a cycle,
-toward the highest rate from which the axis still stops at its goal,
+**Profile.** A trapezoid is computed online: in each cycle the commanded rate changes by at most
+`acceleration`·T toward the highest rate from which the axis can still stop at its goal,
 
     r = d/(N T) + a T (N − 1)/2 ≤ speed,    N = ⌈√(1/4 + 2 d/(a T²)) − 1/2⌉
 
-d the way left, N the fewest cycles in which it brakes: by exactly a T in each, since the rates r,
-r − a T, … make d in N cycles. The mean of the last `smooth` such rates is an S-curve that ends at
-the same place.
+Here d is the remaining distance, and N is the smallest number of cycles in which the axis can
+brake: by exactly a T in each cycle, because the rates r, r − a T, … cover d in N cycles. The mean
+of the last `smooth` rates is an S-curve that ends at the same position.
 
-**Servo.** What the axis does is of the second order, with the encoder in the loop:
+**Servo.** The axis responds as a second-order system with the encoder in the loop:
 
     α = ω² (desired − encoder) + 2ζω (k desired rate − encoder rate),    |α| ≤ torque
 
-so that a steady rate lags by 2ζ(1 − k)/ω times it. Without the servo, friction brakes it.
+At a steady rate, the axis therefore lags by 2ζ(1 − k)/ω times the rate. Without the servo, friction
+brakes it.
 
-**Readback.** What is read may be what the encoder said a while ago, linearly between two cycles.
-The servo has no such delay.
+**Readback.** The reported angle may be delayed; then it is interpolated linearly between two cycles
+of the encoder. The servo has no such delay.
 """
-# Numba's decorator has no types, nor has a field of a record.
+# Neither Numba's decorator nor the field of a record is typed.
 # pyright: reportUntypedFunctionDecorator=false, reportAttributeAccessIssue=false
 
 from math import ceil, copysign, floor, sqrt, tau
@@ -32,26 +33,26 @@ from inercal.estimation.kernel_options import njit
 
 HOLD, GO, RUN, SEARCH = 0, 1, 2, 3
 MAX_SMOOTH = 1024
-ENCODER_HISTORY = 4096  # cycles of the encoder that are kept, a power of 2
+ENCODER_HISTORY = 4096  # cycles of the encoder to keep, a power of 2
 
-# Flags of a report.
+# Flags in a report.
 CLOSED, MOVING, SETTLED, HOMED, SEARCHING, ABORTING, LIMITED, TRIPPED, AMPLIFIER = (
     1 << bit for bit in range(9)
 )
 
 _REAL = (
-    # Settings, SI; `delay` is that of what is read, in cycles.
+    # Settings, SI; `delay` is the delay of the readback, in cycles.
     "speed", "acceleration", "abort", "low", "high", "fatal", "band", "omega", "zeta",
     "feedforward", "torque", "friction", "index", "delay",
-    # Command; profile before the S-curve, and after it.
+    # Command; profile before and after the S-curve.
     "goal", "direction", "raw", "raw_rate", "sum", "desired", "desired_rate",
-    # Truth; encoder, and where its zero is.
+    # Truth; encoder and its zero.
     "angle", "rate", "rotation", "encoder", "encoder_rate", "zero",
 )  # fmt: skip
 _INTEGER = (
     # Setting; command; profile.
     "smooth", "mode", "aborting", "still",
-    # Flags; faults on demand.
+    # Flags; faults that can be set.
     "closed", "homed", "limited", "tripped", "amplifier", "frozen", "jammed",
 )  # fmt: skip
 AXIS = np.dtype([(name, "f8") for name in _REAL] + [(name, "i8") for name in _INTEGER])
@@ -82,13 +83,13 @@ def _advance_profile(x: Any, period: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _smooth_profile(x: Any, past: Array, cycle: int, period: float) -> None:
-    """Make the S-curve of the trapezoid; `past` holds its last rates."""
+    """Make the S-curve from the trapezoid; `past` contains its last rates."""
     place = cycle % x.smooth
     x.sum += x.raw_rate - past[place]
     past[place] = x.raw_rate
     x.still = x.still + 1 if x.raw_rate == 0.0 and x.mode == HOLD else 0
     if x.still >= x.smooth:
-        # The sum has nothing left in it but rounding: here both profiles are the same.
+        # Only rounding errors remain in the sum, and both profiles are the same here.
         x.sum = 0.0
         x.desired, x.desired_rate = x.raw, 0.0
     else:
@@ -98,7 +99,7 @@ def _smooth_profile(x: Any, past: Array, cycle: int, period: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _advance_axis(x: Any, period: float) -> None:
-    """Advance the axis itself, and what its encoder says."""
+    """Advance the axis itself, and update its encoder."""
     if x.closed:
         wanted = x.omega * x.omega * (x.desired - x.encoder) + 2.0 * x.zeta * x.omega * (
             x.feedforward * x.desired_rate - x.encoder_rate
@@ -118,9 +119,9 @@ def _advance_axis(x: Any, period: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _check_limits(x: Any, before: float) -> None:
-    """Watch index pulse, soft limits, following error and amplifier."""
+    """Check index pulse, soft limits, following error and amplifier."""
     if not x.closed:
-        # The profile follows the axis, so that closing the loop begins where it stands.
+        # The profile follows the axis, so that closing the loop begins at the present position.
         x.raw, x.desired = x.encoder, x.encoder
         x.raw_rate, x.desired_rate, x.sum, x.mode, x.aborting = 0.0, 0.0, 0.0, HOLD, 0
         return
@@ -152,8 +153,8 @@ def advance_axes(
 ) -> None:
     """Advance all axes by `count` cycles from cycle `cycle`.
 
-    `out`, (count, axes, 3), gets angle, rate and acceleration at the end of every cycle, `shown`,
-    (axes, PAST), what the encoders say.
+    `out` (count, axes, 3) receives angle, rate and acceleration at the end of every cycle, and
+    `shown` (axes, PAST) receives the encoder angles.
     """
     for k in range(count):
         for i in range(axes.size):
@@ -170,10 +171,10 @@ def advance_axes(
 
 @njit(cache=True, nogil=True)
 def report_axes(axes: NDArray[Any], shown: Array, cycle: int, out: Array) -> None:
-    """Say what a controller reports after `cycle` cycles.
+    """Compute the values that a controller reports after `cycle` cycles.
 
-    `out`, (axes, 5), gets what is read of the encoder and its rate, the following error, where the
-    axis' zero is, and the flags.
+    `out` (axes, 5) receives the readback of the encoder and its rate, the following error, the
+    position of the axis' zero, and the flags.
     """
     for i in range(axes.size):
         x = axes[i]

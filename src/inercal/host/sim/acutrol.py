@@ -1,7 +1,8 @@
-"""A simulated ACUTROL3000: lines like SCPI's over TCP, degrees.
+"""A simulated ACUTROL3000 controller with SCPI-like lines over TCP, in degrees.
 
-Questions of one line answer with `;` between; a header without its first colon goes on where the
-one before was. `*stb?` answers 65 where an interlock has a fault, 4 after an error.
+The replies to several queries in one line are separated by `;`. A header without its first colon
+continues at the level of the previous one. `*stb?` returns 65 if an interlock has a fault, and 4
+after an error.
 
 Run as `python -m inercal.host.sim.acutrol`.
 """
@@ -17,7 +18,7 @@ from inercal.host.sim.server import add_pace_option, selected_pace, serve
 _WORDS = ("mode", "demand", "read", "limit", "interlock", "position", "rate", "acceleration",
           "absolute", "close", "open", "reset", "off")  # fmt: skip
 _LIMITS = {"rate": 400.0, "acceleration": 500.0}  # °/s, °/s²
-_JERK = 10000.0  # °/s³; told, not kept
+_JERK = 10000.0  # °/s³; reported, but not enforced
 
 
 class _CommandError(Exception):
@@ -25,7 +26,7 @@ class _CommandError(Exception):
 
 
 class SimulatedAcutrol(Controller):
-    """An ACUTROL3000 with a channel for each axis, 1 the outermost; rates in °/s."""
+    """A simulated ACUTROL3000; channel 1 is the outermost axis, and rates are in °/s."""
 
     def __init__(self):
         super().__init__(SimulatedTable(three_axes(), 2000.0))
@@ -38,7 +39,7 @@ class SimulatedAcutrol(Controller):
         ]
         self._error = False
         for x in self.table.state:
-            # Absolute encoders: zero is where the axis is built to have it.
+            # The encoders are absolute: the zero is where the axis was built to have it.
             x.zero, x.homed, x.fatal, x.band = 0.0, 1, radians(2.0), radians(1e-4)
 
     def session(self) -> LineSession:
@@ -127,7 +128,7 @@ class SimulatedAcutrol(Controller):
         return ""
 
     def _apply_demand(self, i: int) -> None:
-        """Start what mode and demand say."""
+        """Start the motion that mode and demand define."""
         mode, x = self._mode[i], self.table.state[i]
         if mode == "off":
             self.table.halt(i)
@@ -157,7 +158,7 @@ class SimulatedAcutrol(Controller):
 
 
 def _expand_word(word: str) -> str:
-    """Return the word that `word`, of three letters at least, abbreviates."""
+    """Return the full word that `word`, of at least three letters, abbreviates."""
     for full in _WORDS:
         if len(word) >= 3 and full.startswith(word):
             return full
@@ -167,7 +168,7 @@ def _expand_word(word: str) -> str:
 def main() -> None:
     """Serve a simulated ACUTROL3000 until standard input ends; see `server.serve`."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.acutrol", description=__doc__)
-    parser.add_argument("--port", type=int, default=0, help="0: any free one, which is printed")
+    parser.add_argument("--port", type=int, default=0, help="port; 0 selects any free one")
     add_pace_option(parser)
     options = parser.parse_args()
     serve(SimulatedAcutrol(), selected_pace(options), options.port)

@@ -1,12 +1,12 @@
-"""A simulated table as a process: its controller, its time, and its motion for a simulated IMU.
+"""The process of a simulated table: its controller, its clock, and its motion for the IMU.
 
-The controller of a table of angles is a Turbo PMAC, that of a table of rates a motor's.
+A turntable has a Turbo PMAC as its controller, and a rate table has a motor's controller.
 
-Time passes as the wall's does, or is granted by the host through the clock's address, whose
-protocol is that of `inercal.host.clock`. Where nobody grants it, who mounts the sensor tells it by
-a fault of the table, `fault mounted XY30`.
+Time passes like wall time, or the host grants it through the address of the clock, by the protocol
+in `inercal.host.clock`. Without granted time, an operator reports a mounting as a fault of the
+table, such as `fault mounted XY30`.
 
-Run as `python -m inercal.host.sim.bench_simulator RUNFILE --seed 1 --motion unix:/tmp/x/motion`.
+Run it as `python -m inercal.host.sim.bench_simulator RUNFILE --seed 1 --motion unix:/tmp/x/motion`.
 """
 
 import socket
@@ -29,31 +29,31 @@ from inercal.host.sim.server import ScaledClock, Session, SimulatorServer, execu
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
 from inercal.runfile import read
 
-COUNTS_PER_TURN = 3_600_000  # in a turn
-_MAX_BLOCK = 0.5  # s of motion in a part: the IMU keeps a few seconds
-_CONNECT_TIMEOUT = 5.0  # s of the wall for the IMU's process to be there
-# s of the wall that an IMU's answer is waited for: by a bench whose time is granted, which stands
-# still meanwhile, less than its host waits for it; by one that goes at a pace, hardly
+COUNTS_PER_TURN = 3_600_000  # encoder counts per turn
+_MAX_BLOCK = 0.5  # s of motion in one block; the IMU keeps a few seconds
+_CONNECT_TIMEOUT = 5.0  # s of wall time to wait for the IMU's process
+# s of wall time to wait for the IMU's answer. A bench with granted time stands still meanwhile, so
+# this is less than its host's timeout. A bench that runs by itself can hardly wait.
 _GRANTED_ANSWER_TIMEOUT, _PACED_ANSWER_TIMEOUT = 15.0, 0.2
-_MAX_BACKLOG = 120.0  # s of motion that are kept for an IMU that does not answer
+_MAX_BACKLOG = 120.0  # s of motion that are kept while the IMU does not answer
 
 
 class BenchDevice:
-    """A table whose motion is told to an IMU.
+    """A simulated table that sends its motion to an IMU.
 
     Parameters
     ----------
     drawn : SimulatedErrors
     imu : socket, optional
-        Where its motion goes.
+        Socket to which the motion is sent.
     answer_timeout : float
-        s of the wall that the IMU's answer is waited for. One that is later, as of a process that
-        was stopped, gets the motion that it has missed as soon as it answers.
+        Wall time to wait for the IMU's answer, s. If the IMU answers later, for example because its
+        process was stopped, it then gets the motion that it has missed.
 
     Attributes
     ----------
     mounting : str
-        How the sensor is mounted; empty where it never was.
+        Present mounting of the sensor; empty if it was never mounted.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class BenchDevice:
         self.mounting = ""
         self.bytes_sent, self.sent_until = 0, 0.0
         self._imu, self._answer_timeout = imu, answer_timeout
-        self._imu_is_late = False  # its last answer was given up waiting for
+        self._imu_is_late = False  # whether the wait for its last answer has timed out
         self._until = 0.0
         start = np.array([[(axis.start, 0.0, 0.0) for axis in self.controller.table.axes]])
         self._unsent_blocks = [MotionBlock(0.0, period, 0, start)]
@@ -84,10 +84,10 @@ class BenchDevice:
         return self.controller.time
 
     def advance(self, until: float) -> None:
-        """Let bench time pass; the next call, though no time may pass in it, tells the IMU.
+        """Let bench time pass; the next call sends the motion to the IMU, even if no time passes.
 
-        So that who asked for the time has its answer before the IMU, on the same processor maybe,
-        sets to work.
+        In this way, a client that asks for the time gets its answer before the IMU starts to work,
+        possibly on the same processor.
         """
         self._send_motion()
         while self._until < until:
@@ -99,17 +99,17 @@ class BenchDevice:
             )
 
     def receive_acknowledgements(self) -> None:
-        """Wait until the IMU has sent what is due by what it was told."""
+        """Wait until the IMU has sent all packets that are due by the motion it received."""
         while self._unacknowledged and self._receive_acknowledgement():
             pass
 
     def synchronise_imu(self) -> None:
-        """Wait until the IMU has sent what is due by now."""
+        """Wait until the IMU has sent all packets that are due now."""
         self._send_motion()
         self.receive_acknowledgements()
 
     def mount(self, mounting: str) -> None:
-        """Mount the sensor, from the next motion on; raises `InputError` for no mounting."""
+        """Mount the sensor from the next motion on; raises `InputError` for an unknown mounting."""
         if mounting not in self._mountings:
             raise InputError(
                 f"{mounting!r} is not a mounting of the plan; possible: "
@@ -124,14 +124,14 @@ class BenchDevice:
         return self.controller.session()
 
     def fault(self, words: str) -> None:
-        """Set a fault of the table in words, or mount the sensor: `mounted XY30`."""
+        """Set a fault of the table by its text, or mount the sensor: `mounted XY30`."""
         what, _, mounting = words.partition(" ")
         if what == "mounted":
             return self.mount(mounting)
         self.controller.fault(words)
 
     def _send_motion(self) -> None:
-        """Tell the IMU; hear of all but the last that it is done with."""
+        """Send blocks to the IMU, and wait for the answers to all but the last one."""
         while self._unsent_blocks:
             if self._imu is None:
                 self.sent_until = self._unsent_blocks[-1].end_time
@@ -151,11 +151,11 @@ class BenchDevice:
                 pass
 
     def _receive_acknowledgement(self) -> bool:
-        """Hear that the IMU is done with a part; False where it does not say so in time."""
+        """Wait for the IMU's answer to one block; return False if it does not arrive in time."""
         if self._imu is None:
             return False
         try:
-            # An IMU that is late already is not waited for again.
+            # Do not wait again for an IMU that is already late.
             timeout = 0.0 if self._imu_is_late else self._answer_timeout
             sent = motion_link.receive_byte_count(self._imu, timeout)
         except OSError:
@@ -167,7 +167,7 @@ class BenchDevice:
         return sent is not None
 
     def _disconnect_imu(self) -> None:
-        """Go on without an IMU, as a table does."""
+        """Continue without an IMU, as a real table does."""
         if self._imu is not None:
             self._imu.close()
         self._imu = None
@@ -175,12 +175,12 @@ class BenchDevice:
 
 
 def _create_controller(drawn: SimulatedErrors) -> SimulatedPmac | SimulatedMotor:
-    """Return the controller of a table of angles or of rates."""
+    """Return the controller of a turntable or of a rate table."""
     if not drawn.motion_control.has_attitude:
         return SimulatedMotor()
     i10 = 3713707
     pmac = SimulatedPmac(drawn.axes(i10 / 8388608e3), COUNTS_PER_TURN, i10)
-    # What the run file allows, the controller allows too.
+    # The controller allows everything that the run file allows.
     for motor, limit in enumerate(drawn.bench.axis_motion_limits, start=1):
         rate = max(limit.rate * COUNTS_PER_TURN / tau * 1e-3, 4000.0)
         acceleration = max(limit.acceleration * COUNTS_PER_TURN / tau * 1e-6, 2.0)
@@ -190,18 +190,18 @@ def _create_controller(drawn: SimulatedErrors) -> SimulatedPmac | SimulatedMotor
 
 
 class GrantedClock:
-    """Bench time as it is granted; see `inercal.host.clock`.
+    """Bench time that is granted by a host; see `inercal.host.clock`.
 
     Parameters
     ----------
     silence : float
-        s of the wall without a request after which time goes on by itself.
+        Wall time without a request after which bench time passes by itself, s.
     """
 
     def __init__(self, silence: float = 5.0):
         self._silence = silence
         self._now = 0.0
-        self._since: float | None = None  # of the wall, from which on time passes by itself
+        self._since: float | None = None  # wall time from which bench time passes by itself
 
     def __call__(self) -> float:
         """Return bench time, s."""
@@ -211,21 +211,21 @@ class GrantedClock:
         return self._now
 
     def grant(self, until: float) -> float:
-        """Let time pass up to `until` and no further; return what time it is."""
+        """Let time pass up to `until` and no further; return the bench time."""
         self._now = max(self(), until)
         self._since = monotonic() + self._silence
         return self._now
 
     def release(self) -> None:
-        """Go on at the wall's pace from now on, if time was ever granted."""
+        """Let time pass like wall time from now on, if it was ever granted."""
         if self._since is not None:
             self._since = min(self._since, monotonic())
 
 
 class ClockServer:
-    """Serves the time of a bench, in the same loop as its controller.
+    """Serves the clock of a bench, in the same event loop as its controller.
 
-    `address` is what `SimulatedClock` opens.
+    `SimulatedClock` connects to `address`.
     """
 
     def __init__(self, server: SimulatorServer[BenchDevice], pace: GrantedClock, port: int = 0):
@@ -284,13 +284,13 @@ class ClockServer:
 
 
 def main() -> None:
-    """Serve until standard input ends; its lines are faults to be simulated."""
+    """Serve until standard input ends; each of its lines sets a fault."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.bench_simulator", description=__doc__)
     parser.add_argument("run", metavar="RUNFILE")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--pace", default="granted", help="granted, or a factor of the wall's")
-    parser.add_argument("--motion", help="where the IMU takes the motion, unix:PATH")
-    parser.add_argument("--port", type=int, default=0, help="of the PMAC; 0: any free one")
+    parser.add_argument("--pace", default="granted", help="granted, or bench seconds per second")
+    parser.add_argument("--motion", help="address to which the IMU's motion is sent, unix:PATH")
+    parser.add_argument("--port", type=int, default=0, help="port of the PMAC; 0: any free one")
     options = parser.parse_args()
     try:
         drawn = draw_errors(read(options.run), options.seed)

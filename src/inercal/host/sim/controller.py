@@ -1,4 +1,4 @@
-"""What the simulated controllers have in common: a table, whose time they let pass, and lines."""
+"""Base classes of the simulated controllers: a table whose time they advance, and text lines."""
 
 from collections.abc import Callable
 
@@ -7,7 +7,7 @@ from inercal.host.sim.faults import unknown_fault
 
 
 class Controller:
-    """A `server.Device` that turns a table, but for its sessions.
+    """A `server.Device` that turns a table; subclasses add its sessions.
 
     Parameters
     ----------
@@ -23,16 +23,16 @@ class Controller:
         return self.table.time
 
     def advance(self, until: float) -> AxesMotion:
-        """Let bench time pass; return the true motion of each servo cycle."""
+        """Let bench time pass; return the true motion in each servo cycle."""
         return self.table.advance(until)
 
     def fault(self, words: str) -> None:
-        """Set a fault of the table in words, `amplifier 2` or `frozen 1 off`: an axis from 1.
+        """Set a fault of the table, such as `amplifier 2` or `frozen 1 off`; axes count from 1.
 
         Raises
         ------
         InputError
-            No such fault or axis; the message says what is possible.
+            There is no such fault or axis; the message lists the possible ones.
         """
         count = len(self.table.axes)
         match words.split():
@@ -48,9 +48,9 @@ class Controller:
 
 
 class LineSession:
-    """A connection on which a controller is told lines, each answered at once.
+    """A connection on which a controller receives lines and answers each one at once.
 
-    What arrives is split at `ending`; `answer` takes a line.
+    Received bytes are split at `ending`, and `answer` takes a line.
     """
 
     def __init__(self, ending: bytes, answer: Callable[[str], str]):

@@ -1,8 +1,8 @@
-"""A table that turns as tables do: profiles, servo lag, limits, faults; no clock but its own.
+"""The dynamics of a simulated table: motion profiles, servo lag, limits and faults.
 
 `advance(until)` runs whole servo cycles up to a bench time and returns the true motion in each of
-them; nothing else lets time pass, so that the same cycles give the same numbers at whatever pace.
-The equations are in `_table_kernel`.
+them. Time passes only in this way, so the same cycles give the same numbers at any speed. The
+equations are in `_table_kernel`.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,35 +21,36 @@ FAULTS = ("amplifier", "frozen", "jammed")
 
 
 class ServoOffError(Exception):
-    """A motion was asked of an axis whose servo is off."""
+    """A motion was commanded on an axis whose servo is off."""
 
 
 @dataclass(frozen=True)
 class AxisDynamics:
-    """How an axis is built; angles in rad, from its own mechanical zero.
+    """The properties of an axis; angles are in rad from its own mechanical zero.
 
     Parameters
     ----------
     name : str
     start : float
-        True angle at the start; the encoder counts from there until it is homed.
+        True initial angle; the encoder counts from there until the axis is homed.
     index : float
-        Where the index pulse is, once a turn.
+        Position of the index pulse, which occurs once per turn.
     omega, zeta : float
-        Of the servo: rad/s, and damping.
+        Natural frequency of the servo, rad/s, and its damping ratio.
     feedforward : float
-        Of the rate; with 1 a steady rate has no following error.
+        Rate feedforward; with 1, a steady rate has no following error.
     torque : float
-        Most acceleration that the motor gives, rad/s².
+        Largest acceleration that the motor can produce, rad/s².
     friction : float
-        Deceleration of an axis that coasts, rad/s².
+        Deceleration of the axis when it coasts, rad/s².
     reading : callable, optional
-        Encoder's angle → what is read of it, rad: harmonics. The servo feels the angle itself.
+        Function from the encoder's angle to the readback, rad, for harmonics. The servo uses the
+        angle itself.
     noise : callable, optional
-        Number of the servo cycle → noise of what is read in it, rad, so that it is the same however
-        often it is asked for.
+        Function from the number of a servo cycle to the readback noise in this cycle, rad, so that
+        repeated readings in one cycle are equal.
     delay : float
-        s by which what is read is late; the servo and the following error are not.
+        Delay of the readback, s; the servo and the following error have no delay.
     """
 
     name: str = "axis"
@@ -66,7 +67,7 @@ class AxisDynamics:
 
 
 class AxisReport(NamedTuple):
-    """What a controller can say of an axis: rad, rad/s from its zero; flags of `_table_kernel`."""
+    """An axis as a controller reports it: rad, rad/s from its zero; flags of `_table_kernel`."""
 
     reading: float
     rate: float
@@ -76,7 +77,7 @@ class AxisReport(NamedTuple):
 
 @dataclass(frozen=True)
 class AxesMotion:
-    """The true motion, a row a servo cycle: `time` (n,) s, others (n, axes) rad, rad/s, rad/s²."""
+    """The true motion in servo cycles: `time` (n,) s; the others (n, axes) rad, rad/s, rad/s²."""
 
     time: Array
     angle: Array
@@ -85,26 +86,26 @@ class AxesMotion:
 
 
 class SimulatedTable:
-    """A simulated table.
+    """A simulated table with one or more axes.
 
     Parameters
     ----------
     axes : sequence of Axis
-        Outer to inner; their servos are off.
+        The axes, from outer to inner; their servos are off at first.
     frequency : float
-        Servo cycles a second.
+        Servo cycles per second.
 
     Raises
     ------
     InputError
-        A delay that is negative or longer than what is kept of the encoder.
+        A delay is negative, or longer than the recorded history of the encoder.
     """
 
     def __init__(self, axes: Sequence[AxisDynamics], frequency: float = 8388608e3 / 3713707):
         self.axes = tuple(axes)
         self.period = 1.0 / frequency
         self.cycle = 0
-        # One row an axis: the controllers' simulators set and read its fields.
+        # One row per axis; the controllers' simulators set and read its fields.
         self.state: Any = np.zeros(len(self.axes), kernel.AXIS).view(np.recarray)
         self._rate_history = np.zeros((len(self.axes), kernel.MAX_SMOOTH))
         self._encoder_history = np.empty((len(self.axes), kernel.ENCODER_HISTORY))
@@ -125,7 +126,7 @@ class SimulatedTable:
                     key="delay",
                 )
         self._encoder_history[:] = np.array([[axis.start] for axis in self.axes])
-        # No cycle, but what is not yet compiled is now, and not while a host waits for an answer.
+        # Run no cycle, but compile the kernels now, and not while a host waits for an answer.
         self._run_cycles(np.empty((0, len(self.axes), 3)))
         self.report()
 
@@ -142,7 +143,7 @@ class SimulatedTable:
 
     def advance_array(self, until: float) -> Array:
         """As `advance`; return angle, rate and acceleration as one array (n, axes, 3)."""
-        # A time that was computed as a multiple of the period belongs to its cycle.
+        # A time computed as a multiple of the period belongs to its own cycle.
         last = floor(until / self.period + 1e-6)
         count = max(last - self.cycle, 0)
         out = np.empty((count, len(self.axes), 3))
@@ -163,44 +164,44 @@ class SimulatedTable:
         self.cycle += len(out)
 
     def enable(self, i: int) -> None:
-        """Close the servo where the axis stands; what had tripped is forgotten."""
+        """Close the servo at the present position, and clear a trip."""
         x = self.state[i]
         if not x.closed and not x.amplifier:
             x.closed, x.tripped = 1, 0
             self._rate_history[i] = 0.0
 
     def kill(self, i: int) -> None:
-        """Take the power off."""
+        """Switch the power of an axis off."""
         self.state[i].closed = 0
 
     def move_axis(self, i: int, angle: float) -> None:
-        """Move to `angle`, rad from the axis' zero."""
+        """Move an axis to `angle`, rad from its zero."""
         x = self._closed_axis(i)
         x.goal, x.mode = x.zero + angle, kernel.GO
 
     def rotate_axis(self, i: int, direction: float) -> None:
-        """Turn at the set speed, onward if `direction` is 1, back if it is −1."""
+        """Turn an axis at the set speed; `direction` is 1 for forward and −1 for backward."""
         x = self._closed_axis(i)
         x.direction, x.mode = direction, kernel.RUN
 
     def search(self, i: int, direction: float = 1.0) -> None:
-        """Turn until the index pulse, go there, and make it zero."""
+        """Turn an axis until the index pulse, go to this position, and make it the zero."""
         x = self._closed_axis(i)
         x.direction, x.mode, x.homed = direction, kernel.SEARCH, 0
 
     def halt(self, i: int, abort: bool = False) -> None:
-        """Decelerate to rest as motions do, or at the deceleration of aborts."""
+        """Decelerate an axis to rest with its normal deceleration, or with that of an abort."""
         x = self.state[i]
         x.mode, x.aborting = kernel.HOLD, int(abort)
 
     def fault(self, i: int, what: str, on: bool = True) -> None:
-        """Set or clear a fault of `FAULTS`: amplifier off, encoder frozen, axis jammed."""
+        """Set or clear a fault in `FAULTS`: amplifier off, encoder frozen, axis jammed."""
         if what not in FAULTS:
             raise unknown_fault(what, ", ".join(FAULTS))
         self.state[i][what] = int(on)
 
     def report(self) -> list[AxisReport]:
-        """Return what can be said of every axis."""
+        """Return the reports of all axes."""
         kernel.report_axes(self._records, self._encoder_history, self.cycle, self._report_rows)
         said: list[AxisReport] = []
         for axis, (read, rate, error, zero, flags) in zip(
@@ -214,11 +215,11 @@ class SimulatedTable:
         return said
 
     def reading(self, i: int) -> float:
-        """Return what is read of the encoder, rad from the axis' zero."""
+        """Return the encoder's readback, rad from the axis' zero."""
         return self.report()[i].reading
 
     def is_moving(self, i: int) -> bool:
-        """Tell whether the commanded rate is other than zero, or about to be."""
+        """Return whether the commanded rate is not zero, or is about to change from zero."""
         return bool(self.report()[i].flags & kernel.MOVING)
 
     def _closed_axis(self, i: int) -> Any:
@@ -230,7 +231,7 @@ class SimulatedTable:
 
 
 def three_axes() -> tuple[AxisDynamics, ...]:
-    """Outer, middle and inner axis of a table for IMUs; they stand anywhere when switched on."""
+    """Return the outer, middle and inner axis of an IMU table, with arbitrary initial angles."""
     return (
         AxisDynamics("outer", start=0.4, omega=40.0, torque=20.0),
         AxisDynamics("middle", start=-0.7, omega=50.0, torque=30.0),

@@ -1,14 +1,13 @@
-"""What goes wrong on the way, on demand: replies in pieces, late, corrupted; connections dropped.
+"""Faults of a simulated link: fragmented, late or corrupted replies, and dropped connections.
 
-What goes wrong in the table itself is `dynamics.Table.fault`. Times are bench time, so that a
-delay is the same at whatever pace. A fault is told in words too, by which one process asks it of
-another:
+Faults of the table itself are set by `dynamics.SimulatedTable.fault`. Times are bench time, so a
+delay is the same at any speed. Faults also have a text form, which one process can send to another:
 
-    fragment 3        replies in pieces of 3 bytes; 0: whole
-    delay 0.2         replies 0.2 s late
-    corrupt 5         one bit of one byte in every 5th reply; 0: none
-    drop 2            the 2nd reply from now ends its connection before it is whole
-    die               the process ends at once, as if killed
+    fragment 3        sends replies in pieces of 3 bytes; 0: in one piece
+    delay 0.2         sends replies 0.2 s late
+    corrupt 5         changes one bit of one byte in every 5th reply; 0: none
+    drop 2            closes the connection during the 2nd reply from now
+    die               ends the process at once, as if killed
 """
 
 import os
@@ -24,7 +23,7 @@ FAULT_SYNTAX = "fragment N, delay SECONDS, corrupt N, drop N, die"
 
 @dataclass
 class Faults:
-    """Faults in force; see the module. `rng` chooses the byte and the bit that are corrupted."""
+    """The active faults; see the module. `rng` selects the byte and the bit to corrupt."""
 
     fragment: int = 0
     delay: float = 0.0
@@ -34,7 +33,7 @@ class Faults:
     replies: int = 0
 
     def apply_faults(self, reply: bytes) -> tuple[list[bytes], bool]:
-        """Return the pieces in which a reply goes out, and whether its connection then ends."""
+        """Return the pieces in which a reply is sent, and whether its connection then ends."""
         self.replies += 1
         if self.corrupt and self.replies % self.corrupt == 0 and reply:
             bad = bytearray(reply)
@@ -49,7 +48,7 @@ class Faults:
         return [reply[i : i + size] for i in range(0, len(reply), size)], ends
 
     def set_fault(self, words: str) -> None:
-        """Set a fault told in words; raises `InputError` that says what is possible."""
+        """Set a fault from its text; raises an `InputError` that lists the possible faults."""
         match words.split():
             case ["die"]:
                 os._exit(9)
@@ -62,14 +61,14 @@ class Faults:
 
 
 def unknown_fault(words: str, possible: str) -> InputError:
-    """Return the error of words that are none of the possible faults."""
+    """Return the error for a text that is none of the possible faults."""
     return InputError(
         f"{words!r} is not a fault; possible: {possible}", key="fault", names=(words,)
     )
 
 
 def parse_number(text: str | bytes) -> float:
-    """Return the number that a text is; NaN where it is none."""
+    """Return the number in a text; NaN if it is not a number."""
     try:
         return float(text)
     except ValueError:

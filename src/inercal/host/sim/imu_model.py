@@ -1,4 +1,4 @@
-"""What the IMU on a simulated bench reads; the equations are in `_imu_kernel`."""
+"""The readings of the IMU on a simulated bench; the equations are in `_imu_kernel`."""
 
 from dataclasses import replace
 from math import inf
@@ -17,16 +17,16 @@ from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.basis_functions import COMPONENTS
 from inercal.runfile import Run
 
-_TIME_TOLERANCE = 1e-9  # s: times that were computed otherwise
+_TIME_TOLERANCE = 1e-9  # s; for times that were computed in different ways
 
 
 class SensorResponse:
-    """What a sensor reads of what it feels, noise-free, SI.
+    """Computes a sensor's noise-free readings from the motion that it senses, SI.
 
     Raises
     ------
     InputError
-        A sensor of the tilted form, whose input axes are turned themselves.
+        The sensor has the tilted form, in which the input axes themselves are turned.
     """
 
     def __init__(self, sensor: Sensor, c: Array):
@@ -55,9 +55,9 @@ class SensorResponse:
         self._channels = len(sensor.axes)
 
     def __call__(self, motion: Array, temperature_offset: float = 0.0) -> Array:
-        """Return readings (n, m) of f, ω and its derivative (n, 9).
+        """Return the readings (n, m) for f, ω and the derivative of ω, `motion` (n, 9).
 
-        `temperature_offset`, K, is how much warmer it is than in the model.
+        `temperature_offset` is the temperature minus the model's reference temperature, K.
         """
         out = np.empty((len(motion), self._channels))
         kernel.noise_free_readings(motion, temperature_offset, *self._arguments, out)
@@ -65,21 +65,21 @@ class SensorResponse:
 
 
 class SimulatedImu:
-    """The IMU: readings one after another, as the bench's motion becomes known.
+    """A simulated IMU that computes its readings one after another from the bench's motion.
 
     Parameters
     ----------
     run : Run
     drawn : SimulatedErrors
     rate_hz : float
-        Of the readings.
+        Sampling rate.
     seconds : float
-        How long noise is drawn for at a time.
+        Duration for which noise is drawn at a time.
 
     Raises
     ------
     InputError
-        A sensor that is neither three accelerometers nor an IMU of these and three gyros.
+        The sensor does not consist of three accelerometers, with or without three gyros.
     """
 
     def __init__(self, run: Run, drawn: SimulatedErrors, rate_hz: float, seconds: float):
@@ -111,17 +111,17 @@ class SimulatedImu:
         self._axes = len(drawn.bench.names)
         self._ring = np.zeros((kernel.RING_SIZE, self._axes, 2))
         self.next_number = 0
-        # No reading, but what is not yet compiled is now, and not while a table waits.
+        # Compute no reading, but compile the kernels now, and not while a table waits.
         self.read_block(MotionBlock(0.0, 1e-3, 0, np.zeros((1, self._axes, 3))))
 
     def read_block(self, part: MotionBlock) -> Array:
-        """Return the readings that are sent by the end of a part of the motion, (n, 6).
+        """Return the readings that are sent by the end of a block of motion, (n, 6).
 
-        Those of gyros that the sensor does not have are 0.
+        The readings of missing gyros are 0.
         """
         until, period, first, moved, mounting = part
         if first == 0:
-            # Before time began the table stood.
+            # Before time 0 the table was at rest.
             self._ring[:] = moved[0, :, :2]
         kernel.store_motion(self._ring, first, moved)
         last = int((until * self._clock_ratio + _TIME_TOLERANCE) * self._rate)
@@ -130,7 +130,7 @@ class SimulatedImu:
         times = (numbers + 1) / (self._rate * self._clock_ratio) - self._errors.latencies(period)[0]
         between = np.empty((len(numbers), self._axes, 3))
         kernel.interpolate_motion(self._ring, period, np.maximum(times, 0.0), between)
-        # By the IMU's own second: so are its coefficients stated, and so can they be found.
+        # Rates are per second of the IMU's own clock, as its coefficients are defined.
         between[..., 1] /= self._clock_ratio
         between[..., 2] /= self._clock_ratio**2
         reading = self._response(self._sensed_motion(between, mounting))
@@ -141,7 +141,7 @@ class SimulatedImu:
         return np.pad(reading, ((0, 0), (0, missing))) if missing else reading
 
     def _next_noise(self, numbers: NDArray[np.int64]) -> Array:
-        """Return the noise of the next readings, drawing on where there is no more."""
+        """Return the noise of the next readings, and draw more if necessary."""
         if not numbers.size:
             return self._noise[:0]
         while numbers[-1] >= self._noise_start + len(self._noise):
@@ -166,15 +166,16 @@ class SimulatedImu:
 
 
 def noise_block_size(seconds: float, rate_hz: float) -> int:
-    """Return how many readings the noise is drawn for at a time, to cover some seconds."""
-    # Flicker noise is made by Fourier transforms, which take long where a factor is large.
+    """Return how many readings noise is drawn for at a time, to cover some seconds."""
+    # Flicker noise is made by Fourier transforms, which are slow for sizes with a large prime
+    # factor.
     return 1 << round(seconds * rate_hz).bit_length()
 
 
 def draw_bias_drift(sensor: Sensor, seed: int, count: int, rate_hz: float, block: int = 0) -> Array:
-    """Return the drift of the biases in the simulated readings of a block, (count, m) SI.
+    """Return the drift of the biases in a block of simulated readings, (count, m) SI.
 
-    It is drawn by itself, so that its mean over a run, which is part of the bias, can be stated.
+    It is drawn separately, so that its mean over a run, which is part of the bias, can be reported.
     """
     rng = noise_generator(seed, "drift", block)
     drawn = [replace(axis.noise, white=0.0).draw(rng, (count,), rate_hz) for axis in sensor.axes]

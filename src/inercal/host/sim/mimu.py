@@ -1,21 +1,22 @@
-"""A simulated IMU on a bench: it feels the true motion, and sends packets at its rate.
+"""A simulated IMU on a bench: it senses the true motion, and sends packets at its rate.
 
-Its readings are those of the run file's sensor with the coefficients of its truth, and noise that
-was drawn beforehand. Reading k, from 0, is sent at the time (k + 1)/rate of the IMU's own clock,
-and is of `SimulatedErrors.late` before. Whatever the pace, the bytes are the same.
+Its readings are those of the sensor in the run file, with the true coefficients and with noise that
+was drawn in advance. Reading k, counted from 0, is sent at the time (k + 1)/rate of the IMU's own
+clock, and its motion is earlier by the delay in `SimulatedErrors.latencies`. The bytes are the same
+at any speed.
 
-Standard input tells faults, a line each, answered by `ok` or by what is wrong:
+Each line of standard input sets a fault, and is answered by `ok` or by an error:
 
-    fault loss 0.01      that share of packets is not sent
-    fault errors 1e-5    each byte is changed with that probability
-    fault silent on      nothing is sent until `fault silent off`; readings go on being counted
-    fault unplug         the port goes away, until `fault replug`
-    die                  the process ends at once, as if killed
+    fault loss 0.01      omits this fraction of the packets
+    fault errors 1e-5    changes each byte with this probability
+    fault silent on      sends nothing until `fault silent off`, but still counts readings
+    fault unplug         removes the port until `fault replug`
+    die                  ends the process at once, as if killed
 
-The bytes go to a pseudo-terminal or over TCP, which never hold it up for long. What no buffer takes
-is lost, as where a port overruns.
+The bytes go to a pseudo-terminal or over TCP, which never delay the IMU for long. Bytes that no
+buffer can take are lost, as when a real port overruns.
 
-Run as `python -m inercal.host.sim.mimu RUNFILE --seed 1 --preset fixed --terminal`.
+Run it as `python -m inercal.host.sim.mimu RUNFILE --seed 1 --preset fixed --terminal`.
 """
 
 import os
@@ -48,32 +49,32 @@ from inercal.host.sim.server import answer_lines
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
 from inercal.runfile import Run, read
 
-COMPILING = "compiling"  # the line before the address, if kernels are compiled and not loaded
-_WRITE_TIMEOUT = 0.5  # s of the wall for a reader that is busy; one that was not there gets none
+COMPILING = "compiling"  # printed before the address if kernels are compiled and not loaded
+_WRITE_TIMEOUT = 0.5  # s of wall time to wait for a busy reader; 0 if there was none before
 _RETRY_INTERVAL = 0.001  # s
 
 
 class SimulatorPort(Protocol):
-    """Takes bytes."""
+    """A port that takes bytes."""
 
     address: str
 
     def write(self, data: bytes) -> int:
-        """Send what can be sent; return how many bytes that is."""
+        """Send as many bytes as possible, and return their number."""
         ...
 
     def close(self) -> None:
-        """Unplug it."""
+        """Unplug the port."""
         ...
 
 
 class TerminalPort:
-    """A pseudo-terminal; `path` becomes a link to it, so that it is there again if replugged."""
+    """A pseudo-terminal; `path` is a link to it, which stays the same when it is replugged."""
 
     def __init__(self, path: Path):
         self.address = f"serial:{path}"
         self._path = path
-        # The host's end stays open here too: else it hangs up whenever no program has it open.
+        # Keep the host's end open here too; otherwise it hangs up when no program has it open.
         self._device, self._host = pty.openpty()
         tty.setraw(self._host)
         os.set_blocking(self._device, False)
@@ -103,7 +104,7 @@ class TerminalPort:
 
 
 class TcpPort:
-    """A port of TCP; one host at a time, the last."""
+    """A TCP port for one host at a time; the latest connection replaces the earlier one."""
 
     def __init__(self, port: int = 0):
         self._listener = socket.create_server(("127.0.0.1", port))
@@ -114,7 +115,7 @@ class TcpPort:
 
     def write(self, data: bytes) -> int:
         """As `SimulatorPort.write`."""
-        # Whoever has connected by now gets these bytes, whichever process was faster.
+        # A host that has connected by now gets these bytes, whichever process was faster.
         with suppress(BlockingIOError):
             host = self._listener.accept()[0]
             host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -126,7 +127,7 @@ class TcpPort:
         try:
             self._host.sendall(data)
         except OSError:
-            # How much of it arrived nobody knows: the connection ends.
+            # Nobody knows how many bytes arrived, so the connection is closed.
             self._disconnect_host()
             return 0
         return len(data)
@@ -143,19 +144,19 @@ class TcpPort:
 
 
 FAULT_SYNTAX = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
-_SPARE_NOISE = 300.0  # s of noise beyond one and a half plans
+_SPARE_NOISE = 300.0  # s of noise in addition to one and a half times the plan
 
 
 class PacketSender:
-    """Packs readings, spoils them as it was told, and sends them through a port.
+    """Packs readings, applies the active faults, and sends the packets through a port.
 
     Parameters
     ----------
     packer : PacketPacker
     plug : callable
-        Opens the port.
+        Opens the port and returns it.
     seed : int
-        Of the faults.
+        Seed of the faults.
     """
 
     def __init__(self, packer: PacketPacker, plug: Callable[[], SimulatorPort], seed: int):
@@ -169,7 +170,7 @@ class PacketSender:
         self._rng = np.random.default_rng([seed, 2])
 
     def send(self, first: int, readings: np.ndarray) -> None:
-        """Send readings (n, 6) number `first` and the following."""
+        """Send the readings (n, 6), of which the first one has the number `first`."""
         if not len(readings):
             return
         packets = self._packer(first, readings)
@@ -184,7 +185,7 @@ class PacketSender:
                 self.sent += self._port.write(data)
 
     def set_fault(self, words: str) -> None:
-        """Set a fault told in words; raises `InputError` that says what is possible."""
+        """Set a fault from its text; raises an `InputError` that lists the possible faults."""
         with self.lock:
             match words.split():
                 case ["die"]:
@@ -207,7 +208,7 @@ class PacketSender:
             self._port = None
 
     def _corrupt_bytes(self, data: bytes) -> bytes:
-        """Return the bytes with some of them changed to others."""
+        """Return the bytes after changing some of them at random."""
         bad = np.frombuffer(data, np.uint8).copy()
         places = np.flatnonzero(self._rng.random(bad.size) < self._errors)
         bad[places] ^= self._rng.integers(1, 256, places.size, dtype=np.uint8)
@@ -215,8 +216,8 @@ class PacketSender:
 
 
 def serve_motion(end: socket.socket, imu: SimulatedImu, sender: PacketSender) -> None:
-    """Answer each part of the motion once the readings due by then are sent."""
-    # A table that is gone feels nothing more.
+    """Answer each block of motion after the readings that are due have been sent."""
+    # If the table is gone, there is nothing more to sense.
     with suppress(OSError):
         while (part := motion_link.receive(end)) is not None:
             first = imu.next_number
@@ -225,12 +226,12 @@ def serve_motion(end: socket.socket, imu: SimulatedImu, sender: PacketSender) ->
 
 
 class MotionServer(Closeable):
-    """Serves the tables that connect, one after the other, in a thread that ends with `close`.
+    """Serves tables, one connection after the other, in a thread that ends with `close`.
 
     Parameters
     ----------
     listener : socket
-        Closed with the server.
+        Closed together with the server.
     imu : SimulatedImu
     sender : PacketSender
     """
@@ -246,7 +247,7 @@ class MotionServer(Closeable):
         while True:
             try:
                 end, _ = self._listener.accept()
-            except OSError:  # `close` has shut it down
+            except OSError:  # `close` has shut the socket down
                 return
             with end:
                 with self._lock:
@@ -258,24 +259,24 @@ class MotionServer(Closeable):
                     self._table = None
 
     def close(self) -> None:
-        """End the thread, whatever it waits for."""
+        """End the thread, whatever it is waiting for."""
         with self._lock:
             self._closed = True
             for end in (self._listener, self._table):
                 if end is not None:
-                    with suppress(OSError):  # a table that has gone meanwhile
+                    with suppress(OSError):  # the table may have disconnected meanwhile
                         end.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         self._listener.close()
 
 
 def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
-    """Return the rate of the packets: as told, the layout's own, or that of the run's data.
+    """Return the packet rate: as requested, the layout's own, or that of the run's data.
 
     Raises
     ------
     InputError
-        Another than the layout's own, or none at all.
+        The requested rate is not the layout's own, or no rate is known.
     """
     rate = rate_hz or layout.rate_hz or run.rate_hz
     if rate is None:
@@ -301,7 +302,7 @@ def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
 
 
 def noise_duration(run: Run, drawn: SimulatedErrors) -> float:
-    """Return how long noise is drawn for at a time, s."""
+    """Return the duration for which noise is drawn at a time, s."""
     return 1.5 * run.kind.seconds(drawn.bench, run.steps) + _SPARE_NOISE
 
 
@@ -315,9 +316,9 @@ def mean_drift(
     run : Run
     drawn : SimulatedErrors
     rate_hz : float
-        Of the readings.
+        Sampling rate.
     start, stop : float
-        s of the IMU's clock, within the noise that is drawn at first.
+        Times of the IMU's clock, s, within the noise that is drawn first.
     """
     count = noise_block_size(noise_duration(run, drawn), rate_hz)
     drift = draw_bias_drift(run.sensor, drawn.seed, count, rate_hz)
@@ -325,25 +326,25 @@ def mean_drift(
 
 
 def main() -> None:
-    """Feel and send until standard input ends."""
+    """Sense motion and send packets until standard input ends."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.mimu", description=__doc__)
     parser.add_argument("run", metavar="RUNFILE")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
-        "--preset", default="fixed", help="of packets, or a file that describes them"
+        "--preset", default="fixed", help="packet preset, or a file that describes the packets"
     )
-    parser.add_argument("--rate", type=float, help="packets a second, Hz")
+    parser.add_argument("--rate", type=float, help="packet rate, Hz")
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--terminal", action="store_true", help="a pseudo-terminal, no TCP")
-    where.add_argument("--port", type=int, default=0, help="of TCP; 0: any free one")
-    parser.add_argument("--folder", type=Path, help="of terminal and motion; else one of its own")
+    where.add_argument("--terminal", action="store_true", help="use a pseudo-terminal, not TCP")
+    where.add_argument("--port", type=int, default=0, help="TCP port; 0: any free one")
+    parser.add_argument("--folder", type=Path, help="folder of the sockets; temporary by default")
     parser.add_argument("--announce-compilation", action="store_true", help="before the address")
     announce = partial(print, COMPILING, flush=True)
     options = parser.parse_args()
     with ExitStack() as stack:
         own = TemporaryDirectory(prefix="inercal-")
         folder: Path = options.folder or Path(stack.enter_context(own))
-        # The table may come first: what follows compiles.
+        # The table can already connect while the following code compiles.
         listener, motion = motion_link.listen(folder / motion_link.SOCKET_NAME)
         stack.enter_context(listener)
         try:
@@ -364,7 +365,7 @@ def main() -> None:
             nonlocal port
             if options.terminal:
                 return TerminalPort(path)
-            # Plugged anew it is at the same place.
+            # When it is replugged, it has the same path.
             opened = TcpPort(port)
             port = opened.port
             return opened

@@ -1,8 +1,8 @@
-"""The true motion on its way from the table's process to the IMU's, and what comes back.
+"""Sends the true motion from the table's process to the IMU's, and the byte counts back.
 
-The link is a socket of the system (`unix:PATH`), which wakes the other end sooner than TCP does. A
-part holds servo cycles and up to when the bench has gone on; it is answered by how many bytes the
-IMU has sent in all, once the readings due by then are sent.
+The link is a Unix socket (`unix:PATH`), which wakes the other end faster than TCP does. A block
+contains servo cycles and the bench time that has been reached. The IMU answers it with the total
+number of bytes that it has sent, after sending the readings that are due by then.
 """
 
 import socket
@@ -16,16 +16,16 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 
-SOCKET_NAME = "motion"  # of the socket, in the bench's folder
+SOCKET_NAME = "motion"  # name of the socket in the bench's folder
 _RETRY_INTERVAL = 0.05  # s
-_HEAD = Struct("<ddqqqq")  # until, period, first cycle, cycles, axes, bytes of the mounting
+_HEAD = Struct("<ddqqqq")  # until, period, first cycle, cycles, axes, length of the mounting
 _BYTE_COUNT = Struct("<q")
 
 
 class MotionBlock(NamedTuple):
-    """Motion of some servo cycles: `motion` (n, axes, 3) rad, rad/s, rad/s² at their ends.
+    """Motion in some servo cycles: `motion` (n, axes, 3) rad, rad/s, rad/s² at their ends.
 
-    `mounting` is the name of how the sensor is mounted; empty where it never was.
+    `mounting` is the name of the sensor's mounting; empty if it was never mounted.
     """
 
     end_time: float
@@ -36,7 +36,7 @@ class MotionBlock(NamedTuple):
 
 
 def listen(path: Path) -> tuple[socket.socket, str]:
-    """Return the IMU's end before anybody is there, and its address."""
+    """Open the IMU's end, to which nobody is connected yet; return it and its address."""
     listener = socket.socket(socket.AF_UNIX)
     listener.bind(str(path))
     listener.listen()
@@ -44,12 +44,12 @@ def listen(path: Path) -> tuple[socket.socket, str]:
 
 
 def connect(address: str, patience: float) -> socket.socket:
-    """Return the table's end, which waits for the other `patience` s at most.
+    """Connect the table's end, and wait for the IMU for at most `patience` s.
 
     Raises
     ------
     OSError
-        No IMU is there.
+        No IMU answers.
     """
     end, until = socket.socket(socket.AF_UNIX), monotonic() + patience
     try:
@@ -57,7 +57,7 @@ def connect(address: str, patience: float) -> socket.socket:
             try:
                 end.connect(address.removeprefix("unix:"))
                 return end
-            except (FileNotFoundError, ConnectionRefusedError):  # it does not listen yet
+            except (FileNotFoundError, ConnectionRefusedError):  # the IMU is not listening yet
                 if monotonic() > until:
                     raise
                 sleep(_RETRY_INTERVAL)
@@ -67,7 +67,7 @@ def connect(address: str, patience: float) -> socket.socket:
 
 
 def send(end: socket.socket, part: MotionBlock) -> None:
-    """Send a part; raises `OSError` where nobody takes it."""
+    """Send a block; raises `OSError` if the connection is lost."""
     count, axes, _ = part.motion.shape
     name = part.mounting.encode()
     head = _HEAD.pack(part.end_time, part.period, part.first_cycle, count, axes, len(name))
@@ -75,7 +75,7 @@ def send(end: socket.socket, part: MotionBlock) -> None:
 
 
 def receive(end: socket.socket) -> MotionBlock | None:
-    """Wait for a part; None at the end."""
+    """Wait for a block and return it; None when the connection has ended."""
     head = _receive_exactly(end, _HEAD.size)
     if head is None:
         return None
@@ -90,12 +90,12 @@ def receive(end: socket.socket) -> MotionBlock | None:
 
 
 def send_byte_count(end: socket.socket, sent: int) -> None:
-    """Say how many bytes the IMU has sent."""
+    """Send the total number of bytes that the IMU has sent."""
     end.sendall(_BYTE_COUNT.pack(sent))
 
 
 def receive_byte_count(end: socket.socket, timeout: float) -> int | None:
-    """Return how many bytes the IMU has sent; None where it does not answer within `timeout` s.
+    """Return the number of bytes that the IMU has sent; None without an answer in `timeout` s.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def _receive_exactly(end: socket.socket, size: int) -> bytes | None:
 
 
 def _fill_buffer(end: socket.socket, into: memoryview) -> bool:
-    """Receive until all is full; False at the end of the stream."""
+    """Receive until the buffer is full; return False at the end of the stream."""
     done = 0
     while done < len(into):
         size = end.recv_into(into[done:])

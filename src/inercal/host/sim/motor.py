@@ -1,6 +1,6 @@
-"""A simulated motor of a rate table: lines in ASCII, each answered and ended by a prompt `>`.
+"""A simulated motor of a rate table: each ASCII line gets a reply that ends with the prompt `>`.
 
-Run as `python -m inercal.host.sim.motor`, on a pseudo-terminal, or with `--port` over TCP.
+Run it as `python -m inercal.host.sim.motor`, on a pseudo-terminal, or with `--port` over TCP.
 """
 
 from argparse import ArgumentParser
@@ -15,7 +15,7 @@ _LIMITS = {"JOG": 600.0, "VEL": 600.0, "ACL": 200.0}  # °/s, °/s²
 
 
 class SimulatedMotor(Controller):
-    """A motor that turns the table at up to 600 °/s, from anywhere; its servo is always on."""
+    """A motor that turns the table at up to 600 °/s; its servo is always on."""
 
     def __init__(self):
         axis = AxisDynamics("table", start=1.2, omega=25.0, feedforward=0.9)
@@ -70,7 +70,9 @@ class SimulatedMotor(Controller):
 def main() -> None:
     """Serve a simulated motor until standard input ends; see `server.serve`."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.motor", description=__doc__)
-    parser.add_argument("--port", type=int, help="of TCP, 0: any free one; else a pseudo-terminal")
+    parser.add_argument(
+        "--port", type=int, help="TCP port, 0: any free one; else a pseudo-terminal"
+    )
     add_pace_option(parser)
     options = parser.parse_args()
     serve(SimulatedMotor(), selected_pace(options), options.port or 0, options.port is None)

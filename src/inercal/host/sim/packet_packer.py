@@ -1,9 +1,9 @@
-"""Packets of a few readings, the same bytes as `inercal.host.packets.encode` makes, in less time.
+"""Packs a few readings at a time into the bytes of `inercal.host.packets.encode`, but faster.
 
-What a layout says of its fields is looked up once, and numbers are written by a compiled loop.
-Lines of text are left to `encode`.
+The layout's fields are looked up only once, and a compiled loop writes the numbers. Lines of text
+are left to `encode`.
 """
-# Numba's decorator has no types.
+# Numba's decorator is not typed.
 # pyright: reportUntypedFunctionDecorator=false
 
 import numpy as np
@@ -14,7 +14,7 @@ from inercal.estimation.kernel_options import njit
 from inercal.host.packets import PacketLayout, encode
 from inercal.host.packets.packet_format import AXES, ROLES, BinaryFrame
 
-_TEMPERATURE = 293.15  # K, in which the IMU stands
+_TEMPERATURE = 293.15  # K; the temperature of the simulated IMU
 _TEMPERATURE_AT, _COUNTER_AT, _TIME_AT, _STATUS_AT = range(len(AXES), len(ROLES))
 
 
@@ -29,10 +29,11 @@ def _write_fields(
     big: NDArray[np.bool_],
     out: NDArray[np.uint8],
 ) -> None:
-    """Write what is given, (n, given), into the fields of packets (n, length).
+    """Write the values (n, given) to the fields of packets (n, length).
 
-    `columns` (fields,) say which each field is of; `scales` (fields, 7) are the size of a unit,
-    zero, sign, full scale, the least and the greatest raw value, and where it starts again at 0.
+    `columns` (fields,) gives the column of each field; `scales` (fields, 7) contains the size of a
+    unit, zero, sign, full scale, the smallest and largest raw value, and the value at which it
+    wraps.
     """
     single, double = np.empty(1, np.float32), np.empty(1, np.float64)
     bytes_single, bytes_double = single.view(np.uint8), double.view(np.uint8)
@@ -61,20 +62,20 @@ def _write_fields(
 def _write_checks(
     value: NDArray[np.uint32], at: int, size: int, big: bool, out: NDArray[np.uint8]
 ) -> None:
-    """Write the check of each packet into its place."""
+    """Write the checksum of each packet at its position."""
     for n in range(value.size):
         for k in range(size):
             out[n, at + (size - 1 - k if big else k)] = np.uint8((value[n] >> (8 * k)) & 0xFF)
 
 
 class PacketPacker:
-    """Makes the packets of readings (n, 6), m/s² and rad/s, from their numbers on.
+    """Makes packets from numbered readings (n, 6), in m/s² and rad/s.
 
     Parameters
     ----------
     layout : PacketLayout
     rate_hz : float
-        Of the packets. Where some of them carry the temperature and some do not, one a second does.
+        Packet rate. If only some packets contain the temperature, one per second does.
     """
 
     def __init__(self, layout: PacketLayout, rate_hz: float):
@@ -87,7 +88,7 @@ class PacketPacker:
         self(0, np.zeros((1, len(AXES))))
 
     def __call__(self, first: int, readings: Array) -> list[bytes]:
-        """Return the packets of readings number `first` and the following."""
+        """Return the packets of readings of which the first one has the number `first`."""
         numbers = np.arange(first, first + len(readings))
         counted = numbers * int(self._layout.step)
         time = (numbers + 1) / self._rate
@@ -109,7 +110,7 @@ class PacketPacker:
 
 
 class _FramePacker:
-    """Packets of one kind."""
+    """Makes packets of one kind."""
 
     def __init__(self, layout: PacketLayout, frame: BinaryFrame):
         self._frame = frame
@@ -127,7 +128,7 @@ class _FramePacker:
             if field.type[0] == "u":
                 low, high = 0.0, 2.0**field.bits - 1
             if field.bits == 64:
-                # What a signed integer holds; no device has counted further.
+                # The largest value of a signed integer; no device counts further.
                 high = float(np.nextafter(2.0**63, 0))
             wraps = layout.wraps.get(field.role, 0.0)
             scales.append((scale.size, scale.zero, field.sign, scale.full_scale, low, high, wraps))
@@ -137,7 +138,7 @@ class _FramePacker:
             self._template[offset] = value
 
     def packets(self, given: Array) -> list[bytes]:
-        """Return the packets of what is given, (n, roles)."""
+        """Return the packets with the given values, (n, roles)."""
         n, length = len(given), self._frame.length
         rows = np.empty((n, length), np.uint8)
         rows[:] = self._template

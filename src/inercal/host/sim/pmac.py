@@ -1,12 +1,13 @@
-"""A simulated Turbo PMAC: the commands that a table needs, over its Ethernet protocol.
+"""A simulated Turbo PMAC with the commands that a table needs, over its Ethernet protocol.
 
-Written from the manual, apart from the driver: what the two have in common is the protocol. The
-codec is `_Session`, the command line `pmac_commands`, the table `dynamics.Table`.
+It was written from the manual, independently of the driver; the two have only the protocol in
+common. The codec is `_Session`, the command line is `pmac_commands`, and the table is
+`dynamics.SimulatedTable`.
 
-Not simulated: programs (BnR finds none: ERR015), coordinate systems, MACRO, data gathering. A
-whole line is carried out within one servo cycle.
+The following are not simulated: programs (BnR finds none: ERR015), coordinate systems, MACRO and
+data gathering. A whole line is executed within one servo cycle.
 
-Run as `python -m inercal.host.sim.pmac --port 1025`.
+Run it as `python -m inercal.host.sim.pmac --port 1025`.
 """
 
 from argparse import ArgumentParser
@@ -19,18 +20,18 @@ from inercal.host.sim.pmac_commands import Interpreter
 from inercal.host.sim.server import add_pace_option, selected_pace, serve
 
 _CHUNK = 1400
-_WITH_DATA = (0xB0, 0xBF, 0xC6)  # SENDLINE, GETRESPONSE, WRITEBUFFER: the length is that of data
+_WITH_DATA = (0xB0, 0xBF, 0xC6)  # SENDLINE, GETRESPONSE, WRITEBUFFER: the length is of the data
 
 
 class SimulatedPmac(Controller):
-    """A Turbo PMAC with a motor for each axis of a table, 1 the outermost.
+    """A Turbo PMAC with one motor for each axis of a table; motor 1 is the outermost axis.
 
     Parameters
     ----------
     axes : sequence of Axis
-        Outer to inner.
+        The axes, from outer to inner.
     counts_per_turn : int
-        Encoder counts, alike on all axes.
+        Encoder counts per turn, the same on all axes.
     """
 
     def __init__(
@@ -48,11 +49,11 @@ class SimulatedPmac(Controller):
 
 
 class _Session:
-    """The Ethernet protocol: packets in, chunks of replies out."""
+    """The Ethernet protocol: takes packets, and returns replies in chunks."""
 
     def __init__(self, interpreter: Interpreter):
         self._interpreter = interpreter
-        self._motor = 1  # `#n` stays addressed until the next
+        self._motor = 1  # `#n` stays addressed until the next one
         self._buffer = b""
         self._unread_reply = b""
 
@@ -80,11 +81,11 @@ class _Session:
                     packet, self._motor
                 )
                 return b"@"
-            case 0xC0, 0xC5:  # GETBUFFER; NUL where there is nothing
+            case 0xC0, 0xC5:  # GETBUFFER; NUL if there is nothing
                 return self._chunk() or b"\x00"
             case 0xC0, 0xC2:  # READREADY
                 return bytes([bool(self._unread_reply), 0])
-            case 0xC0, 0xC4:  # CTRL_RESPONSE; the character in either byte, as hosts differ
+            case 0xC0, 0xC4:  # CTRL_RESPONSE; the character may be in either byte, as hosts differ
                 self._interpreter.execute_control(value >> 8 or value & 0xFF)
                 return b"\x06"
             case 0x40, 0xB3:  # FLUSH
@@ -101,8 +102,8 @@ class _Session:
 def main() -> None:
     """Serve a simulated PMAC until standard input ends; see `server.serve`."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.pmac", description=__doc__)
-    parser.add_argument("--port", type=int, default=0, help="0: any free one, which is printed")
-    parser.add_argument("--counts", type=int, default=3_600_000, help="encoder counts in a turn")
+    parser.add_argument("--port", type=int, default=0, help="port; 0 selects any free one")
+    parser.add_argument("--counts", type=int, default=3_600_000, help="encoder counts per turn")
     add_pace_option(parser)
     options = parser.parse_args()
     serve(SimulatedPmac(counts_per_turn=options.counts), selected_pace(options), options.port)

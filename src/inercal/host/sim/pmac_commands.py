@@ -1,10 +1,10 @@
-"""The command line of a simulated Turbo PMAC, and the I-variables behind it.
+"""The command-line interpreter of a simulated Turbo PMAC, with its I-variables.
 
-Commands on one line are carried out in their order; the first that is wrong ends the line with
-BELL, ERRnnn and CR, in place of the ACK. Values are reported with CR behind each (I3=2),
-I-variables that are addresses as $hex (I9=2).
+Commands on one line are executed in order. The first invalid one ends the line with BELL, ERRnnn
+and CR instead of ACK. Values are reported with CR after each (I3=2), and I-variables that are
+addresses as $hex (I9=2).
 
-A line is taken apart once: hosts ask the same again and again.
+Each different line is parsed only once, because hosts repeat their lines.
 """
 
 import re
@@ -26,7 +26,7 @@ _COMMANDS = re.compile(
 )
 _UNKNOWN, _OPEN, _NO_MOTOR, _NO_PROGRAM = 3, 12, 13, 15
 
-# What a motor is set to when the simulator starts: counts, counts/ms, counts/ms², 1/16 count.
+# Initial settings of a motor: counts, counts/ms, counts/ms², 1/16 count.
 _DEFAULTS = {
     0: 1.0, 11: 16 * 20000.0, 13: 0.0, 14: 0.0, 15: 2.0, 16: 4000.0, 17: 2.0, 19: 0.1, 20: 0.0,
     21: 0.0, 22: 300.0, 23: 100.0, 24: float(0x120001), 28: 16 * 5.0, 60: 0.0,
@@ -36,29 +36,29 @@ _ADDRESSES = (24,)
 _FRACTIONS = tuple(
     f"{part / 32:.5f}".rstrip("0").removeprefix("0").rstrip(".") for part in range(32)
 )
-_MAX_CACHED_LINES = 200  # that are kept as steps
+_MAX_CACHED_LINES = 200  # parsed lines that are kept
 
-# What one command does: it returns what it says, or raises `_CommandError`.
+# The action of one command: it returns its reply, or raises `_CommandError`.
 _Step = Callable[[], str | None]
 
 
 class _CommandError(Exception):
-    """A command cannot be carried out; the number of its error."""
+    """A command cannot be executed; it has the number of its error."""
 
     def __init__(self, number: int):
         self.number = number
 
 
 class Interpreter:
-    """Carries out command lines on a table.
+    """Executes command lines on a table.
 
     Parameters
     ----------
     table : Table
     counts : float
-        Encoder counts in a rad.
+        Encoder counts per rad.
     i10 : int
-        The servo cycle in 1/8388608 ms.
+        Duration of a servo cycle in 1/8388608 ms.
     """
 
     def __init__(self, table: SimulatedTable, counts: float, i10: int):
@@ -72,7 +72,7 @@ class Interpreter:
             self._apply(i)
 
     def execute_line(self, packet: bytes, motor: int) -> tuple[bytes, int]:
-        """Return the whole reply to a command line, and the motor that is addressed after it."""
+        """Return the complete reply to a command line, and the motor addressed after it."""
         if (packet, motor) not in self._programs:
             if len(self._programs) >= _MAX_CACHED_LINES:
                 self._programs.clear()
@@ -93,17 +93,17 @@ class Interpreter:
         return f"{said}\x06".encode(), last
 
     def execute_control(self, character: int) -> None:
-        """Carry out ^A (abort all) or ^K (kill all); others do nothing here."""
+        """Execute ^A (abort all) or ^K (kill all); other characters have no effect here."""
         for i in range(len(self._table.axes)):
             if character == 0x01:
-                # As the real one does, an abort also closes the loops of killed motors.
+                # Like the real controller, an abort also closes the loops of killed motors.
                 self._table.enable(i)
                 self._table.halt(i, abort=True)
             elif character == 0x0B:
                 self._table.kill(i)
 
     def _compile_line(self, packet: bytes, motor: int) -> tuple[list[tuple[int, _Step]], int]:
-        """Return the steps of a line, each with the motor addressed, and that after the last."""
+        """Return the steps of a line with their motors, and the motor addressed after the last."""
         text = packet.decode("latin-1").upper().rstrip("\r\0")
         steps: list[tuple[int, _Step]] = []
         place = 0
@@ -126,7 +126,7 @@ class Interpreter:
         return steps, motor
 
     def _step(self, match: re.Match[str], motor: int) -> _Step:
-        """Return what a command does."""
+        """Return the action of a command."""
         match match.lastgroup:
             case "version" | "type" | "cid" as what:
                 return lambda: _IDENTITY[what]
@@ -160,7 +160,7 @@ class Interpreter:
             self._apply(to // 100 - 1)
 
     def _memory(self, clock: bool, in_hex: bool) -> str:
-        """Report a word of the memory, in which there is nothing but the servo clock."""
+        """Report a word of memory; only the servo clock is simulated."""
         word = self._table.cycle % (1 << 24) if clock else 0
         return f"{word:X}" if in_hex else str(word - (word >> 23 << 24))
 
@@ -193,7 +193,7 @@ class Interpreter:
                 return lambda: _status_words(seen()[i].flags, self._variables[100 * (i + 1)] != 0)
 
     def _read_reports(self) -> list[AxisReport]:
-        """Return what can be said of the axes, looked up anew after each command that may act."""
+        """Return the reports of the axes; they are updated after each command that may act."""
         if self._reports is None:
             self._reports = self._table.report()
         return self._reports
@@ -207,10 +207,10 @@ class Interpreter:
         self._table.search(i, 1.0 if self._variables[100 * i + 123] >= 0 else -1.0)
 
     def _apply(self, i: int) -> None:
-        """Set the axis as the I-variables of its motor say."""
+        """Set an axis from the I-variables of its motor."""
         x, get = self._table.state[i], self._variables
         base, to_rad = 100 * (i + 1), 1 / self._counts
-        # An acceleration of zero would never arrive; so would the real one's.
+        # With zero acceleration the axis would never arrive, nor would a real one.
         slowest = 1e-9
         x.acceleration = max(get[base + 19] * 1e6 * to_rad, slowest)
         x.speed = abs(self._rad_s(i, 22))
@@ -240,7 +240,7 @@ def _raise_error(number: int) -> None:
 
 
 def _missing_motor_step(act: str | None) -> _Step:
-    """Return what a command does to a motor that is not there: zeros, or a refusal to move."""
+    """Return the action of a command to a missing motor: report zeros, or refuse to move."""
     if act in ("P", "V", "F"):
         return lambda: "0"
     if act == "?":
@@ -250,7 +250,7 @@ def _missing_motor_step(act: str | None) -> _Step:
 
 @lru_cache(1024)
 def _status_words(flags: int, activated: bool) -> str:
-    """Return the two words of `?`."""
+    """Return the two status words that `?` reports."""
     closed, moving = bool(flags & kernel.CLOSED), bool(flags & kernel.MOVING)
     first = {
         23: activated,
@@ -280,7 +280,7 @@ def _parse_number(text: str) -> float:
 
 
 def _format_fraction(counts: float) -> str:
-    """Round counts to 1/32, as the controller's registers have them."""
+    """Round counts to 1/32, as in the controller's registers."""
     parts = round(counts * 32)
     return f"{'-' if parts < 0 else ''}{abs(parts) >> 5}{_FRACTIONS[abs(parts) & 31]}"
 

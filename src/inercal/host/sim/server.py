@@ -1,10 +1,10 @@
-"""A simulated device at the end of a real connection: TCP, or a pseudo-terminal.
+"""Serves a simulated device over a real connection: TCP or a pseudo-terminal.
 
-The device looks at no clock. `pace` says what bench time it is whenever bytes come, and `advance`
-lets time pass from outside: a wall clock (`ScaledClock`) or grants (`ManualClock`) pace the same
-numbers.
+The device reads no clock. `pace` returns the bench time whenever bytes arrive, and `advance` lets
+time pass from outside. The numbers are the same with a wall clock (`ScaledClock`) and with granted
+time (`ManualClock`).
 
-A simulator as a process (`serve`) is told time and faults by its standard input.
+As a separate process (`serve`), a simulator reads time and faults from its standard input.
 """
 
 import os
@@ -22,21 +22,21 @@ from typing import Any, Generic, Protocol, Self, TextIO, TypeVar
 from inercal.basics.errors import InputError
 from inercal.host.sim.faults import Faults
 
-_POLL_INTERVAL = 0.02  # s of wall time after which time passes though nobody asks
+_POLL_INTERVAL = 0.02  # s of wall time after which time passes even without a request
 _READ_SIZE = 4096
 _HOST = "127.0.0.1"
 
 
 class Session(Protocol):
-    """One connection's side of a device: bytes in, bytes out."""
+    """The device's side of one connection: takes bytes and returns bytes."""
 
     def feed(self, data: bytes) -> bytes:
-        """Take bytes that arrived; return what answers them at once."""
+        """Process bytes that arrived, and return the bytes that answer them at once."""
         ...
 
 
 class Device(Protocol):
-    """What a server serves."""
+    """A device that a server can serve."""
 
     @property
     def time(self) -> float:
@@ -44,7 +44,7 @@ class Device(Protocol):
         ...
 
     def advance(self, until: float) -> Any:
-        """Let bench time pass; return the motion meanwhile, if it is a thing that moves."""
+        """Let bench time pass; return the motion during this time, if the device moves."""
         ...
 
     def session(self) -> Session:
@@ -52,7 +52,7 @@ class Device(Protocol):
         ...
 
     def fault(self, words: str) -> None:
-        """Set a fault of the device itself; raises `InputError` that says what is possible."""
+        """Set a fault of the device itself; raises an `InputError` that lists the possible ones."""
         ...
 
 
@@ -60,7 +60,7 @@ D = TypeVar("D", bound=Device)
 
 
 class ScaledClock:
-    """Bench time that passes `factor` times as fast as the wall's, from 0."""
+    """Bench time that starts at 0 and passes `factor` times as fast as wall time."""
 
     def __init__(self, factor: float = 1.0):
         self._start, self._factor = monotonic(), factor
@@ -71,7 +71,7 @@ class ScaledClock:
 
 
 class ManualClock:
-    """Bench time that stands still but for what it is set to."""
+    """Bench time that stands still except when it is set."""
 
     now: float = 0.0
 
@@ -81,9 +81,9 @@ class ManualClock:
 
 
 class SimulatorServer(Generic[D]):
-    """Serves `device` on this machine's `port` (0: any free one), or on a pseudo-terminal.
+    """Serves `device` on a local `port` (0 selects any free one), or on a pseudo-terminal.
 
-    As a context manager it runs in a thread of its own; `address` is what `open_link` opens.
+    As a context manager it runs in a separate thread; `open_link` can open its `address`.
     """
 
     def __init__(
@@ -131,22 +131,22 @@ class SimulatorServer(Generic[D]):
             self._selector.close()
 
     def add_reader(self, end: socket.socket | int, ready: Callable[[], object]) -> None:
-        """Let `run` call `ready` whenever there is something to read at `end`, its to close."""
+        """Let `run` call `ready` whenever `end` is readable; `run` closes `end` when it ends."""
         self._selector.register(end, selectors.EVENT_READ, ready)
 
     def remove_reader(self, end: socket.socket | int) -> None:
-        """Attend to `end` no longer."""
+        """Stop watching `end`."""
         self._selector.unregister(end)
 
     def stop(self) -> None:
         """End `run`."""
         self._stopped = True
-        # It may have seen that by itself, and be closed already.
+        # The loop may have ended and been closed already.
         with suppress(OSError):
             self._wake_sender.send(b".")
 
     def advance(self, until: float) -> Any:
-        """Let bench time pass up to `until`, s, where the pace is granted; return the motion."""
+        """Let bench time pass up to `until`, s, if time is granted; return the motion."""
         with self.lock:
             if isinstance(self.pace, ManualClock):
                 self.pace.now = until
@@ -155,13 +155,13 @@ class SimulatorServer(Generic[D]):
         return motion
 
     def drop(self) -> None:
-        """End all connections as an unplugged cable does."""
+        """End all connections, as an unplugged cable would."""
         with self.lock:
             for line in list(self._connections):
                 self._remove_connection(line)
 
     def _advance_time(self) -> None:
-        """Let time pass to now, and send the late replies that are due."""
+        """Let time pass up to now, and send the delayed replies that are due."""
         with self.lock:
             self.device.advance(self.pace())
             if not self._delayed_replies:
@@ -277,16 +277,16 @@ def _open_terminal() -> tuple[_Connection, str]:
         os.close(device)
         os.close(host)
 
-    # The host's end stays open here too: else it hangs up whenever no program has it open.
+    # Keep the host's end open here too; otherwise it hangs up when no program has it open.
     return _Connection(device, lambda: os.read(device, _READ_SIZE), send, close), os.ttyname(host)
 
 
 def serve(device: Device, pace: Callable[[], float], port: int, terminal: bool = False) -> None:
-    """Serve until standard input ends, which tells faults and time, a line each.
+    """Serve until standard input ends; each of its lines sets a fault or advances the time.
 
-    The address is printed first, as `at tcp://127.0.0.1:40123`; each line told is answered by `ok`
-    or by what is wrong. `advance 1.5` lets time pass where it is granted; the faults are those of
-    `faults` and of the device.
+    The address is printed first, as `at tcp://127.0.0.1:40123`. Each input line is answered by `ok`
+    or by an error. `advance 1.5` lets granted time pass; the faults are those of `faults` and of
+    the device.
     """
     with SimulatorServer(device, pace, port=port, terminal=terminal) as server:
         print(f"at {server.address}", flush=True)
@@ -294,7 +294,7 @@ def serve(device: Device, pace: Callable[[], float], port: int, terminal: bool =
 
 
 def execute_commands(server: SimulatorServer[Any], told: TextIO, answers: TextIO) -> None:
-    """Do what each line of `told` says of time and faults, until there is no more."""
+    """Execute the time and fault commands in the lines of `told` until there are no more."""
 
     def tell(line: str) -> None:
         match line.split():
@@ -311,7 +311,7 @@ def execute_commands(server: SimulatorServer[Any], told: TextIO, answers: TextIO
 
 
 def answer_lines(tell: Callable[[str], None], told: TextIO, answers: TextIO) -> None:
-    """Hand each line of `told` to `tell`, and answer by `ok` or by its error."""
+    """Pass each line of `told` to `tell`, and answer with `ok` or with its error."""
     for line in told:
         try:
             tell(line.strip())
@@ -325,10 +325,10 @@ def add_pace_option(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--pace",
         default="1",
-        help="bench time per second, such as 10; told: it advances by `advance T` alone",
+        help="bench seconds per second, such as 10; told: only `advance T` lets time pass",
     )
 
 
 def selected_pace(options: Namespace) -> Callable[[], float]:
-    """Return the pace that `--pace` asks for."""
+    """Return the pace that `--pace` selects."""
     return ManualClock() if options.pace == "told" else ScaledClock(float(options.pace))

@@ -1,11 +1,12 @@
-"""The imperfections of a simulated bench, drawn once: the same in the processes of table and IMU.
+"""The imperfections of a simulated bench, drawn identically in the table's and the IMU's process.
 
-A host ties the clocks of table and IMU by when readings arrive, so a latency τ of the readback
-means that it comes τ later than the IMU's readings do. Both are late: the IMU's readings, because
-the servo cycles of the table that they are made of must be known first, and the readback by τ more.
+A host matches the clocks of table and IMU by the arrival of readings, so a latency τ of the
+readback means that the readback arrives τ later than the IMU's readings. Both are late: the IMU's
+readings because they need servo cycles of the table that must be known first, and the readback by a
+further τ.
 
-The IMU's clock is slower than the table's by χ: (1 − χ) s pass on it in 1 s of the table's, which
-is the bench's time (see `inercal.benches.turntable.bench`).
+The IMU's clock is slower than the table's by χ: in 1 s of the table's clock, which is bench time,
+(1 − χ) s pass on it (see `inercal.benches.turntable.bench`).
 """
 
 from collections.abc import Callable, Sequence
@@ -24,26 +25,26 @@ from inercal.physics.plan import Step
 from inercal.physics.section_settings import key_error
 from inercal.runfile import Run
 
-# Servo cycles: of the two about a time and one beside them, none may be to come
+# Servo cycles: the two around a time and one on each side must all be in the past
 _LOOKAHEAD_CYCLES = 4
-_NOISE_BLOCK = 4096  # of noise
+_NOISE_BLOCK = 4096  # readings per block of noise
 
 
 @dataclass(frozen=True)
 class SimulatedErrors:
-    """A bench and what is off of it.
+    """A bench and its imperfections.
 
     Parameters
     ----------
     bench : bench
-        That a host drives.
+        A bench that a host can drive.
     seed : int
     values : mapping of str to float
-        All of the bench's parameters by name, SI.
+        Values of all bench parameters by name, SI.
     motion_control : MotionControl
-        Of the bench.
+        Motion control of the bench.
     steps : sequence of Step
-        Of the plan.
+        Steps of the plan.
     """
 
     bench: Any
@@ -54,21 +55,21 @@ class SimulatedErrors:
 
     @property
     def clock_ratio(self) -> float:
-        """Seconds that pass on the IMU's clock in one of the table's."""
+        """Seconds that pass on the IMU's clock per second of the table's."""
         return 1.0 - self.values.get("clock", 0.0)
 
     def sensed_motion(self) -> SensedMotion:
-        """Return the function that gives what is sensed on this bench."""
+        """Return the function that computes the motion sensed on this bench."""
         return self.motion_control.sensed_motion(self.bench, self.steps, self.values)
 
     def latencies(self, period: float) -> tuple[float, float]:
-        """Return how late the IMU's readings and the readback are, s; `period` is the servo's."""
+        """Return the delays of the IMU's readings and of the readback for a servo period, s."""
         latency = self.values.get("latency", 0.0)
         imu = max(_LOOKAHEAD_CYCLES * period, -latency)
         return imu, latency + imu
 
     def axes(self, period: float) -> tuple[AxisDynamics, ...]:
-        """Return the axes of a table of angles, outer to inner; index pulses are at their zeros."""
+        """Return the axes of a turntable, from outer to inner; index pulses are at their zeros."""
         built = {axis.name: axis for axis in three_axes()}
         delay = self.latencies(period)[1]
         return tuple(
@@ -105,7 +106,7 @@ def draw_errors(run: Run, seed: int) -> SimulatedErrors:
     Raises
     ------
     InputError
-        No host drives the bench, or a latency is longer than the table's memory.
+        No host can drive the bench, or a latency exceeds the table's recorded history.
     """
     control, bench = run.motion_control, run.bench
     rng = np.random.default_rng(seed)
@@ -124,16 +125,16 @@ def draw_errors(run: Run, seed: int) -> SimulatedErrors:
 
 
 def noise_generator(seed: int, what: Literal["white", "drift", "readback"], *key: int) -> Generator:
-    """Return the generator of one kind of noise, independent of that of the others.
+    """Return the generator for one kind of noise, independent of the other kinds.
 
-    A sequence as seed would not do: [5, 1] and [5, 1, 0] give the same numbers.
+    A sequence as seed would not work, because [5, 1] and [5, 1, 0] give the same numbers.
     """
     purpose = ("white", "drift", "readback").index(what)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose, *key)))
 
 
 def _readback_noise(white: float, seed: int, axis: int) -> Callable[[int], float]:
-    """Return the readback's noise, rad, in a servo cycle, whoever asks for it and how often."""
+    """Return a function from a servo cycle to its readback noise, rad; calls are repeatable."""
 
     @lru_cache(1)
     def drawn(block: int) -> list[float]:

@@ -1,11 +1,11 @@
-"""The live page: what an operator sees of a run, in a browser, and says to it.
+"""The live page: lets an operator watch and control a run in a browser.
 
-The run is a process of its own (`worker`), which the server (`server`) starts and relays::
+The run is a separate process (`worker`), which the server (`server`) starts and relays::
 
     table, IMU <-> worker -- JSON lines --> server -- websockets --> pages
                           <-- commands ---         <--------------
 
-A page that is closed, or a server that is killed, leaves the run going. Several may look on, one
-operates, anyone may stop. What follows the stop is as at a terminal: a signal to the run's process,
-which the watchdog hears by itself. It is software and not a safety function.
+The run continues if a page is closed or the server is killed. Several viewers may watch, one
+operates, and anyone may stop. A stop works as it does at a terminal: it sends a signal to the run's
+process, and the watchdog also receives it. It is software and not a safety function.
 """

@@ -1,11 +1,12 @@
-"""Who may have the page: by token, host and origin; decided on what a request says, no more.
+"""Decides who may use the page by token, host and origin, from the request only.
 
-A page of another site in the same browser can send requests here, and so can one whose name was
-made to lead here (DNS rebinding): the first says its own origin, the second another host.
+A page from another site in the same browser can send requests here, and so can a page whose host
+name was made to resolve to this server (DNS rebinding). The first shows its own origin, the second
+another host.
 
-`AccessMiddleware` is what every request passes before the page sees it, and every answer on its way
-out. Pure ASGI: host, origin, token; only then the body, up to a limit of size and time and no
-further; headers that let a browser load nothing but the page's own.
+Every request passes `AccessMiddleware` before the page receives it, and so does every answer. It is
+pure ASGI. It checks host, origin and token first, and only then reads the body, up to a limit of
+size and time. It adds headers that let a browser load only the page's own files.
 """
 
 import asyncio
@@ -35,7 +36,7 @@ _MAX_ADDRESSES = 1000
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether a host can be reached from this machine alone."""
+    """Return whether a host can be reached only from this machine."""
     if host == "localhost":
         return True
     try:
@@ -45,19 +46,19 @@ def is_loopback(host: str) -> bool:
 
 
 class Access:
-    """Decides who may have the page.
+    """Decides who may use the page.
 
     Parameters
     ----------
     hosts : set of str
-        What the page is called, with the port, where no token is needed.
+        Host names of the page, with the port, for which no token is needed.
     token : str or None
-        That a browser must have shown once.
+        Token that a browser must have shown once.
 
     Raises
     ------
     InputError
-        A token that is soon guessed.
+        The token is too easy to guess.
     """
 
     def __init__(self, hosts: frozenset[str], token: str | None):
@@ -74,32 +75,32 @@ class Access:
         self._failed_tries: dict[str, deque[float]] = {}
 
     def allows_host(self, headers: Mapping[str, str]) -> bool:
-        """Tell whether the page is called so."""
+        """Return whether a request names one of the page's hosts."""
         return self.needs_token or headers.get("host", "").lower() in self._hosts
 
     @staticmethod
     def is_same_origin(headers: Mapping[str, str]) -> bool:
-        """Tell whether a request comes from this page itself."""
+        """Return whether a request comes from this page itself."""
         host, origin = headers.get("host", "").lower(), headers.get("origin", "").lower()
         return bool(host) and origin in (f"http://{host}", f"https://{host}")
 
     @staticmethod
     def is_cross_site(headers: Mapping[str, str]) -> bool:
-        """Tell whether a browser says that the request is of a page from elsewhere."""
+        """Return whether the browser says that the request comes from another site's page."""
         return headers.get("sec-fetch-site", "none") not in ("same-origin", "none")
 
     def has_session(self, headers: Mapping[str, str]) -> bool:
-        """Tell whether a browser has shown the token before, or need not."""
+        """Return whether a browser has shown the token before, or does not need to."""
         shown = cookie(headers, SESSION)
         return not self.needs_token or (
             shown is not None and _equal_in_constant_time(shown, self.session)
         )
 
     def viewer(self, headers: Mapping[str, str]) -> str | None:
-        """Return which browser asks, by the cookie that this server has issued; None without one.
+        """Identify the browser by the cookie that this server has issued; None without one.
 
-        A cookie of another's making, such as one that somebody else has chosen to be taken for the
-        operator, counts as none.
+        Cookies from other sources do not count; somebody could otherwise choose one to be taken for
+        the operator.
         """
         shown = cookie(headers, VIEWER) or ""
         number, _, _ = shown.partition(".")
@@ -107,7 +108,7 @@ class Access:
         return shown if genuine else None
 
     def issue_viewer(self, headers: Mapping[str, str], answer: Response) -> str:
-        """Have a browser say later on which one it is, and return that."""
+        """Issue a cookie that identifies a browser in later requests, and return its value."""
         value = self._viewer_cookie(secrets.token_urlsafe(16))
         name = cookie_name(headers, VIEWER)
         answer.set_cookie(name, value, httponly=True, samesite="strict")
@@ -118,14 +119,14 @@ class Access:
         return f"{number}.{urlsafe_b64encode(code).decode().rstrip('=')}"
 
     def may_try_token(self, who: str) -> bool:
-        """Tell whether an address has not shown too many wrong tokens lately."""
+        """Return whether an address may try a token, as it has not sent too many wrong ones."""
         tries = self._failed_tries.get(who)
         while tries and monotonic() - tries[0] > _TRY_WINDOW:
             tries.popleft()
         return tries is None or len(tries) < _MAX_TRIES
 
     def accepts_token(self, token: str, who: str) -> bool:
-        """Tell whether that is the token, in a time that says nothing of it."""
+        """Return whether a token is right, in a time that reveals nothing about it."""
         if self._token is None or _equal_in_constant_time(token, self._token):
             return True
         if who not in self._failed_tries and len(self._failed_tries) >= _MAX_ADDRESSES:
@@ -135,13 +136,13 @@ class Access:
 
 
 def cookie_name(headers: Mapping[str, str], name: str) -> str:
-    """Return what a cookie is called where this page is: all ports of a host share theirs."""
+    """Return the name of a cookie for this page; all ports of a host share their cookies."""
     port = headers.get("host", "").rpartition(":")[2]
     return f"{name}-{port}" if port.isascii() and port.isdecimal() else name
 
 
 def cookie(headers: Mapping[str, str], name: str) -> str | None:
-    """Return a cookie; None where there is none of that name."""
+    """Return the value of a cookie; None if there is no cookie with this name."""
     return cookie_parser(headers.get("cookie", "")).get(cookie_name(headers, name))
 
 
@@ -149,18 +150,18 @@ def _equal_in_constant_time(one: str, other: str) -> bool:
     return hmac.compare_digest(one.encode(errors="replace"), other.encode(errors="replace"))
 
 
-# Bodies of requests, read up to a limit of size and time; few may be slow at once.
+# Bodies of requests, read up to a limit of size and time; only a few may be slow at once.
 #
-# The page's own bodies come in one piece with the request. A body that comes in drops occupies a
-# place, and there are few: where more are waited for, the oldest of the client with the most gives
-# way. Another client's body, or one that is there at once, is read all the same.
+# The page's own bodies arrive in one piece with the request. A body that arrives slowly occupies
+# one of a few places. When there are too many, the oldest body from the client with the most is
+# dropped. Bodies from other clients, and bodies that arrive at once, are still read.
 MAX_BODY = 1 << 16  # bytes
-_TIMEOUT = 10.0  # s for one
-_MAX_WAITING = 16  # bodies that are waited for
+_TIMEOUT = 10.0  # s for one body
+_MAX_WAITING = 16  # incomplete bodies at a time
 
 
 class RequestRefused(Exception):
-    """A request that is refused: the status of the answer, and why."""
+    """A refused request, with the status of the answer and the reason."""
 
     def __init__(self, status: int, words: str):
         super().__init__(words)
@@ -168,10 +169,10 @@ class RequestRefused(Exception):
 
 
 class BodyReader:
-    """Reads the bodies of requests, and gives up those that are too long, too slow or too many."""
+    """Reads the bodies of requests, and drops those that are too long, too slow or too many."""
 
     def __init__(self):
-        self._waiting: dict[asyncio.Timeout, str] = {}  # the oldest first, with its client
+        self._waiting: dict[asyncio.Timeout, str] = {}  # the client of each body, oldest first
 
     async def read(self, client: str, headers: Headers, receive: Receive) -> bytes:
         """Return the body of a client's request.
@@ -179,9 +180,9 @@ class BodyReader:
         Raises
         ------
         RequestRefused
-            It is too long, or does not come in time.
+            The body is too long, or does not arrive in time.
         """
-        # What it says of its length is believed only where that is too much.
+        # The stated length is only trusted if it is too large.
         said = headers.get("content-length", "0")
         if not said.isdecimal() or len(said) > 9 or int(said) > MAX_BODY:
             raise _too_long()
@@ -194,8 +195,8 @@ class BodyReader:
         except TimeoutError:
             raise RequestRefused(
                 408,
-                f"a body that does not come within {_TIMEOUT:g} s, or is the oldest of more than "
-                f"{_MAX_WAITING}",
+                f"the body did not arrive within {_TIMEOUT:g} s, or it was the oldest of more than "
+                f"{_MAX_WAITING} incomplete ones",
             ) from None
         finally:
             self._waiting.pop(limit, None)
@@ -223,7 +224,7 @@ async def _read(receive: Receive) -> bytes:
 
 
 def _too_long() -> RequestRefused:
-    return RequestRefused(413, f"a body of more than {MAX_BODY} bytes")
+    return RequestRefused(413, f"the body is longer than {MAX_BODY} bytes")
 
 
 CONTENT_SECURITY_POLICY = (
@@ -240,7 +241,7 @@ autocomplete="current-password"></label> <button>Open the page</button></form></
 
 
 class AccessMiddleware:
-    """Lets through to an application what may pass.
+    """Passes only permitted requests to an application.
 
     Parameters
     ----------
@@ -300,20 +301,20 @@ class AccessMiddleware:
         await send({"type": "websocket.close"})
 
     def _require_allowed(self, scope: Scope, headers: Headers) -> None:
-        """Refuse what is refused whoever asks."""
+        """Refuse requests that are never allowed, whoever sends them."""
         if not self._access.allows_host(headers):
             raise RequestRefused(
-                421, f"host {headers.get('host', '')!r}: this page has another name"
+                421, f"host {headers.get('host', '')!r}: this page has another host name"
             )
         if scope["method"] not in ("GET", "POST"):
-            raise RequestRefused(405, f"no {scope['method']} here")
+            raise RequestRefused(405, f"{scope['method']} is not allowed here")
         if scope["method"] == "POST" and not self._access.is_same_origin(headers):
-            raise RequestRefused(403, f"origin {headers.get('origin', '')!r}: not this page")
+            raise RequestRefused(403, f"origin {headers.get('origin', '')!r} is not this page's")
         if scope["path"] != "/" and self._access.is_cross_site(headers):
-            raise RequestRefused(403, "requested by another site's page")
+            raise RequestRefused(403, "the request came from another site's page")
 
     def _token_refusal(self, scope: Scope, headers: Headers) -> Response | None:
-        """Return the answer to who has not shown the token, or may not; None for all else."""
+        """Return the answer to a client that lacks the token or may not try it; otherwise None."""
         who = client_host(scope)
         if self._shows_token(scope):
             if self._access.may_try_token(who):
@@ -326,7 +327,7 @@ class AccessMiddleware:
         return _token_form("This page needs the token that `inercal bench serve` has printed.")
 
     def _shows_token(self, scope: Scope) -> bool:
-        """Tell whether a request shows a token, right or wrong."""
+        """Return whether a request contains a token, right or wrong."""
         if not self._access.needs_token:
             return False
         if scope["method"] == "POST":
@@ -334,7 +335,7 @@ class AccessMiddleware:
         return scope["path"] == "/" and _form_field(scope["query_string"], "token") is not None
 
     def _token_answer(self, scope: Scope, body: bytes) -> Response | None:
-        """Return the answer to who shows a token; None for all else."""
+        """Return the answer to a request that contains a token; otherwise None."""
         if not self._shows_token(scope):
             return None
         given = _form_field(body if scope["method"] == "POST" else scope["query_string"], "token")
@@ -349,7 +350,7 @@ class AccessMiddleware:
 
 
 def _replay_body(body: bytes, receive: Receive) -> Receive:
-    """Return what gives the body that was read, and then what else comes."""
+    """Return a function that first returns the body already read, and then receives as before."""
     given = False
 
     async def take() -> Message:
@@ -370,7 +371,7 @@ def _set_security_headers(headers: MutableHeaders) -> None:
     headers["x-frame-options"] = "DENY"
     headers["cross-origin-resource-policy"] = "same-origin"
     headers["cross-origin-opener-policy"] = "same-origin"
-    headers["connection"] = "close"  # nothing of one request stays for the next
+    headers["connection"] = "close"  # so that nothing from one request affects the next
 
 
 def _token_form(words: str, status: int = 401) -> Response:
@@ -389,6 +390,6 @@ def _form_field(query: bytes, name: str) -> str | None:
 
 
 def client_host(scope: Mapping[str, Any]) -> str:
-    """Return the address of who asks."""
+    """Return the address of the client."""
     client = scope.get("client")
     return client[0] if client else "somebody"

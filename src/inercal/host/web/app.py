@@ -1,4 +1,4 @@
-"""The routes of the page: files, set-up, probe, what runs have left, and the websocket."""
+"""The page's routes: files, set-up, device probe, results of runs, and the websocket."""
 
 import asyncio
 import gzip
@@ -32,13 +32,13 @@ Result = TypeVar("Result")
 
 
 class SharedCall(Generic[Result]):
-    """Calls a slow function in a thread; its result goes to all who asked before the call began.
+    """Calls a slow function in a thread; callers that ask before a call begins share its result.
 
     Parameters
     ----------
     function : callable
     lock : asyncio.Lock
-        Held during a call.
+        Locked during a call.
     """
 
     def __init__(self, function: Callable[[], Result], lock: asyncio.Lock):
@@ -46,10 +46,10 @@ class SharedCall(Generic[Result]):
         self._next: asyncio.Task[Result] | None = None
 
     async def __call__(self) -> Result:
-        """Return the result of a call that begins after this."""
+        """Return the result of a call that begins after this request."""
         if self._next is None:
             self._next = asyncio.create_task(self._call())
-        # Who gives up ends the wait, but not the call: the others still wait for it.
+        # A caller that is cancelled ends only its own wait, as the others still wait for the call.
         return await asyncio.shield(self._next)
 
     async def _call(self) -> Result:
@@ -58,18 +58,18 @@ class SharedCall(Generic[Result]):
             return await asyncio.to_thread(self._function)
 
 
-_MESSAGE_RATE = 20  # messages of a viewer
+_MESSAGE_RATE = 20  # messages per second from a viewer
 _HEARTBEAT_INTERVAL = 2.0  # s
-_MAX_TAB = 64  # characters by which a page says which it is
-_MAX_WAITING = 4  # histories that are asked for while one is drawn; filters that are judged
-_CLOSING_TIME = 1.0  # s that a viewer may take to hear that its place is another's
+_MAX_TAB = 64  # characters of the key by which a page identifies itself
+_MAX_WAITING = 4  # histories that may wait while one is drawn, and filter checks
+_CLOSING_TIME = 1.0  # s for telling a viewer that its place has been given away
 _MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
     "css": "text/css; charset=utf-8",
     "svg": "image/svg+xml",
 }
-# A report and a history bring their styles and pictures with them, and run nothing.
+# A report and a history contain their own styles and pictures, and run no scripts.
 _STANDALONE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -78,13 +78,13 @@ _MISSING_PAGE = b"<!doctype html><title>inercal</title><p>The page's own files a
 
 
 class Page:
-    """The page of one hub.
+    """The web page of one hub.
 
     Parameters
     ----------
     hub : Hub
     register : str or None
-        Address.
+        Address of the register.
     access : Access
     refused : RefusalLog
     """
@@ -96,11 +96,11 @@ class Page:
         self._files = dict(_static_files(files("inercal.host.web").joinpath("static")))
         self._setup_lock, self._drawing_lock = asyncio.Lock(), asyncio.Lock()
         self._list_setup = SharedCall(lambda: self._setup(), self._setup_lock)
-        self._pending_histories = self._pending_filters = 0  # that are worked on or wait for it
+        self._pending_histories = self._pending_filters = 0  # requests in progress or waiting
         self._cached_history: tuple[object, str] = None, ""
 
     def routes(self) -> list[Route | WebSocketRoute]:
-        """Return what is served."""
+        """Return the routes that the server offers."""
         return [
             Route("/", self.index),
             Route("/static/{name:path}", self.static),
@@ -130,22 +130,22 @@ class Page:
         return found.response(request)
 
     async def setup(self, request: Request) -> Response:
-        """Return what there is to choose from."""
+        """Return the choices for setting up a run."""
         return JSONResponse(await self._list_setup())
 
     async def stop(self, request: Request) -> Response:
-        """Stop the table, whoever asks: a page whose websocket is gone or has no place can too."""
+        """Stop the table for any client, even if its websocket is lost or has no place."""
         try:
             requested = parse_object(await request.body() or b"{}")
             await self._hub.stop(requested.get("run"))
         except InercalError as error:
             return JSONResponse({"words": str(error)}, 409)
         except ValueError:
-            return JSONResponse({"words": "send a JSON object, or nothing"}, 400)
+            return JSONResponse({"words": "send a JSON object, or an empty body"}, 400)
         return JSONResponse({"words": "STOP was sent"})
 
     async def probe(self, request: Request) -> Response:
-        """Ask the devices, for the operator."""
+        """Probe the devices; only the operator may request this."""
         who = client_host(request.scope)
         if not self._hub.people.is_operator_browser(self._access.viewer(request.headers)):
             self._refusals(who, "probe: not the operator's browser")
@@ -153,7 +153,7 @@ class Page:
         try:
             requested = parse_object(await request.body())
         except ValueError:
-            self._refusals(who, "probe: no JSON object")
+            self._refusals(who, "probe: the request is not a JSON object")
             return JSONResponse({"words": "the request is not a JSON object; send one"}, 400)
         if self._hub.probe_lock.locked():
             words = "the devices are still being probed; try again when the probe has ended"
@@ -168,11 +168,11 @@ class Page:
         return JSONResponse(content)
 
     async def check_filter(self, request: Request) -> Response:
-        """Judge changed parameters of a plan's filters; nothing is kept."""
+        """Check changed filter parameters of a plan without storing them."""
         try:
             requested = parse_object(await request.body())
         except ValueError:
-            self._refusals(client_host(request.scope), "filter: no JSON object")
+            self._refusals(client_host(request.scope), "filter: the request is not a JSON object")
             return JSONResponse({"words": "send a JSON object"}, 400)
         if self._pending_filters > _MAX_WAITING:
             words = "too many filters are being checked; wait a moment"
@@ -207,15 +207,15 @@ class Page:
     async def history(self, request: Request) -> Response:
         """Return the history of a sensor."""
         named: str = request.path_params["sensor"]
-        # No register has a number of more digits, and not every database takes one.
+        # No register has longer numbers, and not every database accepts them.
         if not (named.isascii() and named.isdigit() and len(named) < 10):
             return await self.not_found(request)
         if self._pending_histories > _MAX_WAITING:
-            self._refusals(client_host(request.scope), f"history: {_MAX_WAITING} wait to be drawn")
+            self._refusals(client_host(request.scope), f"history: {_MAX_WAITING} already wait")
             return PlainTextResponse("too many histories are being drawn; wait a moment\n", 429)
         self._pending_histories += 1
         try:
-            # One at a time: figures are drawn with settings of the whole process.
+            # Draw one at a time, because figures use settings of the whole process.
             async with self._drawing_lock:
                 content = await asyncio.to_thread(self._history, int(named))
         except InercalError as error:
@@ -225,25 +225,26 @@ class Page:
         return HTMLResponse(content, headers={"content-security-policy": _STANDALONE_POLICY})
 
     async def glossary(self, request: Request) -> Response:
-        """Return the page of the terms."""
+        """Return the glossary page."""
         from inercal.report.templates import glossary_page
 
         content = await asyncio.to_thread(glossary_page)
         return HTMLResponse(content, headers={"content-security-policy": _STANDALONE_POLICY})
 
     async def not_found(self, request: Request, error: Exception | None = None) -> Response:
-        """Refuse what there is not."""
+        """Refuse an address that does not exist."""
         self._refusals(
             client_host(request.scope),
-            f"{request.method} {request.scope['path']}: there is no such thing",
+            f"{request.method} {request.scope['path']}: nothing exists at this address",
         )
         return PlainTextResponse("nothing exists at this address\n", 404)
 
     async def live(self, websocket: WebSocket) -> None:
-        """Tell somebody of the run, and do what they ask."""
+        """Serve a viewer's websocket: send messages about the run, and execute commands."""
         who = client_host(websocket.scope)
         shown, answer = self._access.viewer(websocket.headers), Response()
-        # A page that outlived a server has a cookie of that one, and a program none.
+        # A page that was opened before the server was restarted has an old cookie; a program has
+        # none.
         browser = shown or self._access.issue_viewer(websocket.headers, answer)
         tab = websocket.query_params.get("tab", "")[:_MAX_TAB] or None
         viewer = self._hub.add_viewer(self._version, browser, tab, Client(who, shown))
@@ -264,7 +265,7 @@ class Page:
         except TimeoutError:
             if not viewer.stay.expired():
                 raise
-            self._refusals(who, f"viewer {viewer.number}: its place is given to another client")
+            self._refusals(who, f"viewer {viewer.number}: its place was given to another client")
             with suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
                 async with asyncio.timeout(_CLOSING_TIME):
                     await websocket.close(1013, "this client has too many viewers")
@@ -284,13 +285,13 @@ class Page:
             times.append(monotonic())
             if len(times) == times.maxlen and times[-1] - times[0] < 1.0:
                 self._refusals(
-                    who, f"viewer {viewer.number}: more than {_MESSAGE_RATE} messages a second"
+                    who, f"viewer {viewer.number}: more than {_MESSAGE_RATE} messages per second"
                 )
                 await websocket.close(1008, "too many messages")
                 return
             text = message.get("text")
             if text is None:
-                self._refusals(who, f"viewer {viewer.number}: bytes that are no text")
+                self._refusals(who, f"viewer {viewer.number}: the message is not text")
                 await websocket.close(1003, "text only")
                 return
             try:
@@ -340,7 +341,7 @@ class Page:
             entry, noise = register.sensor(sensor), register.noise_history(sensor)
             alone = noise and not entry.calibrations
             history = None if alone else register.history(sensor)
-        # Figures take seconds to draw, and between two runs all look at the same ones.
+        # Drawing takes seconds, and between two runs all viewers see the same figures.
         shows: object = entry, noise
         if history is not None:
             shows = history.sensor, history.entries, history.exclusions, noise
@@ -357,35 +358,35 @@ class Page:
 def application(
     hub: Hub, register: str | None, access: Access, refused: RefusalLog
 ) -> AccessMiddleware:
-    """Return the page as an ASGI application, behind its gate."""
+    """Return the page as an ASGI application behind its access checks."""
     page = Page(hub, register, access, refused)
     app = Starlette(routes=page.routes(), exception_handlers={404: page.not_found})
     return AccessMiddleware(app, access, refused)
 
 
 async def _send_messages(websocket: WebSocket, viewer: Viewer) -> None:
-    """Send what there is for a viewer, as fast as it takes it."""
-    with suppress(WebSocketDisconnect, RuntimeError):  # gone, or told to go
+    """Send the messages for a viewer as fast as the viewer receives them."""
+    with suppress(WebSocketDisconnect, RuntimeError):  # disconnected, or about to be
         while True:
             await websocket.send_text(await viewer.next_message())
 
 
 async def _send_heartbeats(viewer: Viewer) -> None:
-    """Have a page see that its connection is alive: a dead one looks like a run without news."""
+    """Send heartbeats, so that a page can tell a dead connection from a run without news."""
     while True:
         await asyncio.sleep(_HEARTBEAT_INTERVAL)
         viewer.send("beat", '{"kind": "beat"}')
 
 
 class _StaticFile:
-    """A file of the page, compressed too: over 4 kB/s the page is there 30 s sooner."""
+    """A static file of the page, also compressed, which saves 30 s over a link with 4 kB/s."""
 
     def __init__(self, content: bytes, media_type: str):
         self._content, self._media_type = content, media_type
         self._compressed = gzip.compress(content, mtime=0)
 
     def response(self, request: Request) -> Response:
-        """Return the file as the browser takes it."""
+        """Return the file in the encoding that the browser accepts."""
         headers = {"vary": "accept-encoding"}
         if "gzip" not in request.headers.get("accept-encoding", ""):
             return Response(self._content, media_type=self._media_type, headers=headers)
@@ -394,7 +395,7 @@ class _StaticFile:
 
 
 def _static_files(folder: Traversable, prefix: str = "") -> list[tuple[str, _StaticFile]]:
-    """Return the files of the page, by the names that a request may use."""
+    """Return the static files, by the names that a request may use."""
     found: list[tuple[str, _StaticFile]] = []
     if not folder.is_dir():
         return found

@@ -1,7 +1,7 @@
-"""Which table and IMU there are, which of them a request may choose, and who they say they are.
+"""The devices that a request may choose, and what they report when they are probed.
 
-Nothing of a request is a path. A port is named by its number in the list that was given; an address
-that somebody writes is one of the network, and its packets are of a preset.
+A request cannot name a path. A port is chosen by its number in the list. A typed address must be a
+network address, and its packets must match a preset.
 """
 
 import re
@@ -28,7 +28,7 @@ _TABLE_BAUD, _IMU_BAUD = 9600, 115200
 
 
 class ChosenDevices(NamedTuple):
-    """Where table and IMU are; `simulated` is the preset of a bench that is to be simulated."""
+    """Addresses of table and IMU; `simulated` is the packet preset if the bench is simulated."""
 
     table: str
     imu: str
@@ -37,12 +37,12 @@ class ChosenDevices(NamedTuple):
 
 
 class DeviceCatalogue:
-    """What there is to choose from.
+    """The devices from which a request can choose.
 
     Parameters
     ----------
     table, imu, clock : str
-        Addresses that were given when the server was started; empty where none was.
+        Addresses that were given when the server was started; empty if none were.
     """
 
     def __init__(self, table: str = "", imu: str = "", clock: str = ""):
@@ -51,36 +51,36 @@ class DeviceCatalogue:
         self._numbers: dict[str, str] = {}
 
     def refresh(self) -> None:
-        """Look which ports there are.
+        """Update the list of serial ports.
 
-        A port keeps its number: who chose from an older list means the port that it named.
+        A port keeps its number, so a choice from an older list still means the same port.
         """
         try:
             found = list(list_serial_ports())
-        except InputError:  # pyserial is not installed: there are none
+        except InputError:  # without pyserial there are no ports
             found = []
         for port in found:
             self._numbers.setdefault(port.address, f"port-{len(self._numbers)}")
         self._ports = {self._numbers[port.address]: port for port in found}
 
     def tables(self) -> list[dict[str, str]]:
-        """Return the tables: `id` and `what`, in words."""
+        """Return the tables, each with `id` and a description `what`."""
         motors = ((name, f"motor on {_port_text(port)}") for name, port in self._ports.items())
         return _device_list(self._table, motors)
 
     def imus(self) -> list[dict[str, str]]:
-        """Return the IMUs."""
+        """Return the IMUs, each with `id` and a description `what`."""
         return _device_list(
             self._imu, ((name, _port_text(port)) for name, port in self._ports.items())
         )
 
     def chosen(self, table: object, imu: object) -> ChosenDevices:
-        """Return what a request chooses.
+        """Return the devices that a request chooses.
 
         Raises
         ------
         InputError
-            Something that is not there to be chosen.
+            The request chooses a device that is not available.
         """
         simulated = [_is_simulated(one) for one in (table, imu)]
         if all(simulated):
@@ -97,7 +97,7 @@ class DeviceCatalogue:
         return ChosenDevices(self.table(table), self.imu(imu), clock)
 
     def table(self, asked: object) -> str:
-        """Return the address of the table that a request chooses; raises as `chosen`."""
+        """Return the address of the table that a request chooses; raises as `chosen` does."""
         of = _require_object(asked, "table")
         if (address := _text_value(of, "address")) is not None:
             if not _TABLE.fullmatch(address):
@@ -114,7 +114,7 @@ class DeviceCatalogue:
         return f"motor:{port.address}?baud={_baud(of, _TABLE_BAUD)}"
 
     def imu(self, asked: object, *, preset_needed: bool = True) -> str:
-        """Return the address of the IMU that a request chooses; raises as `chosen`."""
+        """Return the address of the IMU that a request chooses; raises as `chosen` does."""
         of = _require_object(asked, "IMU")
         given = _text_value(of, "address")
         if given is None and of.get("id") == CONFIGURED and self._imu:
@@ -157,13 +157,13 @@ class DeviceCatalogue:
 
 
 def probe_devices(choice: DeviceCatalogue, plan: Plan | None, asked: JsonObject) -> dict[str, Any]:
-    """Return what table and IMU say of themselves, as lines, and whether they could be asked.
+    """Return what table and IMU report as lines, and whether each of them could be probed.
 
-    Nothing moves.
+    The devices do not move.
     """
     bench = None
     if plan is not None and not plan.summary["trouble"]:
-        bench = host_plan(read(plan.path)).bench  # a plan of another bench has trouble
+        bench = host_plan(read(plan.path)).bench  # a plan for another kind of bench has trouble
 
     def table() -> list[str]:
         return table_lines(devices.probe_table(choice.table(asked.get("table")), bench))

@@ -1,4 +1,4 @@
-"""The run that is shown and its viewers: their requests are checked and carried out here."""
+"""The hub holds the active run and its viewers, and checks and executes their requests."""
 
 import asyncio
 import json
@@ -41,8 +41,8 @@ from inercal.host.web.viewers import (
 )
 
 _MAX_NAME = 80  # characters of a sensor's name
-_EXIT_TIMEOUT = 15.0  # s that a process may take to end that has told its end
-_TIMER_MARGIN = 0.1  # s: a timer may be that early
+_EXIT_TIMEOUT = 15.0  # s within which a process must exit after its end message
+_TIMER_MARGIN = 0.1  # s; a timer may fire too early by this much
 _MAX_NOTE = 400  # characters of a note
 _COMMANDS = ("pause", "go on", "abort")
 _MANUAL_COMMANDS = ("begin manual", "manual", "release")
@@ -53,7 +53,7 @@ COMMANDS = ("operate", "leave", "stop", *_OPERATOR_COMMANDS)
 
 
 class Hub:
-    """The state of the server apart from its connections.
+    """The server's state, except for its connections.
 
     Parameters
     ----------
@@ -61,16 +61,16 @@ class Hub:
     runs : Runs
     choice : DeviceCatalogue
     register : str or None
-        Address.
+        Address of the register.
     options : RunOptions
-        Of each run.
+        Options of each run.
     start : callable, optional
-        Starts the process of a run or of a manual session.
+        Starts the process for a run or a manual session.
 
     Attributes
     ----------
     probe_lock : asyncio.Lock
-        Locked while the devices are asked who they are: no run begins then.
+        Locked while the devices are probed, because no run may begin then.
     """
 
     def __init__(
@@ -95,15 +95,15 @@ class Hub:
 
     @property
     def is_run_active(self) -> bool:
-        """Whether a run goes on; one that has told its end does not, though its process may."""
+        """Whether a run is active; its end message ends it, even if the process still runs."""
         return self.run_process is not None and not self._end_published
 
     def add_viewer(
         self, version: str, browser: str, tab: str | None, client: Client
     ) -> Viewer | None:
-        """Take a viewer in, and tell how the run stands, then what was before.
+        """Add a viewer and send it the current state of the run, then its history.
 
-        None where there is no place.
+        Returns None if there is no free place.
         """
         if not self.people.make_place(client):
             return None
@@ -119,7 +119,7 @@ class Hub:
         return viewer
 
     def remove_viewer(self, viewer: Viewer) -> None:
-        """Let a viewer go; an operator's place is nobody's after a while, and then all know it."""
+        """Remove a viewer; an operator's place becomes free later, and all viewers are told."""
         operated = self.people.is_operator(viewer)
         if operated:
             self._halt_manual("the operator's page is gone")
@@ -131,12 +131,12 @@ class Hub:
             )
 
     async def execute(self, viewer: Viewer, asked: JsonObject) -> None:
-        """Do what a viewer asks.
+        """Execute a viewer's request.
 
         Raises
         ------
         InputError
-            Why not, in words.
+            The request is refused; the message says why.
         """
         if asked.get("do") not in COMMANDS:
             raise InputError(
@@ -193,7 +193,7 @@ class Hub:
         number, mounting = asked.get("number"), asked.get("mounting")
         if not isinstance(number, int) or isinstance(number, bool):
             raise InputError(
-                f"number {str(number)[:40]!r} is not that of the request for a mounting; send the "
+                f"number {str(number)[:40]!r} does not match the request for a mounting; send the "
                 "number and the mounting of the request",
                 key="number",
             )
@@ -211,7 +211,7 @@ class Hub:
         self._send_to_run(manual_line(self.people.operator or "", command))
 
     def _halt_manual(self, why: str) -> None:
-        """Stop all axes of a manual session: nobody operates any more."""
+        """Stop all axes in a manual session because it has no operator any more."""
         if self._is_manual and self.run_process is not None:
             self.run_process.send_line(f"{HALT}{why}")
 
@@ -228,28 +228,29 @@ class Hub:
             raise InputError("no run is active; start or resume a run first")
 
     async def stop(self, name: object = None) -> None:
-        """Have the table stopped: at once of the run that is shown, else of one without a page.
+        """Stop the table at once, in the active run or else in a run outside this page.
 
         Raises
         ------
         InputError
-            No run goes on, or one does that this server cannot reach.
+            No run is active, or this server cannot reach it.
         """
         if self.run_process is not None and name in (None, self.run_process.order.name):
             self.run_process.stop()
             return
-        # All journals are opened to find it: meanwhile the loop hears others, their stop too. The
-        # thread is its own: others may wait for a register.
+        # Finding the run means opening all journals. Meanwhile the event loop serves other viewers,
+        # who may also stop. This uses a thread of its own, because the others may be waiting for a
+        # register.
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(self._stop_executor, self.runs.stop, name)
 
     async def require_no_active_run(self) -> Mapping[str, StoredRun]:
-        """Return the runs there are.
+        """Return the stored runs.
 
         Raises
         ------
         InputError
-            One of them goes on, here or without this page.
+            One of them is active, on this page or elsewhere.
         """
         runs = await asyncio.to_thread(self.runs.all)
         if self.run_process is not None:
@@ -269,12 +270,12 @@ class Hub:
         return runs
 
     async def wait_until_idle(self, patience: float | None = None) -> None:
-        """Return when no run goes on any more, or after `patience` s."""
+        """Wait until no run is active, or for `patience` s."""
         if self._relay_task is not None:
             await asyncio.wait([self._relay_task], timeout=patience)
 
     async def _choose(self, asked: JsonObject) -> tuple[ChosenDevices, Plan]:
-        """Return the devices and the plan of a request, once nothing else is active."""
+        """Return the devices and the plan in a request after checking that nothing is active."""
         chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
         plan = await asyncio.to_thread(self.plans.get, asked.get("plan"))
         await self._require_idle()
@@ -288,7 +289,7 @@ class Hub:
         return chosen, plan
 
     async def _start_run(self, asked: JsonObject) -> None:
-        """Begin a run as asked."""
+        """Start a run as requested."""
         chosen, plan = await self._choose(asked)
         await asyncio.to_thread(require_filter_changes, plan, filter_changes(asked.get("filter")))
         self.runs.require_room(plan.summary["bytes"])
@@ -309,7 +310,7 @@ class Hub:
         self._launch(order)
 
     async def _resume_run(self, asked: JsonObject) -> None:
-        """Go on with an interrupted run as asked."""
+        """Resume an interrupted run as requested."""
         runs = await self._require_idle()
         name = asked.get("run")
         run = runs.get(name) if isinstance(name, str) else None
@@ -324,7 +325,7 @@ class Hub:
         self._launch(self._run_request(run.path, chosen, asked, None))
 
     async def _require_idle(self) -> Mapping[str, StoredRun]:
-        """Return the runs there are, none of which goes on, while nobody asks the devices."""
+        """Return the stored runs after checking that none is active and no probe is running."""
         if self._end_published:
             await self.wait_until_idle(_EXIT_TIMEOUT)
         runs = await self.require_no_active_run()
@@ -349,7 +350,7 @@ class Hub:
             sensor,
             self.people.operator or "",
             *chosen,
-            crc32(folder.name.encode()),  # another bench for another run
+            crc32(folder.name.encode()),  # a different simulated bench for each run
             self._options.speed,
             self._register,
             self._options.temperature,
@@ -368,14 +369,14 @@ class Hub:
             ) from None
         is_manual = isinstance(order, ManualRequest)
         self._history, self._end_published = MessageHistory(keeps_trend=is_manual), False
-        # The process takes seconds before it tells anything itself.
+        # The process takes seconds before it sends its own first message.
         starts = _message_text("phase", run=order.name, words="starting the run's process")
         self._history.add_message("phase", starts)
         self._broadcast("phase", starts)
         self._relay_task = asyncio.create_task(self._relay(self.run_process, self._history))
 
     async def _relay(self, run_process: RunProcess, kept: MessageHistory) -> None:
-        """Hand on what a run tells, until it tells no more."""
+        """Relay the messages of a run until there are no more."""
         async for kind, text in run_process.messages():
             self._end_published |= kind == "done"
             kept.add_message(kind, text)

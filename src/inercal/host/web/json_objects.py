@@ -1,4 +1,4 @@
-"""What a page asks for, as JSON objects that may hold anything."""
+"""Parses requests from a page, which are JSON objects with unknown content."""
 
 import json
 from collections.abc import Mapping
@@ -11,12 +11,12 @@ _AMBIENT_RANGE = (-90.0, 100.0)  # °C
 
 
 def parse_object(text: str | bytes) -> JsonObject:
-    """Return a JSON object.
+    """Parse a text as a JSON object and return it.
 
     Raises
     ------
     ValueError
-        It is none.
+        The text is not a JSON object.
     """
     try:
         result = object_or_none(json.loads(text))
@@ -24,30 +24,30 @@ def parse_object(text: str | bytes) -> JsonObject:
         result = None
     if result is None:
         raise ValueError("the message is not a JSON object; send one")
-    # JSON can name half of a surrogate pair, which no file, database or reply can hold.
+    # JSON can contain half of a surrogate pair, which no file, database or reply can represent.
     json.dumps(result, ensure_ascii=False).encode()
     return result
 
 
 def object_or_none(value: object) -> JsonObject | None:
-    """Return a value that is a JSON object; None for all else."""
+    """Return a value if it is a JSON object, otherwise None."""
     return cast("JsonObject", value) if isinstance(value, Mapping) else None
 
 
 def printable_line(text: object, most: int) -> str | None:
-    """Return a text that somebody typed, without spaces around it; None where it is none."""
+    """Return a typed text without surrounding spaces; None if it is not a printable line."""
     if not isinstance(text, str) or not text.isprintable():
         return None
     return text.strip() if 0 < len(text.strip()) <= most else None
 
 
 def ambient_temperature(asked: object) -> float | None:
-    """Return the room temperature that was typed, °C; None if none was.
+    """Return the room temperature that the operator typed, °C; None if the field is empty.
 
     Raises
     ------
     InputError
-        It is none.
+        The value is not a possible temperature.
     """
     low, high = _AMBIENT_RANGE
     if asked is None:

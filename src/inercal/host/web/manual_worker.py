@@ -1,8 +1,9 @@
 """A manual session as a separate process: `python -m inercal.host.web.manual_worker`.
 
 The first line of its standard input is the `ManualRequest`. Then come the operator's commands, and
-`abort` ends it. Unlike a run it does not go on without its server: at the end of the input all axes
-are stopped and the session ends. SIGINT and SIGTERM stop the table, by the watchdog too.
+`abort` ends the session. Unlike a run, a session does not continue without its server: at the end
+of the input, all axes are stopped and the session ends. SIGINT and SIGTERM stop the table, also
+through the watchdog.
 """
 
 import os
@@ -36,11 +37,11 @@ from inercal.host.web.telemetry import ManualTelemetry
 from inercal.host.web.worker_process import LineReader, Publisher, serve_request
 from inercal.runfile import read
 
-_PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that the watchdog looks for a table that is gone
+_PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s for which the watchdog tries to reach a table
 
 
 class SessionRelay:
-    """Passes the commands of standard input to the session, once it exists.
+    """Passes the commands from standard input to the session once it exists.
 
     Attributes
     ----------
@@ -52,19 +53,19 @@ class SessionRelay:
         self._end_words = ""
 
     def attach(self, session: ManualSession) -> None:
-        """Pass commands to a session from now on, and an end that was requested before."""
+        """Pass commands to a session from now on, including an end that was requested before."""
         self.session = session
         if self._end_words:
             session.end(self._end_words)
 
     def hear(self, lines: LineReader) -> None:
-        """Pass on lines until there are no more, which means that the server has ended."""
+        """Pass on lines until the input ends, which means that the server is gone."""
         while (line := lines.next_line()) is not None:
             self.hear_line(line)
         self.end("the server of the page is gone")
 
     def hear_line(self, line: str) -> None:
-        """Carry out a line; before the session exists, only a request to end is kept."""
+        """Execute a line; before the session exists, only remember a request to end."""
         if line == END:
             self.end("ended by the operator")
         elif self.session is None:
@@ -91,7 +92,7 @@ class SessionRelay:
         Raises
         ------
         KeyboardInterrupt
-            Nothing moves yet.
+            Nothing is moving yet.
         """
         if self.session is None:
             raise KeyboardInterrupt
@@ -99,7 +100,7 @@ class SessionRelay:
 
 
 def main() -> int:
-    """Carry out the session; return the exit status."""
+    """Carry out the session and return the exit status."""
     relay = SessionRelay()
     end = serve_request(
         ManualRequest.from_json,
@@ -111,7 +112,7 @@ def main() -> int:
 
 
 def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) -> str:
-    """Let the table be operated until the session ends; return why it did."""
+    """Operate the table until the session ends, and return the reason for its end."""
     folder, plan = Path(order.folder), Path(order.plan)
     run = read(plan)
     with ExitStack() as opened:
@@ -119,7 +120,7 @@ def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) ->
         if order.simulated is not None:
             publish_phase = partial(publisher.publish, "phase", run=order.name)
             publish_phase(words=STARTUP_MESSAGE)
-            # The simulation runs in real time, since a person operates it.
+            # The simulation runs in real time, because a person operates it.
             compiling = partial(publish_phase, words=COMPILATION_MESSAGE)
             bench = BenchSimulator(plan, order.seed, order.simulated, pace=1.0, compiling=compiling)
             opened.enter_context(bench)
@@ -138,12 +139,12 @@ def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) ->
             journal.record_event("info", _begin_text(order))
             telemetry = ManualTelemetry(order, run, publisher, journal)
             opened.callback(telemetry.publish_events)
-            # A simulated table ends with this process: nobody need look for it.
+            # A simulated table ends with this process, so the watchdog need not try to reach it.
             patience = _SIMULATED_PATIENCE if simulated is not None else _PATIENCE
             session = opened.enter_context(
                 ManualSession(run, journal, addresses, telemetry, patience)
             )
-            # The devices answered: the folder stays from now on.
+            # The devices have answered, so the folder is kept from now on.
             removed.pop_all()
         telemetry.publish_plan(session)
         relay.attach(session)

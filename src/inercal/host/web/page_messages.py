@@ -1,6 +1,6 @@
-"""A run in the units and words of the page: its plan, its state, its samples.
+"""Converts a run's plan, state and samples to messages in the units and words of the page.
 
-Numbers are rounded to what a page can show; one that is not known is null.
+Numbers are rounded to a resolution that a page can show, and an unknown number is null.
 """
 
 from collections.abc import Sequence
@@ -26,13 +26,13 @@ from inercal.physics.sensors import Axis
 from inercal.runfile import Run
 
 _SIGNIFICANT_DIGITS = 7
-# A run has some hundred independent windows of two filters: by chance one of 50 runs is named.
+# A run has about a hundred independent windows for two filters, so 1 run in 50 is named by chance.
 _NIS_LEVEL = 1e-4
-_MAX_NIS = 4.0  # innovations twice as large as stated
+_MAX_NIS = 4.0  # the innovations are then twice as large as stated
 
 
 def plan_message(run: Run) -> dict[str, Any]:
-    """Return the plan message, from what is known before anything moves."""
+    """Return the message about the plan, which is known before anything moves."""
     sensor, plan = run.sensor, host_plan(run)
     coefficients = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
     measures = {axis.name: axis.measures for axis in sensor.axes}
@@ -64,15 +64,15 @@ def plan_message(run: Run) -> dict[str, Any]:
 
 
 def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, Any]:
-    """Return the state message of a run.
+    """Return the message about the state of a run.
 
     Parameters
     ----------
     run : BenchRun
     plan : Run
-        Its run file.
+        The run file.
     angles : (k,) array or None
-        The table's, rad, at the time of the run's navigation.
+        Angles of the table at the time of the navigation solution, rad.
     """
     seen, tally = run.state, run.recorder.assembly.tally
     remaining = run.sequencer.remaining_time(seen.time) if seen is not None else None
@@ -101,7 +101,7 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
 
 
 def final_estimates(calibration: Calibration) -> dict[str, Any]:
-    """Return values and expanded uncertainties (k = 2) of a calibration, by coefficient."""
+    """Return the values and expanded uncertainties (k = 2) in a calibration, by coefficient."""
     sensor = calibration.sensor
     sizes = np.array([sensor.coefficient(name).si for name in sensor.coefficients])
     return {
@@ -112,7 +112,7 @@ def final_estimates(calibration: Calibration) -> dict[str, Any]:
 
 
 def samples_message(time: Array, output: Array, every: int) -> dict[str, Any]:
-    """Return samples, (n,) s of the run and (n, m) in output units, or means of `every` each."""
+    """Return (n, m) samples in output units at run times (n,) in s, or means of `every` each."""
     return {
         "t": [round(t, 4) for t in time.tolist()],
         "y": [[rounded_number(y, 6) for y in column] for column in output.T.tolist()],
@@ -121,15 +121,15 @@ def samples_message(time: Array, output: Array, every: int) -> dict[str, Any]:
 
 
 def nis_fields(ratio: float, count: int) -> dict[str, Any]:
-    """Return how innovations agree with their stated covariance, by the words of the verdict.
+    """Return how well the innovations agree with their stated covariance, in the verdict's words.
 
     Parameters
     ----------
     ratio : float
-        Normalised innovation squared, a component.
+        Normalised innovation squared (NIS) per component.
     count : int
-        Components, of which the ratio is the mean: count · ratio is χ² with so many degrees of
-        freedom where all is as stated.
+        Number of components in the mean `ratio`. If the stated covariance is right, count · ratio
+        is χ² with this many degrees of freedom.
     """
     tail = chi2_tail_probability(ratio * count, count)
     p = 2 * min(tail, 1 - tail)
@@ -141,17 +141,17 @@ def nis_fields(ratio: float, count: int) -> dict[str, Any]:
 
 
 def rounded_number(value: float | None, digits: int = _SIGNIFICANT_DIGITS) -> float | None:
-    """Return a number rounded to so many digits; None if it is unknown."""
+    """Return a number rounded to significant digits; None if it is unknown."""
     return float(f"{value:.{digits}g}") if value is not None and isfinite(value) else None
 
 
 def rounded_numbers(values: Sequence[float] | Array) -> list[float | None]:
-    """Return many such numbers."""
+    """Return each number rounded to significant digits; None for unknown ones."""
     return [rounded_number(float(value)) for value in values]
 
 
 def channel_fields(axes: Sequence[Axis]) -> list[dict[str, str]]:
-    """Return name, quantity and unit of each axis of a sensor."""
+    """Return the name, quantity and unit of each axis of a sensor."""
     return [
         {"name": axis.name, "measures": axis.measures, "unit": axis.readout.unit} for axis in axes
     ]
@@ -163,7 +163,7 @@ def imu_fields(
     no_angle: int | None = None,
     temperature: float | None = None,
 ) -> dict[str, Any]:
-    """Return the packet counts of an IMU, and its temperature, °C."""
+    """Return an IMU's packet counts and its temperature in °C."""
     return {
         "packets": counts.packets,
         "lost": counts.lost,
@@ -176,7 +176,7 @@ def imu_fields(
 
 
 def axis_fields(axis: AxisState) -> dict[str, Any]:
-    """Return what an axis does, in °, °/s and ″."""
+    """Return the state of an axis in °, °/s and ″."""
     return {
         "angle": rounded_number(degrees(axis.angle), 9),
         "rate": rounded_number(degrees(axis.rate)),
@@ -187,7 +187,7 @@ def axis_fields(axis: AxisState) -> dict[str, Any]:
 
 
 def _set_rate(task: Task | None, phase: str) -> float | None:
-    """Return the rate that a table of rates is set to, °/s: it rests while no state is in hand."""
+    """Return the set rate of a rate table, °/s; it is 0 while no state is in progress."""
     if not isinstance(task, SpinTask):
         return None
     return rounded_number(degrees(task.rate if phase in ("approach", "work") else 0.0))
@@ -200,14 +200,14 @@ def _task_text(task: Task) -> str:
 
 
 def _attitude_fields(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, Any] | None:
-    """Return the attitude from the table and from the readings, if known."""
+    """Return the attitude from the table and from the IMU's readings, if they are known."""
     if not plan.motion_control.has_attitude:
         return None
     bench = require_turntable(plan)
     seen = run.state
     at = run.recorder.navigation if run.recorder.estimation == "on" else None
     if at is None and seen is not None and all(axis.homed for axis in seen.axes):
-        # No samples are needed for these, nor need they be of the same time as any.
+        # This needs no samples, and none for the same time.
         angles = np.array([axis.angle for axis in seen.axes])
     if angles is None:
         return None

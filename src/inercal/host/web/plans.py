@@ -1,6 +1,6 @@
-"""The plans to choose from: the run files of one folder, and that of the demonstration.
+"""The available plans: the run files in one folder, and the demonstration's run file.
 
-Parameters of the filters that an operator changes on the page are judged as the run file's are.
+Filter parameters that an operator changes on the page are checked like those in the run file.
 """
 
 from collections.abc import Mapping
@@ -20,20 +20,20 @@ from inercal.runfile.schema import RunSchema
 
 _SECTIONS = frozenset(RunSchema.model_fields)
 _DEMO = "demo"
-_LOGGED_BYTES, _COLUMN_BYTES, _OTHER_COLUMNS = 64, 8, 4  # of a sample
+_LOGGED_BYTES, _COLUMN_BYTES, _OTHER_COLUMNS = 64, 8, 4  # per sample
 _OTHER_BYTES = 5_000_000  # report, calibration, journal
-_HOMING_TIME = 60.0  # s before the first step
+_HOMING_TIME = 60.0  # s; allowed before the first step
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A run file that may be a plan.
+    """A run file that may be usable as a plan.
 
     Parameters
     ----------
     path : Path
     summary : dict
-        What the page is told of it; `trouble` says why it can be none.
+        Summary for the page; `trouble` says why the file cannot be used as a plan.
     """
 
     path: Path
@@ -41,7 +41,7 @@ class Plan:
 
 
 class Plans:
-    """The run files of a folder, read again where they have changed.
+    """The run files in a folder, which are read again when they change.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Plans:
         self._read: dict[Path, tuple[tuple[int, int], Plan | None]] = {}
 
     def all(self) -> dict[str, Plan]:
-        """Return the plans by their names."""
+        """Return the plans by name."""
         found = {path.stem: path for path in sorted(self._folder.glob("*.toml"))}
         found.setdefault(_DEMO, Path(str(files("inercal").joinpath("demo.toml"))))
         result: dict[str, Plan] = {}
@@ -63,7 +63,7 @@ class Plans:
         return result
 
     def get(self, name: object) -> Plan | None:
-        """Return the plan of a name; None where there is none."""
+        """Return the plan with a name; None if there is none."""
         return self.all().get(name) if isinstance(name, str) else None
 
     def _plan(self, name: str, path: Path) -> Plan | None:
@@ -80,7 +80,7 @@ class Plans:
 
 
 def _read_plan(name: str, path: Path) -> Plan | None:
-    """Return the plan of a file; None if the file is not a run file at all."""
+    """Return the plan in a file; None if the file is not a run file."""
     summary: dict[str, Any] = {
         "id": name, "file": path.name, "sensor": "", "steps": 0, "seconds": 0.0, "method": "",
         "bytes": 0,
@@ -101,11 +101,11 @@ def _read_plan(name: str, path: Path) -> Plan | None:
 
 
 def expected_size(run: Run) -> int:
-    """Return how many bytes a run is expected to need on the disk, on the high side.
+    """Return an upper estimate of the disk space that a run needs, bytes.
 
-    A sample has its packet in the log and a row of numbers in the recording. Measured of the plan
-    of 15 steps in the tests, 59 000 samples of six axes: 46 bytes in the log, 90 in the recording,
-    and 1 MB of all else.
+    Each sample has its packet in the log and a row of numbers in the recording. A measurement with
+    the 15-step plan from the tests (59 000 samples of six axes) gave 46 bytes per sample in the
+    log, 90 in the recording, and 1 MB for everything else.
     """
     plan = host_plan(run)
     columns = len(run.sensor.axes) + len(plan.bench.names) + _OTHER_COLUMNS
@@ -114,7 +114,7 @@ def expected_size(run: Run) -> int:
 
 
 def _resembles_run_file(path: Path) -> bool:
-    """Return whether an invalid file looks as if it was meant to be a run file."""
+    """Return whether an invalid file looks as if it were meant to be a run file."""
     try:
         return bool(_SECTIONS & read_toml(path).keys())
     except InputError:
@@ -125,18 +125,18 @@ _MAX_CHANGES, _MAX_TEXT = 32, 40
 
 
 def filter_changes(requested: object) -> Mapping[str, str] | None:
-    """Return the requested changes by key; None where there are none.
+    """Return the requested changes by key; None if there are none.
 
     Raises
     ------
     InputError
-        No object of short texts.
+        The changes are not an object of short texts.
     """
     if requested is None:
         return None
     given: Mapping[str, Any] | None = object_or_none(requested)
     if given is None or len(given) > _MAX_CHANGES:
-        raise InputError("filter: give an object of parameters and their values", key="filter")
+        raise InputError("filter: give an object with parameters and their values", key="filter")
     for key, text in given.items():
         if not (isinstance(text, str) and text.isprintable() and len(text) <= _MAX_TEXT):
             raise InputError(
@@ -147,24 +147,24 @@ def filter_changes(requested: object) -> Mapping[str, str] | None:
 
 
 def require_filter_changes(plan: Plan, changes: Mapping[str, str] | None) -> None:
-    """Refuse changes that the run file could not state.
+    """Refuse changes that would be invalid in the run file.
 
     Raises
     ------
     InputError
-        With the first key and what is wrong with it.
+        A change is invalid; the message names the first such key and what is wrong with it.
     """
     for key, words in filter_errors(plan.path, changes).items() if changes else ():
         raise InputError(f"{FILTER_KEY} {key}: {words}".replace(" : ", ": "), key=key)
 
 
 def check_filter_changes(plan: Plan | None, requested: JsonObject) -> dict[str, str]:
-    """Return what is wrong with the requested changes, in words by key.
+    """Return what is wrong with the requested changes, as texts by key.
 
     Raises
     ------
     InputError
-        No plan, or no object of short texts.
+        There is no such plan, or the changes are not an object of short texts.
     """
     if plan is None or plan.summary["trouble"]:
         raise InputError("choose a plan that can be run", key="plan")

@@ -13,7 +13,7 @@ _MAX_TEXT = 300  # characters
 
 
 def escape_control_characters(text: str) -> str:
-    r"""Return text on one line with control characters escaped: a client may send anything.
+    r"""Return a text on one line with control characters escaped, as a client may send anything.
 
     >>> escape_control_characters("a\nb\x1b[2J")
     'a\\nb\\x1b[2J'
@@ -23,14 +23,14 @@ def escape_control_characters(text: str) -> str:
 
 
 class RefusalLog:
-    """Logs refusals; if there are too many, how many more there were.
+    """Logs refusals; if there are too many, it logs only the number of the remaining ones.
 
     Parameters
     ----------
     write : callable, optional
-        Takes a line; standard error unless told.
+        Takes a line; writes to standard error by default.
     now : callable, optional
-        Returns s.
+        Returns the time, s.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class RefusalHandler(logging.Handler):
         words = record.getMessage().strip()
         error = record.exc_info[1] if record.exc_info else None
         if error is not None:
-            # No whole traceback: who asks could fill the disk of a log with them.
+            # Do not write a whole traceback: a client could fill the disk with them.
             frames = traceback.extract_tb(error.__traceback__)
             where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
             words = f"{words}: {type(error).__name__}{where}: {error}"

@@ -1,7 +1,7 @@
 """The server's side of a run's process: start, send, receive, stop.
 
-It is the leader of a session of its own: what becomes of the server, or of the terminal that the
-server was started from, does not reach it.
+The process leads its own session, so it is not affected when the server, or the terminal from which
+the server was started, goes away.
 """
 
 import asyncio
@@ -14,17 +14,17 @@ from subprocess import PIPE, Popen
 
 from inercal.host.web.run_request import ProcessRequest
 
-_MAX_MESSAGE = 1 << 20  # bytes of a message
+_MAX_MESSAGE = 1 << 20  # bytes in a message
 
 
 class RunProcess:
-    """The process of a run or of a manual session.
+    """The process for a run or a manual session.
 
     Parameters
     ----------
     order : ProcessRequest
     command : sequence of str, optional
-        Starts the process; the request's worker unless told.
+        Command that starts the process; by default the worker of the request.
     """
 
     def __init__(self, order: ProcessRequest, command: tuple[str, ...] = ()):
@@ -36,7 +36,7 @@ class RunProcess:
         self.send_line(order.json_line)
 
     def send_line(self, line: str) -> bool:
-        """Send a line to the process; False if it does not read."""
+        """Send a line to the process; return False if the process does not read it."""
         assert self._process.stdin
         data = f"{line}\n".encode()
         try:
@@ -45,13 +45,13 @@ class RunProcess:
             return False
 
     def stop(self) -> None:
-        """Stop the table: the signal's handler writes to the watchdog as soon as it arrives."""
+        """Stop the table; the signal handler of the process informs the watchdog immediately."""
         with suppress(ProcessLookupError):
             if self._process.poll() is None:
                 os.killpg(self._process.pid, signal.SIGINT)
 
     async def messages(self) -> AsyncGenerator[tuple[str, str]]:
-        """Yield kind and text of the process's messages until there are no more."""
+        """Yield the kind and text of each message from the process until there are no more."""
         assert self._process.stdout
         reader = asyncio.StreamReader(_MAX_MESSAGE)
         protocol = asyncio.StreamReaderProtocol(reader)
@@ -62,14 +62,14 @@ class RunProcess:
                 kind, _, text = line.decode("utf-8", "replace").rstrip("\n").partition(" ")
                 yield kind, text
         except ValueError:
-            return  # a line without an end is none of ours
+            return  # an unterminated line is not one of our messages
         finally:
             transport.close()
 
     async def wait_for_exit(self) -> int:
-        """Return the status of the process, once it has ended."""
+        """Wait until the process has ended, and return its exit status."""
         assert self._process.stdin
         with suppress(OSError):
             self._process.stdin.close()
-        # In a thread: the process of a run that is stopped may take its time.
+        # Wait in a thread, because a run that is being stopped may need some time to end.
         return await asyncio.to_thread(self._process.wait)

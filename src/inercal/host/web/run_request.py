@@ -1,6 +1,6 @@
-"""Requests to the process of a run or of a manual session, and the message of its end.
+"""Requests to the process of a run or of a manual session, and the messages about its end.
 
-A note of the process stays in the run's folder.
+The process also leaves a record in the run's folder.
 """
 
 import json
@@ -24,24 +24,24 @@ from inercal.runfile.filter_fields import changed_section
 
 PROCESS_RECORD = "run.page.json"
 MANUAL_JOURNAL = "manual.journal"
-# Lines to the process begin so; MANUAL and HALT to that of a session, MOUNTED to that of a run.
+# First words of lines to a process; MANUAL and HALT are for sessions, MOUNTED is for runs.
 NOTE, MOUNTED, MANUAL, HALT, END = "note ", "mounted ", "manual ", "halt ", "abort"
 EndMessage = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class ProcessRequest(ABC):
-    """The request of a process that drives the bench; one line of JSON hands it over.
+    """The request to a process that drives the bench, sent as one line of JSON.
 
     Parameters
     ----------
     folder : str
-        That the process keeps.
+        Folder that the process writes.
 
     Attributes
     ----------
     worker : str
-        The module that carries it out.
+        The module that carries out the request.
     """
 
     worker: ClassVar[str]
@@ -50,7 +50,7 @@ class ProcessRequest(ABC):
 
     @property
     def name(self) -> str:
-        """The name of the folder, which names the run or session too."""
+        """The name of the folder, which is also the name of the run or session."""
         return Path(self.folder).name
 
     @property
@@ -61,7 +61,7 @@ class ProcessRequest(ABC):
     @property
     @abstractmethod
     def premature_state(self) -> str:
-        """Its `state` in the message of an end before its own."""
+        """The `state` to report if the process ends early."""
 
     @property
     @abstractmethod
@@ -70,24 +70,24 @@ class ProcessRequest(ABC):
 
     @classmethod
     def from_json(cls, line: str) -> Self:
-        """Return the request of a line.
+        """Parse a request from a line.
 
         Raises
         ------
         InputError
-            It is none.
+            The line is not a valid request.
         """
         try:
             return cls.from_fields(json.loads(line))
         except (TypeError, ValueError):
             raise InputError(
-                f"{line[:80]!r} is no request; send the JSON object of a {cls.__name__}",
+                f"{line[:80]!r} is not a request; send the JSON object of a {cls.__name__}",
                 key="request",
             ) from None
 
     @classmethod
     def from_fields(cls, fields: dict[str, Any]) -> Self:
-        """Return the request of these fields, as JSON has them."""
+        """Return the request with the given fields, as parsed from JSON."""
         return cls(**fields)
 
 
@@ -98,31 +98,31 @@ class RunRequest(ProcessRequest):
     Parameters
     ----------
     folder : str
-        Of the run.
+        Folder of the run.
     plan : str or None
-        The run file; None where the run in the folder goes on.
+        The run file; None to resume the run in the folder.
     sensor : str or None
-        Its name, where it is not the run file's.
+        The sensor's name, if it differs from the one in the run file.
     requested_by : str
-        Who wants it.
+        Name of the person who requests the run.
     table, imu, clock : str
-        Addresses; empty where they are as before.
+        Addresses; an empty one is unchanged from before.
     simulated : str or None
-        Preset of the packets of a bench that is simulated for the run.
+        Packet preset of the simulated bench; None for a real bench.
     seed : int
-        Of that bench, unless the run had another before.
+        Seed of this bench, unless the run already has one.
     speed : float or None
-        Most seconds of a simulated bench in one of the wall's.
+        Largest speed of the simulated bench, in bench seconds per second of wall time.
     register : str or None
-        Its address.
+        Address of the register.
     temperature : (float, float) or None
-        K that the IMU must stay within.
+        Allowed temperature range of the IMU, K.
     patience : float
-        s that the IMU may be gone before the run ends.
+        Longest time without data from the IMU before the run ends, s.
     ambient : float or None
-        Temperature of the room, °C, as the operator typed it.
+        Room temperature that the operator typed, °C.
     filter : mapping of str to str, optional
-        Parameters of the filters that the operator has changed, as of `changed_section`.
+        Filter parameters that the operator has changed, as in `changed_section`.
     """
 
     worker = "inercal.host.web.worker"
@@ -144,31 +144,31 @@ class RunRequest(ProcessRequest):
 
     @classmethod
     def from_fields(cls, fields: dict[str, Any]) -> Self:
-        """Return the request of these fields, as JSON has them."""
+        """Return the request with the given fields, as parsed from JSON."""
         request = cls(**fields)
         if request.temperature is None:
             return request
-        low, high = request.temperature  # JSON has lists only
+        low, high = request.temperature  # JSON has no tuples, only lists
         return replace(request, temperature=(low, high))
 
     @property
     def options(self) -> RunOptions:
-        """The text about the run."""
+        """The operator's options for the run."""
         return RunOptions(self.speed, self.temperature, self.patience)
 
     @property
     def is_resumable(self) -> bool:
-        """Whether there is a journal by which the run can be resumed."""
+        """Whether there is a journal from which the run can be resumed."""
         return (Path(self.folder) / JOURNAL).is_file()
 
     @property
     def premature_state(self) -> str:
-        """As of `ProcessRequest`."""
+        """As in `ProcessRequest`."""
         return "interrupted" if self.is_resumable else "not begun"
 
     @property
     def loss_text(self) -> str:
-        """As of `ProcessRequest`."""
+        """As in `ProcessRequest`."""
         if self.is_resumable:
             return "; the watchdog brings the table to rest, and the run can be resumed"
         return " before anything moved"
@@ -181,19 +181,19 @@ class ManualRequest(ProcessRequest):
     Parameters
     ----------
     folder : str
-        Of the session.
+        Folder of the session.
     plan : str
-        The run file whose [bench] states the axes and their limits; none of its steps is done.
+        The run file whose [bench] states the axes and their limits; its plan is not executed.
     requested_by : str
-        Who wants it.
+        Name of the person who requests the session.
     table, imu, clock : str
-        Addresses; the IMU's is empty where it is not to be read.
+        Addresses; the IMU's is empty if it is not to be read.
     simulated : str or None
-        Preset of the packets of a bench that is simulated for the session.
+        Packet preset of the simulated bench; None for a real bench.
     seed : int
-        Of that bench.
+        Seed of this bench.
     with_imu : bool
-        Whether the IMU is read, of a simulated bench too.
+        Whether the IMU is read, also on a simulated bench.
     """
 
     worker = "inercal.host.web.manual_worker"
@@ -209,32 +209,32 @@ class ManualRequest(ProcessRequest):
 
     @property
     def premature_state(self) -> str:
-        """As of `ProcessRequest`."""
+        """As in `ProcessRequest`."""
         return "manual"
 
     @property
     def loss_text(self) -> str:
-        """As of `ProcessRequest`."""
+        """As in `ProcessRequest`."""
         return "; the watchdog brings the table to rest"
 
 
 def mounted_line(number: int, mounting: str, by: str) -> str:
-    """Return the line by which somebody confirms a mounting for the request `number`."""
+    """Return the line with which somebody confirms a mounting for request `number`."""
     return f"{MOUNTED}{json.dumps([number, mounting, by])}"
 
 
 def manual_line(by: str, command: ManualCommand) -> str:
-    """Return the line that hands the command of an operator to the process."""
+    """Return the line that sends an operator's command to the process."""
     return f"{MANUAL}{json.dumps({'by': by, 'command': command_fields(command)})}"
 
 
 def parse_manual_line(line: str) -> tuple[str, ManualCommand]:
-    """Return operator and command of a line without its `MANUAL`.
+    """Return the operator and the command in a line that follows `MANUAL`.
 
     Raises
     ------
     InputError
-        It is none.
+        The line is not a valid command.
     """
     try:
         fields = object_or_none(json.loads(line)) or {}
@@ -244,46 +244,46 @@ def parse_manual_line(line: str) -> tuple[str, ManualCommand]:
 
 
 def end_message(order: ProcessRequest, state: str, words: str = "", **more: object) -> EndMessage:
-    """Return the message of an end.
+    """Return the message about the end of a run or session.
 
     Parameters
     ----------
     order : ProcessRequest
     state : "done", "carried out", "interrupted", "not begun" or "manual"
-        Carried out: without a calibration. Not begun: nothing was kept that could be resumed.
-        Manual: the end of a manual session.
+        "carried out" means complete but not calibrated. "not begun" means that there is nothing to
+        resume. "manual" is the end of a manual session.
     words : str
-        Why, where it is not done.
+        Why the state is not "done".
     **more
-        "report", "calibration", "history" and "verdict", where there are any, and "estimates": the
-        coefficients of the calibration file with their uncertainties.
+        "report", "calibration", "history" and "verdict", if there are any, and "estimates": the
+        coefficients in the calibration file with their uncertainties.
     """
     links = dict.fromkeys(("report", "calibration", "history", "verdict", "estimates"))
     return {"run": order.name, "state": state, "words": words, **links, **more}
 
 
 def premature_end_message(order: ProcessRequest, words: str) -> EndMessage:
-    """Return the end message of a process that ended early."""
+    """Return the message for a process that ended early."""
     return end_message(order, order.premature_state, words)
 
 
 class SimulationRequest(NamedTuple):
-    """A simulated bench for a run: packet preset and seed."""
+    """Packet preset and seed of a simulated bench for a run."""
 
     preset: str
     seed: int
 
 
 class ProcessRecord(NamedTuple):
-    """The note that a run's process leaves in the folder.
+    """The record that a run's process leaves in the folder.
 
     Parameters
     ----------
     process : int
-        Its number, as long as the note is locked (`is_locked`); an old one's may be another's by
-        now.
+        Process ID, valid while the record is locked (`is_locked`); an old ID may belong to another
+        process by now.
     simulated : SimulationRequest or None
-        The bench that is simulated for the run.
+        The simulated bench of the run.
     """
 
     process: int
@@ -291,12 +291,12 @@ class ProcessRecord(NamedTuple):
 
 
 def write_process_record(folder: Path, simulated: SimulationRequest | None) -> int:
-    """Write the note, and return a descriptor that keeps it locked until the process ends.
+    """Write the record and return a descriptor that keeps it locked until the process ends.
 
     Raises
     ------
     InputError
-        Another process has it locked, or it cannot be written.
+        Another process has locked the record, or it is not writable.
     """
     path = folder / PROCESS_RECORD
     content = json.dumps(ProcessRecord(os.getpid(), simulated)._asdict()).encode()
@@ -309,7 +309,7 @@ def write_process_record(folder: Path, simulated: SimulationRequest | None) -> i
 
 
 def read_process_record(folder: Path) -> ProcessRecord | None:
-    """Return the note; None where there is none."""
+    """Return the record in a folder; None if there is none."""
     try:
         content: Mapping[str, Any] = json.loads((folder / PROCESS_RECORD).read_bytes())
         was = content["simulated"]
@@ -320,32 +320,32 @@ def read_process_record(folder: Path) -> ProcessRecord | None:
 
 
 def run_in_progress(folder: Path) -> bool:
-    """Tell whether a process, that of a page or another host, drives the run in a folder."""
+    """Return whether any process drives the run in a folder, from a page or another host."""
     return is_locked(folder / PROCESS_RECORD) or is_locked(folder / LOG)
 
 
 def changed_run_file(
     path: Path, sensor: str | None, filter_changes: Mapping[str, str] | None
 ) -> bytes | None:
-    """Return a run file with an operator's changes, otherwise as written; None for no change.
+    """Return the text of a run file with an operator's changes; None without changes.
 
     Parameters
     ----------
     path : Path
     sensor : str or None
-        The sensor's name, where it is another.
+        The sensor's new name, if it changes.
     filter_changes : mapping of str to str or None
-        Of the filters' parameters, as of `changed_section`.
+        Changes to the filter parameters, as in `changed_section`.
 
     Raises
     ------
     InputError
-        It cannot be read.
+        The file cannot be read or changed.
     """
     if sensor is None and not filter_changes:
         return None
     try:
-        read_toml(path, "run file")  # bounds size and depth, which tomlkit does not
+        read_toml(path, "run file")  # limits size and depth, which tomlkit does not
         document: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
         if sensor is not None:
             document["sensor"]["name"] = sensor

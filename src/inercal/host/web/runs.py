@@ -20,19 +20,19 @@ from inercal.host.web.run_request import (
 )
 from inercal.laboratory.store import Register
 
-UNREADABLE = "unreadable"  # of a run whose journal cannot be read
+UNREADABLE = "unreadable"  # state of a run whose journal cannot be read
 
 
 class StoredRun(NamedTuple):
-    """A run in a folder.
+    """A stored run in its folder.
 
     Parameters
     ----------
     path : Path
     stem : str
-        Of its run file, and of what was made.
+        Stem of the names of the run file and of the results.
     summary : dict
-        What the page is told of it.
+        Summary for the page.
     """
 
     path: Path
@@ -41,16 +41,16 @@ class StoredRun(NamedTuple):
 
     @property
     def state(self) -> str:
-        """As of a journal's header, and "running" only where a process drives it."""
+        """The state in the journal's header; "running" only if a process drives the run."""
         return self.summary["state"]
 
     def output_file(self, kind: str) -> Path:
-        """Return a result file of the run: "report.html", "calibration.json"."""
+        """Return the path of a result file of the run: "report.html" or "calibration.json"."""
         return self.path / f"{self.stem}.{kind}"
 
 
 class Runs:
-    """The runs that lie in a folder.
+    """The runs stored in one folder.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Runs:
         self.folder = folder
 
     def all(self) -> dict[str, StoredRun]:
-        """Return them by the names of their folders, the latest first."""
+        """Return the runs by the names of their folders, latest first."""
         found: list[StoredRun] = []
         for journal in self.folder.glob(f"*/{JOURNAL}"):
             try:
@@ -74,7 +74,7 @@ class Runs:
     def active_folders(self) -> list[Path]:
         """Return the folders of active runs and manual sessions, whoever started them.
 
-        No journal is read: a stop must not depend on one.
+        This reads no journal, because a stop must not depend on one.
         """
         names = (JOURNAL, MANUAL_JOURNAL)
         folders = dict.fromkeys(p.parent for name in names for p in self.folder.glob(f"*/{name}"))
@@ -85,7 +85,7 @@ class Runs:
         return [one for one in self.active_folders() if (one / MANUAL_JOURNAL).exists()]
 
     def new_folder(self, stem: str) -> Path:
-        """Return a new name for a folder."""
+        """Return an unused path for the folder of a run."""
         name = f"{stem}-{datetime.now():%Y%m%d-%H%M%S}"
         result, count = self.folder / name, 1
         while result.exists():
@@ -101,16 +101,16 @@ class Runs:
             return 0
 
     def require_room(self, needed: int) -> None:
-        """Refuse a run that the disk has no room for: it would end when the disk is full."""
+        """Refuse a run for which the disk has too little free space."""
         if (free := self.free_space()) < needed:
             raise InputError(
-                f"{self.folder}: the run needs about {needed / 1e6:.0f} MB, and {free / 1e6:.0f} "
-                "MB are free: make room, or serve another folder by --runs",
+                f"{self.folder}: the run needs about {needed / 1e6:.0f} MB, but only "
+                f"{free / 1e6:.0f} MB are free: make room, or serve another folder by --runs",
                 file=self.folder,
             )
 
     def stop(self, name: object) -> None:
-        """Stop a run that is not shown, or all of them if `name` is None."""
+        """Stop the run in a folder of this name, or all active runs if `name` is None."""
         there = [one for one in self.active_folders() if name in (None, one.name)]
         if not there:
             raise InputError("there is no active run to stop; reload the page to see all runs")
@@ -122,10 +122,10 @@ class Runs:
             )
 
     def enter(self, register: str | None) -> list[str]:
-        """Enter all inactive runs in the register; return in words what fails.
+        """Enter all inactive runs in the register; return descriptions of the failures.
 
-        One that is there as done is left alone: it has ended, and its raw data, which may be many
-        gigabytes, were proved when it was entered.
+        A run that is registered as done is skipped, because it has ended, and its raw data, which
+        may be many gigabytes, were verified when it was entered.
 
         Raises
         ------
@@ -165,7 +165,7 @@ def _stored_run(path: Path) -> StoredRun:
 
 
 def _unreadable_run(path: Path, error: InputError) -> StoredRun:
-    """Return a run whose journal cannot be read, with the reason."""
+    """Return a run whose journal cannot be read, with the reason in its summary."""
     summary = {
         "id": path.name,
         "sensor": path.name,
@@ -178,7 +178,7 @@ def _unreadable_run(path: Path, error: InputError) -> StoredRun:
 
 
 def _sensor_name(run_file: Path) -> str:
-    """Return the name of the sensor without reading the rest."""
+    """Return the sensor's name from a run file without checking the rest."""
     try:
         return str(read_toml(run_file, "run file")["sensor"]["name"])
     except (InputError, KeyError, TypeError):
@@ -186,15 +186,16 @@ def _sensor_name(run_file: Path) -> str:
 
 
 def _interrupt_process(folder: Path) -> bool:
-    """Signal the process of a page's run in a folder to stop it; False if there is none."""
-    # A note that nobody has locked is an old one, its process another's by now.
+    """Signal the process of a page's run in a folder to stop; return False if there is none."""
+    # A record that nobody has locked is old, and its process ID may belong to another process by
+    # now.
     was = read_process_record(folder) if is_locked(folder / PROCESS_RECORD) else None
     if was is None:
         return False
     try:
         kill(was.process, signal.SIGINT)
     except ProcessLookupError:
-        pass  # it has ended meanwhile
+        pass  # the process has ended meanwhile
     except PermissionError:
         return False
     return True

@@ -1,16 +1,16 @@
-"""The server of the page: where it listens, and how it ends.
+"""The web server of the page: where it listens, and how it shuts down.
 
-To end it while a run goes on is to stop the run: it waits until the table is at rest and the run's
-process has ended. A second Ctrl-C leaves at once; the run is stopped all the same.
+Ending the server during a run stops the run: the server waits until the table is at rest and the
+run's process has ended. A second Ctrl-C ends the server at once; the run is stopped nevertheless.
 
-The web server itself (uvicorn) waits without end for the first request of a connection, and for a
-client that does not take its answer. Its own limit of connections would refuse whoever comes last.
-So `ConnectionLimits`, as ASGI middleware, notes which clients have asked for something, and closes
-the connections of the others when their time is over. Where there are too many, those of the
-address with most give way: first the ones that have asked nothing, then requests, always the
-oldest, since a request of a page is answered long before it is that; none of them before it was
-there for a `CHECK_INTERVAL`. Websockets are viewers, whose number has a limit of its own. Each
-connection serves one request, as the answers say, or becomes a websocket.
+The web server itself (uvicorn) waits without limit for the first request on a connection, and for a
+client that does not read its answer. Its own limit on connections would refuse the latest client.
+Therefore `ConnectionLimits`, an ASGI middleware, records which clients have sent a request, and
+closes the other connections after a timeout. If there are too many connections, it closes some from
+the address that has the most: first those without a request, then those with one, always the
+oldest, since the page's own requests are answered quickly. A connection is not closed within its
+first `CHECK_INTERVAL`. Websockets belong to viewers, whose number has its own limit. Each
+connection serves one request, as the headers of the answer say, or becomes a websocket.
 """
 
 import asyncio
@@ -45,9 +45,9 @@ from inercal.host.web.runs import Runs
 from inercal.host.web.viewers import MAX_VIEWERS
 from inercal.laboratory.store import Register
 
-MAX_CONNECTIONS = 256  # connections, those of viewers with them
+MAX_CONNECTIONS = 256  # connections, including those of viewers
 CHECK_INTERVAL = 0.1  # s
-_IDLE_TIMEOUT, _REQUEST_TIMEOUT = 10.0, 120.0  # s without a request, and for one with its answer
+_IDLE_TIMEOUT, _REQUEST_TIMEOUT = 10.0, 120.0  # s before a request, and for one with its answer
 
 _Client = tuple[str, int]
 
@@ -59,7 +59,7 @@ class Connection(Protocol):
 
 
 class ConnectionLimits:
-    """An ASGI application that records who sends requests.
+    """An ASGI application that records which clients send requests, and limits connections.
 
     Parameters
     ----------
@@ -69,12 +69,12 @@ class ConnectionLimits:
 
     def __init__(self, app: ASGIApp, refused: RefusalLog):
         self._app, self._refusals = app, refused
-        self._asked: dict[_Client, str] = {}  # and whether by "http" or "websocket"
-        self._ended: dict[_Client, float] = {}  # when a websocket was
+        self._asked: dict[_Client, str] = {}  # clients that sent a request, and its kind
+        self._ended: dict[_Client, float] = {}  # when the websocket of a client ended
         self._begun: WeakKeyDictionary[Connection, float] = WeakKeyDictionary()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one request."""
+        """Serve one request and record its client."""
         host, port = scope.get("client") or ("", 0)
         self._asked[host, port] = scope["type"]
         try:
@@ -84,7 +84,7 @@ class ConnectionLimits:
                 self._ended[host, port] = monotonic()
 
     def close_overdue(self, connections: Collection[Connection]) -> None:
-        """Close connections that have been idle for too long, take too long or are too many."""
+        """Close connections that are idle for too long, take too long or are too many."""
         now = monotonic()
         clients = {_client(one) for one in connections}
         self._asked = {who: kind for who, kind in self._asked.items() if who in clients}
@@ -99,15 +99,15 @@ class ConnectionLimits:
             elif kind is None and age > _IDLE_TIMEOUT:
                 self._close(one, f"did not ask anything within {_IDLE_TIMEOUT:g} s")
             elif kind == "websocket" and now - self._ended.get(who, now) > _IDLE_TIMEOUT:
-                self._close(one, f"does not close its websocket within {_IDLE_TIMEOUT:g} s")
-            elif kind != "websocket" and age:  # those of this moment may ask or be answered yet
+                self._close(one, f"did not close its websocket within {_IDLE_TIMEOUT:g} s")
+            elif kind != "websocket" and age:  # new connections get some time
                 waiting[who[0]].append(one)
-        for those in waiting.values():  # who gives way first stands last
+        for those in waiting.values():  # the next one to close is last in the list
             those.sort(key=lambda one: (self._asked.get(_client(one)) is None, -self._begun[one]))
         surplus = min(len(connections) - MAX_CONNECTIONS, sum(map(len, waiting.values())))
         for _ in range(surplus):
             most = max(waiting.values(), key=len)
-            self._close(most.pop(), f"there are {MAX_CONNECTIONS} connections")
+            self._close(most.pop(), f"there are more than {MAX_CONNECTIONS} connections")
 
     def _close(self, one: Connection, words: str) -> None:
         self._refusals(_client(one)[0], words)
@@ -115,35 +115,35 @@ class ConnectionLimits:
 
 
 def _client(one: Connection) -> _Client:
-    """Return address and port at the other end, as a request's scope has them."""
+    """Return the client's address and port, as in the scope of a request."""
     host, port = (one.transport.get_extra_info("peername") or ("", 0))[:2]
     return str(host), int(port)
 
 
-_MAX_MESSAGE = 4096  # bytes of a message of a page
-_SHUTDOWN_TIMEOUT = 2  # s that connections may take to end
+_MAX_MESSAGE = 4096  # bytes in a message from a page
+_SHUTDOWN_TIMEOUT = 2  # s within which connections must end
 _WILDCARD_HOSTS = ("0.0.0.0", "::")
 
 
 @dataclass(frozen=True)
 class ServerOptions:
-    """How the page is served.
+    """Options for serving the page.
 
     Parameters
     ----------
     plans, runs : Path
-        Folders.
+        Folder of the plans and folder of the runs.
     register : str or None
         Address of the register.
     table, imu, clock : str
-        Addresses of devices to choose beside those that are found.
+        Addresses of devices to offer in addition to those that are found.
     run_options : inercal.host.tasks.RunOptions
-        Of each run.
+        Options of each run.
     host : str
     port : int
-        0 is any that is free.
+        Port number; 0 selects any free port.
     token : str or None
-        That a browser must show; made where `host` can be reached from other machines.
+        Token that a browser must show; generated if `host` can be reached from other machines.
     """
 
     plans: Path = Path()
@@ -158,16 +158,16 @@ class ServerOptions:
     token: str | None = None
 
 
-_TURNS = 3  # of the event loop
+_TURNS = 3  # iterations of the event loop
 
 
 class WebServer(uvicorn.Server):
-    """The web server, which ends the run before it ends itself.
+    """A web server that ends the active run before it shuts down.
 
     Parameters
     ----------
     config : uvicorn.Config
-        Of an application behind `limits`.
+        Configuration of an application behind `limits`.
     hub : Hub
     limits : ConnectionLimits
     """
@@ -178,7 +178,7 @@ class WebServer(uvicorn.Server):
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def serve(self, sockets: list[socket.socket] | None = None) -> None:
-        """Serve until told to end."""
+        """Serve until the server is told to end."""
         self._loop = asyncio.get_running_loop()
         checking = asyncio.create_task(self._check_connections())
         try:
@@ -187,7 +187,7 @@ class WebServer(uvicorn.Server):
             checking.cancel()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Handle a signal: the first ends the server in order, the second at once."""
+        """Handle a signal: the first one shuts down in order, the second one at once."""
         self._signal_count += 1
         if self._signal_count > 1:
             self.should_exit = self.force_exit = True
@@ -195,21 +195,21 @@ class WebServer(uvicorn.Server):
             self._loop.call_soon_threadsafe(self.stop_run_and_exit)
 
     def stop_run_and_exit(self) -> None:
-        """Stop the active run, if any, and end when it has ended."""
+        """Stop the active run, if any, and shut down when it has ended."""
         run_process = self._hub.run_process
         if run_process is not None and self._hub.is_run_active:
             run_process.stop()
             print_notice(
-                "the run is being stopped; this ends when the table is at rest (Ctrl-C again: at "
-                "once; the run is stopped all the same)"
+                "the run is being stopped; the server ends when the table is at rest (press "
+                "Ctrl-C again to end it at once; the run is stopped nevertheless)"
             )
         self._exit_task = asyncio.ensure_future(self._exit_when_idle())
 
     async def _check_connections(self) -> None:
         while True:
             await asyncio.sleep(CHECK_INTERVAL)
-            # After a moment in which the loop stood still, requests that have arrived are read
-            # and heard in the next turns: until then they would count as connections without one.
+            # If the event loop was blocked, requests that have arrived meanwhile are read in the
+            # next iterations. Until then, their connections would count as idle.
             for _ in range(_TURNS):
                 await asyncio.sleep(0)
             self._limits.close_overdue(self.server_state.connections)
@@ -225,7 +225,7 @@ def serve(options: ServerOptions) -> None:
     Raises
     ------
     InputError
-        A folder, an address, a token or a port that cannot be used.
+        A folder, an address, a token or a port cannot be used.
     """
     refused = RefusalLog()
     runs = _registered_runs(options)
@@ -252,7 +252,7 @@ def serve(options: ServerOptions) -> None:
 
 
 def web_server(hub: Hub, register: str | None, access: Access, refused: RefusalLog) -> WebServer:
-    """Return a server of a hub's page."""
+    """Return a server for a hub's page."""
     logger = logging.getLogger("uvicorn.error")
     logger.handlers[:] = [RefusalHandler(refused)]
     logger.propagate = False
@@ -264,7 +264,7 @@ def web_server(hub: Hub, register: str | None, access: Access, refused: RefusalL
         ws="websockets-sansio",
         ws_max_size=_MAX_MESSAGE,
         ws_per_message_deflate=False,
-        # A viewer whose link broke is known to be gone within 9 s.
+        # A viewer whose connection broke is detected within 9 s.
         ws_ping_interval=4,
         ws_ping_timeout=5,
         lifespan="off",
@@ -280,12 +280,12 @@ def web_server(hub: Hub, register: str | None, access: Access, refused: RefusalL
 
 
 def listening_socket(host: str, port: int) -> socket.socket:
-    """Return a socket that listens there.
+    """Return a socket that listens on a host and port.
 
     Raises
     ------
     InputError
-        It cannot.
+        The server cannot listen there.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
@@ -299,10 +299,10 @@ def listening_socket(host: str, port: int) -> socket.socket:
 
 
 def host_header_values(names: Iterable[str], port: int) -> frozenset[str]:
-    """Return the names by which a browser may call this server in Host."""
+    """Return the values of the Host header with which a browser may address this server."""
     bare = {_bracketed_host(name).lower() for name in names}
     own = {f"{name}:{port}" for name in bare}
-    return frozenset(own | bare if port == 80 else own)  # that of http is left out
+    return frozenset(own | bare if port == 80 else own)  # the default port of HTTP is left out
 
 
 def print_notice(words: str) -> None:
@@ -311,17 +311,17 @@ def print_notice(words: str) -> None:
 
 
 def _page_address_text(address: str, given: str | None, token: str | None) -> str:
-    """Print the address of the page, with the token if it was generated here."""
+    """Return the text about the page's address, with the token if it was generated here."""
     if token is None:
         return f"the page is at {address}"
     if given is None:
         return f"the page is at {address}?token={quote(token, safe='')}"
-    # A log or a screen is no place for a token that may be another server's too.
+    # Do not print a given token to a log or screen, as other servers may use it too.
     return f"the page is at {address} and asks for the token that you gave"
 
 
 def _registered_runs(options: ServerOptions) -> Runs:
-    """Return the runs, once all of them are in the register."""
+    """Enter all runs in the register, and return them."""
     if not options.plans.is_dir():
         raise InputError(
             f"--plans {options.plans}: this folder does not exist; give the folder of the plans"

@@ -1,11 +1,11 @@
-"""Sends the page what has changed in a run or in a manual session.
+"""Sends changes in a run or a manual session to the page.
 
-If a bench is sped up, each sample that is sent is a mean of several: no page can draw more than a
-few hundred a second.
+On an accelerated bench, each sample that is sent is the mean of several, because a page cannot draw
+more than a few hundred per second.
 
-A manual session uses the messages of a run. Its plan has no steps and no coefficients; `manual` in
-it has the limits of the axes, in ° and °/s, and what the controller cannot do. In the state,
-`manual` has the set value and the lamps of each axis.
+A manual session uses the same messages as a run. Its plan message has no steps and no coefficients;
+the field `manual` contains the limits of the axes in ° and °/s, and the functions that the
+controller lacks. In its state message, `manual` contains the set value and the lamps of each axis.
 """
 
 from collections import deque
@@ -33,23 +33,23 @@ from inercal.host.web.run_request import ManualRequest
 from inercal.host.web.worker_process import Publisher
 from inercal.runfile import Run
 
-UPDATE_INTERVAL = 0.1  # s of the wall's between two looks at the run
-_ESTIMATE_INTERVAL = 0.5  # s of the wall's
-FINE_RATE, COARSE_RATE = 250.0, 10.0  # samples a second of the wall's for a viewer
-_RATE_TOLERANCE = 1.2  # times the rate before means are taken: that of a piece is uneven
-_INNOVATION_WINDOW = 30.0  # s of the recording over which innovations are judged
-_MAX_EVENTS = 500  # of a run that goes on after an interruption
+UPDATE_INTERVAL = 0.1  # s of wall time between two updates
+_ESTIMATE_INTERVAL = 0.5  # s of wall time
+FINE_RATE, COARSE_RATE = 250.0, 10.0  # samples per second of wall time for a viewer
+_RATE_TOLERANCE = 1.2  # times the rate before means are taken, as the rate of pieces varies
+_INNOVATION_WINDOW = 30.0  # s of the recording over which innovations are evaluated
+_MAX_EVENTS = 500  # earlier events to send when a run is resumed
 
 
 class Telemetry:
-    """Sends the page the new events of the journal and the new samples of the IMU.
+    """Sends new journal events and new IMU samples to the page.
 
     Parameters
     ----------
     publisher : Publisher
     journal : Journal
     published_events : int
-        That are told already, or are too old to be told.
+        Number of events that were sent already or are too old to be sent.
     """
 
     def __init__(self, publisher: Publisher, journal: Journal, published_events: int = 0):
@@ -71,13 +71,13 @@ class Telemetry:
 
 
 class RunTelemetry(Telemetry):
-    """Publishes the state of one run each time that it is called. All times are s of the run.
+    """Publishes the state of one run at each call; all times are run times in s.
 
     Parameters
     ----------
     publisher : Publisher
     run : Run
-        Its run file.
+        The run as read from its run file.
     journal : Journal
     """
 
@@ -91,7 +91,7 @@ class RunTelemetry(Telemetry):
         self._innovations: deque[tuple[float, dict[str, tuple[float, int]]]] = deque()
 
     def __call__(self, run: BenchRun) -> None:
-        """Publish what is new."""
+        """Publish all changes since the last call."""
         self.publish_events()
         recorder = run.recorder
         while recorder.blocks:
@@ -112,9 +112,9 @@ class RunTelemetry(Telemetry):
         )
 
     def _record_innovations(self, live: LiveEstimator) -> None:
-        """Record the size of the innovations, over a window."""
+        """Record the size of the innovations in a window."""
         kept = self._innovations
-        if kept and kept[-1][0] > live.time:  # the recording begins anew
+        if kept and kept[-1][0] > live.time:  # the recording has started again
             kept.clear()
         if not kept or live.time - kept[-1][0] >= _INNOVATION_WINDOW / 60:
             kept.append((live.time, live.innovations))
@@ -122,7 +122,7 @@ class RunTelemetry(Telemetry):
             kept.popleft()
 
     def _nis(self, live: LiveEstimator) -> dict[str, dict[str, Any]]:
-        """Return the NIS per component within the window."""
+        """Return the NIS per component in the window."""
         before = self._innovations[0][1] if len(self._innovations) > 1 else {}
         result: dict[str, dict[str, Any]] = {}
         for kind, (squares, count) in live.innovations.items():
@@ -145,20 +145,20 @@ class RunTelemetry(Telemetry):
 
 
 class MeanStream:
-    """Samples for a viewer, or means of several: never more than a page can draw.
+    """Reduces samples to means, if needed, so that a page can draw them.
 
     Parameters
     ----------
     rate : float
-        Samples a second of the wall's, at most.
+        Largest number of samples per second of wall time.
     """
 
     def __init__(self, rate: float):
         self._rate, self._taken_at = rate, monotonic()
-        self._remainder: tuple[Array, Array] | None = None  # samples that make no whole mean yet
+        self._remainder: tuple[Array, Array] | None = None  # samples of an incomplete mean
 
     def take(self, time: Array, output: Array) -> tuple[Array, Array, int] | None:
-        """Return times, outputs and the samples per mean; None if no mean is complete."""
+        """Return times, outputs and the number of samples per mean; None if no mean is complete."""
         now = monotonic()
         a_second = time.size / max(now - self._taken_at, UPDATE_INTERVAL)
         self._taken_at = now
@@ -174,12 +174,12 @@ class MeanStream:
         return time[: n * k].reshape(n, k).mean(axis=1), whole, k
 
 
-# rad from a soft limit at which its lamp is lit: where a jog toward it ends
+# Distance from a soft limit at which its lamp is on, rad; a jog toward the limit ends there
 _LAMP_MARGIN = LIMIT_MARGIN + radians(0.02)
 
 
 class ManualTelemetry(Telemetry):
-    """Publishes the state of one manual session each time that it is called.
+    """Publishes the state of one manual session at each call.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ class ManualTelemetry(Telemetry):
         self._order, self._run = order, run
 
     def __call__(self, session: ManualSession) -> None:
-        """Publish what is new."""
+        """Publish all changes since the last call."""
         self.publish_events()
         self._publish_samples(
             session.imu.assembly.take_received() if session.imu is not None else None
@@ -202,7 +202,7 @@ class ManualTelemetry(Telemetry):
         self._publisher.publish("state", **_state_message(session))
 
     def publish_plan(self, session: ManualSession) -> None:
-        """Publish the table that is operated, and its limits."""
+        """Publish the table and its limits."""
         order, sensor = self._order, self._run.sensor
         self._publisher.publish(
             "plan",
@@ -234,7 +234,7 @@ def _state_message(session: ManualSession) -> dict[str, Any]:
         "remaining": None,
         "speed": 1.0,
         "table": None if state is None else {"axes": [axis_fields(axis) for axis in axes]},
-        # No sample is kept; most have no angle, before the axes are homed.
+        # No sample is stored, and most have no angle before the axes are homed.
         "imu": None if session.imu is None else imu_fields(session.imu.assembly.tally.bytes),
         "live": "none",
         "attitude": None,
@@ -254,10 +254,10 @@ def _limit_fields(limits: AxisLimits) -> dict[str, float | None]:
 
 
 def _manual_fields(axis: AxisState, limits: AxisLimits, task: AxisTask) -> dict[str, Any]:
-    """Return set values and lamps of an axis.
+    """Return the set values and the lamps of an axis.
 
-    The set angle is where it was sent; of one that was sent nowhere it is what the servo follows,
-    the readback and the following error, where the controller tells that.
+    The set angle is the angle of the last move. Without a move it is the position that the servo
+    holds, which is readback plus following error, if the controller reports these.
     """
     follows = axis.angle + axis.following_error if axis.enabled else nan
     is_sent = task.goal == task.goal and task.activity in ("go", "idle")

@@ -1,12 +1,12 @@
-"""The viewers, and which of them operates; what a viewer on a slow link gets first.
+"""The viewers and their operator, and the order of messages to viewers on slow links.
 
-A viewer answers marks: `{"kind": "mark", "n": 7}` by `{"do": "seen", "n": 7}`. The server puts a
-mark behind each batch of messages and sends the next batch once the mark is answered, so that not
-more than one batch waits in the buffers of a slow link, whose sizes nobody knows. What is urgent
-does not wait for the mark. The batch grows while marks are answered at once.
+A viewer answers the mark `{"kind": "mark", "n": 7}` by `{"do": "seen", "n": 7}`. The server sends a
+mark after each batch of messages, and sends the next batch when the mark is answered, so that at
+most one batch waits in the buffers of a slow link, whose sizes are unknown. Urgent messages do not
+wait for the mark. The batches grow while marks are answered quickly.
 
-`MessageHistory` has what somebody who comes late is told: how the run stands first, then what was
-before.
+`MessageHistory` contains the messages for a new viewer: first the current state of the run, then
+its history.
 """
 
 import asyncio
@@ -18,23 +18,23 @@ from time import monotonic
 from typing import NamedTuple
 
 MAX_VIEWERS = 32  # viewers
-OPERATOR_GRACE = 10.0  # s that an operator's place is kept
+OPERATOR_GRACE = 10.0  # s for which an operator's place is reserved
 _MAX_NAME = 40  # characters
 _MIN_BATCH, _FIRST_BATCH, _MAX_BATCH = 1 << 11, 1 << 12, 1 << 17  # bytes
-_BATCH_TIME = 1.0  # s after which a mark is put where the batch is not full
+_BATCH_TIME = 1.0  # s after which a mark is sent even if the batch is not full
 _FAST, _SLOW = 0.25, 1.0  # s until a mark is answered
-_MAX_SAMPLES = 100  # messages that wait, and are kept: some ten a second
+_MAX_SAMPLES = 100  # waiting messages that are kept; about ten arrive per second
 
-# By kind: of these only the latest counts. The urgent ones wait for no mark.
+# Kinds of messages of which only the latest counts. Urgent ones do not wait for a mark.
 _URGENT_LATEST_KINDS = frozenset(("people", "beat"))
 _LATEST_KINDS = ("state", "estimates")
 _SAMPLE_KINDS = ("samples", "coarse")
 
 
 class Client(NamedTuple):
-    """The unit among which places are shared: an address, and a known browser there.
+    """The unit for sharing places: an address, and a known browser at this address.
 
-    All programs of an address that show no cookie of this server are one client.
+    All programs at one address without a cookie from this server count as one client.
     """
 
     host: str
@@ -42,22 +42,22 @@ class Client(NamedTuple):
 
 
 class Viewer:
-    """A viewer of the page.
+    """One viewer of the page.
 
     Parameters
     ----------
     number : int
     browser : str or None
-        Which browser it is, where that has said so before.
+        Key of the browser, if it has identified itself before.
     tab : str or None
-        Which page of that browser it is; a page that connects again says the same.
+        Key of the page in this browser; a page that reconnects sends the same key.
     client : Client, optional
-        By whom places are shared.
+        The client to which the viewer's place is counted.
 
     Attributes
     ----------
     stay : asyncio.Timeout
-        Ends when somebody else is given this place.
+        Expires when this place is given to somebody else.
     """
 
     def __init__(
@@ -88,11 +88,11 @@ class Viewer:
         Parameters
         ----------
         kind : str
-            "state", "estimates", "people" and "beat" give way to later ones, "samples" and "coarse"
-            too; all others are kept.
+            "state", "estimates", "people" and "beat" are replaced by later messages of their kind,
+            and so are old "samples" and "coarse"; messages of all other kinds are kept.
         text : str
         urgent : bool
-            For all others: send it before what only fills the page.
+            For the other kinds: whether to send it before bulk data.
         """
         if kind in _LATEST_KINDS:
             self._latest[kind] = text
@@ -110,7 +110,7 @@ class Viewer:
         self._message_ready.set()
 
     def send_history(self, texts: Iterator[str]) -> None:
-        """Queue a history, which is read and sent only while nothing else waits."""
+        """Queue a history, which is read and sent only while nothing else is waiting."""
         self._history = texts
         self._message_ready.set()
 
@@ -127,7 +127,7 @@ class Viewer:
         self._message_ready.set()
 
     async def next_message(self) -> str:
-        """Return the next message to send, once there is one."""
+        """Wait for the next message to send, and return it."""
         while (text := self._take()) is None:
             self._message_ready.clear()
             await self._message_ready.wait()
@@ -153,13 +153,13 @@ class Viewer:
             kind, text = self._urgent.popleft()
             return self._latest.pop(kind) if kind in _URGENT_LATEST_KINDS else text
         if self._marked_at is not None:
-            return None  # the last batch is on its way
+            return None  # the last batch has not been acknowledged yet
         if self._batch and (
             self._batch >= self._batch_size or monotonic() - self._batch_begun >= _BATCH_TIME
         ):
             self._mark, self._marked_at = self._mark + 1, monotonic()
             return f'{{"kind": "mark", "n": {self._mark}}}'
-        # By turns: on a slow link the latest alone would leave no room for what was before.
+        # Take turns: on a slow link the latest messages alone would leave no room for the history.
         lanes = "state", "", "estimates", ""
         for _ in lanes:
             kind = lanes[self._turn]
@@ -170,7 +170,7 @@ class Viewer:
         return None
 
     def _take_bulk(self) -> str | None:
-        """Return the next event, else samples and history in turn; a slow link gets means."""
+        """Return the next event, else samples and history in turn; slow links get means."""
         if self._news:
             return self._news.popleft()
         kind, other = _SAMPLE_KINDS if self._is_fast else reversed(_SAMPLE_KINDS)
@@ -184,7 +184,7 @@ class Viewer:
 
 
 class _Seat:
-    """The operator: a name, a viewer, and the browser and page that identify a reconnection."""
+    """The operator's place: a name, a viewer, and the keys that identify a reconnection."""
 
     def __init__(self, name: str, viewer: Viewer):
         self.name, self.number = name, viewer.number
@@ -192,7 +192,7 @@ class _Seat:
 
 
 class Viewers:
-    """The viewers. One of them may operate, and keeps the place for a while after disconnecting."""
+    """The viewers; one of them may operate, and keeps this place for a while when disconnected."""
 
     def __init__(self):
         self.viewers: dict[int, Viewer] = {}
@@ -201,9 +201,9 @@ class Viewers:
         self._left_at = 0.0
 
     def make_place(self, client: Client) -> bool:
-        """Return whether there is a place for a client, freeing one of another's many if necessary.
+        """Return whether a client has a place; if necessary, take one from a client with many.
 
-        The operator's browser always can, and the operator's page gives way to nobody.
+        The operator's browser always gets a place, and the operator's page never loses its place.
         """
         if len(self.viewers) < MAX_VIEWERS:
             return True
@@ -215,9 +215,10 @@ class Viewers:
         return True
 
     def _yielding(self, client: Client) -> Viewer | None:
-        """Return the viewer that gives way: the latest of the client with the most places.
+        """Return the viewer that loses its place: the latest of the client with the most places.
 
-        Only to one that has fewer, also afterwards: otherwise two would drive each other out.
+        This client must still have more places afterwards, otherwise two clients could alternate
+        forever.
         """
         others = [one for one in self.viewers.values() if not self.is_operator(one)]
         hosts = Counter(one.client.host for one in others)
@@ -239,16 +240,16 @@ class Viewers:
 
     @property
     def operator(self) -> str | None:
-        """The name of the operator, who may be disconnected for the moment."""
+        """The name of the operator, who may be disconnected at the moment."""
         return self._held_seat.name if self._held_seat is not None else None
 
     def add_viewer(
         self, browser: str | None, tab: str | None = None, client: Client | None = None
     ) -> Viewer:
-        """Add a viewer; an operator who was disconnected for a moment operates again.
+        """Add a viewer; an operator who was disconnected briefly operates again.
 
-        The page of the operator has its place back though the connection that it had before, which
-        broke, is not known to be gone yet.
+        The operator's page gets its place back even if its previous, broken connection has not been
+        detected as lost yet.
         """
         self._count += 1
         viewer = Viewer(self._count, browser, tab, client)
@@ -276,8 +277,8 @@ class Viewers:
         return seat is not None and browser is not None and seat.browser == browser
 
     def take_seat(self, viewer: Viewer, name: object) -> str | None:
-        """Make a viewer the operator; return in words why not."""
-        # To the operator's browser at once: its last connection may be broken and not known to be.
+        """Make a viewer the operator; return a text that says why not, or None."""
+        # The operator's browser gets the place at once, as its last connection may be broken.
         own = self.is_operator(viewer) or self.is_operator_browser(viewer.browser)
         seat = self._held_seat
         if seat is not None and not own:
@@ -290,7 +291,7 @@ class Viewers:
         return None
 
     def leave_seat(self, viewer: Viewer) -> bool:
-        """Give up the operator's place, if a viewer has it; return whether it had."""
+        """Give up the operator's place if a viewer has it, and return whether it had."""
         if not self.is_operator(viewer):
             return False
         self._seat = None
@@ -298,29 +299,29 @@ class Viewers:
 
     @property
     def _held_seat(self) -> _Seat | None:
-        """The seat, unless its holder has been gone for too long."""
+        """The operator's place, unless its holder has been gone for too long."""
         if self._seat is not None and self._seat.number not in self.viewers:
             return self._seat if monotonic() - self._left_at < OPERATOR_GRACE else None
         return self._seat
 
 
 _MAX_ESTIMATES, _MAX_EVENTS, _MAX_TREND = 600, 500, 600
-_GROUP_SIZE = 20  # events, or points of the trend, in one message
+_GROUP_SIZE = 20  # events, or points in the trend, per message
 
 
 class MessageHistory:
-    """The messages of one run that still count, in the order in which they came.
+    """The messages of one run that are still relevant, in the order of arrival.
 
     Parameters
     ----------
     keeps_trend : bool
-        Keep the angles of the last states, as for a manual session.
+        Whether to keep the angles of the last states, as for a manual session.
     """
 
     def __init__(self, *, keeps_trend: bool = False):
         self._keeps_trend = keeps_trend
         self._trend: deque[str] = deque(maxlen=_MAX_TREND)  # [time, angles, set angles]
-        self._last: dict[str, str] = {}  # by kind, of which only the latest counts
+        self._last: dict[str, str] = {}  # the latest message of each kind of which only it counts
         self._phase_is_newest = False
         self._estimates: list[str] = []
         self._estimate_count, self._stride = 0, 1
@@ -328,7 +329,7 @@ class MessageHistory:
         self._events: deque[tuple[bool, str]] = deque(maxlen=_MAX_EVENTS)
 
     def add_message(self, kind: str, text: str) -> None:
-        """Keep a message if it still counts."""
+        """Keep a message if it is still relevant."""
         match kind:
             case "samples" | "coarse":
                 self._samples[kind].append(text)
@@ -345,7 +346,7 @@ class MessageHistory:
                     self._trend.extend(_trend_point(text))
 
     def present(self) -> Generator[tuple[str, str]]:
-        """Yield kinds and texts of the current state and of the samples of the last seconds."""
+        """Yield kind and text of the messages with the current state and the latest samples."""
         order = ("state", "phase") if self._phase_is_newest else ("phase", "state")
         for kind in ("plan", *order, "done"):
             if kind in self._last:
@@ -360,7 +361,7 @@ class MessageHistory:
                 yield kind, text
 
     def past(self) -> Generator[str]:
-        """Yield the past, first what is visible at once."""
+        """Yield the history, starting with the messages that are visible at once."""
         yield from _grouped_messages("trend", "points", list(self._trend))
         calm = [text for alarm, text in self._events if not alarm]
         events = _grouped_messages("events", "events", calm)
@@ -371,7 +372,7 @@ class MessageHistory:
         yield from events
 
     def _thin(self, text: str) -> None:
-        """Keep a subset of the estimates, spread evenly over the run."""
+        """Keep a subset of the estimates, evenly distributed over the run."""
         if self._estimate_count % self._stride == 0:
             self._estimates.append(text)
         self._estimate_count += 1
@@ -386,7 +387,7 @@ def is_alarm(event: str) -> bool:
 
 
 def coarse_to_fine(count: int) -> Generator[int]:
-    """Yield 0 … count − 1 so that what was yielded covers the whole range evenly at any time.
+    """Yield 0 … count − 1 in an order whose every beginning covers the range evenly.
 
     >>> list(coarse_to_fine(6))
     [0, 4, 2, 1, 3, 5]
@@ -400,14 +401,14 @@ def coarse_to_fine(count: int) -> Generator[int]:
 
 
 def _grouped_messages(kind: str, key: str, texts: Sequence[str]) -> Iterator[str]:
-    """Yield messages of many texts each, the newest first."""
+    """Yield messages that each contain several texts, newest first."""
     for end in range(len(texts), 0, -_GROUP_SIZE):
         some = ", ".join(texts[max(end - _GROUP_SIZE, 0) : end])
         yield f'{{"kind": "{kind}", "{key}": [{some}]}}'
 
 
 def _trend_point(state: str) -> Iterator[str]:
-    """Yield time, angles and set angles of a state of a manual session, once the axes are known."""
+    """Yield time, angles and set angles in a manual session's state, once the axes are known."""
     told = json.loads(state)
     if told["table"] is not None:
         angles = [axis["angle"] for axis in told["table"]["axes"]]

@@ -1,9 +1,9 @@
 """A run as a separate process, controlled by its standard input.
 
-The first line is the `RunRequest`. Then come commands, `pause`, `go on` and `abort`, for as long as
-somebody gives any: at the end of the input the run goes on to its own end, and so it does where
-nobody reads what it tells. SIGINT and SIGTERM stop the table, by the watchdog too; before anything
-moves they end the process, and once all is done they are too late.
+The first line is the `RunRequest`. Then come commands: `pause`, `go on` and `abort`. When the input
+ends, the run continues to its own end, and so it does if nobody reads its output. SIGINT and
+SIGTERM stop the table, also through the watchdog. Before anything moves they end the process, and
+after everything is done they have no effect.
 """
 
 import json
@@ -54,7 +54,7 @@ from inercal.host.web.worker_process import LineReader, Publisher, serve_request
 from inercal.laboratory.store import Register
 from inercal.runfile import Run, read
 
-_TIME_STEP, _TIME_MARGIN = 10.0, 2.0  # s of a simulated bench
+_TIME_STEP, _TIME_MARGIN = 10.0, 2.0  # s of bench time in a simulation
 _RunCommand = Literal["pause", "go on", "stop"]
 _COMMANDS: dict[str, _RunCommand] = {
     "pause": "pause",
@@ -64,12 +64,12 @@ _COMMANDS: dict[str, _RunCommand] = {
 
 
 class CommandRelay:
-    """Passes requests on to the run, once it exists.
+    """Passes requests to the run once it exists.
 
     Attributes
     ----------
     interruptible : bool
-        A signal ends the process: nothing moves yet, and nothing is written.
+        Whether a signal ends the process, because nothing moves yet and nothing is being written.
     """
 
     def __init__(self):
@@ -79,7 +79,7 @@ class CommandRelay:
         self._notes: SimpleQueue[str] = SimpleQueue()
 
     def command(self, words: str) -> None:
-        """Carry out `pause`, `go on`, `abort`, a note or `mounted`, from any thread."""
+        """Execute `pause`, `go on`, `abort`, a note or `mounted`; may be called from any thread."""
         if words.startswith(NOTE):
             self._notes.put(words.removeprefix(NOTE))
         if words.startswith(MOUNTED) and self._run is not None:
@@ -90,7 +90,7 @@ class CommandRelay:
         self._forward_commands()
 
     def take_notes(self) -> list[str]:
-        """Return the notes since the last call, for the thread that has the journal."""
+        """Return the notes since the last call; for the thread that owns the journal."""
         notes: list[str] = []
         with suppress(Empty):
             while True:
@@ -98,7 +98,7 @@ class CommandRelay:
         return notes
 
     def attach(self, run: BenchRun) -> None:
-        """Pass requests to a run from now on, and signals until it handles them itself."""
+        """Pass requests to a run from now on, and also signals until it handles them itself."""
         self._run, self.interruptible = run, False
         self._forward_commands()
 
@@ -108,24 +108,24 @@ class CommandRelay:
         Raises
         ------
         KeyboardInterrupt
-            Where that harms nothing.
+            Interrupting does no harm at this time.
         """
         if self.interruptible:
             raise KeyboardInterrupt
         if self._run is not None:
-            # A SimpleQueue: this does not wait, whatever the signal interrupts.
+            # A SimpleQueue never blocks here, whatever the signal interrupts.
             self._run.request("stop")
 
     def _forward_commands(self) -> None:
         if self._run is None:
             return
-        with suppress(Empty):  # two threads hand on: what one of them sees, the other may have
+        with suppress(Empty):  # another thread may have forwarded it already
             while True:
                 self._run.request(self._queue.get_nowait())
 
 
 class RunController:
-    """One run, from the request to the register; it publishes its progress.
+    """Carries out one run, from the request to the register, and publishes its progress.
 
     Parameters
     ----------
@@ -142,12 +142,12 @@ class RunController:
         self._compiled = False
 
     def execute(self) -> Mapping[str, Any]:
-        """Carry out the run as far as possible; return the message of its end.
+        """Carry out the run as far as possible, and return the message about its end.
 
         Raises
         ------
         InercalError
-            Nothing was begun.
+            The run could not be started.
         """
         run = self._read_plan()
         with ExitStack() as opened:
@@ -176,7 +176,7 @@ class RunController:
     def _complete_run(
         self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: "_RunFinalizer"
     ) -> Mapping[str, Any]:
-        """Carry out the rest of a run; return the message of its end."""
+        """Carry out the remaining steps of a run, and return the message about its end."""
         live = None
         if journal.header().state != "carried out":
             try:
@@ -191,7 +191,7 @@ class RunController:
         return ending.complete_run(live)
 
     def _read_plan(self) -> Run:
-        """Return the requested run file, and publish its plan."""
+        """Return the requested run, and publish its plan."""
         order, clock = self._order, self._order.clock
         if order.plan is not None:
             run = read(order.plan)
@@ -237,7 +237,7 @@ class RunController:
     def _execute_plan(
         self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: "_RunFinalizer"
     ) -> LiveEstimator | None:
-        """Run the plan, or the rest of it; return the live estimate."""
+        """Run the plan, or the rest of it, and return the live estimate."""
         was = journal.header()
         if not self._compiled:
             with on_compilation(self._publish_compilation):
@@ -248,7 +248,7 @@ class RunController:
             self._record_notes(journal, run.time)
             teller(run)
             if run.pause_reason and was.clock:
-                sleep(UPDATE_INTERVAL)  # a simulated bench has no reason to hurry while it waits
+                sleep(UPDATE_INTERVAL)  # a simulated bench need not run fast while it waits
 
         def beside(run: BenchRun) -> AbstractContextManager[None]:
             self._control.attach(run)
@@ -279,10 +279,10 @@ class RunController:
 
 
 class _RunFinalizer:
-    """The end of one run.
+    """Finalizes one run.
 
-    A register that cannot be reached is said and ends nothing: the server enters all its runs when
-    it is started next, so that none is lost.
+    If the register cannot be reached, this is reported but does not end anything: the server enters
+    all its runs when it is started next, so none is lost.
 
     Parameters
     ----------
@@ -301,13 +301,13 @@ class _RunFinalizer:
         self.register_sync = RegisterSync(self._register, made.path)
 
     def interruption_message(self, words: str) -> EndMessage:
-        """Return the end message of a run that can be resumed."""
+        """Return the message about the end of a run that can be resumed."""
         return end_message(
             self._order, "interrupted", words or "interrupted", history=self._enter_in_register()
         )
 
     def complete_run(self, live: LiveEstimator | None) -> EndMessage:
-        """Write recording, calibration and report; return the end message."""
+        """Write recording, calibration and report, and return the message about the end."""
         sensor = self._folder.run.sensor.name
         try:
             outcome, _ = finish_run(
@@ -351,9 +351,9 @@ class _RunFinalizer:
 
 
 def _simulation_request(order: RunRequest) -> SimulationRequest | None:
-    """Return the bench that is to be simulated; None where none is.
+    """Return the bench to simulate; None for a real bench.
 
-    A run that goes on has the bench that it had.
+    A resumed run keeps its simulated bench.
     """
     note = read_process_record(Path(order.folder)) if order.plan is None else None
     was = note.simulated if note is not None else None
@@ -368,7 +368,7 @@ def _advance_past_log(bench: BenchSimulator, folder: Path) -> None:
     Raises
     ------
     InputError
-        A log that is damaged.
+        The log is damaged.
     LinkLost
         The bench has ended.
     """
@@ -386,7 +386,7 @@ def _advance_past_log(bench: BenchSimulator, folder: Path) -> None:
 
 
 def main() -> int:
-    """Carry out the request; return the exit status."""
+    """Carry out the request and return the exit status."""
     control = CommandRelay()
 
     def hear(lines: LineReader) -> None:

@@ -1,12 +1,12 @@
-"""The main function of a process that drives the bench: a run or a manual session.
+"""The main function of a process that drives the bench for a run or a manual session.
 
-The first line of standard input is the request; commands follow, one a line. Messages go to
-standard output, the last of them is the end.
+The first line of standard input is the request; commands follow, one per line. Messages go to
+standard output, and the last one is about the end.
 
-What it tells the server are JSON lines, written by a thread that alone waits for the reader. A line
-is the kind of the message, a space, and the message, so that the server need not read it. A
-reader that is slow misses pictures; one that is gone is told nothing any more. Neither keeps the
-run waiting.
+Messages to the server are JSON lines, written by a separate thread so that only this thread waits
+for the reader. Each line contains the kind of the message, a space and the message, so that the
+server need not parse the message. A slow reader misses updates, and a lost reader gets nothing
+more; neither delays the run.
 """
 
 import json
@@ -23,9 +23,9 @@ from inercal.basics.errors import InercalError
 from inercal.host.closeable import Closeable
 from inercal.host.web.run_request import ProcessRequest, premature_end_message
 
-# Of these kinds later messages say what earlier ones did.
+# Kinds of messages that later messages of the same kind replace.
 DROPPABLE_KINDS = frozenset(("state", "samples", "coarse", "estimates"))
-_MAX_DROPPABLE = 64  # messages of these kinds that wait
+_MAX_DROPPABLE = 64  # waiting messages of these kinds
 T = TypeVar("T")
 
 
@@ -35,7 +35,7 @@ class DroppingQueue(Generic[T]):
     Parameters
     ----------
     max_droppable : int
-        Droppable items that wait.
+        Largest number of droppable items that wait.
     """
 
     def __init__(self, max_droppable: int = _MAX_DROPPABLE):
@@ -61,12 +61,12 @@ class DroppingQueue(Generic[T]):
 
 
 class Publisher(Closeable):
-    """Writes messages to a descriptor; as a context manager it closes with the context.
+    """Writes messages to a descriptor; a context manager that closes at the end of its context.
 
     Parameters
     ----------
     descriptor : int
-        Written to, and left open.
+        Descriptor to write to, which is left open.
     """
 
     def __init__(self, descriptor: int):
@@ -77,14 +77,14 @@ class Publisher(Closeable):
         Thread(target=self._write, name="publisher", daemon=True).start()
 
     def publish(self, kind: str, **content: object) -> None:
-        """Queue a message for writing, if somebody reads; never waits."""
+        """Queue a message for writing if there is a reader; never waits."""
         with self._changed:
             if not self._closed:
                 self._queue.put((kind, content), must_keep=kind not in DROPPABLE_KINDS)
                 self._changed.notify_all()
 
     def close(self, patience: float = 5.0) -> None:
-        """Wait until everything is written, at most `patience` s; a second call does nothing."""
+        """Wait at most `patience` s until everything is written; a second call does nothing."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -100,7 +100,7 @@ class Publisher(Closeable):
                 told = json.dumps({"kind": kind, **content}, ensure_ascii=False, allow_nan=False)
                 line = f"{kind} {told}\n".encode()
             except (TypeError, ValueError) as error:
-                # NaN, or half a surrogate pair: those that follow are to be told still.
+                # NaN, or half of a surrogate pair; the messages after this one must still be sent.
                 if kind not in unsaid:
                     unsaid.add(kind)
                     words = f"a message of kind {kind!r} could not be sent"
@@ -109,7 +109,7 @@ class Publisher(Closeable):
             try:
                 while line:
                     line = line[os.write(self._descriptor, line) :]
-            except OSError:  # nobody reads any more
+            except OSError:  # there is no reader any more
                 break
         with self._changed:
             self._closed = self._written = True
@@ -122,7 +122,7 @@ class Publisher(Closeable):
             return message
 
 
-_MAX_LINE = 1 << 16  # bytes of a line
+_MAX_LINE = 1 << 16  # bytes in a line
 R = TypeVar("R", bound=ProcessRequest)
 
 
@@ -133,7 +133,7 @@ class LineReader:
         self._descriptor, self._buffer = descriptor, b""
 
     def next_line(self) -> str | None:
-        """Return the next line, once it is complete; None at the end."""
+        """Wait for the next complete line and return it; None at the end."""
         while b"\n" not in self._buffer:
             try:
                 data = os.read(self._descriptor, _MAX_LINE)
@@ -152,25 +152,25 @@ def serve_request(
     hear: Callable[[LineReader], object],
     interrupt: Callable[..., object],
 ) -> Mapping[str, Any] | None:
-    """Carry out the request on standard input; return its end message, which was published.
+    """Execute the request on standard input; publish and return its end message.
 
     Parameters
     ----------
     parse : callable
-        From the first line to the request.
+        Parses the first line and returns the request.
     execute : callable
-        Carries the request out and returns its end; an error becomes a premature end.
+        Executes the request and returns the end message; an error becomes a premature end.
     hear : callable
-        Called with the further lines in a thread of its own.
+        Called in a separate thread with the reader of the further lines.
     interrupt : callable
         Called on SIGINT and SIGTERM.
 
     Returns
     -------
     end : mapping or None
-        None where the first line is no request; standard error says so.
+        None if the first line is not a request; standard error says so.
     """
-    # Other output of this process must not mix with the messages.
+    # Other output from this process must not mix with the messages.
     output = os.dup(1)
     os.dup2(2, 1)
     lines = LineReader(0)
@@ -196,7 +196,7 @@ def _end(request: ProcessRequest, execute: Callable[[], Mapping[str, Any]]) -> M
     except KeyboardInterrupt:
         return premature_end_message(request, "stopped before anything moved")
     except Exception as error:
-        # The viewers read the message; the server's log has the traceback.
+        # The viewers see the message, and the server's log contains the traceback.
         sys.excepthook(*sys.exc_info())  # pyright: ignore[reportArgumentType]
         words = f"the process failed: {type(error).__name__}: {error}"
         return premature_end_message(request, words)

@@ -1,6 +1,6 @@
-"""A certificate as data, with every item of ISO/IEC 17025:2017, 7.8.2 and 7.8.4, stated once.
+"""The data of a certificate, with every item of ISO/IEC 17025:2017, 7.8.2 and 7.8.4.
 
-PDF and DCC are both written from it.
+Each item is stated only once. PDF and DCC are both written from these data.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ Change = Literal["", "amended", "substituted"]
 
 @dataclass(frozen=True)
 class CertificateChange:
-    """How a certificate changes an earlier one.
+    """The change that a certificate makes to an earlier one.
 
     Parameters
     ----------
@@ -49,22 +49,22 @@ class CertificateChange:
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """What a certificate states.
+    """The content of a certificate.
 
     Parameters
     ----------
     number : str
-        Empty for a draft.
+        Number of the certificate; empty for a draft.
     issued : date
     texts : Texts
     laboratory : LaboratoryFile
     job : JobSection
     results : tuple of ResultSet
-        One set, or two: before and after adjustment.
+        One set of results, or two: before and after adjustment.
     conformity : Conformity or None
-        Judged from the last results.
+        Conformity judged from the last results.
     marks : tuple of str
-        Keys of [mark] in the table of texts.
+        Marks of the certificate, as keys of [mark] in the table of texts.
     change : CertificateChange
     """
 
@@ -121,9 +121,9 @@ def make_certificate(
     Raises
     ------
     InputError
-        An item of the standard is missing, the laboratory's policy refuses the calibration, dates
-        contradict one another, a calibration states no uncertainty, or the calibration as found is
-        of another sensor.
+        If an item of the standard is missing, the laboratory's policy refuses the calibration,
+        dates contradict each other, a calibration states no uncertainty, or the as-found
+        calibration is for another sensor.
     """
     job, laboratory, calibration = given.job, given.laboratory, given.calibration
     require_complete(job, laboratory)
@@ -170,7 +170,7 @@ def make_certificate(
 
 
 def _require_uncertainty(calibration: Calibration) -> None:
-    """Refuse a calibration that was imported: a certificate states U (7.8.4.1 a)."""
+    """Refuse an imported calibration, because a certificate must state U (7.8.4.1 a)."""
     if not calibration.std.any():
         name = calibration.sensor.name
         raise InputError(

@@ -1,9 +1,9 @@
 """The digital calibration certificate (DCC 3.2.1 of PTB, with D-SI 2.1.0), as XML.
 
-Each measurement result has two results: the coefficients as the certificate states them, rounded,
-with U, and the unrounded coefficients with their covariance, whose ellipsoid contains all true
-values together with the same probability: k² = χ²_n(p), or n F_p(n, ν). Every covariance has the
-product of two units. Numbers are in SI.
+Each measurement result contains two results: the rounded coefficients with U, as the certificate
+states them, and the unrounded coefficients with their covariance. The ellipsoid of the covariance
+contains all true values together with the same probability: k² = χ²_n(p), or n F_p(n, ν). The unit
+of each covariance is the product of two units. Numbers are in SI units.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -99,7 +99,7 @@ def write_dcc(certificate: Certificate) -> bytes:
 
 
 def calibration_bytes(results: ResultSet) -> bytes:
-    """Return the calibration file of results, as it is attached."""
+    """Return the calibration file of the results in the form in which it is attached."""
     return (
         json.dumps(calibration_object(results.calibration), indent=1, ensure_ascii=False).encode()
         + b"\n"
@@ -269,7 +269,7 @@ def _full_result(texts: Texts, results: ResultSet) -> Any:
 
 
 def _ellipsoid_factor(results: ResultSet) -> float:
-    """Return k of the ellipsoid of all coefficients together."""
+    """Return the coverage factor k of the ellipsoid of all coefficients."""
     n, dof, p = len(results.rows), results.dof, COVERAGE_PROBABILITY
     return sqrt(float(n * fdtri(n, dof, p) if isfinite(dof) else chdtri(n, 1 - p)))
 

@@ -1,4 +1,4 @@
-"""The administrative data of a DCC: who, what, when, and the statements of the certificate."""
+"""The administrative data of a DCC: persons, items, dates and statements."""
 
 from importlib.metadata import version
 from typing import Any
@@ -11,7 +11,7 @@ _DRAFT = "DRAFT"
 
 
 def administrative_data(certificate: Certificate) -> Any:
-    """Return the first ring of a DCC."""
+    """Return the administrative data, which are the first ring of a DCC."""
     texts = certificate.texts
     software = dcc(
         "software", content("name", texts, "inercal"), dcc("release", version("inercal"))

@@ -1,4 +1,4 @@
-"""Elements of a DCC; text is set through the XML library, never pasted into markup."""
+"""Make the XML elements of a DCC; the XML library escapes all text."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,7 +18,7 @@ _NAMESPACES = {
 
 
 def dcc(name: str, *children: Any, **attributes: str) -> Any:
-    """Return an element of the DCC; children are elements or a text, None is left out."""
+    """Return an element of the DCC; children are elements or text, and None is left out."""
     return _element(DCC_NAMESPACE, name, children, attributes)
 
 
@@ -28,7 +28,7 @@ def si(name: str, *children: Any) -> Any:
 
 
 def content(name: str, texts: Texts, *lines: str, more: Sequence[Any] = ()) -> Any:
-    """Return lines of text in the language of the certificate, and other elements after them."""
+    """Return lines of text in the certificate's language, followed by other elements."""
     return dcc(name, *(dcc("content", line, lang=texts.language) for line in lines), *more)
 
 
@@ -38,7 +38,7 @@ def list_label(name: str) -> str:
 
 
 def to_bytes(root: Any) -> bytes:
-    """Return the document as UTF-8."""
+    """Return the XML document as UTF-8 bytes."""
     etree.indent(root, space=" ")
     return etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n"
 
@@ -49,8 +49,8 @@ def _element(namespace: str, name: str, children: Sequence[Any], attributes: dic
         element.set(key, value)
     for child in children:
         if isinstance(child, str):
-            # Not empty, without white space at its ends, without control characters: the schema's
-            # type of a text.
+            # The schema requires text that is not empty and has no control characters and no white
+            # space at its ends.
             element.text = visible_text(child.strip(), keep="\n\t") or "–"
         elif child is not None:
             element.append(child)

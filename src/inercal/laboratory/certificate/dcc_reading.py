@@ -1,4 +1,4 @@
-"""Reads back what a DCC written by inercal states."""
+"""Read the results back from a DCC that inercal wrote."""
 
 import base64
 from dataclasses import dataclass
@@ -17,19 +17,19 @@ _NAMES = {"dcc": DCC_NAMESPACE, "si": SI_NAMESPACE}
 
 @dataclass(frozen=True, eq=False)
 class StatedResults:
-    """The results of one measurement of a DCC, SI.
+    """The results of one measurement in a DCC, in SI units.
 
     Parameters
     ----------
     names, units : tuple of str
-        Names without blanks.
+        Names, without blanks, and units.
     value, expanded, k : (p,) arrays
-        As the certificate states them, rounded.
+        Rounded values, U and coverage factors, as the certificate states them.
     full_value : (p,) array
     covariance : (p, p) array
     covariance_units : tuple of tuple of str
     calibration : Calibration
-        From the attached file, after its hash was verified.
+        Calibration from the attached file, after its hash was verified.
     """
 
     names: tuple[str, ...]
@@ -57,7 +57,7 @@ def read_dcc(document: bytes, source: str = "DCC") -> StatedCertificate:
     Raises
     ------
     InputError
-        The document is not XML, not a DCC, or lacks the results that inercal writes.
+        If the document is not XML, is not a DCC, or lacks the results that inercal writes.
     """
     parser = etree.XMLParser(resolve_entities=False, no_network=True)
     try:

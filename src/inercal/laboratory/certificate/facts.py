@@ -23,14 +23,14 @@ from inercal.laboratory.certificate.results import (
 from inercal.laboratory.certificate.texts import Texts
 from inercal.physics.sensors.coefficient_tables import G0
 
-_ALONG = 1e-6  # of a unit vector along an axis, at most this short of 1
+_ALONG = 1e-6  # tolerance for a unit vector that points along an axis
 
 Fact = tuple[str, str]
 Statement = tuple[str, tuple[str, ...]]
 
 
 def method_facts(certificate: Certificate) -> list[Fact]:
-    """Return how the calibration was made."""
+    """Return the facts about how the calibration was made."""
     texts, calibration = certificate.texts, certificate.calibration
     provenance = calibration.provenance
     way = ", ".join(text for text in (calibration.method, calibration.estimator) if text)
@@ -49,7 +49,7 @@ def method_facts(certificate: Certificate) -> list[Fact]:
 
 
 def _input_axes(calibration: Calibration) -> str:
-    """Return where I, P and O of each axis point: "ax +x, +y, +z"."""
+    """Return the directions of I, P and O of each axis as text, such as "ax +x, +y, +z"."""
     return "; ".join(
         f"{axis.name} {', '.join(_direction(vector) for vector in axis.frame)}"
         for axis in calibration.sensor.axes
@@ -57,7 +57,7 @@ def _input_axes(calibration: Calibration) -> str:
 
 
 def _direction(vector: Array) -> str:
-    """Return the axis of the frame that a unit vector lies along, or its components."""
+    """Return the frame axis along which a unit vector points, or else its components."""
     k = int(np.argmax(np.abs(vector)))
     if abs(vector[k]) > 1 - _ALONG:
         return ("−" if vector[k] < 0 else "+") + "xyz"[k]
@@ -70,13 +70,13 @@ def _file_and_hash(calibration: Calibration, what: str) -> str:
 
 
 def results_title(texts: Texts, results: ResultSet) -> str:
-    """Return the title of results, with "before" or "after adjustment" if there are two."""
+    """Return the title of the results, with "before" or "after adjustment" if there are two."""
     keys = {"beforeAdjustment": "results_before", "afterAdjustment": "results_after"}
     return texts.text(keys.get(results.status, "results"))
 
 
 def condition_facts(certificate: Certificate, calibration: Calibration) -> list[Fact]:
-    """Return the conditions that influence a result."""
+    """Return the conditions that influence the result."""
     texts, job = certificate.texts, certificate.job
     facts = [
         (texts.text("ambient_temperature"), job.ambient_temperature),
@@ -92,7 +92,7 @@ def condition_facts(certificate: Certificate, calibration: Calibration) -> list[
 
 
 def _with_coverage(name: str, text: str) -> str:
-    """Return a condition that says what its ± is: standard uncertainties are stated."""
+    """Add "(k = 1)" to a condition with ±, because it states a standard uncertainty."""
     return f"{text} (k = 1)" if " ± " in text and "k = " not in name + text else text
 
 

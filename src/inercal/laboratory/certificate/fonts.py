@@ -1,4 +1,4 @@
-"""The font of a certificate: one that comes with typst, or a font file for Chinese."""
+"""Find the font of a certificate: a font that comes with typst, or a font file for Chinese."""
 
 import shutil
 import tempfile
@@ -10,11 +10,11 @@ from inercal.basics.errors import InputError
 from inercal.laboratory.certificate.libraries import certificate_library
 from inercal.laboratory.certificate.texts import Language
 
-OWN_FONT = "Libertinus Serif"  # within typst
+OWN_FONT = "Libertinus Serif"  # included in typst
 _CHINESE_FONTS = tuple(
     Path("/usr/share/fonts/opentype/noto") / name
     for name in ("NotoSerifCJK-Regular.ttc", "NotoSansCJK-Regular.ttc")
-)  # of Debian's fonts-noto-cjk
+)  # from Debian's fonts-noto-cjk
 
 
 def find_font(language: Language, font: Path | None) -> Path | None:
@@ -23,7 +23,8 @@ def find_font(language: Language, font: Path | None) -> Path | None:
     Raises
     ------
     InputError
-        The text is Chinese but no Chinese font is given or installed, or the file does not exist.
+        If the text is Chinese but no Chinese font is given or installed, or if the file does not
+        exist.
     """
     if font is not None:
         if not font.is_file():
@@ -48,13 +49,13 @@ def font_families(font: Path | None) -> Generator[tuple[list[str], list[str]]]:
     Raises
     ------
     InputError
-        The file is not a font.
+        If the file is not a font.
     """
     if font is None:
         yield [OWN_FONT], []
         return
     with tempfile.TemporaryDirectory() as folder:
-        # typst takes folders: this one has the file alone, not the other fonts of its own folder.
+        # typst accepts folders: this one contains only the file, not other fonts from its folder.
         for file in {font, font.with_name(font.name.replace("Regular", "Bold"))}:
             if file.is_file():
                 shutil.copy(file, folder)
@@ -66,6 +67,6 @@ def font_families(font: Path | None) -> Generator[tuple[list[str], list[str]]]:
             raise InputError(
                 f"--font {font} is not a font; give a .ttf, .otf or .ttc file", key="--font"
             )
-        # Of a collection for several regions the simplified characters are those of the texts.
+        # In a collection for several regions, the texts use the simplified characters.
         simplified = [name for name in found if name.endswith(" SC") and "Mono" not in name]
         yield [OWN_FONT, (simplified or found)[0]], [folder]

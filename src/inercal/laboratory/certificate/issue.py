@@ -1,4 +1,4 @@
-"""Issues a certificate: number, files and register entry in one step.
+"""Issue a certificate: number, files and register entry in one step.
 
 typst writes the PDF as PDF/A-3b, with the DCC and the calibration file attached. The document's
 date is the date of issue, so the same certificate gives the same bytes.
@@ -36,7 +36,7 @@ from inercal.laboratory.store.certificates import DEFAULT_SERIES, require_series
 
 @dataclass(frozen=True)
 class IssueOptions:
-    """How the files of a certificate are made.
+    """Options for making the files of a certificate.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class IssueOptions:
     key : SigningKey or None
     change : "", "amended" or "substituted"
     previous, reason : str
-        Number of the certificate to change, and why it is changed.
+        Number of the certificate to change, and the reason for the change.
     """
 
     font: Path | None = None
@@ -61,12 +61,12 @@ def make_files(
     options: IssueOptions,
     previous: CertificateEntry | None = None,
 ) -> CertificateFiles:
-    """Return the files of a certificate.
+    """Make the files of a certificate and return them.
 
     Raises
     ------
     InputError
-        As `make_certificate`, `find_font` and `write_pdf`, or the DCC does not conform to the
+        As `make_certificate`, `find_font` and `write_pdf`; also if the DCC does not conform to the
         schema.
     """
     font = find_font(given.language, options.font)
@@ -99,11 +99,11 @@ def issue(
     Raises
     ------
     InputError
-        As `make_files`, or the register refuses the entry; the number is then not used.
+        As `make_files`; also if the register refuses the entry, and then the number is not used.
     """
     series = given.laboratory.certificate_number or DEFAULT_SERIES
     require_series(series)
-    # A rehearsal: what is refused is refused before the register is created or locked.
+    # Make the files once before the register is created or locked, so that errors come early.
     make_files(given, "0", IssueOptions(options.font, options.schema))
     request = CertificateRequest(
         series,
@@ -139,7 +139,7 @@ def write_pdf(
     Raises
     ------
     InputError
-        No font has one of the characters (the message names it), or the font file is not a font.
+        If no font has one of the characters (the message names it), or the font file is not a font.
     """
     attached = {
         "dcc": dcc.decode(),
@@ -149,7 +149,7 @@ def write_pdf(
 
 
 def write_pdf_a1(certificate: Certificate, font: Path | None) -> bytes:
-    """Return the same pages as PDF/A-1b without attachments, for validators that need that."""
+    """Return the same pages as PDF/A-1b without attachments, for validators that need this."""
     return _compile(certificate, {}, font, "a-1b")
 
 
@@ -164,7 +164,7 @@ def _compile(
     typst = certificate_library("typst")
     source = files("inercal.laboratory.certificate").joinpath("certificate.typ").read_bytes()
     with font_families(font) as (families, folders):
-        # PDFBox Preflight cannot read the destinations of typst's outline.
+        # PDFBox Preflight cannot read the link destinations in typst's outline.
         data = page_data(certificate, families, bookmarked=standard == STANDARD, signed=signed)
         try:
             document = typst.compile(

@@ -1,4 +1,4 @@
-"""Reads the order's part of a certificate from [job] of the run file and an additional file."""
+"""Read the job data of a certificate from [job] in the run file and from an additional file."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,13 +17,13 @@ _OF_LABORATORY = ("address", "country", "approved_by", "procedure", "traceabilit
 
 
 class _OrderFile(Section):
-    """A file of the order: one section."""
+    """An additional job file, which has one section."""
 
     job: JobSection
 
 
 def read_job(texts: Mapping[str, str], path: Path | None = None) -> JobSection:
-    """Return the order of a calibration.
+    """Return the job data of a calibration.
 
     Parameters
     ----------
@@ -35,16 +35,16 @@ def read_job(texts: Mapping[str, str], path: Path | None = None) -> JobSection:
     Raises
     ------
     InputError
-        The file cannot be read, or has an unknown section or key or an invalid date.
+        If the file cannot be read, or has an unknown section or key or an invalid date.
     """
-    # Other texts of a calibration are those of its laboratory's file.
+    # The other texts of a calibration come from the laboratory file.
     stated: dict[str, object] = {
         key: text
         for name, text in texts.items()
         if (key := name.replace(" ", "_")) in JobSection.model_fields
     }
     if path is not None:
-        added = _validate(read_toml(path, "file of the order"), path)
+        added = _validate(read_toml(path, "job file"), path)
         stated |= added.model_dump(exclude_unset=True)
     return _validate({"job": stated}, "the calibration")
 
@@ -62,12 +62,12 @@ def require_complete(job: JobSection, laboratory: LaboratoryFile) -> None:
     Raises
     ------
     InputError
-        Items are missing; the message names every one.
+        If items are missing; the message names all of them.
     """
     of_job = [f"[job] {key}" for key in _OF_JOB if getattr(job, key) is None]
     procedure = job.procedure or laboratory.procedure
     of_laboratory = [
-        f"{key} of the laboratory's file"
+        f"{key} in the laboratory's file"
         for key in _OF_LABORATORY
         if getattr(laboratory, key) is None and not (key == "procedure" and procedure)
     ]

@@ -1,4 +1,4 @@
-"""Loads the libraries of the extras; few of them ship types, so their objects are `Any`."""
+"""Load the libraries of the extras; few of them have types, so their objects are `Any`."""
 
 from importlib import import_module
 from typing import Any
@@ -14,24 +14,24 @@ SIGNATURE = (
 
 
 def certificate_library(name: str) -> Any:
-    """Return a module of the extra "certificate".
+    """Import a module of the extra "certificate".
 
     Raises
     ------
     MissingExtra
-        It is not installed.
+        If it is not installed.
     """
     with require_extra(*CERTIFICATE):
         return import_module(name)
 
 
 def signature_library(name: str) -> Any:
-    """Return a module of the extra "signature".
+    """Import a module of the extra "signature".
 
     Raises
     ------
     MissingExtra
-        It is not installed.
+        If it is not installed.
     """
     with require_extra(*SIGNATURE):
         return import_module(name)

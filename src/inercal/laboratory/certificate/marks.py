@@ -1,7 +1,7 @@
-"""Decides why a certificate is refused or is marked on every page.
+"""Decide whether a certificate is refused, or is marked on every page.
 
-The laboratory's [policy] decides between the two. No option removes a mark; only another
-calibration does.
+The laboratory's [policy] chooses between the two. No option removes a mark; this needs another
+calibration.
 """
 
 from datetime import date
@@ -20,7 +20,7 @@ _RANGES = {"force": "m/s²", "rate": "rad/s", "temperature": "K"}
 def certificate_marks(
     laboratory: LaboratoryFile, results: tuple[ResultSet, ...], measured: date, *, draft: bool
 ) -> tuple[str, ...]:
-    """Return the marks of a certificate, keys of [mark] in the table of texts.
+    """Return the marks of a certificate as keys of [mark] in the table of texts.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def certificate_marks(
     Raises
     ------
     InputError
-        The laboratory's policy refuses the certificate; a draft is marked instead.
+        If the laboratory's policy refuses the certificate; a draft is marked instead.
     """
     policy = laboratory.policy
     marks: list[str] = ["draft"] if draft else []
@@ -75,7 +75,7 @@ def certificate_marks(
 
 
 def _outside(laboratory: LaboratoryFile, results: ResultSet) -> str:
-    """Return what the stated capability does not hold, in words; empty if it holds all."""
+    """Return a text on results outside the stated capability; empty if there are none."""
     if laboratory.capability is None:
         return ""
     parts = list(names_of(results.rows))

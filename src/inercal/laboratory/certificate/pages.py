@@ -1,4 +1,4 @@
-"""Turns a certificate into the JSON sections that the layout `certificate.typ` prints."""
+"""Convert a certificate to the JSON sections that the layout `certificate.typ` prints."""
 
 import re
 from typing import Any, cast
@@ -20,20 +20,20 @@ from inercal.laboratory.certificate.facts import (
 )
 from inercal.laboratory.certificate.results import ResultSet
 
-_LONG_WORD = re.compile(r"\S{64}(?=\S)")  # it would pass the margin
+_LONG_WORD = re.compile(r"\S{64}(?=\S)")  # a longer word would run over the margin
 _REGIONS = {"zh": "cn"}
 
 
 def page_data(
     certificate: Certificate, fonts: list[str], *, bookmarked: bool, signed: bool
 ) -> dict[str, Any]:
-    """Return what the layout prints.
+    """Return the data that the layout prints.
 
     Parameters
     ----------
     certificate : Certificate
     fonts : list of str
-        Font families; each character is set in the first one that has it.
+        Font families; each character uses the first one that contains it.
     bookmarked : bool
         Whether headings are in the outline of the document.
     signed : bool
@@ -265,7 +265,7 @@ def _signature(certificate: Certificate, signed: bool) -> dict[str, Any]:
 
 
 def _printable(data: Any) -> Any:
-    """Return the data with texts that no control character and no long word spoils."""
+    """Return the data with printable texts: no control characters, and breaks in long words."""
     if isinstance(data, str):
         return _LONG_WORD.sub(lambda word: word[0] + "\u200b", visible_text(data, keep="\n"))
     if isinstance(data, dict):

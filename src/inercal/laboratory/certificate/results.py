@@ -1,12 +1,12 @@
-"""The results of a certificate, rounded once, and the statement of conformity with them.
+"""The rounded results of a certificate, and their statement of conformity.
 
-The expanded uncertainty is U = k u with the coverage probability of k = 2 of the normal
-distribution, 95.45 %; where the effective degrees of freedom ν are few, k = t(ν) (JCGM 100:2008,
-G.4). No U is below the capability of the laboratory (ILAC-P14:09/2020): where it would be, the
-covariance is scaled, V′ = D V D with D = max(1, U_CMC/U), which keeps all correlations.
+The expanded uncertainty is U = k u. Its coverage probability, 95.45 %, is that of k = 2 for the
+normal distribution; with few effective degrees of freedom ν, k = t(ν) (JCGM 100:2008, G.4). No U is
+below the capability of the laboratory (ILAC-P14:09/2020). If it would be, the covariance is scaled,
+V′ = D V D with D = max(1, U_CMC/U), which preserves all correlations.
 
-U has two significant digits, and the value ends with the same digit. PDF and DCC both
-use these decimal numbers, so they agree; in SI they are the rounded number times the unit's size.
+U has two significant digits, and the value is rounded to the same digit. PDF and DCC both use these
+decimal numbers, so they agree. In SI they are the rounded numbers multiplied by the unit's size.
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,17 +48,17 @@ _SUPERSCRIPTS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹", "1")
 
 @dataclass(frozen=True)
 class ResultRow:
-    """A coefficient with its expanded uncertainty, rounded.
+    """A coefficient with its expanded uncertainty, both rounded.
 
     Parameters
     ----------
     name, meaning, unit, si_unit : str
     term : str
-        Its basis function, as printed.
+        Basis function of the coefficient, as printed.
     value, expanded : str
-        Decimal numbers, in `unit`.
+        Value and U as decimal numbers, in `unit`.
     si : float
-        SI size of the unit.
+        Size of the unit in SI units.
     raised : bool
         Whether U was raised to the capability of the laboratory.
     outside : bool
@@ -78,12 +78,12 @@ class ResultRow:
 
     @property
     def value_si(self) -> float:
-        """The rounded value, SI."""
+        """The rounded value in SI units."""
         return float(Decimal(self.value) * Decimal(repr(self.si)))
 
     @property
     def expanded_si(self) -> float:
-        """The rounded expanded uncertainty, SI."""
+        """The rounded expanded uncertainty in SI units."""
         return float(Decimal(self.expanded) * Decimal(repr(self.si)))
 
 
@@ -96,7 +96,7 @@ class ResultSet:
     status : "", "beforeAdjustment" or "afterAdjustment"
     calibration : Calibration
     covariance : (p, p) array
-        SI, raised to the capability of the laboratory.
+        Covariance in SI units, raised to the capability of the laboratory.
     dof : float
         Effective degrees of freedom; infinite if none are stated.
     k : float
@@ -118,13 +118,13 @@ def make_results(
     dof: float,
     status: Status = "",
 ) -> ResultSet:
-    """Return the results of a calibration.
+    """Return the results of a calibration for a certificate.
 
     Parameters
     ----------
     calibration : Calibration
     capability : mapping of str to float, or None
-        The smallest U, SI, by full name; None if the laboratory states no capability.
+        Smallest U by full name, SI; None if the laboratory states no capability.
     dof : float
     status : str
     """
@@ -154,13 +154,14 @@ def make_results(
 
 
 def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[str, float]:
-    """Return the smallest U, SI, of each coefficient that a laboratory names; a full name wins.
+    """Return the smallest U, SI, of each coefficient for which a laboratory states one.
 
     Raises
     ------
     InputError
-        A quantity is invalid or not positive, or a word names no coefficient of any sensor.
-        Coefficients that this sensor lacks are ignored, because the file serves all sensors.
+        If a quantity is invalid or not positive, or a word does not name a coefficient of any
+        sensor. Coefficients that this sensor lacks are ignored, because the file is used for all
+        sensors.
     """
     found: dict[str, float] = {}
     for word, text in sorted(uncertainty.items(), key=lambda one: "." in one[0]):
@@ -179,7 +180,9 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
             if name in sensor.coefficients:
                 try:
                     values[name] = parse_quantity(text, sensor.coefficient(name).unit).value
-                except InputError as error:  # "bias" of gyros, where it states accelerometers
+                except (
+                    InputError
+                ) as error:  # for example "bias" of gyros with an accelerometer unit
                     errors.append(error)
         if errors and not values:
             raise errors[0].located(key, key=key)
@@ -190,7 +193,7 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
 
 
 def judge_results(results: ResultSet) -> Conformity | None:
-    """Return the conformity by the limits of the calibration and the U of the certificate.
+    """Judge conformity with the limits of the calibration, using the U of the certificate.
 
     Limits that were judged by the U of the next use keep that judgement, with k = 2. If the
     capability of the laboratory raises the U of the session, the U of the next use grows by the
@@ -229,12 +232,12 @@ def judge_results(results: ResultSet) -> Conformity | None:
 
 
 def _conformity_dof(conformity: Conformity, dof: float) -> float:
-    """Return ν of the U that limits are judged by; that of the next use holds t(ν) already."""
+    """Return ν for the U that limits are judged by; U of the next use already includes t(ν)."""
     return inf if conformity.uncertainty == "next_use" else dof
 
 
 def acceptance_risk(conformity: Conformity, dof: float = inf) -> float:
-    """Return the largest risk that a value on its acceptance limit is beyond the limit.
+    """Return the largest risk that a value on its acceptance limit exceeds the limit.
 
     The guard band is w = factor · U. With a limit on one side only, the risk is the
         tail beyond w: 2.28 % for w = 2u, 4.9 % for w = 0.83 U (JCGM 106:2012, 8.3.2;
@@ -247,7 +250,7 @@ def acceptance_risk(conformity: Conformity, dof: float = inf) -> float:
 
 
 def names_of(rows: Sequence[ResultRow], *, raised: bool = False) -> tuple[str, ...]:
-    """Return the coefficients whose U is raised, or that are outside the capability."""
+    """Return the coefficients outside the capability, or those whose U was raised."""
     return tuple(row.name for row in rows if (row.raised if raised else row.outside))
 
 

@@ -1,4 +1,4 @@
-"""Validates a DCC against its XML schema, which the laboratory supplies.
+"""Validate a DCC against its XML schema, which the laboratory supplies.
 
 The schema imports others by address. They are found in its folder by their namespace; nothing is
 fetched from the network. The content of an XML signature is not validated here, because
@@ -25,14 +25,14 @@ def schema_defects(document: bytes, schema: Path) -> tuple[str, ...]:
     Parameters
     ----------
     document : bytes
-        The DCC, XML.
+        The DCC as XML.
     schema : Path
-        dcc.xsd, with the schemas that it imports in the same folder.
+        The file dcc.xsd; the schemas that it imports must be in the same folder.
 
     Raises
     ------
     InputError
-        The schema cannot be read, or one that it imports is not in its folder.
+        If the schema cannot be read, or a schema that it imports is not in its folder.
     """
     validator = _read_schema(schema)
     root = etree.fromstring(document, _parser())
@@ -86,7 +86,7 @@ def _read_xml(path: Path) -> Any:
 
 
 class _Resolver(etree.Resolver):
-    """Gives the stub of the schema of signatures for its address; libxml2 reads all else."""
+    """A resolver that supplies a stub for the signature schema; libxml2 reads everything else."""
 
     signature = "inercal:signature"
 

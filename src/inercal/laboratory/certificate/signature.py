@@ -1,4 +1,4 @@
-"""Signatures with the laboratory's key: PAdES of the PDF (B-B), XAdES of the DCC (enveloped).
+"""Sign with the laboratory's key: PAdES for the PDF (B-B), XAdES for the DCC (enveloped).
 
 The key is read from a PKCS#12 file for each certificate and is never stored. There is no time
 stamp (B-T), because that needs a service on the network.
@@ -19,7 +19,7 @@ _FIELD = "inercal_certificate"
 
 @dataclass(frozen=True, eq=False)
 class SigningKey:
-    """A key with its certificate and that certificate's chain.
+    """A signing key with its certificate and the chain of that certificate.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ def read_signing_key(path: Path, passphrase: str) -> SigningKey:
     Raises
     ------
     InputError
-        The file cannot be read, the passphrase is wrong, or a key or certificate is missing.
+        If the file cannot be read, the passphrase is wrong, or a key or certificate is missing.
     MissingExtra
-        The packages for signatures are not installed.
+        If the packages for signatures are not installed.
     """
     pkcs12 = signature_library("cryptography.hazmat.primitives.serialization.pkcs12")
     content = read_small_file(path, "PKCS#12 file")
@@ -85,7 +85,7 @@ def sign_pdf(document: bytes, key: SigningKey) -> bytes:
     Raises
     ------
     InputError
-        The key cannot sign a PDF.
+        If the key cannot sign a PDF.
     """
     signers = signature_library("pyhanko.sign.signers")
     pades = signature_library("pyhanko.sign.fields").SigSeedSubFilter.PADES

@@ -1,4 +1,4 @@
-"""Checks of a certificate: its numbers agree, who signed it, and whether the register has it."""
+"""Verify a certificate: its numbers, its signatures, and its entry in the register."""
 
 import asyncio
 import base64
@@ -21,23 +21,23 @@ from inercal.laboratory.certificate.libraries import signature_library
 from inercal.laboratory.certificate.schema import SIGNATURE_NAMESPACE, schema_defects
 from inercal.laboratory.store import Register
 
-_LARGEST = 64 << 20  # bytes of a certificate
+_LARGEST = 64 << 20  # largest size of a certificate in bytes
 _PDF_HEAD = b"%PDF-"
 
 
 @dataclass(frozen=True)
 class Check:
-    """One check.
+    """One check of a certificate.
 
     Parameters
     ----------
     name : str
     passed : bool or None
-        None if it could not be made.
+        Whether the check passed; None if it could not be made.
     text : str
-        What was found.
+        Result of the check.
     vouches : bool
-        Whether it shows from whom the file is.
+        Whether the check shows who issued the file.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Verification:
-    """All checks of a certificate.
+    """The results of all checks of a certificate.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Verification:
 
     @property
     def authentic(self) -> bool:
-        """Whether nothing failed, and a trusted signature or the register vouches for the file."""
+        """Whether no check failed and a trusted signature or the register vouches for the file."""
         vouched = any(one.vouches for one in self.checks)
         return vouched and all(one.passed is not False for one in self.checks)
 
@@ -73,23 +73,23 @@ def verify(
     schema: Path | None = None,
     register: Register | None = None,
 ) -> Verification:
-    """Check a certificate, PDF or DCC.
+    """Verify a certificate, which may be a PDF or a DCC.
 
     Parameters
     ----------
     path : Path
     trust : Path, optional
-        PEM file of the certificates that a signature must lead to.
+        PEM file with the certificates to which a signature must lead.
     schema : Path, optional
-        dcc.xsd.
+        The file dcc.xsd.
     register : Register, optional
 
     Raises
     ------
     InputError
-        The file is neither a PDF nor a DCC of inercal.
+        If the file is neither a PDF nor a DCC from inercal.
     MissingExtra
-        The packages for signatures are not installed.
+        If the packages for signatures are not installed.
     """
     content = read_small_file(path, "certificate", _LARGEST)
     trusted = None if trust is None else read_small_file(trust, "PEM file")
@@ -102,7 +102,7 @@ def verify(
             checks.append(_pdf_signature(content, trusted))
     stated = read_dcc(document, str(path))
     of_dcc = _dcc_signature(document, trusted)
-    # A DCC with a good signature can be attached to any pages.
+    # A DCC with a valid signature could be attached to any pages.
     checks.append(replace(of_dcc, vouches=False) if is_pdf else of_dcc)
     checks += [_agreement(one, k) for k, one in enumerate(stated.results, start=1)]
     if schema is not None:
@@ -115,7 +115,7 @@ def verify(
 
 @contextmanager
 def _readable(path: Path) -> Generator[None]:
-    """Turn any error of the reader of PDF into one line: the file is damaged."""
+    """Convert any error of the PDF reader to a one-line message that the file is damaged."""
     try:
         yield
     except InercalError:
@@ -141,7 +141,7 @@ def _attached_dcc(content: bytes, path: Path) -> bytes:
 
 
 def _name_tree(node: Any) -> Any:
-    """Yield name and file specification of each entry of a name tree."""
+    """Yield the name and file specification of each entry in a name tree."""
     if "/Names" in node:
         entries = list(node["/Names"])
         for name, file in zip(entries[::2], entries[1::2], strict=True):
@@ -189,7 +189,7 @@ def _trust_check(name: str, subject: str, trusted: bytes | None, leads: bool) ->
 
 
 def _certificates(pem: bytes) -> list[Any]:
-    """Return the certificates of a PEM file, as pyHanko takes them."""
+    """Return the certificates in a PEM file in the form that pyHanko needs."""
     load = signature_library("asn1crypto.x509").Certificate.load
     der = signature_library("cryptography.hazmat.primitives.serialization").Encoding.DER
     return [load(one.public_bytes(der)) for one in _load_pem(pem)]
@@ -235,7 +235,7 @@ def _dcc_signature(document: bytes, trusted: bytes | None) -> Check:
 
 
 def _leads_to(own: bytes, chain: Sequence[bytes], trusted: bytes) -> bool:
-    """Return whether a certificate leads to a trusted one, as for the PDF; DER, DER and PEM."""
+    """Return whether a certificate (DER) leads, through its chain (DER), to a trusted one (PEM)."""
     load = signature_library("asn1crypto.x509").Certificate.load
     library = signature_library("pyhanko_certvalidator")
     refusals = signature_library("pyhanko_certvalidator.errors")
@@ -268,7 +268,7 @@ def _agreement(stated: StatedResults, number: int) -> Check:
         shown = format_value_and_uncertainty(float(stated.full_value[k]) / si, float(full))
         both = float(stated.value[k]) / si, float(stated.expanded[k]) / si
         for text, each in zip(shown, both, strict=True):
-            # k is printed with two decimals, which U may show where its digit is on the edge.
+            # k is printed with two decimals, which may change the last digit of U.
             if abs(float(text) - each) > max(1e-9 * abs(each), 0.051 * both[1]):
                 return Check(
                     name,

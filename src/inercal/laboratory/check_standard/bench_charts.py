@@ -1,15 +1,15 @@
-"""Control charts of a bench from the estimates of its own runs, without a check standard.
+"""Control charts of a bench from the estimates in its own runs, without a check standard.
 
 Each parameter that runs determine (`inercal.calibration.bench_estimates`) has its own Shewhart and
-EWMA or CUSUM chart, because runs of different methods determine different parameters. The weighted
-mean of a day's runs is one point, with its own variance s² and the day-to-day scatter τ² of the
-reference, which is the first m days that have the parameter::
+EWMA or CUSUM chart, because runs with different methods determine different parameters. The
+weighted mean of the runs on a day is one point, with its own variance s² and the day-to-day scatter
+τ² of the reference. The reference consists of the first m days with the parameter::
 
     z = (q' − μ)/√(τ² + s² + u²(μ)),   μ = Σ w q'/Σ w,   w = 1/(τ² + s²),   u²(μ) = 1/Σ w
 
 τ² is estimated by restricted likelihood; the limits use Student's t with m − 1 degrees of freedom.
 Errors that the runs share through other parameters of the bench are the same on all days and cancel
-in q' − μ, as long as these parameters are not determined anew.
+in q' − μ, as long as these parameters are not determined again.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ _KINDS = 2  # Shewhart, and EWMA or CUSUM
 
 @dataclass(frozen=True)
 class ChartedRun:
-    """The bench estimates of a run, with its label and the time of measurement (ISO 8601)."""
+    """The bench estimates from a run, with its label and the time of measurement (ISO 8601)."""
 
     label: str
     measured: str
@@ -53,25 +53,25 @@ class ChartedRun:
 
     @property
     def day(self) -> str:
-        """Day of the measurement, ISO 8601."""
+        """The day of the measurement, ISO 8601."""
         return self.measured.partition("T")[0]
 
 
 @dataclass(frozen=True, eq=False)
 class ParameterChart:
-    """The charts of one parameter, SI.
+    """The charts of one bench parameter, in SI units.
 
     Parameters
     ----------
     name, unit, meaning : str
     days : tuple of str
-        When the last run of each day was measured, ISO 8601.
+        Time of the last run on each day, ISO 8601.
     values, std : (n,) arrays
-        Bench estimate of each day, and its own standard uncertainty.
+        Bench estimate for each day, and its own standard uncertainty.
     reference_days : int
-        m.
+        Number m of days in the reference.
     mean, mean_std, scatter : float
-        μ, u(μ) and τ.
+        Mean μ, its standard uncertainty u(μ), and the day-to-day scatter τ.
     shewhart, lasting : (n,) arrays
         z of all days, and the EWMA or CUSUM, which is 0 in the reference.
     shewhart_limit, lasting_limit : float
@@ -95,7 +95,7 @@ class ParameterChart:
     lasting_kind: LastingKind
 
     def signals(self, k: int) -> tuple[ChartKind, ...]:
-        """Return which charts signal on day k; none in the reference."""
+        """Return the charts that give a signal on day k; none within the reference."""
         if k < self.reference_days:
             return ()
         found: list[ChartKind] = []
@@ -108,14 +108,14 @@ class ParameterChart:
 
 @dataclass(frozen=True)
 class BenchDay:
-    """A day after the reference of a parameter: its last run, and the signals by chart."""
+    """A day after the reference of a parameter, with its last run and the signals by chart."""
 
     measured: str
     signals: dict[ChartKind, tuple[str, ...]]
 
     @property
     def in_control(self) -> bool:
-        """Whether no chart signals."""
+        """Whether no chart gives a signal."""
         return not self.signals
 
 
@@ -129,7 +129,7 @@ class BenchCharts:
     runs : tuple of ChartedRun
     charts : tuple of ParameterChart
     too_few : mapping of str to int
-        Number of days of each parameter that has fewer than the reference needs.
+        Number of days of each parameter that has fewer days than the reference needs.
     run_length : float
         In-control run length of all charts together, in days.
     """
@@ -142,17 +142,17 @@ class BenchCharts:
 
     @property
     def lasting_kind(self) -> LastingKind:
-        """EWMA or CUSUM."""
+        """Kind of the chart for lasting changes: EWMA or CUSUM."""
         return self.charts[0].lasting_kind
 
     @property
     def single_run_length(self) -> float:
-        """ARL₀ of each chart."""
+        """In-control run length (ARL₀) of each chart."""
         return self.run_length * _KINDS * len(self.charts)
 
     @property
     def points(self) -> tuple[BenchDay, ...]:
-        """The days after a reference, in the order of time."""
+        """The days after a reference, in chronological order."""
         found: dict[str, dict[ChartKind, tuple[str, ...]]] = {}
         last: dict[str, str] = {}
         for chart in self.charts:
@@ -191,9 +191,9 @@ def bench_charts(
     Parameters
     ----------
     bench : str
-        As printed.
+        Name of the bench for printing.
     runs : sequence of ChartedRun
-        In the order of time.
+        Runs in chronological order.
     reference : int
         Number of days that form the reference of each parameter.
     run_length : float
@@ -201,12 +201,12 @@ def bench_charts(
     restarts : sequence of str
         Times of corrective actions, ISO 8601, after which the EWMA or CUSUM restarts.
     lasting : "EWMA" or "CUSUM"
-        Chart that detects small lasting changes.
+        Chart for detecting small lasting changes.
 
     Raises
     ------
     InputError
-        No parameter has enough days for the reference, or a setting is not possible.
+        If no parameter has enough days for the reference, or a setting is not possible.
     """
     require_settings(reference, run_length)
     names = list(dict.fromkeys(one.name for run in runs for one in run.bench_estimates))
@@ -266,7 +266,7 @@ def _chart(
         [first_after(times[m:], time) for time in restarts],
         lasting,
     )
-    # A point of the reference is part of its mean.
+    # A point in the reference contributes to the mean.
     of_reference = np.sqrt(np.maximum(variance[:m] - mean_variance, 1e-9 * variance[:m]))
     shewhart = wider_limit(chart_limit(run_length, 1.0, 1), 1, m - 1.0)
     newest = days[-1][-1][1]
@@ -281,14 +281,14 @@ def _chart(
 
 
 def _day_mean(of_day: _Day) -> tuple[float, float]:
-    """Return the weighted mean of a day's runs and its own standard uncertainty."""
+    """Return the weighted mean of the runs on a day, and its own standard uncertainty."""
     weight = np.array([one.own_std**-2 for _, one in of_day])
     value = np.array([one.value for _, one in of_day])
     return float(weight @ value / weight.sum()), float(weight.sum() ** -0.5)
 
 
 def _reference(values: Array, std: Array) -> tuple[float, float, float]:
-    """Return τ², μ and u²(μ)."""
+    """Estimate τ², μ and u²(μ) of the reference."""
     unit = float(np.sqrt(np.var(values, ddof=1) + np.mean(std**2)))
     y, own = (values - values.mean()) / unit, np.diag((std / unit) ** 2)
     found = restricted_variances(

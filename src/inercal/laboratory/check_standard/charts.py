@@ -1,9 +1,9 @@
-"""The main path from the sessions of a check standard to its control charts.
+"""Make the control charts of a check standard from its sessions.
 
-The first m days are the reference, which gives the mean and the scatter, in components of known
+The first m days are the reference, which gives the mean and the scatter in components of known
 shape (`repeatability`). The limits use Student's t and F with the degrees of freedom of the
-reference, and include the error of its mean: for one coefficient this is the textbook's
-t_{m−1} S √(1 + 1/m), here pooled over like axes.
+reference, and include the error of its mean. For one coefficient this is the textbook limit
+t_{m−1} S √(1 + 1/m), here pooled over similar axes.
 """
 
 from collections.abc import Iterable, Sequence
@@ -40,7 +40,7 @@ RUN_LENGTH = 370.0
 
 @dataclass(frozen=True, eq=False)
 class CheckedSession:
-    """A session of the check standard and the time of its measurement, ISO 8601."""
+    """A session of the check standard with its time of measurement, ISO 8601."""
 
     session: RepeatedSession
     measured: str
@@ -53,11 +53,11 @@ class CheckPoint:
     Parameters
     ----------
     first, last : str
-        When its first and its last session were measured, ISO 8601.
+        Times of the first and the last session, ISO 8601.
     labels : tuple of str
-        Its sessions.
+        Labels of the sessions.
     signals : mapping of ChartKind to tuple of str
-        The charts that signal, with their coefficients; T² and MEWMA name no coefficients.
+        Charts that give a signal, with their coefficients; T² and MEWMA name no coefficients.
     """
 
     first: str
@@ -67,7 +67,7 @@ class CheckPoint:
 
     @property
     def in_control(self) -> bool:
-        """Whether no chart signals."""
+        """Whether no chart gives a signal."""
         return not self.signals
 
 
@@ -87,7 +87,7 @@ class Episode:
     until: str | None
 
     def holds(self, time: str) -> bool:
-        """Tell whether a time, ISO 8601, lies in the period."""
+        """Return whether a time, ISO 8601, is in the period."""
         return self.since < time and (self.until is None or time < self.until)
 
 
@@ -102,13 +102,13 @@ class ControlCharts:
         Fit of the reference.
     sessions : tuple of CheckedSession
     days : DayPoints
-        All days, those of the reference included.
+        All days, including those of the reference.
     reference_days : int
     limits : ChartLimits
     values : ChartValues
-        Of the days after the reference.
+        Chart values of the days after the reference.
     points : tuple of CheckPoint
-        The same days.
+        Points of the same days.
     dof : (p,) array
     joint_dof : float
     """
@@ -126,12 +126,12 @@ class ControlCharts:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The coefficients."""
+        """Names of the charted coefficients."""
         return self.matched.names
 
     @property
     def reference_end(self) -> str:
-        """When the last session of the reference was measured, ISO 8601."""
+        """Time of the last session in the reference, ISO 8601."""
         last = self.days.sessions[self.reference_days - 1]
         return max(self.sessions[k].measured for k in last)
 
@@ -150,14 +150,14 @@ class ControlCharts:
 def doubtful_episodes(
     reference_end: str, days: Iterable[tuple[str, str, bool]]
 ) -> tuple[Episode, ...]:
-    """Return the times between the last day in control and the next one.
+    """Return the periods between the last day in control and the next day in control.
 
     Parameters
     ----------
     reference_end : str
-        ISO 8601.
+        End of the reference, ISO 8601.
     days : iterable of (str, str, bool)
-        First and last session of each day after the reference, and whether it is in control.
+        First and last session of each day after the reference, and whether the day is in control.
     """
     found: list[Episode] = []
     since, doubtful = reference_end, False
@@ -184,7 +184,7 @@ def control_charts(
     Parameters
     ----------
     sessions : sequence of CheckedSession
-        In the order of time.
+        Sessions in chronological order.
     reference : int
         Number of days that form the reference.
     run_length : float
@@ -192,13 +192,13 @@ def control_charts(
     restarts : sequence of str
         Times of corrective actions, ISO 8601, after which EWMA and MEWMA restart.
     lasting : "EWMA" or "CUSUM"
-        Chart that detects small lasting changes of each coefficient.
+        Chart for detecting small lasting changes of each coefficient.
 
     Raises
     ------
     InputError
-        The calibrations cannot be compared, the reference is too short or longer than the
-        sessions, or the run length is not possible.
+        If the calibrations cannot be compared, if the reference is too short or longer than the
+        sessions, or if the run length is not possible.
     """
     require_settings(reference, run_length)
     matched = match_sessions([one.session for one in sessions])
@@ -211,7 +211,7 @@ def control_charts(
             key="--reference",
         )
     if np.any(np.diff(level) < 0):
-        raise InputError("the sessions of a day must follow one another; sort them by time")
+        raise InputError("the sessions of a day must be next to each other; sort them by time")
     chosen = np.flatnonzero(level < reference).tolist()
     first = matched.subset(chosen)
     fit = fit_sessions(first, named_effects(first, "bench"))
@@ -236,7 +236,7 @@ def control_charts(
 
 
 def require_settings(reference: int, run_length: float) -> None:
-    """Refuse a reference that is too short, and a run length that is not possible.
+    """Refuse a reference that is too short or a run length that is not possible.
 
     Raises
     ------
@@ -285,7 +285,7 @@ def _check_points(
 
 
 def _degrees_of_freedom(fit: SessionFit, days: int) -> Array:
-    """Return those of each coefficient's variance; a rotation has three draws a mounting."""
+    """Return the degrees of freedom of each variance; a rotation has three draws per mounting."""
     dof = fit.similar * (days - 1)
     for one in fit.effects:
         if one.level == "mount":
@@ -295,9 +295,10 @@ def _degrees_of_freedom(fit: SessionFit, days: int) -> Array:
 
 
 def _widening(fit: SessionFit) -> Array:
-    """Return by how much the scatter of each coefficient alone exceeds that of like ones, (p,).
+    """Return the factor, (p,), by which each coefficient scatters more than similar ones.
 
-    Of sessions that are not all of other days it is not known; what a mounting moves is not alike.
+    It is 1 if several sessions are from the same day, because it is not known then. It is also 1
+    for coefficients that a mounting changes, because these do not scatter alike.
     """
     p = len(fit.unit)
     if not fit.has_other_days:

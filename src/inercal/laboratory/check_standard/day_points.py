@@ -1,15 +1,15 @@
-"""Combines the sessions of each day into one point: their mean with its covariance.
+"""Combine the sessions of each day into one point, their mean with its covariance.
 
-Sessions of one day are not independent. If each were charted (four a day, half of their variance in
-common), an EWMA designed for an in-control run length of 385 would have one of only 59. The mean of
-a day's n sessions has the covariance::
+Sessions on one day are not independent. If each were charted (with four a day and half of their
+variance in common), an EWMA that was designed for an in-control run length of 385 would only reach
+59. The mean of the n sessions on a day has the covariance::
 
     V = Σ C_own/n² + Σ_c σ_c² K_c Σ_levels (n_l/n)²
 
-with the components σ_c² K_c of the reference, where n_l sessions belong to level l of c. The
-reference mean μ̂ has the covariance A⁻¹. Errors that the sessions share cancel in the difference to
-μ̂ if they come from the same determination; otherwise the squared difference of their columns is
-added.
+with the components σ_c² K_c of the reference, where n_l sessions belong to level l of component c.
+The reference mean μ̂ has the covariance A⁻¹. Errors that the sessions share cancel in the difference
+from μ̂ if they come from the same determination; otherwise the squared difference of their columns
+is added.
 """
 
 from dataclasses import dataclass
@@ -26,16 +26,17 @@ _WHICH: dict[LevelName, int] = {"mount": 1, "turn-on": 2}
 
 @dataclass(frozen=True, eq=False)
 class DayPoints:
-    """The points of n days with p coefficients, in units of the fit.
+    """The points of n days with p coefficients, in the units of the fit.
 
     Parameters
     ----------
     sessions : tuple of tuple of int
-        The sessions of each day.
+        Indices of the sessions on each day.
     difference : (n, p) array
-        Difference from the reference.
+        Difference from the reference mean.
     point, reference : (n, p, p) arrays
-        Covariance of the point, and of the reference including errors that only one of the two has.
+        Covariance of the point, and covariance of the reference including errors that only one of
+        the two has.
     """
 
     sessions: tuple[tuple[int, ...], ...]
@@ -47,16 +48,16 @@ class DayPoints:
 def day_points(
     matched: MatchedSessions, fit: SessionFit, reference: list[int], widening: Array
 ) -> DayPoints:
-    """Return the points of all days.
+    """Compute the points of all days.
 
     Parameters
     ----------
     matched : MatchedSessions
         All sessions.
     fit : SessionFit
-        Of the reference.
+        Fit of the reference.
     reference : list of int
-        Its sessions.
+        Indices of the sessions in the reference.
     widening : (p,) array
         Factor that enlarges the standard deviation of each coefficient's scatter.
     """
@@ -92,7 +93,7 @@ def day_points(
 
 
 def _share(matched: MatchedSessions, of_day: list[int], level: LevelName) -> float:
-    """Return Σ (n_l/n)², the part of a variance that the mean of a day's sessions has."""
+    """Return Σ (n_l/n)², the fraction of a variance that remains in the mean of a day."""
     if level not in _WHICH:
         return 1.0
     number = matched.level(_WHICH[level])[of_day]

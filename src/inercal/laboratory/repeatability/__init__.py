@@ -1,4 +1,4 @@
-"""Combines several calibrations of one sensor: its mean, and the uncertainty of its next use.
+"""Combine several calibrations of a sensor into a mean and the uncertainty of its next use.
 
 The U of one session includes its noise and its bench. A sensor also scatters from day to day, from
 mounting to mounting and from power cycle to power cycle, which only repeated sessions can show.

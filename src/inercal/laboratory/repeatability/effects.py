@@ -1,11 +1,12 @@
-"""How a sensor scatters between sessions: shapes of known form with one variance each.
+"""Random effects that describe the scatter of a sensor between sessions.
 
-Like coefficients of like axes share a variance, from day to day and from one power cycle to the
-next. A new mounting turns the sensor in its fixture by a small ψ, all misalignments together::
+Each effect has a known shape and one unknown variance. The same coefficients of similar axes share
+a variance, from day to day and from one power cycle to the next. A new mounting rotates the sensor
+in its fixture by a small ψ, which changes all misalignments together::
 
     δ_O += ψ·O,   δ_P += ψ·P
 
-In a frame that is the sensor's own a mounting changes nothing.
+In a frame that is fixed to the sensor, a new mounting has no effect.
 """
 
 from collections.abc import Sequence
@@ -23,28 +24,29 @@ from inercal.physics.sensors import Sensor
 
 Owner = Literal["sensor", "bench"]
 Scope = Literal["day", "turn-on"]
-"""What is new in the next use."""
+"""What changes before the next use: the day, or only the turn-on."""
 LevelName = Literal["session", "day", "turn-on", "mount"]
 _DAY, _MOUNT, _TURN_ON = range(3)
-_ROTATED = {"delta_o": 2, "delta_p": 1}  # the row of an axis's frame
+_ROTATED = {"delta_o": 2, "delta_p": 1}  # row in the frame of an axis
 
 
 @dataclass(frozen=True, eq=False)
 class NamedEffect:
-    """A random effect, and what it is.
+    """A random effect with its description.
 
     Parameters
     ----------
     name : str
-        "bias of accelerometers", or "rotation of the mounting".
+        Name such as "bias of accelerometers" or "rotation of the mounting".
     level : "session", "day", "turn-on" or "mount"
-        What brings a new draw; a session is a new day, turn-on and mounting at once.
+        The event that causes a new random value; a session is a new day, turn-on and mounting at
+        once.
     owner : "sensor" or "bench"
-        Whether it goes with the sensor into its next use.
+        Whether the effect belongs to the sensor, and so to its next use, or to the bench.
     places : tuple of int
-        The coefficients that it moves.
+        Indices of the coefficients that the effect changes.
     unit, si
-        Unit of its standard deviation, and its SI size.
+        Unit of its standard deviation, and the size of this unit in SI units.
     effect : RandomEffect
     """
 
@@ -57,17 +59,17 @@ class NamedEffect:
     effect: RandomEffect
 
     def is_in_next_use(self, scope: Scope) -> bool:
-        """Whether a next use on another day, or after another turn-on of a day, draws it anew."""
+        """Return whether the effect has a new value in the next use with this scope."""
         return self.owner == "sensor" and (scope == "day" or self.level in ("turn-on", "session"))
 
     @property
     def similar(self) -> int:
-        """How many independent draws a level brings."""
+        """Number of independent random values at each level."""
         return self.effect.shape.shape[1]
 
 
 def named_effects(matched: MatchedSessions, mount_owner: Owner) -> tuple[NamedEffect, ...]:
-    """Return the effects that sessions can show."""
+    """Return the effects that these sessions can reveal."""
     days, mounts, turn_ons = (matched.level(which) for which in (_DAY, _MOUNT, _TURN_ON))
     k = len(matched.sessions)
     levels: list[tuple[LevelName, np.ndarray]] = []
@@ -99,7 +101,7 @@ def named_effects(matched: MatchedSessions, mount_owner: Owner) -> tuple[NamedEf
 def similar_coefficients(
     sensor: Sensor, names: Sequence[str]
 ) -> dict[tuple[str, str, float], tuple[int, ...]]:
-    """Return the places of like coefficients, by name, unit and SI size of the unit."""
+    """Return the indices of similar coefficients, by name, unit and SI size of the unit."""
     groups: dict[tuple[str, str, float], list[int]] = {}
     measures = {axis.name: axis.measures for axis in sensor.axes}
     for place, name in enumerate(names):
@@ -111,12 +113,12 @@ def similar_coefficients(
 
 
 def is_rotation_observed(rotation: Array) -> bool:
-    """Tell whether misalignments have directions that no rotation moves, and those it moves."""
+    """Return whether a rotation of the mounting can be told from other misalignments."""
     return 0 < np.linalg.matrix_rank(rotation) < int(rotation.any(axis=1).sum())
 
 
 def _rotation(matched: MatchedSessions) -> Array:
-    """Return the derivatives of all coefficients by ψ, (p, 3)."""
+    """Return the derivatives, (p, 3), of all coefficients with respect to ψ."""
     axes = {axis.name: axis for axis in matched.sensor.axes}
     result = np.zeros((len(matched.names), 3))
     for place, name in enumerate(matched.names):
@@ -129,7 +131,7 @@ def _rotation(matched: MatchedSessions) -> Array:
 def scatter(
     effects: Sequence[NamedEffect], variance: Array, of: Sequence[bool], size: int
 ) -> Array:
-    """Return the covariance (p, p) that chosen effects add, SI."""
+    """Return the covariance, (p, p) SI, that the chosen effects add."""
     total = np.zeros((size, size))
     for one, s, chosen in zip(effects, variance, of, strict=True):
         if chosen:

@@ -1,4 +1,4 @@
-"""The result as a file, `*.repeatability.json`; `inercal.calibration.next_use` reads it."""
+"""Write the result as `*.repeatability.json`, which `inercal.calibration.next_use` reads."""
 
 from dataclasses import replace
 from typing import Any
@@ -12,7 +12,7 @@ from inercal.physics.sensors import SI_UNITS
 
 
 def repeatability_object(found: Repeatability) -> dict[str, Any]:
-    """Return the result as the JSON object of its file, SI."""
+    """Return the result as the JSON object of its file, in SI units."""
     matched = found.matched
     return {
         "schema": SCHEMA,
@@ -76,8 +76,8 @@ def _statement(one: StatedUncertainty, k: int) -> dict[str, float]:
 def next_use_calibration(found: Repeatability) -> Calibration:
     """Return the mean as a calibration, with U/2 of the next use as standard uncertainties.
 
-    It corrects readings and is exported like any other. Coefficients that not all sessions
-    measured are left out.
+    It can correct readings and be exported like any other calibration. Coefficients that not all
+    sessions measured are left out.
     """
     last = found.matched.sessions[-1].calibration
     sessions = [one.label for one in found.matched.sessions]

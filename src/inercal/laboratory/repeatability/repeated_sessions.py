@@ -1,23 +1,25 @@
-"""The main path: sessions, to the mean of a sensor and its next use, each with its U.
+"""Combine the sessions of a sensor into statements, with U, about its mean and next use.
 
-With the scatter of the sessions estimated (`effects`), V the covariance of all sessions from own
-covariances and scatter, and W = V⁻¹, the mean is θ̂ = A⁻¹ XᵀWy, A = XᵀWX. Two statements::
+The scatter of the sessions is estimated first (`effects`). V is the covariance of all sessions from
+their own covariances and the scatter, and W = V⁻¹. The mean is θ̂ = A⁻¹ XᵀWy with A = XᵀWX. There
+are two statements::
 
     mean       u_A² = max(1, q) [A⁻¹]
-    next use   u_A² = σ² + max(1, q) [A⁻¹],  σ² the scatter that goes with the sensor
+    next use   u_A² = σ² + max(1, q) [A⁻¹],  σ² is the scatter that belongs to the sensor
     both       U² = t_ν² u_A² + 4 u_B²
 
-u_B is that of errors which sessions share, L = A⁻¹ XᵀW P / u_q for each determination: no number of
-sessions lowers it. q is the weighted scatter about the mean over its expectation (Hartung and Knapp
-2001). Like axes share a variance; an axis that scatters more by itself takes its own, where its
-sessions' own uncertainties do not explain that (`single_scatter`). t_ν has the coverage of 2u, with
-ν = m (n − 1) of m like axes and n levels.
+u_B is the uncertainty from errors that sessions share, L = A⁻¹ XᵀW P / u_q for each determination;
+more sessions do not reduce it. q is the weighted scatter about the mean divided by its expectation
+(Hartung and Knapp 2001). Similar axes share a variance. An axis that scatters more than the others
+uses its own variance if the uncertainties of its sessions do not explain this (`single_scatter`).
+t_ν has the coverage of 2u, with ν = m (n − 1) for m similar axes and n levels.
 
 Sources: JCGM 100:2008, G.4; Hartung and Knapp, Statistics in Medicine 20 (2001), 3875–3889;
 Higgins, Thompson and Spiegelhalter, J. R. Statist. Soc. A 172 (2009), 137–159 (prediction).
 
-How many more sessions a statement needs: with λ = s²/σ² the variance of a session's own error over
-that of the scatter, and ν as above, the relative standard deviation of σ is (1 + λ)/√(2ν).
+The number of sessions that a statement needs follows from the relative standard deviation of σ,
+which is (1 + λ)/√(2ν). Here λ = s²/σ² is the variance of a session's own error divided by that of
+the scatter, and ν is as above.
 """
 
 # SciPy has no stubs.
@@ -53,13 +55,13 @@ from inercal.laboratory.repeatability.sessions import (
 
 @dataclass(frozen=True, eq=False)
 class ScatterComponent:
-    """A component of the scatter between sessions, SI.
+    """A component of the scatter between sessions, in SI units.
 
     Parameters
     ----------
     effect : NamedEffect
     sd, low, high : float
-        Standard deviation, and its limits with 95.45 % coverage.
+        Standard deviation and its limits with 95.45 % coverage.
     dof : int
     """
 
@@ -72,20 +74,20 @@ class ScatterComponent:
 
 @dataclass(frozen=True, eq=False)
 class StatedUncertainty:
-    """Uncertainty of a value, SI.
+    """The stated uncertainty of p values, in SI units.
 
     Parameters
     ----------
     scatter_std : (p,) array
-        u_A, of scatter.
+        Standard uncertainty u_A due to scatter.
     shared_std : (p,) array
-        u_B, of what sessions share.
+        Standard uncertainty u_B due to errors that sessions share.
     dof : (p,) array
         Degrees of freedom of u_A.
     expanded : (p,) array
-        U, with 95.45 % coverage.
+        Expanded uncertainty U with 95.45 % coverage.
     covariance : (p, p) array
-        With U/2 as standard uncertainties, for what reads a covariance alone.
+        Covariance with U/2 as standard uncertainties, for readers that only use a covariance.
     """
 
     scatter_std: Array
@@ -97,21 +99,21 @@ class StatedUncertainty:
 
 @dataclass(frozen=True, eq=False)
 class Repeatability:
-    """What repeated sessions of a sensor say.
+    """The results of repeated sessions of a sensor.
 
     Parameters
     ----------
     fit : SessionFit
-        The sessions in the same terms, and their scatter.
+        The sessions in the same frame and form, with their scatter.
     values : (p,) array
-        Mean, SI, of `matched.names`.
+        Means of the coefficients `matched.names`, SI.
     scope : "day" or "turn-on"
-        What is new in the next use.
+        What changes before the next use: the day, or only the turn-on.
     mount_owner : "sensor" or "bench"
-        Whether the next use holds a new mounting.
+        Whether the next use includes a new mounting.
     mean, next_use : StatedUncertainty
     scatter : (p, p) array
-        Covariance that a next use adds to the mean, SI.
+        Covariance that the next use adds to that of the mean, SI.
     components : tuple of ScatterComponent
     """
 
@@ -126,12 +128,12 @@ class Repeatability:
 
     @property
     def matched(self) -> MatchedSessions:
-        """The sessions in the same terms."""
+        """The sessions in the same frame and form."""
         return self.fit.matched
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
-        """What the sessions do not agree with, and what was assumed."""
+        """Text lines on disagreements between the sessions and on assumptions."""
         pooled = np.diag(_pooled_scatter(self.fit, self.scope))
         own = np.flatnonzero(_scatter_alone(self.fit) > pooled).tolist()
         return (
@@ -141,9 +143,9 @@ class Repeatability:
 
     @property
     def run_to_run(self) -> Array:
-        """Covariance of a session about the mean without its own uncertainty, (p, p), SI.
+        """Covariance of a session about the mean, (p, p) SI, without its own uncertainty.
 
-        What a next use adds, and what the bench answers for, such as a new mounting.
+        It includes the scatter of the next use and effects of the bench, such as a new mounting.
         """
         effects = self.fit.effects
         others = [not one.is_in_next_use(self.scope) for one in effects]
@@ -151,28 +153,28 @@ class Repeatability:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The coefficients."""
+        """Names of the coefficients."""
         return self.matched.names
 
 
 def repeat(
     sessions: Sequence[RepeatedSession], *, scope: Scope = "day", mount_owner: Owner = "bench"
 ) -> Repeatability:
-    """Return the mean of a sensor over its sessions, and its next use.
+    """Return the mean of a sensor over its sessions and the uncertainty of its next use.
 
     Parameters
     ----------
     sessions : sequence of RepeatedSession
-        Two or more, the last in the terms of which all are stated.
+        Two or more sessions; the last one determines the frame and form of all.
     scope : "day" or "turn-on"
         Whether the next use is on another day, or after another turn-on of the same day.
     mount_owner : "sensor" or "bench"
-        Whether the rotation of a new mounting is part of the next use, or of the user's mounting.
+        Whether the rotation of a new mounting is part of the next use, or belongs to the bench.
 
     Raises
     ------
     InputError
-        Calibrations that cannot be compared, or sessions that do not show the scope.
+        If calibrations cannot be compared, or the sessions do not show the scatter for the scope.
     """
     matched = match_sessions(sessions)
     days, turn_ons = int(matched.level(0).max()) + 1, int(matched.level(2).max()) + 1
@@ -194,7 +196,7 @@ def repeat(
 
 
 def _state(fit: SessionFit, scope: Scope, mount_owner: Owner) -> Repeatability:
-    """Return the two statements of fitted sessions."""
+    """Return the two statements, on mean and next use, from the fitted sessions."""
     dof = fit.similar * (_count_of_scope(fit.matched, scope) - 1)
     next_use = _next_use_scatter(fit, scope)
     spread = _spread_ratio(fit)
@@ -218,9 +220,9 @@ def _count_of_scope(matched: MatchedSessions, scope: Scope) -> int:
 
 
 def _next_use_scatter(fit: SessionFit, scope: Scope) -> Array:
-    """Return the covariance of the next use, (p, p), in units of the fit.
+    """Return the covariance of the next use, (p, p), in the units of the fit.
 
-    A coefficient that scatters more by itself than like ones takes its own variance.
+    A coefficient that scatters more than similar ones uses its own variance.
     """
     size = len(fit.unit)
     pooled = _pooled_scatter(fit, scope)
@@ -233,18 +235,18 @@ def _next_use_scatter(fit: SessionFit, scope: Scope) -> Array:
 
 
 def _pooled_scatter(fit: SessionFit, scope: Scope) -> Array:
-    """Return the covariance of the next use by what like coefficients share, (p, p)."""
+    """Return the covariance of the next use, (p, p), from variances of similar coefficients."""
     chosen = [one.is_in_next_use(scope) for one in fit.effects]
     pooled = scatter(fit.effects, fit.variances.variance, chosen, len(fit.unit))
     return pooled / np.outer(fit.unit, fit.unit)
 
 
 def _scatter_alone(fit: SessionFit) -> Array:
-    """Return the variance of each coefficient from its own values, (p,), in units of the fit.
+    """Return the variance of each coefficient, (p,), from its own values in units of the fit.
 
-    None of sessions that are not all of other days, of misalignments that a mounting moves for
-    which the bench answers, where the sessions' own uncertainties explain it, or where one session
-    outweighs the others.
+    The variance is zero if several sessions are from the same day, for misalignments that change
+    with a mounting that belongs to the bench, if the sessions' own uncertainties explain the
+    scatter, or if one session outweighs the others.
     """
     if not fit.has_other_days:
         return np.zeros(len(fit.unit))
@@ -256,9 +258,9 @@ def _scatter_alone(fit: SessionFit) -> Array:
 
 
 def _spread_ratio(fit: SessionFit) -> Array:
-    """Return √max(1, q) of each coefficient, that of like axes together or its own.
+    """Return √max(1, q) of each coefficient, from similar axes together or from its own values.
 
-    Its own counts where the sessions' own uncertainties do not explain it.
+    Its own values are used if the sessions' own uncertainties do not explain their scatter.
     """
     ratio = np.ones(len(fit.unit))
     if not fit.has_other_days:
@@ -290,20 +292,20 @@ def _component(fit: SessionFit, k: int) -> ScatterComponent:
     return ScatterComponent(effect, limits.sd, limits.low, limits.high, dof)
 
 
-RELATIVE = 0.3  # standard deviation of σ that is aimed at
+RELATIVE = 0.3  # desired relative standard deviation of σ
 _PLURAL = {"session": "sessions", "day": "days", "turn-on": "turn-ons", "mount": "mountings"}
-_LONGEST = 4.0  # λ beyond which longer sessions help more than further ones
+_LONGEST = 4.0  # λ above which longer sessions help more than additional ones
 
 
 def required_sessions(noise_ratio: float, similar: int, relative: float = RELATIVE) -> int:
-    """Return how many sessions give a relative standard deviation of σ.
+    """Return the number of sessions needed for a relative standard deviation of σ.
 
     Parameters
     ----------
     noise_ratio : float
-        λ.
+        Ratio λ.
     similar : int
-        m.
+        Number m of similar axes.
 
     Examples
     --------
@@ -325,11 +327,11 @@ def noise_ratio(found: Repeatability, one: ScatterComponent) -> float:
 
 
 def advice_lines(found: Repeatability) -> list[str]:
-    """Return what would determine the scatter better."""
+    """Return text lines on how to determine the scatter better."""
     lines: list[str] = []
     for number, one in enumerate(found.components):
         if number in found.fit.unseen:
-            continue  # a finding names it
+            continue  # a finding already names it
         ratio, what = noise_ratio(found, one), f"{one.effect.name} ({one.effect.level})"
         if one.sd == 0:
             lines.append(f"{what}: the sessions scatter no more than their uncertainties explain")

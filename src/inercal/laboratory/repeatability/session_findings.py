@@ -1,4 +1,4 @@
-"""States in words where the sessions disagree, and what was assumed."""
+"""Describe disagreements between sessions, and assumptions, in words."""
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
 
@@ -12,12 +12,12 @@ from inercal.basics.units import format_quantity
 from inercal.laboratory.repeatability.effects import Owner, named_effects, scatter
 from inercal.laboratory.repeatability.session_fit import SessionFit, fit_sessions
 
-_CHANCE = 0.01  # of a false finding, of all axes of a group or of all sessions
-_LEAST_SESSIONS = 4  # to find one that lies apart
+_CHANCE = 0.01  # probability of a false finding over all axes of a group or all sessions
+_LEAST_SESSIONS = 4  # least number of sessions for finding an outlier
 
 
 def outlier_sessions(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
-    """Return the outliers among the sessions, each with its probability of occurring by chance.
+    """Return the outliers among the sessions, each with its probability by chance.
 
     Each session is compared with the mean and scatter of the others, so it does not enlarge them.
     """
@@ -46,14 +46,14 @@ def outlier_sessions(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
 
 
 def single_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) -> list[str]:
-    """Return which coefficients use their own scatter, with its size and that of similar ones.
+    """Return a line on coefficients that use their own scatter, with sizes for comparison.
 
     Parameters
     ----------
     pooled : (p,) array
-        Variance that like coefficients share, in units of the fit.
+        Variance that similar coefficients share, in units of the fit.
     places : sequence of int
-        The coefficients that use their own scatter.
+        Indices of the coefficients that use their own scatter.
     """
     parts: list[str] = []
     for j in places:
@@ -73,7 +73,7 @@ def single_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) 
 
 
 def hidden_scatter_lines(fit: SessionFit) -> list[str]:
-    """Return which scatter the sessions cannot show."""
+    """Return lines on scatter that the sessions cannot reveal."""
     return [
         f"{fit.effects[k].name}: one session is much better than the others, and these show no "
         "scatter beyond their uncertainties. U of the next use therefore includes none; add a "
@@ -85,14 +85,14 @@ def hidden_scatter_lines(fit: SessionFit) -> list[str]:
 def outlier_axes(
     values: Array, groups: Mapping[tuple[str, str, float], Sequence[int]]
 ) -> list[int]:
-    """Return the coefficients that scatter more than the same ones of other axes.
+    """Return the indices of coefficients that scatter more than the same ones of other axes.
 
     Parameters
     ----------
     values : (k, p) array
         Deviations from the mean, in units in which all sessions scatter alike.
     groups : mapping
-        Places of like coefficients.
+        Indices of similar coefficients.
     """
     found: list[int] = []
     k = len(values)
@@ -108,7 +108,7 @@ def outlier_axes(
 
 
 def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
-    """Return what a reader must know about the result, the most serious first."""
+    """Return lines that a reader must know about the result, the most serious first."""
     matched = fit.matched
     lines: list[str] = []
     if not fit.variances.converged:
@@ -121,7 +121,7 @@ def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
     if fit.has_other_days:
         lines += [
             f"{matched.names[j]} scatters more than the same coefficient of the other axes. U "
-            "of the next use takes its own scatter; with few sessions it covers less than 95 %"
+            "of the next use includes its own scatter; with few sessions it covers less than 95 %"
             for j in outlier_axes(_standardized(fit), _without_rotated(fit))
             if fit.alone.counts[j]
         ]
@@ -143,11 +143,11 @@ def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
 
 
 def _standardized(fit: SessionFit) -> Array:
-    """Return deviations from the mean over their standard deviations: sessions weigh by their u."""
+    """Return deviations from the mean divided by their standard deviations."""
     return (fit.values - fit.mean) / np.sqrt(fit.variance)
 
 
 def _without_rotated(fit: SessionFit) -> Mapping[tuple[str, str, float], Sequence[int]]:
-    """Leave out what a mounting moves: its axes are not alike."""
+    """Return the groups without coefficients that a mounting changes."""
     moved = {place for one in fit.effects if one.level == "mount" for place in one.places}
     return {key: places for key, places in fit.groups.items() if not moved & set(places)}

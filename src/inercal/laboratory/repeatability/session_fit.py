@@ -1,4 +1,4 @@
-"""Fits sessions and their scatter, in units that make the coefficients comparable."""
+"""Fit sessions and their scatter, in units that make the coefficients comparable."""
 
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -25,7 +25,7 @@ from inercal.laboratory.repeatability.single_scatter import (
     single_scatter,
 )
 
-_LEAST_EFFECTIVE = 1.5  # sessions in a mean, (Σw)²/Σw²: with fewer, one has 80 % of the weight
+_LEAST_EFFECTIVE = 1.5  # effective sessions (Σw)²/Σw²; below, one has 80 % of the weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,27 +37,27 @@ class SessionFit:
     matched : MatchedSessions
     effects : tuple of NamedEffect
     groups : mapping
-        Places of like coefficients.
+        Indices of similar coefficients.
     unit : (p,) array
-        SI size of the units of all following fields, equal for like coefficients.
+        SI size of the units of all following fields, equal for similar coefficients.
     values : (k, p) array
     own : (k, p, p) array
-        Covariances without what is shared.
+        Covariances without shared errors.
     variances : EffectVariances
-        SI.
+        Variances of the effects, SI.
     blocks : (k, p, p) array
-        Covariance of each session about the mean, without what is shared.
+        Covariance of each session about the mean, without shared errors.
     mean : (p,) array
     inverse : (p, p) array
-        A⁻¹, covariance of the mean without what is shared.
+        Covariance A⁻¹ of the mean without shared errors.
     shared : (p, p) array
-        Covariance of the mean by what is shared.
+        Covariance of the mean due to shared errors.
     gain : (p, k p) array
-        Derivatives of the mean by all values.
+        Derivatives of the mean with respect to all values.
     alone : SingleScatter
-        The scatter of each coefficient by itself.
+        Scatter of each coefficient from its own values.
     unseen : tuple of int
-        Effects that the sessions cannot show, because one session outweighs the others and these
+        Effects that the sessions cannot reveal, because one session outweighs the others and these
         scatter no more than their own uncertainties explain. Their variance is 0.
     """
 
@@ -83,12 +83,12 @@ class SessionFit:
 
     @property
     def variance(self) -> Array:
-        """Variance of each value about the mean, without what is shared, (k, p)."""
+        """Variance of each value about the mean without shared errors, (k, p)."""
         return np.diagonal(self.blocks, axis1=1, axis2=2)
 
     @property
     def similar(self) -> Array:
-        """How many like coefficients each has, itself included, (p,)."""
+        """Number of similar coefficients of each coefficient, including itself, (p,)."""
         count = np.ones(len(self.unit))
         for places in self.groups.values():
             count[list(places)] = len(places)
@@ -96,7 +96,7 @@ class SessionFit:
 
 
 def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> SessionFit:
-    """Return sessions with the variances of their effects, and the mean by these."""
+    """Estimate the variances of the effects in the sessions, and the mean with these."""
     k, p = len(matched.sessions), len(matched.names)
     groups = similar_coefficients(matched.sensor, matched.names)
     unit = _units(matched, groups)
@@ -106,7 +106,7 @@ def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> 
     columns = [(one.column / unit).ravel() for one in matched.shared]
     known = block_matrix(own)
     for one, column in zip(matched.shared, columns, strict=True):
-        if not one.is_common:  # what all sessions share moves them alike
+        if not one.is_common:  # an error of all sessions changes them in the same way
             known += np.outer(column, column)
     by_coefficient = covariances_by_coefficient(matched, own, unit)
     alone = single_scatter(values, by_coefficient)
@@ -135,10 +135,11 @@ def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> 
 def _unseen_effects(
     effects: tuple[NamedEffect, ...], by_coefficient: Array, alone: SingleScatter
 ) -> tuple[int, ...]:
-    """Return the effects of which the sessions say nothing at the size that matters.
+    """Return the effects that the sessions cannot reveal at the size that matters.
 
-    Where one session has almost all weight in the mean, the others, with their large uncertainties,
-    alone tell of the scatter: a chance estimate from them would outweigh the good session.
+    If one session has almost all the weight in the mean, only the others, with their large
+    uncertainties, contain information about the scatter. A chance estimate from them would outweigh
+    the good session.
     """
     k = by_coefficient.shape[1]
     variance = np.diagonal(by_coefficient, axis1=1, axis2=2)
@@ -157,7 +158,7 @@ def _unseen_effects(
 def _seen_variances(
     values: Array, known: Array, effects: Sequence[RandomEffect], unseen: tuple[int, ...]
 ) -> EffectVariances:
-    """Return the variances of all effects, 0 of those unseen."""
+    """Return the variances of all effects, with 0 for the unseen ones."""
     seen = [k for k in range(len(effects)) if k not in unseen]
     whole = effect_variances(values, known, effects)
     if not unseen:
@@ -167,7 +168,7 @@ def _seen_variances(
         return EffectVariances(variance, whole.covariance, converged=True)
     part = effect_variances(values, known, [effects[k] for k in seen])
     variance[seen] = part.variance
-    covariance = whole.covariance.copy()  # the limits of what is unseen stay as wide as they are
+    covariance = whole.covariance.copy()  # the limits of unseen effects keep their width
     covariance[np.ix_(seen, seen)] = part.covariance
     return EffectVariances(variance, covariance, part.converged)
 
@@ -175,7 +176,7 @@ def _seen_variances(
 def _units(
     matched: MatchedSessions, groups: Mapping[tuple[str, str, float], tuple[int, ...]]
 ) -> Array:
-    """Return a size for each coefficient, equal for like ones: u and scatter together."""
+    """Return a unit for each coefficient from its u and scatter, equal for similar ones."""
     unit = np.empty(len(matched.names))
     spread: Array = np.var(matched.values, axis=0, ddof=1)
     variance: Array = spread + np.diagonal(matched.stated, axis1=1, axis2=2).mean(axis=0)
@@ -185,6 +186,6 @@ def _units(
 
 
 def _weighting(matched: MatchedSessions, square: Array) -> Array:
-    """Return the covariances that weigh: as stated where a file names no shared errors."""
+    """Return the covariances for weighting; as stated if a file does not name shared errors."""
     silent = np.array([one.calibration.shared is None for one in matched.sessions])
     return np.where(silent[:, None, None], matched.stated, matched.own) / square

@@ -1,7 +1,7 @@
-"""Sessions of one sensor, and their calibrations in the same terms.
+"""The sessions of a sensor, with their calibrations in the same frame and form.
 
-Errors that calibrations share, such as the value of local gravity, are not scatter and do not
-average out. They are removed from each session's own covariance by the columns that the
+Errors that calibrations share, such as the error of local gravity, are not scatter and do not
+average out. They are removed from each session's own covariance with the columns that the
 calibrations store.
 """
 
@@ -21,8 +21,8 @@ from inercal.calibration.comparison import (
 )
 from inercal.physics.sensors import Sensor
 
-_OWN_OF_UNSTATED = 1e-6  # part of a covariance that counts as own where nothing is stated
-_LEAST_EIGENVALUE = 1e-9  # of an own covariance, relative to the stated one
+_OWN_OF_UNSTATED = 1e-6  # fraction of a covariance that counts as own if nothing is stated
+_LEAST_EIGENVALUE = 1e-9  # least eigenvalue of an own covariance, relative to the stated one
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +32,10 @@ class RepeatedSession:
     Parameters
     ----------
     label : str
-        Name for messages, such as the file's.
+        Name for messages, such as the file name.
     calibration : Calibration
     day, mount, turn_on : str
-        Sessions with equal words belong to the same day, mounting in the fixture or power cycle.
+        Sessions with equal text belong to the same day, mounting in the fixture or power cycle.
     """
 
     label: str
@@ -45,7 +45,7 @@ class RepeatedSession:
     turn_on: str
 
     def level_names(self) -> tuple[str, str, str]:
-        """Return day, mount and turn-on."""
+        """Return the texts for day, mount and turn-on."""
         return self.day, self.mount, self.turn_on
 
 
@@ -57,10 +57,10 @@ class SharedColumn:
     ----------
     name : str
     column : (k, p) array
-        Covariance of coefficients and error, over the error's standard deviation; 0 in sessions
-        of another determination.
+        Covariance of coefficients and error, divided by the error's standard deviation; 0 for
+        sessions with another determination.
     members : (k,) array of bool
-        The sessions of this determination.
+        Whether each session has this determination.
     """
 
     name: str
@@ -69,31 +69,31 @@ class SharedColumn:
 
     @property
     def is_common(self) -> bool:
-        """Whether all sessions have it."""
+        """Whether all sessions share this error."""
         return bool(self.members.all())
 
 
 @dataclass(frozen=True, eq=False)
 class MatchedSessions:
-    """k sessions of p coefficients, SI.
+    """k sessions with p coefficients each, in SI units.
 
     Parameters
     ----------
     sessions : tuple of RepeatedSession
     sensor : Sensor
-        That of the last session.
+        Sensor of the last session.
     frame : str
         Body frame of the misalignments.
     names : tuple of str
         Coefficients that all sessions measured.
     values : (k, p) array
     own : (k, p, p) array
-        Covariance without what is shared.
+        Covariance without shared errors.
     stated : (k, p, p) array
-        As the calibrations state it.
+        Covariance as the calibrations state it.
     shared : tuple of SharedColumn
     unstated : tuple of str
-        Sessions that do not state what they share; all their uncertainty is treated as shared.
+        Sessions that do not state their shared errors; all their uncertainty is treated as shared.
     left_out : tuple of str
         Coefficients that not all sessions measured.
     """
@@ -110,17 +110,17 @@ class MatchedSessions:
     left_out: tuple[str, ...]
 
     def level(self, which: int) -> NDArray[np.intp]:
-        """Return the number of each session's day (0), mount (1) or turn-on (2), (k,)."""
+        """Return the index of each session's day (0), mount (1) or turn-on (2), (k,)."""
         words = [one.level_names()[which] for one in self.sessions]
         order = {word: n for n, word in enumerate(dict.fromkeys(words))}
         return np.array([order[word] for word in words], dtype=np.intp)
 
     def without(self, index: int) -> "MatchedSessions":
-        """Return the other sessions."""
+        """Return all sessions except the one with this index."""
         return self.subset([k for k in range(len(self.sessions)) if k != index])
 
     def subset(self, kept: Sequence[int]) -> "MatchedSessions":
-        """Return some of the sessions."""
+        """Return the sessions with these indices."""
         shared = (
             replace(one, column=one.column[kept], members=one.members[kept]) for one in self.shared
         )
@@ -135,13 +135,13 @@ class MatchedSessions:
 
 
 def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
-    """Return sessions in the terms of the last one.
+    """Convert the sessions to the frame and form of the last one.
 
     Raises
     ------
     InputError
-        There are fewer than two sessions, two of them come from one recording, or the calibrations
-        cannot be compared.
+        If there are fewer than two sessions, if two of them come from one recording, or if the
+        calibrations cannot be compared.
     """
     if len(sessions) < 2:
         raise InputError(
@@ -211,7 +211,7 @@ def _covariance(calibration: Calibration, names: Sequence[str]) -> Array:
 def _shared_columns(
     calibrations: Sequence[Calibration], names: Sequence[str], stated: Array
 ) -> tuple[SharedColumn, ...]:
-    """Return a column for each determination, and for what is not stated those of a root."""
+    """Return a column for each determination, and root columns if shared errors are not stated."""
     k, p = len(calibrations), len(names)
     columns: dict[tuple[str, str], Array] = {}
     for i, one in enumerate(calibrations):
@@ -233,13 +233,13 @@ def _shared_columns(
 
 
 def _root(covariance: Array) -> Array:
-    """Return the symmetric root: that of equal covariances is equal."""
+    """Return the symmetric root, which is equal for equal covariances."""
     values, vectors = np.linalg.eigh(covariance)
     return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
 
 
 def _nonnegative(own: Array, stated: Array) -> Array:
-    """Return an own covariance that is positive definite; rounding may have left it otherwise."""
+    """Return an own covariance that is positive definite in spite of rounding."""
     scale = np.sqrt(np.diag(stated))
     values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
     values = np.maximum(values, _LEAST_EIGENVALUE)

@@ -1,10 +1,10 @@
 """The scatter of one coefficient, if the uncertainties of its sessions do not explain it.
 
-With V the covariance of the k values of one coefficient by their own uncertainties, the variance σ²
-maximises the restricted likelihood of y ~ N(θ, V + σ²). Sessions are weighted by their uncertainty,
-so a session with a large one does not reveal a small scatter. Without scatter the weighted sum of
-squares about the mean follows χ² with k − 1 degrees of freedom; σ² is used if the sum is larger
-than chance explains.
+Let V be the covariance of the k values of one coefficient due to their own uncertainties. The
+variance σ² maximises the restricted likelihood of y ~ N(θ, V + σ²). Sessions are weighted by their
+uncertainty, so a session with a large uncertainty does not reveal a small scatter. Without scatter,
+the weighted sum of squares about the mean follows χ² with k − 1 degrees of freedom; σ² is used if
+the sum is larger than chance explains.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -19,26 +19,26 @@ from inercal.basics.arrays import Array
 from inercal.laboratory.repeatability.sessions import MatchedSessions
 
 CHANCE = 0.05
-"""Of own uncertainties alone, below which a scatter enlarges U of the mean."""
+"""Probability without scatter below which the scatter enlarges U of the mean."""
 CHANCE_IN_NEXT_USE = 0.2
-"""The same for the next use: with 0.05 it is covered 2 % less where scatter and noise are equal."""
-_STEPS = 81  # of a grid of σ
+"""The same for the next use; 0.05 would reduce its coverage by 2 % if scatter equals noise."""
+_STEPS = 81  # number of steps in a grid of σ
 _REFINEMENTS = 3
 _LEAST = 1e-3  # σ relative to the spread of the values, next to 0
 
 
 @dataclass(frozen=True, eq=False)
 class SingleScatter:
-    """The scatter of each coefficient by itself.
+    """The scatter of each coefficient, estimated from its own values.
 
     Parameters
     ----------
     variance : (p,) array
-        σ².
+        Variance σ² of the scatter.
     squares : (p,) array
-        Weighted squares about the mean without scatter.
+        Weighted sum of squares about the mean, without scatter.
     chance : (p,) array
-        The probability that the squares are this large without scatter.
+        Probability that the sum is this large without scatter.
     """
 
     variance: Array
@@ -47,23 +47,23 @@ class SingleScatter:
 
     @property
     def counts(self) -> NDArray[np.bool_]:
-        """Whether the sessions' own uncertainties fail to explain the scatter, (p,)."""
+        """Whether the sessions' own uncertainties do not explain the scatter, (p,)."""
         return self.chance < CHANCE
 
     @property
     def counts_in_next_use(self) -> NDArray[np.bool_]:
-        """Whether they barely explain it, (p,); a weaker criterion, for the next use."""
+        """Whether they hardly explain it, (p,); this is a weaker criterion for the next use."""
         return self.chance < CHANCE_IN_NEXT_USE
 
 
 def single_scatter(values: Array, covariance: Array) -> SingleScatter:
-    """Return the scatter of each coefficient by itself.
+    """Estimate the scatter of each coefficient from its own values.
 
     Parameters
     ----------
     values : (k, p) array
     covariance : (p, k, k) array
-        V of each coefficient.
+        Covariance V of each coefficient.
     """
     k, size = values.shape
     found = np.zeros((3, size))
@@ -74,13 +74,13 @@ def single_scatter(values: Array, covariance: Array) -> SingleScatter:
 
 
 def covariances_by_coefficient(matched: MatchedSessions, own: Array, unit: Array) -> Array:
-    """Return V of each coefficient, (p, k, k): own, and what not all sessions share.
+    """Return V of each coefficient, (p, k, k), including errors that only some sessions share.
 
     Parameters
     ----------
     matched : MatchedSessions
     own : (k, p, p) array
-        In the units of `unit`, (p,).
+        Own covariances in the units `unit`, (p,).
     """
     k, size = own.shape[:2]
     result = np.zeros((size, k, k))
@@ -93,7 +93,7 @@ def covariances_by_coefficient(matched: MatchedSessions, own: Array, unit: Array
 
 
 def _restricted(y: Array, covariance: Array) -> tuple[float, float]:
-    """Return σ², and the squares without it."""
+    """Return σ², and the weighted sum of squares for σ² = 0."""
     eigenvalues, vectors = np.linalg.eigh(covariance)
     variance: Array = np.maximum(eigenvalues, 1e-12 * float(eigenvalues.max()))
     x: Array = vectors.sum(axis=0)

@@ -1,4 +1,4 @@
-"""Addresses of registers: an SQLite file, or a database on a PostgreSQL server."""
+"""Addresses of registers, which are SQLite files or databases on a PostgreSQL server."""
 
 import os
 import re
@@ -16,8 +16,9 @@ DEFAULT = "default"
 _SQLITE = "sqlite:///"
 _SERVERS = ("postgresql", "postgres", "postgresql+psycopg")
 _SHOWN_PARAMETERS = frozenset(("sslmode", "connect_timeout", "application_name", "host", "port"))
-# What looks like the address of a server and is none: "postgresql:/u:secret@h/db", "u:secret@h/db",
-# "host=h password=secret". Not a file of this name: a part of it may be a password.
+# Texts that look like a server address but are not valid: "postgresql:/u:secret@h/db",
+# "u:secret@h/db", "host=h password=secret". They are not taken as a file name, because they may
+# contain a password.
 _MISTYPED_SERVER = re.compile(
     r"""\W*postgres(?:ql)?(?:\+\w+)?(?::|//)  # the scheme without ://
       | (?:(?![./~])|//).*:[^/]*@             # user and password before a host
@@ -29,25 +30,25 @@ _ADDRESS_FORMS = "a path, sqlite:///PATH or postgresql://USER@HOST/DATABASE"
 
 @dataclass(frozen=True)
 class RegisterAddress:
-    """Where a register is.
+    """The address of a register.
 
     Parameters
     ----------
     url : URL
-        As SQLAlchemy takes it.
+        Address in the form that SQLAlchemy accepts.
     file : Path or None
         Absolute path of the SQLite file; None for a server.
     display_url : str
-        For printing, without a password.
+        Address for printing, without a password.
     """
 
-    url: URL = field(repr=False)  # it may hold a password where SQLAlchemy does not hide one
+    url: URL = field(repr=False)  # may contain a password in a place where SQLAlchemy shows it
     file: Path | None
     display_url: str
 
 
 def resolve_address(text: str | None = None) -> RegisterAddress:
-    """Return where a register is.
+    """Return the address of a register from its text.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
     Raises
     ------
     InputError
-        The address is of another kind, or the home folder is unknown.
+        If the address is of another kind, or the home folder is unknown.
     """
     if text in (None, DEFAULT):
         text = os.environ.get(ENVIRONMENT_VARIABLE) or None
@@ -85,19 +86,19 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
 
 
 def require_place_of_register(file: Path, *, create: bool) -> None:
-    """Refuse a missing register that is not to be created or cannot be created.
+    """Refuse a missing register if it should not or cannot be created.
 
     Parameters
     ----------
     file : path
-        A file that does not exist.
+        Path of a file that does not exist.
     create : bool
-        Whether it will be created.
+        Whether the file will be created.
 
     Raises
     ------
     InputError
-        The message suggests the file with the most similar name.
+        If it is refused; the message suggests the file with the most similar name.
     """
     folder = file.parent
     if create:
@@ -130,7 +131,7 @@ def require_place_of_register(file: Path, *, create: bool) -> None:
 def _default_path() -> Path:
     own = os.environ.get("XDG_DATA_HOME", "")
     try:
-        # A relative path in that variable counts for nothing (XDG Base Directory Specification).
+        # A relative path in that variable is ignored (XDG Base Directory Specification).
         folder = Path(own) if os.path.isabs(own) else Path.home() / ".local" / "share"
     except RuntimeError as error:
         raise InputError(
@@ -147,7 +148,7 @@ def _file_address(path: Path) -> RegisterAddress:
             f"the address of the register is empty; give {_ADDRESS_FORMS}", key="--register"
         )
     file = Path(os.path.abspath(path.expanduser()))
-    # Not read from a text: a path may hold any character.
+    # The URL is not parsed from text, because a path may contain any character.
     return RegisterAddress(
         URL.create("sqlite+pysqlite", database=str(file)), file, f"{_SQLITE}{file}"
     )

@@ -1,4 +1,4 @@
-"""Backs up any register to one SQLite file with the same tables, and restores it.
+"""Back up a register to one SQLite file with the same tables, and restore it.
 
 A backup is a consistent snapshot of the register. Numbers, times and names stay as they are, so a
 register can be moved from a server into a file and back.
@@ -25,12 +25,12 @@ from inercal.laboratory.store.connection import (
 )
 from inercal.laboratory.store.register_tables import calibration, certificate, metadata
 
-_ROWS = 200  # at once
+_ROWS = 200  # number of rows copied at once
 _SQLITE_HEAD = b"SQLite format 3\x00"
 
 
 def backup_register(address: str | None, path: Path) -> dict[str, int]:
-    """Write the register to a file, completely or not at all; return the rows by table.
+    """Write the register to a file atomically, and return the number of rows by table.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def backup_register(address: str | None, path: Path) -> dict[str, int]:
     Raises
     ------
     InputError
-        There is no such register, or its content is damaged.
+        If the register does not exist, or its content is damaged.
     """
     source = resolve_address(address)
     _require_register(source)
@@ -51,12 +51,12 @@ def backup_register(address: str | None, path: Path) -> dict[str, int]:
 
 
 def restore_register(path: Path, address: str | None) -> dict[str, int]:
-    """Read a backup into a new or empty register; return the number of rows by table.
+    """Restore a backup into a new or empty register, and return the number of rows by table.
 
     Raises
     ------
     InputError
-        The file is not a backup or is damaged, or the register is not empty.
+        If the file is not a backup or is damaged, or the register is not empty.
     """
     if not _is_sqlite(path):
         raise InputError(
@@ -65,7 +65,7 @@ def restore_register(path: Path, address: str | None) -> dict[str, int]:
         )
     target = resolve_address(address)
     with tempfile.TemporaryDirectory() as folder:
-        # A copy: the tables of an older backup are brought up to date first.
+        # Use a copy, because the tables of an older backup are upgraded first.
         copy = Path(shutil.copy(path, Path(folder) / "backup.db"))
         if target.file is None or target.file.exists():
             return _copy(resolve_address(str(copy)), target)
@@ -98,7 +98,7 @@ def _copy(source: RegisterAddress, target: RegisterAddress) -> dict[str, int]:
             read_transaction(engines[0], source) as old,
             write_transaction(engines[1], target) as new,
         ):
-            if old.dialect.name == "postgresql":  # one state for all tables
+            if old.dialect.name == "postgresql":  # read all tables in the same state
                 old.execute(text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ"))
             _require_empty(new, target)
             counts = _copy_tables(old, new)
@@ -138,7 +138,7 @@ def _copy_tables(old: Connection, new: Connection) -> dict[str, int]:
 
 def _require_hashes(row: Mapping[str, Any]) -> None:
     for name in ("pdf", "dcc"):
-        content = row[name]  # a text where SQLite was changed by hand
+        content = row[name]  # is text if the SQLite file was changed by hand
         raw = content.encode() if isinstance(content, str) else bytes(content)
         if hashlib.sha256(raw).hexdigest() != row[f"{name}_sha256"]:
             raise InputError(
@@ -149,7 +149,7 @@ def _require_hashes(row: Mapping[str, Any]) -> None:
 
 
 def _advance_sequence(db: Connection, table: str) -> None:
-    """Let the next id follow the restored ones, which the server has not counted."""
+    """Set the next id after the restored ones, because the server has not counted them."""
     db.execute(
         text(
             f"SELECT setval(pg_get_serial_sequence('{table}', 'id'), "

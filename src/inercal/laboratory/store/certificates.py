@@ -1,4 +1,4 @@
-"""Certificates in the register: numbers without gaps, each issued once with its files.
+"""Certificates in the register, whose numbers have no gaps and are issued only once.
 
 A number is `series` with "{year}" and "{sequence}" (or "{sequence:4}" for 4 digits) filled in; the
 sequence starts at 1 in each year of a series. The number, the files that contain it and the row are
@@ -26,7 +26,7 @@ _SEQUENCE = re.compile(r"\{sequence(?::([1-9]))?\}")
 
 @dataclass(frozen=True)
 class CertificateFiles:
-    """The files of a certificate: PDF, and DCC as XML."""
+    """The files of a certificate: the PDF, and the DCC as XML."""
 
     pdf: bytes
     dcc: bytes
@@ -34,7 +34,7 @@ class CertificateFiles:
 
 @dataclass(frozen=True)
 class CertificateEntry:
-    """A certificate.
+    """A certificate in the register.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class CertificateEntry:
     calibration : int
         Number of the calibration in the register.
     issued : str
-        ISO date.
+        Date of issue, ISO 8601.
     change : "", "amended" or "substituted"
         How it changes an earlier certificate; empty if it changes none.
     previous : str
@@ -50,7 +50,7 @@ class CertificateEntry:
     files : CertificateFiles
     pdf_sha256, dcc_sha256 : str
     by, at : str
-        Who issued it, and when, ISO 8601, UTC.
+        Author and time of issue, ISO 8601, UTC.
     """
 
     number: str
@@ -79,7 +79,7 @@ class CertificateSummary(NamedTuple):
 
 @dataclass(frozen=True)
 class CertificateRequest:
-    """What the register must know before it issues a certificate.
+    """The data that the register needs before it issues a certificate.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class CertificateRequest:
     change, previous : str
         As for `CertificateEntry`.
     make : callable
-        Takes the number and the earlier certificate, if any, and returns the files.
+        Function that makes the files from the number and the earlier certificate, if any.
     """
 
     series: str
@@ -116,7 +116,7 @@ def require_series(series: str) -> None:
 
 
 def number_text(series: str, year: int, sequence: int) -> str:
-    """Return a number of a series.
+    """Return the text of a certificate number in a series.
 
     Examples
     --------
@@ -130,12 +130,12 @@ def number_text(series: str, year: int, sequence: int) -> str:
 def issue_certificate(
     db: Connection, calibration_id: int, wanted: CertificateRequest, who: EntryAuthor
 ) -> CertificateEntry:
-    """Issue the next number of a series with its files; return the entry.
+    """Issue the next certificate of a series with its files, and return the entry.
 
     Raises
     ------
     InputError
-        The earlier certificate is not in the register, or the number belongs to another series.
+        If the earlier certificate is not in the register, or the number belongs to another series.
     """
     require_series(wanted.series)
     previous = find_certificate(db, wanted.previous) if wanted.previous else None
@@ -171,12 +171,12 @@ def issue_certificate(
 
 
 def find_certificate(db: Connection, number: str) -> CertificateEntry:
-    """Return a certificate by its number.
+    """Return the certificate with this number.
 
     Raises
     ------
     InputError
-        There is none.
+        If there is none.
     """
     found = db.execute(select(certificate).where(certificate.c.number == number)).one_or_none()
     if found is None:
@@ -201,7 +201,7 @@ def find_certificate(db: Connection, number: str) -> CertificateEntry:
 
 
 def list_certificates(db: Connection) -> tuple[CertificateSummary, ...]:
-    """Return all certificates without their files, as they were issued."""
+    """Return all certificates without their files, in the order of issue."""
     query = (
         select(
             certificate.c.number,
@@ -220,7 +220,7 @@ def list_certificates(db: Connection) -> tuple[CertificateSummary, ...]:
 
 
 def successors(db: Connection, number: str) -> tuple[tuple[str, str], ...]:
-    """Return number and change of each certificate that changes this one."""
+    """Return the number and kind of change of each certificate that changes this one."""
     query = select(certificate.c.number, certificate.c.change).order_by(certificate.c.id)
     rows = db.execute(query.where(certificate.c.previous == number))
     return tuple((row.number, row.change) for row in rows)

@@ -1,7 +1,8 @@
-"""Connects to a register, reports its errors in one line, and upgrades its tables.
+"""Connect to a register, report its errors in one line, and upgrade its tables.
 
-A transaction that writes locks the whole register, both on SQLite and on PostgreSQL, so that
-nothing it has read changes before it writes. Other transactions wait for at most `_LOCK_TIMEOUT`.
+A transaction that writes locks the whole register, both on SQLite and on PostgreSQL, so the data
+that it has read cannot change before it writes. Other transactions wait for at most
+`_LOCK_TIMEOUT`.
 """
 
 from collections.abc import Generator
@@ -20,7 +21,7 @@ from inercal.basics.errors import InputError
 from inercal.laboratory.store.address import RegisterAddress
 
 VERSION_TABLE = "inercal_version"
-_BEFORE_RELEASE = ("0001", "0002", "0003", "0004")  # revisions of the tables
+_BEFORE_RELEASE = ("0001", "0002", "0003", "0004")  # revisions before the first release
 _LOCK_TIMEOUT = 30  # s
 # A server that disappears silently is detected within half a minute, not after hours.
 _KEEPALIVE_OPTIONS = {
@@ -30,8 +31,8 @@ _KEEPALIVE_OPTIONS = {
     "keepalives_count": 3,
     "tcp_user_timeout": 30_000,  # ms
 }
-_LOCK_KEY = 0x696E6572  # "iner": the advisory lock of PostgreSQL for writing
-_SQLITE_MESSAGES = {  # by the message of SQLite
+_LOCK_KEY = 0x696E6572  # "iner": key of PostgreSQL's advisory lock for writing
+_SQLITE_MESSAGES = {  # our messages by those of SQLite
     "unable to open database file": "cannot be opened; its folder must exist and be writable",
     "file is not a database": "is not an SQLite database; give another file",
     "database disk image is malformed": "is damaged; restore it from a copy",
@@ -41,7 +42,7 @@ _SQLITE_MESSAGES = {  # by the message of SQLite
 
 
 def make_engine(address: RegisterAddress) -> Engine:
-    """Return the engine; it keeps no connection open between two transactions."""
+    """Return an engine that keeps no connection open between transactions."""
     if address.file is None:
         query = address.url.query
         options = {name: value for name, value in _KEEPALIVE_OPTIONS.items() if name not in query}
@@ -64,7 +65,7 @@ def read_transaction(engine: Engine, address: RegisterAddress) -> Generator[Conn
 
 @contextmanager
 def write_transaction(engine: Engine, address: RegisterAddress) -> Generator[Connection]:
-    """Yield a connection in a transaction that locks the register and is written as a whole."""
+    """Yield a connection in a transaction that locks the register and is written atomically."""
     with translate_errors(address), engine.execution_options(writes=True).begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text(f"SET LOCAL lock_timeout = '{_LOCK_TIMEOUT}s'"))
@@ -74,12 +75,12 @@ def write_transaction(engine: Engine, address: RegisterAddress) -> Generator[Con
 
 @contextmanager
 def translate_errors(address: RegisterAddress) -> Generator[None]:
-    """Raise errors of the database as one line with the register's address, without a password.
+    """Convert database errors to one line with the register's address, without a password.
 
     Raises
     ------
     InputError
-        Any error of the database.
+        For any error of the database.
     """
     try:
         yield
@@ -106,7 +107,7 @@ def _error_text(error: SQLAlchemyError) -> str:
 
 
 def _configure_sqlite(connection: Any, _: object) -> None:
-    # Transactions begin in `_begin_transaction`, not where the driver chooses.
+    # Begin transactions in `_begin_transaction` instead of where the driver chooses.
     connection.isolation_level = None
     cursor = connection.cursor()
     cursor.execute("PRAGMA foreign_keys = ON")
@@ -116,7 +117,7 @@ def _configure_sqlite(connection: Any, _: object) -> None:
 
 def _begin_transaction(connection: Connection) -> None:
     writes = connection.get_execution_options().get("writes", False)
-    # A transaction that reads first could be refused the lock when it writes.
+    # A transaction that reads first might not get the lock when it writes.
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
 
@@ -126,8 +127,8 @@ def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool =
     Raises
     ------
     InputError
-        The tables were written by a newer version, before 0.1.0 or by another program, or the
-        database is empty and `create` is false.
+        If the tables were written by a newer version, by a version before 0.1.0 or by another
+        program, or if the database is empty and `create` is false.
     """
     config = _config()
     script = ScriptDirectory.from_config(config)
@@ -144,7 +145,7 @@ def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool =
             key="--register",
         )
     with write_transaction(engine, address) as connection:
-        # Another process may have upgraded it meanwhile.
+        # Another process may have upgraded it in the meantime.
         revision = _revision(connection, address)
         if revision == head:
             return
@@ -179,7 +180,7 @@ def _config() -> Config:
 
 
 def _revision(connection: Connection, address: RegisterAddress) -> str | None:
-    """Return the revision of the tables; None of a database that is empty."""
+    """Return the revision of the tables; None for an empty database."""
     names = inspect(connection).get_table_names()
     if names and VERSION_TABLE not in names:
         raise InputError(

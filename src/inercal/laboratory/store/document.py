@@ -1,4 +1,4 @@
-"""A verified calibration that is ready to be entered, with the columns that the register adds."""
+"""Verified calibrations, ready to be entered, with the columns that the register adds."""
 
 import json
 from dataclasses import dataclass
@@ -17,21 +17,21 @@ from inercal.physics.sensors import SI_UNITS
 
 @dataclass(frozen=True, eq=False)
 class CalibrationDocument:
-    """A calibration and its text.
+    """A verified calibration with its text.
 
     Parameters
     ----------
     source : str
-        Its name in error messages.
+        Name for error messages.
     text : str
-        The whole calibration file, JSON.
+        The whole calibration file as JSON.
     sha256 : str
-        The hash that the file states.
+        Hash that the file states.
     calibration : Calibration
     created : str
         Time of creation, ISO 8601, UTC; empty if the file does not state it.
     recording : str
-        SHA-256 of the recording; empty if the file names none.
+        SHA-256 of the recording; empty if the file does not state it.
     """
 
     source: str
@@ -49,12 +49,12 @@ class CalibrationDocument:
 
 
 def make_document(source: Calibration | str | Path) -> CalibrationDocument:
-    """Return a calibration, or the calibration of a file, in the form of an entry.
+    """Return a calibration, or the calibration in a file, in the form of an entry.
 
     Raises
     ------
     InputError
-        The file is missing or damaged, or has content that a register cannot store.
+        If the file is missing or damaged, or has content that a register cannot store.
     """
     if isinstance(source, Calibration):
         name = f"calibration of {source.sensor.name}"
@@ -90,7 +90,7 @@ def make_document(source: Calibration | str | Path) -> CalibrationDocument:
 
 
 def _content_defect(calibration: Calibration, content: dict[str, Any]) -> str:
-    """Return what contradicts the file's description although its hash fits; empty if nothing."""
+    """Return a defect of a file whose hash is right; empty if there is none."""
     for name in ("conditions", "provenance"):
         given: Any = content[name]
         if not isinstance(given, dict) or not all(
@@ -109,14 +109,14 @@ def _content_defect(calibration: Calibration, content: dict[str, Any]) -> str:
 
 
 def to_utc(text: str) -> str:
-    """Return a time in ISO 8601 as the register keeps it: UTC, to the millisecond.
+    """Return a time in ISO 8601 as the register stores it: in UTC, to the millisecond.
 
-    A time without a zone is taken as UTC, and a date as its first moment.
+    A time without a zone is taken as UTC, and a date means the beginning of that day.
 
     Raises
     ------
     ValueError
-        The text is not a time in ISO 8601.
+        If the text is not a time in ISO 8601.
 
     Examples
     --------
@@ -126,11 +126,11 @@ def to_utc(text: str) -> str:
     time = datetime.fromisoformat(text)
     try:
         time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
-    except OverflowError:  # the first or the last day of all years, in a zone beyond it
+    except OverflowError:  # before the first year or after the last one in UTC
         raise ValueError(f"{text} is out of range") from None
     return time.isoformat(timespec="milliseconds")
 
 
 def utc_now() -> str:
-    """Return the current time as the register keeps it."""
+    """Return the current time as the register stores it."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")

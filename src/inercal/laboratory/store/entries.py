@@ -1,4 +1,4 @@
-"""The entries of a register, and the facts that a run reports to it."""
+"""The entries in a register, and the facts that a run reports to it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from inercal.physics.sensors import Sensor
 
 @dataclass(frozen=True)
 class SensorEntry:
-    """A sensor.
+    """A sensor in the register.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class SensorEntry:
     last : str or None
         Date of the last calibration, ISO 8601.
     by, at : str
-        Who entered it, and when, ISO 8601, UTC.
+        Author and time of the entry, ISO 8601, UTC.
     """
 
     id: int
@@ -37,7 +37,7 @@ class SensorEntry:
 
 
 class FileEntry(NamedTuple):
-    """A file in the folder of a run, with its name, size in bytes and SHA-256."""
+    """A file in the folder of a run, with name, size in bytes and SHA-256."""
 
     name: str
     size: int
@@ -46,26 +46,26 @@ class FileEntry(NamedTuple):
 
 @dataclass(frozen=True)
 class RunEntry:
-    """A run.
+    """A run in the register.
 
     Parameters
     ----------
     id : int
     key : str
-        Identity of the run, independent of where its folder is.
+        Identity of the run, which does not depend on its folder.
     sensor : str
     kind, bench : str
-        Kind of bench, and its name where the run file gives one.
+        Kind of bench, and its name if the run file gives one.
     begun : str
-        ISO 8601, UTC.
+        Start of the run, ISO 8601, UTC.
     state : str
-        Of `inercal.host.journal.JournalHeader`.
+        State as in `inercal.host.journal.JournalHeader`.
     table, imu : str
-        Addresses.
+        Addresses of the table and the IMU.
     folder : str
     files : tuple of FileEntry
     by, at : str
-        Who entered it, and when, ISO 8601, UTC.
+        Author and time of the entry, ISO 8601, UTC.
     """
 
     id: int
@@ -85,7 +85,7 @@ class RunEntry:
 
 @dataclass(frozen=True)
 class CalibrationEntry:
-    """A calibration.
+    """A calibration in the register.
 
     Parameters
     ----------
@@ -98,16 +98,16 @@ class CalibrationEntry:
     measured : str
         Time of measurement, ISO 8601, UTC.
     measured_from : "stated", "run" or "created"
-        Source of that time: the user, the begin of the run, or the calibration file.
+        Source of that time: the user, the start of the run, or the calibration file.
     method, estimator : str
     grade : str
-        Of the verdict, "consistent", "reservations" or "unreliable"; empty if it is unknown.
+        Grade of the verdict, "consistent", "reservations" or "unreliable"; empty if unknown.
     sha256 : str
-        Of the calibration's content, as its file states it.
+        SHA-256 of the calibration's content, as its file states it.
     by, at : str
-        Who entered it, and when, ISO 8601, UTC.
+        Author and time of the entry, ISO 8601, UTC.
     content : str
-        The whole calibration file, JSON.
+        The whole calibration file as JSON.
     """
 
     id: int
@@ -127,12 +127,12 @@ class CalibrationEntry:
 
     @cached_property
     def calibration(self) -> Calibration:
-        """The calibration itself, after verifying its hash again.
+        """The calibration itself; its hash is verified again.
 
         Raises
         ------
         InputError
-            The text in the register is not what was entered.
+            If the text in the register differs from the text that was entered.
         """
         return parse(self.content, f"calibration #{self.id}")
 
@@ -144,19 +144,19 @@ class RunFacts:
     Parameters
     ----------
     key : str
-        Identity of the run, independent of when it is entered and where its folder is.
+        Identity of the run, which does not depend on the time of entry or the folder.
     sensor : Sensor
     kind, bench : str
-        Kind of bench, and its name, empty if it has none.
+        Kind of bench, and its name; empty if it has none.
     begun : str
-        ISO 8601.
+        Start of the run, ISO 8601.
     state : str
-        Of `inercal.host.journal.JournalHeader`.
+        State as in `inercal.host.journal.JournalHeader`.
     table, imu : str
-        Addresses.
+        Addresses of the table and the IMU.
     folder : str
     files : mapping of str to (int, str)
-        Size and SHA-256 by name.
+        Size and SHA-256 of each file, by name.
     """
 
     key: str

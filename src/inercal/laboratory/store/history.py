@@ -29,33 +29,32 @@ from inercal.calibration.comparison.courses import (
 from inercal.laboratory.store.entries import CalibrationEntry, SensorEntry
 from inercal.physics.sensors.coefficient_selection import select_coefficients
 
-_LEAST_OWN = 1e-4  # of u, where calibrations share all of it
+_LEAST_OWN = 1e-4  # least independent fraction of u if calibrations share all of it
 
 
 @dataclass(frozen=True, eq=False)
 class CoefficientTrend:
-    """One coefficient over time, SI.
+    """One coefficient over time, in SI units.
 
     Parameters
     ----------
     name : str
-        Full, "ax.k0".
+        Full name, such as "ax.k0".
     meaning : str
     unit : str
-        As printed.
+        Unit as printed.
     si : float
-        SI size of the unit.
+        Size of the unit in SI units.
     points : tuple of int
-        Indices of the history's calibrations that have the coefficient.
+        Indices of the calibrations in the history that have the coefficient.
     time : (n,) array
-        Years since the first of the history's calibrations.
+        Years since the first calibration in the history.
     values, std : (n,) arrays
-        With standard uncertainties (k = 1).
+        Values and standard uncertainties (k = 1).
     step_std : (n - 1,) array
         Standard uncertainties of the differences between successive values.
     shared : (m, m) array
-        Covariance of the newest m values from errors that they share; m is at most
-        `courses.NEWEST`.
+        Covariance of the newest m values due to shared errors; m is at most `courses.NEWEST`.
     """
 
     name: str
@@ -71,7 +70,7 @@ class CoefficientTrend:
 
     @cached_property
     def normalised_errors(self) -> Array:
-        """E_n of each calibration against the previous one, (n,); NaN for the first."""
+        """E_n of each calibration relative to the previous one, (n,); NaN for the first."""
         steps = changes.normalised_errors(np.diff(self.values), self.step_std)
         return np.concatenate([[np.nan], steps])
 
@@ -91,7 +90,7 @@ class CoefficientTrend:
 
     @property
     def line(self) -> CourseFit | None:
-        """The straight line through at least three calibrations, else None."""
+        """The straight line through the values; None for fewer than three calibrations."""
         return None if self.courses is None else self.courses.line
 
     @property
@@ -116,9 +115,9 @@ class CoefficientTrend:
 
 @dataclass(frozen=True, eq=False)
 class SensorHistory:
-    """The calibrations of a sensor, oldest first, in the frame and form of the newest.
+    """The calibrations of a sensor, oldest first, in the frame and form of the newest one.
 
-    If the newest is in the mount frame and others are not, all are in the frame of the others.
+    If the newest is in the mount frame but others are not, all are in the frame of the others.
 
     Parameters
     ----------
@@ -128,10 +127,10 @@ class SensorHistory:
     trends : tuple of CoefficientTrend
         One for each coefficient of the newest calibration, in its order.
     calibrations : tuple of Calibration
-        Those of the entries, in the frame and form of the newest.
+        Calibrations of these entries, in the frame and form of the newest.
     exclusions : tuple of str
-        What was left out, in words: calibrations that cannot be compared or whose recording has a
-        later one, and coefficients that are not in the newest or were not measured.
+        Descriptions of excluded items: calibrations that cannot be compared or whose recording has
+        a later calibration, and coefficients that are not in the newest one or were not measured.
     """
 
     sensor: SensorEntry
@@ -142,15 +141,15 @@ class SensorHistory:
 
     @cached_property
     def joint_test(self) -> tuple[changes.JointTest | None, ...]:
-        """The joint test of all coefficients, each calibration against the one before.
+        """The joint test of all coefficients for each calibration and the previous one.
 
-        None for the first, and if two successive ones have no coefficient in common.
+        It is None for the first, and if two successive ones have no coefficient in common.
         """
         return None, *(build_comparison(a, b).joint_test for a, b in pairwise(self.calibrations))
 
     @property
     def newest_joint_test(self) -> changes.JointTest | None:
-        """The last element of `joint_test`, computed without the others."""
+        """The last element of `joint_test`, without computing the others."""
         last = self.calibrations[-2:]
         return build_comparison(*last).joint_test if len(last) > 1 else None
 
@@ -160,12 +159,12 @@ class SensorHistory:
         return tuple(_operating_hours(one) for one in self.calibrations)
 
     def trend(self, name: str) -> CoefficientTrend:
-        """Return one coefficient over time by its full name.
+        """Return the trend of the coefficient with this full name.
 
         Raises
         ------
         InputError
-            No coefficient has that name.
+            If no coefficient has this name.
         """
         trends = {trend.name: trend for trend in self.trends}
         if name not in trends:
@@ -176,14 +175,14 @@ class SensorHistory:
         return trends[name]
 
     def select(self, words: Sequence[str]) -> "SensorHistory":
-        """Return the history of the coefficients chosen by name, group or axis; all without words.
+        """Return the history of coefficients chosen by name, group or axis; no words mean all.
 
         The joint tests still include all coefficients.
 
         Raises
         ------
         InputError
-            The words select no coefficient of this history.
+            If the words select no coefficient of this history.
         """
         if not words:
             return self
@@ -198,28 +197,28 @@ class SensorHistory:
         return replace(self, trends=trends)
 
     def date(self, years: float) -> str:
-        """Return the time, ISO 8601, a number of years after the first calibration."""
+        """Return the time, ISO 8601, this number of years after the first calibration."""
         first = datetime.fromisoformat(self.entries[0].measured)
         return (first + timedelta(seconds=years * changes.YEAR)).isoformat(timespec="seconds")
 
     @property
     def expected_exceedances(self) -> float:
-        """How many E_n would be expected to exceed 1 by chance if nothing changed."""
+        """Number of E_n expected to exceed 1 by chance if nothing changed."""
         return changes.CHANCE_FRACTION * self.comparison_count
 
     @property
     def comparison_count(self) -> int:
-        """How many E_n there are."""
+        """Number of E_n in the history."""
         return sum(one.values.size - 1 for one in self.trends)
 
     @property
     def exceedances(self) -> int:
-        """How many |E_n| exceed 1."""
+        """Number of |E_n| that exceed 1."""
         return sum(int(np.sum(np.abs(one.normalised_errors[1:]) > 1)) for one in self.trends)
 
     @property
     def verdicts(self) -> dict[changes.TrendVerdict, tuple[str, ...]]:
-        """The coefficients by verdict."""
+        """The names of the coefficients by verdict."""
         found: dict[changes.TrendVerdict, tuple[str, ...]] = {}
         for one in self.trends:
             found[one.verdict] = (*found.get(one.verdict, ()), one.name)
@@ -227,12 +226,12 @@ class SensorHistory:
 
 
 def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> SensorHistory:
-    """Return the history of calibrations, oldest first.
+    """Return the history of a sensor's calibrations, oldest first.
 
     Raises
     ------
     InputError
-    There are no calibrations.
+    If there are no calibrations.
     """
     if not entries:
         raise InputError(
@@ -274,9 +273,9 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
 
 
 def _common_terms(entries: Sequence[CalibrationEntry]) -> Calibration:
-    """Return the newest calibration in the frame that all can have, else as it is.
+    """Return the newest calibration in a frame that all can have, or unchanged if there is none.
 
-    No other frame can be converted to "mount", as which a hand-held one has none.
+    No other frame can be converted to "mount", because a hand-held calibration has no mount frame.
     """
     newest = entries[-1].calibration
     frames = [one.calibration.frame for one in entries if one.calibration.frame != "mount"]
@@ -290,7 +289,7 @@ def _common_terms(entries: Sequence[CalibrationEntry]) -> Calibration:
 
 
 def _can_have(entry: CalibrationEntry, terms: Calibration) -> bool:
-    """Return whether a calibration of another frame than "mount" can be in these terms."""
+    """Return whether a calibration that is not in "mount" can be converted to these terms."""
     if entry.calibration.frame == "mount":
         return False
     try:
@@ -311,7 +310,7 @@ def _operating_hours(calibration: Calibration) -> float | None:
 def latest_per_recording(
     entries: Sequence[CalibrationEntry],
 ) -> tuple[list[CalibrationEntry], list[str]]:
-    """Return the last entered calibration of each recording, and a line for each one left out.
+    """Return the last entered calibration of each recording, and a line for each other one.
 
     Two calibrations of one recording have the same errors, so they are not independent repeats.
     """
@@ -336,9 +335,9 @@ _SharedParts = Mapping[tuple[str, str], Sequence[float]]
 
 
 def _shared_parts(calibration: Calibration) -> _SharedParts:
-    """Return u of each coefficient, signed, SI, by each error that other calibrations may have.
+    """Return the signed u of each coefficient, SI, due to each error that may be shared.
 
-    By the error's name and determination.
+    The keys are the name and the determination of the error.
     """
     return {
         (one.name, one.determination): (one.covariance / one.std).tolist()
@@ -379,7 +378,7 @@ def _coefficient_trend(
 
 
 def _shared_of_newest(parts: Sequence[_SharedParts], places: Sequence[int]) -> Array:
-    """Return the covariance of one coefficient by errors that calibrations share, (m, m)."""
+    """Return the covariance of one coefficient, (m, m), due to shared errors."""
     columns: dict[tuple[str, str], Array] = {}
     for k, (own, i) in enumerate(zip(parts, places, strict=True)):
         for error, u in own.items():

@@ -1,4 +1,4 @@
-"""Describes histories in words and rounded numbers."""
+"""Describe histories in words and rounded numbers."""
 
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.calibration.comparison.comparison_text import (
@@ -19,7 +19,7 @@ _COURSES: dict[Course, str] = {"line": "a straight line", "walk": "a random walk
 
 
 def format_point(trend: CoefficientTrend, k: int) -> tuple[str, str]:
-    """Return value and U of one point of a trend, in its unit."""
+    """Return the value and U of one point of a trend, in the unit of the trend."""
     value, std = float(trend.values[k]), float(trend.std[k])
     return format_value_and_uncertainty(value / trend.si, COVERAGE * std / trend.si)
 
@@ -33,7 +33,7 @@ def format_slope(trend: CoefficientTrend) -> tuple[str, str]:
 
 
 def format_bands(trend: CoefficientTrend) -> tuple[str, str]:
-    """Return U of the mean and of the next use at the newest calibration; empty for too few."""
+    """Return U of the mean and of the next use at the newest calibration; empty if too few."""
     if trend.course is None:
         return "", ""
     at = trend.time[-1:]
@@ -47,10 +47,10 @@ def format_bands(trend: CoefficientTrend) -> tuple[str, str]:
 
 
 def drift_text(trend: CoefficientTrend) -> str:
-    """Return the drift of a coefficient, and the test of its constancy."""
+    """Return a text on the drift of a coefficient and the test of its constancy."""
     text = "a drift cannot be estimated from fewer than three calibrations"
     if (line := trend.line) is not None:
-        text = f"drift {' ± '.join(format_slope(trend))} {trend.unit} a year"
+        text = f"drift {' ± '.join(format_slope(trend))} {trend.unit} per year"
         if line.tau > 0:
             size = format_value_and_uncertainty(0.0, line.tau / trend.si)[1]
             text += f", with a scatter of {size} {trend.unit} about the line"
@@ -66,7 +66,7 @@ def drift_text(trend: CoefficientTrend) -> str:
 
 
 def history_lines(history: SensorHistory) -> list[str]:
-    """Return the results of a history, line by line."""
+    """Return text lines with the results of a history."""
     lines = _date_lines(history)
     if history.comparison_count:
         lines.append(
@@ -76,7 +76,7 @@ def history_lines(history: SensorHistory) -> list[str]:
         )
     if (test := history.newest_joint_test) is not None:
         lines.append(
-            f"the newest calibration against the previous one, all {test.size} coefficients "
+            f"the newest calibration compared with the previous one, all {test.size} coefficients "
             f"together: {joint_test_text(test)}"
         )
     if (ordinary := newest_run_to_run(history)) is not None:
@@ -94,7 +94,7 @@ def history_lines(history: SensorHistory) -> list[str]:
 
 
 def _date_lines(history: SensorHistory) -> list[str]:
-    """Return which dates are only those of files, where several calibrations are compared."""
+    """Return a line on dates that come only from files, if several calibrations are compared."""
     made = [f"#{one.id}" for one in history.entries if one.measured_from == "created"]
     if len(history.entries) < 2 or not made:
         return []

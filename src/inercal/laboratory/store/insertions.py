@@ -1,6 +1,6 @@
-"""Enters things into a register; existing entries stay as they are.
+"""Insert entries into a register; existing entries stay unchanged.
 
-Each function takes a connection within a transaction that has locked the register.
+Each function needs a connection in a transaction that has locked the register.
 """
 
 import json
@@ -28,31 +28,31 @@ _DONE_STATE = "done"
 
 @dataclass(frozen=True)
 class EntryAuthor:
-    """Who enters something, and the time, ISO 8601, UTC."""
+    """The author and time of an entry, ISO 8601, UTC."""
 
     by: str
     at: str
 
     @property
     def columns(self) -> dict[str, str]:
-        """Values of the columns that all tables have for it."""
+        """Return the values of the author and time columns, which all tables have."""
         return {"entered_by": self.by, "entered_at": self.at}
 
 
 def enter_sensor(db: Connection, entered: Sensor, who: EntryAuthor) -> int:
-    """Enter a sensor, or new axes of a registered sensor; return its id.
+    """Enter a sensor, or new axes of a registered sensor, and return its id.
 
     Raises
     ------
     InputError
-        An axis measures a different quantity from the axis of that name in the register.
+        If an axis measures a different quantity from the axis with this name in the register.
     """
     axes = {axis.name: str(axis.measures) for axis in entered.axes}
     return enter_axes(db, entered.name, axes, who)
 
 
 def enter_axes(db: Connection, sensor_name: str, axes: dict[str, str], who: EntryAuthor) -> int:
-    """Enter a sensor by its name and what each axis measures, "f" or "w"; return its id.
+    """Enter a sensor by its name and the quantity of each axis, "f" or "w"; return its id.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def _axes_json(axes: dict[str, str]) -> str:
 
 
 def enter_bench(db: Connection, kind: str, name: str, who: EntryAuthor) -> int:
-    """Enter a bench by its kind and its name, if it has one; return its id."""
+    """Enter a bench by its kind and, if it has one, its name; return its id."""
     found = db.scalar(select(bench.c.id).where(bench.c.kind == kind, bench.c.name == name))
     return found or _insert_row(db, bench, {"kind": kind, "name": name}, who)
 
@@ -93,7 +93,8 @@ def enter_run(db: Connection, facts: RunFacts, who: EntryAuthor) -> int:
     """Enter a run, or update the state of a registered one; return its id.
 
     Registered calibrations of its recording are assigned to it. Its folder is updated, because it
-    may have been moved. A finished run stays finished, whatever an older copy of its folder says.
+    may have been moved. A finished run stays finished, even if an older copy of its folder says
+    otherwise.
     """
     sensor_id = enter_sensor(db, facts.sensor, who)
     bench_id = enter_bench(db, facts.kind, facts.bench, who)
@@ -157,7 +158,7 @@ def enter_calibration(
     db : Connection
     entered : CalibrationDocument
     kind : str
-        Kind of bench that its method takes; empty if it is not known.
+        Kind of bench that its method uses; empty if it is not known.
     measured : str or None
         Time of measurement, ISO 8601, if the user states it.
     who : EntryAuthor
@@ -165,7 +166,7 @@ def enter_calibration(
     Raises
     ------
     InputError
-        The time of measurement is unknown.
+        If the time of measurement is unknown.
     """
     there = db.scalar(select(calibration.c.id).where(calibration.c.sha256 == entered.sha256))
     if there is not None:
@@ -217,12 +218,12 @@ def enter_calibration(
 
 
 def state_date(db: Connection, number: int, measured: str) -> None:
-    """Set the date that the user states, if so far only the file has dated the calibration.
+    """Set the date stated by the user if the current date comes only from the file.
 
     Raises
     ------
     InputError
-        It already has another date, stated earlier or taken from its run.
+        If the calibration already has another date, stated earlier or taken from its run.
     """
     query = select(calibration.c.measured, calibration.c.measured_from)
     there = db.execute(query.where(calibration.c.id == number)).one()

@@ -1,8 +1,8 @@
-"""Enters noise analyses into a register, reads them, and compares them over time.
+"""Insert noise analyses into a register, read them, and compare them over time.
 
-E_n of a coefficient against the previous analysis is |Δ|/(2 √(u₁² + u₂²)), with the u of both;
-above 1 the coefficient changed. Two analyses of one recording are not repeats, so only the later
-entry counts.
+E_n of a coefficient relative to the previous analysis is |Δ|/(2 √(u₁² + u₂²)), with the u of both;
+if it exceeds 1, the coefficient changed. Two analyses of one recording are not repeated
+measurements, so only the later entry counts.
 """
 
 import hashlib
@@ -39,11 +39,11 @@ noise_analysis = Table(
     Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
     Column("measured", String, nullable=False),
     Column("measured_from", String, nullable=False),  # "stated" or "entered"
-    Column("source", String, nullable=False),  # the recording's file
+    Column("source", String, nullable=False),  # name of the recording file
     Column("recording_sha256", String, nullable=False),
     Column("duration", Double, nullable=False),  # s
-    Column("content", Text, nullable=False),  # the whole analysis, JSON
-    Column("sha256", String, nullable=False),  # of the content
+    Column("content", Text, nullable=False),  # the whole analysis as JSON
+    Column("sha256", String, nullable=False),  # SHA-256 of the content
     Column("entered_by", String, nullable=False),
     Column("entered_at", String, nullable=False),
 )
@@ -53,12 +53,12 @@ noise_coefficient = Table(
     Column("analysis_id", Integer, ForeignKey("noise_analysis.id"), primary_key=True),
     Column("channel", String, primary_key=True),
     Column("symbol", String, primary_key=True),
-    Column("place", Integer, nullable=False),  # in the analysis's order, from 0
-    Column("value", Double, nullable=False),  # SI; 0 where only an upper limit is known
-    Column("u", Double),  # SI; null where only an upper limit is known
+    Column("place", Integer, nullable=False),  # index in the analysis, from 0
+    Column("value", Double, nullable=False),  # SI; 0 if only an upper limit is known
+    Column("u", Double),  # SI; null if only an upper limit is known
     Column("low", Double, nullable=False),
     Column("high", Double, nullable=False),
-    Column("unit", String, nullable=False),  # in which it is printed
+    Column("unit", String, nullable=False),  # unit for printing
 )
 
 
@@ -68,27 +68,27 @@ _INFINITE = float("inf")
 
 @dataclass(frozen=True)
 class NoiseEntry:
-    """A noise analysis.
+    """A noise analysis in the register.
 
     Parameters
     ----------
     id : int
     sensor : str
     measured : str
-        When, ISO 8601, UTC.
+        Time of measurement, ISO 8601, UTC.
     measured_from : "stated" or "entered"
         Source of that time: the user, or the time of entry.
     source : str
-        The recording's file.
+        Name of the recording file.
     recording_sha256 : str
     duration : float
-        s.
+        Duration of the recording, s.
     coefficients : dict of channel to tuple of NoiseCoefficient
-        SI; without the significance of terms, which `content` has.
+        Coefficients in SI units, without the significance of terms, which is in `content`.
     by, at : str
-        Who entered it, and when, ISO 8601, UTC.
+        Author and time of the entry, ISO 8601, UTC.
     content : str
-        The whole analysis, JSON.
+        The whole analysis as JSON.
     """
 
     id: int
@@ -106,15 +106,15 @@ class NoiseEntry:
 
 @dataclass(frozen=True)
 class NoiseTrend:
-    """A coefficient of a channel over time.
+    """A noise coefficient of a channel over time.
 
     Parameters
     ----------
     channel, symbol, unit : str
     entries : tuple of NoiseEntry
-        The entries that have it, oldest first.
+        The entries that have the coefficient, oldest first.
     values : tuple of NoiseCoefficient
-        One of each entry.
+        One value for each entry.
     """
 
     channel: str
@@ -125,7 +125,7 @@ class NoiseTrend:
 
     @property
     def normalised_errors(self) -> tuple[float | None, ...]:
-        """E_n against the previous value; None for the first and next to an upper limit."""
+        """E_n relative to the previous value; None for the first and next to an upper limit."""
         found: list[float | None] = [None]
         for before, after in zip(self.values[:-1], self.values[1:], strict=True):
             u = hypot(before.u, after.u)
@@ -135,7 +135,7 @@ class NoiseTrend:
 
     @property
     def changed(self) -> bool:
-        """Whether the newest value differs from the previous one, or no longer from zero."""
+        """Whether the newest value differs significantly from the previous one (E_n > 1)."""
         last = self.normalised_errors[-1]
         return last is not None and last > 1
 
@@ -143,14 +143,14 @@ class NoiseTrend:
 def enter_noise(
     db: Connection, analysis: NoiseAnalysis, name: str, measured: str | None, who: EntryAuthor
 ) -> int:
-    """Enter an analysis of a sensor, and the sensor if it is new; return the analysis's number.
+    """Enter a noise analysis, and its sensor if it is new; return the analysis's number.
 
     The same analysis of the same sensor is entered only once.
 
     Raises
     ------
     InputError
-        The name is empty, or `measured` is not a time.
+        If the name is empty, or `measured` is not a time.
     """
     if not name.strip():
         raise InputError(
@@ -167,7 +167,7 @@ def enter_noise(
             ) from None
     found = db.scalar(select(sensor.c.id).where(sensor.c.name == name))
     axes = {one.channel: _MEASURES[one.quantity] for one in analysis.channels}
-    # A known sensor keeps its axes: channels of a log may have other names.
+    # A known sensor keeps its axes, because channels of a log may have other names.
     sensor_id = enter_axes(db, name, axes, who) if found is None else int(found)
     content = json.dumps(analysis_object(analysis), ensure_ascii=False, allow_nan=False)
     digest = hashlib.sha256(content.encode()).hexdigest()
@@ -207,12 +207,12 @@ def enter_noise(
 
 
 def read_noise(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
-    """Return the noise analyses of a sensor as they were measured.
+    """Return the noise analyses of a sensor in the order of measurement.
 
     Raises
     ------
     InputError
-        The text in the register is not what was entered.
+        If the text in the register differs from the text that was entered.
     """
     query = (
         select(noise_analysis, sensor.c.name.label("sensor"))
@@ -278,7 +278,7 @@ def _number(entry: NoiseEntry) -> int:
 
 
 def noise_entry_object(entry: NoiseEntry) -> dict[str, Any]:
-    """Return an entry for JSON, with its coefficients and without its content."""
+    """Return an entry as a JSON object, with its coefficients but without its content."""
     return {
         "id": entry.id,
         "sensor": entry.sensor,

@@ -1,4 +1,4 @@
-"""The noise of a sensor over time, in rounded numbers."""
+"""Describe the noise of a sensor over time, in rounded numbers."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ HEADS = ("channel", "term", "number", "first", "newest", "U (k = 2)", "unit", "E
 
 
 def trend_rows(trends: Sequence[NoiseTrend]) -> list[tuple[str, ...]]:
-    """Return a row for each coefficient: its first and newest value, and E_n of the newest."""
+    """Return a row for each coefficient with its first and newest value, and E_n of the newest."""
     rows: list[tuple[str, ...]] = []
     for one in trends:
         _, first, *_ = coefficient_cells(one.values[0])
@@ -24,7 +24,7 @@ def trend_rows(trends: Sequence[NoiseTrend]) -> list[tuple[str, ...]]:
 
 
 def newest_rows(trends: Sequence[NoiseTrend]) -> list[tuple[str, ...]]:
-    """Return a row for each coefficient: its newest value, and when it was measured."""
+    """Return a row for each coefficient with its newest value and the date of measurement."""
     rows: list[tuple[str, ...]] = []
     for one in trends:
         _, value, spread, *_ = coefficient_cells(one.values[-1])
@@ -37,7 +37,7 @@ def newest_rows(trends: Sequence[NoiseTrend]) -> list[tuple[str, ...]]:
 
 
 def change_lines(trends: Sequence[NoiseTrend]) -> list[str]:
-    """Return in words which coefficients changed since the previous analysis."""
+    """Return a line on the coefficients that changed since the previous analysis."""
     changed = [f"{one.channel} {one.symbol}" for one in trends if one.changed]
     compared = [one for one in trends if one.normalised_errors[-1] is not None]
     if not compared:

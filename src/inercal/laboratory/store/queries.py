@@ -1,4 +1,4 @@
-"""Reads entries from a register."""
+"""Read entries from a register."""
 
 import json
 from collections.abc import Sequence
@@ -19,11 +19,11 @@ from inercal.laboratory.store.register_tables import (
 )
 from inercal.recordings.io.column_table import shorten
 
-_MAX_LISTED = 8  # sensors that a refusal names
+_MAX_LISTED = 8  # number of sensors that an error message lists
 
 
 def sensors(db: Connection, *where: ColumnElement[bool]) -> tuple[SensorEntry, ...]:
-    """Return the sensors by name."""
+    """Return the sensors, sorted by name."""
     count, last = func.count(calibration.c.id), func.max(calibration.c.measured)
     query = (
         select(sensor, count.label("calibrations"), last.label("last"))
@@ -43,17 +43,17 @@ def sensors(db: Connection, *where: ColumnElement[bool]) -> tuple[SensorEntry, .
         )
         for row in _rows(db, query)
     )
-    # Servers have orders of their own for texts.
+    # Sort here, because servers have their own sort orders for text.
     return tuple(sorted(found, key=lambda one: one.name))
 
 
 def _rows(db: Connection, query: Select[Any]) -> list[Row[Any]]:
-    """Return the rows of a query; SQLite keeps any type in any column.
+    """Return the rows of a query with checked types, because SQLite allows any type in a column.
 
     Raises
     ------
     InputError
-        A value of another type than its column's.
+        If a value has another type than its column.
     """
     columns = list(query.selected_columns)
     kinds = [(one.name, one.type.python_type) for one in columns]
@@ -78,12 +78,12 @@ def _damaged_error(what: str) -> InputError:
 
 
 def find_sensor(db: Connection, key: int | str) -> SensorEntry:
-    """Return one sensor by its id or its name.
+    """Return the sensor with this id or name.
 
     Raises
     ------
     InputError
-        No such sensor; the message lists some that exist.
+        If there is no such sensor; the message lists some that exist.
     """
     column = sensor.c.id if isinstance(key, int) else sensor.c.name
     found = sensors(db, column == key)
@@ -101,7 +101,7 @@ def find_sensor(db: Connection, key: int | str) -> SensorEntry:
 def runs(
     db: Connection, *where: ColumnElement[bool], newest: int | None = None
 ) -> tuple[RunEntry, ...]:
-    """Return all runs by their begin, or the newest; `where` filters the table of runs."""
+    """Return all runs, or only the newest, by start time; `where` filters the table of runs."""
     query = (
         select(run, sensor.c.name.label("sensor"), bench.c.kind, bench.c.name.label("bench"))
         .join(sensor, sensor.c.id == run.c.sensor_id)
@@ -116,7 +116,7 @@ def runs(
     if newest is not None:
         theirs = theirs.where(file.c.run_id.in_(files))
     for row in _rows(db, theirs):
-        if row.run_id in files:  # one may have been entered since
+        if row.run_id in files:  # a run may have been entered in the meantime
             files[row.run_id].append(FileEntry(row.name, row.size, row.sha256))
     return tuple(
         RunEntry(
@@ -132,7 +132,7 @@ def runs(
 def calibrations(
     db: Connection, *where: ColumnElement[bool], newest: int | None = None
 ) -> tuple[CalibrationEntry, ...]:
-    """Return all calibrations, or the newest, in the order of measurement."""
+    """Return all calibrations, or only the newest, in the order of measurement."""
     query = (
         select(
             calibration,
@@ -146,7 +146,7 @@ def calibrations(
     )
     if newest is not None:
         query = query.order_by(calibration.c.measured.desc(), calibration.c.id.desc()).limit(newest)
-    # Here, not by the database, which would sort whole calibration files.
+    # Sort here, because the database would sort whole calibration files.
     found = sorted(_rows(db, query), key=lambda row: (row.measured, row.id))
     return tuple(map(_calibration_entry, found))
 
@@ -171,12 +171,12 @@ def _calibration_entry(row: Row[Any]) -> CalibrationEntry:
 
 
 def find_calibration(db: Connection, number: int) -> CalibrationEntry:
-    """Return one calibration by its id.
+    """Return the calibration with this id.
 
     Raises
     ------
     InputError
-        No such calibration.
+        If there is no such calibration.
     """
     found = calibrations(db, calibration.c.id == number)
     if found:

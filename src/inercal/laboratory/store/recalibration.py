@@ -1,18 +1,18 @@
-"""When a sensor should be calibrated next, by the methods of ILAC-G24:2022 (OIML D 10).
+"""Find the date of the next calibration by the methods of ILAC-G24:2022 (OIML D 10).
 
-A limit is either the tolerance of a coefficient, [specification.limits] of its newest calibration,
+A limit is either the tolerance of a coefficient ([specification.limits] of its newest calibration)
 or the largest U that a user accepts. At a time Δt after the newest calibration, which gave the
 value y with its own variance s², the uncertainty of a coefficient is::
 
     U²(Δt) = t_ν² (2τ² + s² + q Δt + u_b² Δt²) + 4 u_B²,   e(Δt) = y + b Δt
 
-τ is the scatter of calibrations (in both this use and that calibration), q the variance per year of
-a random walk, b ± u_b the drift per year (0 ± u_b if no drift is found), and u_B the uncertainty
-that calibrations share.
+τ is the scatter of calibrations (it affects both this use and that calibration), q is the variance
+per year of a random walk, b ± u_b is the drift per year (0 ± u_b if no drift is found), and u_B is
+the uncertainty that calibrations share.
 
 prediction
     The longest Δt for which U(Δt) + |b| Δt stays within the limit of U or, for a tolerance, for
-    which the coefficient is within it with a probability of at least 95 %.
+    which the coefficient is within the tolerance with a probability of at least 95 %.
 chart
     The time in which the newest value would reach the limit at the largest yearly change seen
     between two calibrations.
@@ -51,17 +51,17 @@ from inercal.laboratory.store.type_pool import PooledChange, TypePool
 from inercal.physics.sensors.coefficient_selection import select_coefficients
 
 PROBABILITY = 0.95
-"""Of a coefficient being within its tolerance at the end of an interval."""
+"""Probability that a coefficient is within its tolerance at the end of an interval."""
 LONGER, SHORTER = 1.1, 0.45
 _LONGEST_RATIO = 2.0
 _HORIZON = 100.0  # years
-_LEAST = 3  # calibrations for a prediction by themselves
+_LEAST = 3  # least number of calibrations for a prediction without other sensors
 _HOUR = 3600.0
 
 
 @dataclass(frozen=True)
 class CoefficientLimit:
-    """A limit of a coefficient, SI.
+    """A limit of a coefficient, in SI units.
 
     Parameters
     ----------
@@ -91,7 +91,8 @@ class CoefficientInterval:
         Number of sensors over which prediction and chart are pooled; 0 if they come from the
         sensor's own calibrations.
     is_apart : bool
-        Whether its calibrations scatter differently from those of its type, so no pool is used.
+        Whether its calibrations scatter differently from those of its type, so that no pool is
+        used.
     expanded : float or None
         U predicted for a use just after the newest calibration, SI; None without a prediction.
     """
@@ -109,7 +110,7 @@ class CoefficientInterval:
 
 @dataclass(frozen=True, eq=False)
 class Recalibration:
-    """When to calibrate next.
+    """The date of the next calibration, and how it was found.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ class Recalibration:
     in_use : float or None
         Fraction of the time in which the sensor is in use.
     pool : TypePool or None
-        The sensors of the type, if one of the rows is pooled over them.
+        The sensors of the type, if any row is pooled over them.
     """
 
     history: SensorHistory
@@ -147,7 +148,7 @@ class Recalibration:
 
     @property
     def date(self) -> str | None:
-        """Day of the next calibration, ISO 8601."""
+        """The date of the next calibration, ISO 8601."""
         if self.years is None:
             return None
         return self.history.date(self._newest + self.years).partition("T")[0]
@@ -175,7 +176,7 @@ class Recalibration:
 
 
 def needs_pool(history: SensorHistory) -> bool:
-    """Tell whether a sensor has too few calibrations of its own for an interval."""
+    """Return whether a sensor has too few calibrations of its own for an interval."""
     return len(history.entries) < LEAST_FOR_DRIFT
 
 
@@ -185,22 +186,23 @@ def recalibration(
     in_use: float | None = None,
     pool: TypePool | None = None,
 ) -> Recalibration:
-    """Return when to calibrate next.
+    """Find the date of the next calibration.
 
     Parameters
     ----------
     history : SensorHistory
     stated : mapping of str to str, optional
-        Largest U by coefficient, group or axis: {"bias": "1 mg"}.
+        Largest U by coefficient, group or axis, such as {"bias": "1 mg"}.
     in_use : float, optional
         Fraction of the time in which the sensor is in use, 0 to 1.
     pool : TypePool, optional
-        For a sensor that `needs_pool`.
+        Sensors of the same type, for a sensor that `needs_pool`.
 
     Raises
     ------
     InputError
-        A word selects no coefficient, a quantity does not fit, or a pool is given but not needed.
+        If a word selects no coefficient, a quantity does not fit, or a pool is given but not
+        needed.
     """
     if in_use is not None and not 0 < in_use <= 1:
         raise InputError("--in-use must be more than 0 and at most 100 %", key="--in-use")
@@ -216,7 +218,7 @@ def recalibration(
         and len(history.entries) < _LEAST
         and pool.sensors == (history.sensor.name,)
     ):
-        pool = None  # two calibrations of this sensor alone do not tell scatter from drift
+        pool = None  # two calibrations of this sensor cannot distinguish scatter from drift
     hours = history.operating_hours
     rows = tuple(
         _interval(
@@ -239,9 +241,9 @@ def recalibration(
 def coefficient_limits(
     history: SensorHistory, stated: Mapping[str, str]
 ) -> dict[str, CoefficientLimit]:
-    """Return the limits by full name: the stated ones, or else the tolerances of the newest."""
+    """Return the tolerances of the newest calibration by full name, or the stated limits."""
     newest = history.entries[-1].calibration
-    is_turned = history.calibrations[-1].frame != newest.frame  # its limits are of its own frame
+    is_turned = history.calibrations[-1].frame != newest.frame  # the limits apply to its own frame
     found = {
         one.name: CoefficientLimit(one.lower, one.upper)
         for one in (() if newest.conformity is None else newest.conformity.limits)
@@ -256,7 +258,7 @@ def coefficient_limits(
             try:
                 size = parse_quantity(text, newest.sensor.coefficient(name).unit)
             except InputError as error:
-                errors.append(error)  # a group has limits where the unit fits
+                errors.append(error)  # in a group, only coefficients with this unit get the limit
                 continue
             if size.sd or size.value <= 0:
                 raise InputError(
@@ -277,7 +279,7 @@ def coefficient_limits(
 
 
 def expanded_after(trend: CoefficientTrend, years: float) -> float:
-    """Return U a number of years after the newest calibration, without the drift, SI."""
+    """Return U, SI, this number of years after the newest calibration, without the drift."""
     courses = trend.courses
     assert courses is not None  # `_interval`
     line = courses.line
@@ -329,9 +331,9 @@ def _interval(
 
 
 def _over_hours(trend: CoefficientTrend, hours: Sequence[float | None]) -> CoefficientTrend | None:
-    """Return a trend with years of operation as its times; None if fewer than three are known.
+    """Return a trend over years of operation; None if fewer than three are known.
 
-    Of the newest calibrations, which all state operating hours that grow.
+    It uses the newest calibrations that all state operating hours, which must not decrease.
     """
     count = next((k for k, one in enumerate(reversed(hours)) if one is None), len(hours))
     count = min(count, len(trend.shared))
@@ -350,7 +352,7 @@ def _over_hours(trend: CoefficientTrend, hours: Sequence[float | None]) -> Coeff
 
 
 def _expanded(trend: CoefficientTrend, pooled: PooledChange | None, years: float) -> float:
-    """Return U some years after the newest calibration, of the sensor or of its type, SI."""
+    """Return U, SI, some years after the newest calibration, from the sensor or its type."""
     if pooled is None:
         return expanded_after(trend, years)
     own, shared = float(trend.independent_variance[-1]), float(trend.shared[-1, -1])
@@ -360,7 +362,7 @@ def _expanded(trend: CoefficientTrend, pooled: PooledChange | None, years: float
 def _longest(
     trend: CoefficientTrend, limit: CoefficientLimit, pooled: PooledChange | None = None
 ) -> float:
-    """Return the longest interval of the prediction, years; 0 if the limit is exceeded now."""
+    """Return the longest interval of the prediction in years; 0 if the limit is exceeded now."""
     courses = trend.courses if pooled is None else None
     slope = courses.line.slope.slope if courses is not None and courses.drifts else 0.0
 

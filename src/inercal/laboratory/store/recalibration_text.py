@@ -1,4 +1,4 @@
-"""Describes the next calibration in words and rounded numbers."""
+"""Describe the date of the next calibration in words and rounded numbers."""
 
 from datetime import datetime
 from math import isfinite
@@ -11,12 +11,12 @@ _DAY = 86_400.0
 
 
 def interval_text(years: float | None) -> str:
-    """Return an interval in days; empty if there is none."""
+    """Return an interval in days as text; empty if there is none."""
     return "" if years is None else f"{years * YEAR / _DAY:.0f}"
 
 
 def limit_text(found: Recalibration, one: CoefficientInterval) -> str:
-    """Return a limit in the unit of its coefficient."""
+    """Return a limit in the unit of its coefficient as text."""
     trend = found.history.trend(one.name)
     limit = one.limit
     if isfinite(limit.expanded):
@@ -26,7 +26,7 @@ def limit_text(found: Recalibration, one: CoefficientInterval) -> str:
 
 
 def interval_table(found: Recalibration) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the heads and cells of a table of intervals, one row for each coefficient."""
+    """Return the headings and cells of a table of intervals, one row for each coefficient."""
     heads = ["predicted U now", "prediction, days", "chart", "staircase"]
     columns = [
         [expanded_text(found, one) for one in found.rows],
@@ -44,7 +44,7 @@ def interval_table(found: Recalibration) -> tuple[tuple[str, ...], list[tuple[st
 
 
 def expanded_text(found: Recalibration, one: CoefficientInterval) -> str:
-    """Return U of a use just after the newest calibration; empty without a prediction."""
+    """Return U for a use just after the newest calibration; empty without a prediction."""
     if one.expanded is None:
         return ""
     trend = found.history.trend(one.name)
@@ -53,7 +53,7 @@ def expanded_text(found: Recalibration, one: CoefficientInterval) -> str:
 
 
 def _exceedance_text(found: Recalibration) -> str:
-    """Return which limit is exceeded now, by what."""
+    """Return a text on the limit that is already exceeded."""
     one = next(row for row in found.rows if row.name == found.decided_by)
     trend = found.history.trend(one.name)
     limit, expanded = limit_text(found, one), expanded_text(found, one)
@@ -74,7 +74,7 @@ def _exceedance_text(found: Recalibration) -> str:
 
 
 def _too_few_text(found: Recalibration) -> str:
-    """Return why no date is predicted."""
+    """Return the reason why no date is predicted."""
     entries = found.history.entries
     count = len(entries)
     first, last = (datetime.fromisoformat(entries[k].measured) for k in (0, -1))
@@ -92,12 +92,12 @@ def _too_few_text(found: Recalibration) -> str:
 
 
 def hours_text(hours: float | None) -> str:
-    """Return operating hours; empty if there are none."""
+    """Return operating hours as text; empty if there are none."""
     return "" if hours is None else f"{hours:.0f}"
 
 
 def _pool_lines(found: Recalibration) -> list[str]:
-    """Return which predictions are pooled over sensors of the type."""
+    """Return lines on predictions that are pooled over sensors of the type."""
     lines: list[str] = []
     if found.pool is not None:
         count = len(found.history.entries)
@@ -118,7 +118,7 @@ def _pool_lines(found: Recalibration) -> list[str]:
 
 
 def recalibration_lines(found: Recalibration) -> list[str]:
-    """Return lines that say when to calibrate next, and why."""
+    """Return lines with the date of the next calibration and the reason for it."""
     if not found.rows:
         return [
             "the date of the next calibration cannot be predicted, because no limits are "

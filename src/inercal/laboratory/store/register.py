@@ -1,4 +1,4 @@
-"""The register itself: entering things and reading them."""
+"""The register itself, with methods for inserting and reading entries."""
 
 import os
 from collections.abc import Callable, Collection, Generator, Sequence
@@ -35,10 +35,10 @@ Transaction = Callable[[Engine, RegisterAddress], AbstractContextManager[Connect
 
 
 class Register:
-    """Stores sensors, benches, runs, hashes of raw data and calibrations, with author and time.
+    """A register of sensors, benches, runs, hashes of raw data and calibrations.
 
-    It is a context manager. Each call is a separate transaction, and several processes and threads
-    may have the same register open.
+    Each entry has an author and a time. The register is a context manager. Each call is a separate
+    transaction, and several processes and threads may have the same register open.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Register:
         A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE"; None or "default" means
         $INERCAL_REGISTER, or else inercal/register.db in $XDG_DATA_HOME or ~/.local/share.
     by : str, optional
-        Who enters things; by default the user of the system.
+        Author of new entries; by default the user of the system.
     create : bool
         Whether a missing register is created on first use.
 
@@ -55,15 +55,15 @@ class Register:
     files : tuple of Path
         The file of the register; empty for a server.
     address : str
-        For printing, without a password.
+        Address for printing, without a password.
     exists : bool
-        Whether it exists; otherwise it is created on first use.
+        Whether the register exists; otherwise it is created on first use.
 
     Raises
     ------
     InputError
-        Nothing can be opened there, or it is not a register or one of a newer version, or there is
-        none and `create` is false.
+        If nothing can be opened at the address, if it is not a register or was written by a newer
+        version, or if there is no register and `create` is false.
     """
 
     def __init__(self, address: str | None = None, by: str | None = None, *, create: bool = True):
@@ -88,17 +88,17 @@ class Register:
             yield db
 
     def sensors(self) -> tuple[SensorEntry, ...]:
-        """Return all sensors, by name."""
+        """Return all sensors, sorted by name."""
         with self._transaction(read_transaction) as db:
             return queries.sensors(db)
 
     def sensor(self, key: int | str) -> SensorEntry:
-        """Return one sensor by its id or its name.
+        """Return the sensor with this id or name.
 
         Raises
         ------
         InputError
-            There is none.
+            If there is none.
         """
         with self._transaction(read_transaction) as db:
             return queries.find_sensor(db, key)
@@ -106,7 +106,7 @@ class Register:
     def runs(
         self, sensor: int | str | None = None, newest: int | None = None
     ) -> tuple[RunEntry, ...]:
-        """Return all runs, or those of one sensor, by their begin, or only the `newest`."""
+        """Return the runs of all sensors or one sensor by start time, or only the `newest`."""
         with self._transaction(read_transaction) as db:
             if sensor is None:
                 return queries.runs(db, newest=newest)
@@ -121,9 +121,9 @@ class Register:
         Parameters
         ----------
         sensor : int or str, optional
-            Id or name.
+            Id or name of the sensor.
         newest : int, optional
-            Return only this many, the last measured ones; None returns all.
+            Number of calibrations to return, the last measured ones; None returns all.
         """
         with self._transaction(read_transaction) as db:
             if sensor is None:
@@ -132,31 +132,31 @@ class Register:
             return queries.calibrations(db, calibration.c.sensor_id == one.id, newest=newest)
 
     def entered_sha256(self, wanted: Collection[str]) -> set[str]:
-        """Return which of these SHA-256 of calibration files are in the register."""
+        """Return those of these SHA-256 of calibration files that are in the register."""
         with self._transaction(read_transaction) as db:
             query = select(calibration.c.sha256).where(calibration.c.sha256.in_(wanted))
             return set(db.scalars(query))
 
     def calibration_numbers(self, run_id: int | None = None) -> tuple[int, ...]:
-        """Return the numbers of all calibrations or of one run's, in the order of measurement."""
+        """Return the numbers of all calibrations, or those of one run, in order of measurement."""
         with self._transaction(read_transaction) as db:
             if run_id is None:
                 return queries.calibration_numbers(db)
             return queries.calibration_numbers(db, calibration.c.run_id == run_id)
 
     def calibration(self, number: int) -> CalibrationEntry:
-        """Return one calibration.
+        """Return the calibration with this number.
 
         Raises
         ------
         InputError
-            No calibration has that number.
+            If no calibration has this number.
         """
         with self._transaction(read_transaction) as db:
             return queries.find_calibration(db, number)
 
     def coefficients(self, number: int) -> Sequence[tuple[str, float, float, str]]:
-        """Return name, value, standard uncertainty (k = 1) and SI unit of each coefficient."""
+        """Return the name, value, standard uncertainty (k = 1) and SI unit of each coefficient."""
         with self._transaction(read_transaction) as db:
             return queries.coefficients(db, number)
 
@@ -166,7 +166,7 @@ class Register:
         Raises
         ------
         InputError
-            There is no such sensor, or it was never calibrated.
+            If there is no such sensor, or it was never calibrated.
         """
         one = self.sensor(sensor)
         return build_history(one, self.calibrations(one.id))
@@ -177,23 +177,23 @@ class Register:
             return read_noise(db, queries.find_sensor(db, sensor).id)
 
     def enter_noise(self, analysis: NoiseAnalysis, sensor: str, measured: str | None = None) -> int:
-        """Enter a noise analysis of a sensor by its name; return the analysis's number.
+        """Enter a noise analysis of the named sensor, and return the analysis's number.
 
         Raises
         ------
         InputError
-            The name is empty, or `measured` is not a time in ISO 8601.
+            If the name is empty, or `measured` is not a time in ISO 8601.
         """
         with self._transaction(write_transaction) as db:
             return enter_noise(db, analysis, sensor, measured, self._author())
 
     def enter_sensor(self, sensor: Sensor) -> int:
-        """Enter a sensor and return its id; a sensor that is already there keeps its id.
+        """Enter a sensor and return its id; a sensor that is already registered keeps its id.
 
         Raises
         ------
         InputError
-            An axis measures a different quantity from the axis of that name in the register.
+            If an axis measures a different quantity from the axis with this name in the register.
         """
         with self._transaction(write_transaction) as db:
             return insertions.enter_sensor(db, sensor, self._author())
@@ -201,14 +201,14 @@ class Register:
     def enter_run(
         self, facts: RunFacts, calibration: Calibration | str | Path | None = None
     ) -> int:
-        """Enter a run and its calibration, if any; return the run's id.
+        """Enter a run and its calibration, if any, and return the run's id.
 
-        For a run that is already there, only its state, folder and files are updated.
+        If the run is already registered, only its state, folder and files are updated.
 
         Raises
         ------
         InputError
-            The calibration file cannot be used; then nothing is entered.
+            If the calibration file cannot be used; then nothing is entered.
         """
         result = None if calibration is None else make_document(calibration)
         kind = "" if result is None else _bench_kind(result.calibration)
@@ -221,35 +221,35 @@ class Register:
     def enter_calibration(
         self, source: Calibration | str | Path, measured: str | None = None
     ) -> int:
-        """Enter a calibration or a calibration file; return its number.
+        """Enter a calibration or a calibration file, and return its number.
 
         Parameters
         ----------
         source : Calibration or path
         measured : str, optional
-            Time of measurement, ISO 8601. By default it is the begin of the run whose recording
-            was calibrated, if the register has it, or else when the calibration was made.
+            Time of measurement, ISO 8601. By default it is the start of the run whose recording
+            was calibrated, if the run is registered, or else the time of the calibration.
 
         Raises
         ------
         InputError
-            The file cannot be used, or `measured` is not a time.
+            If the file cannot be used, or `measured` is not a time.
         """
         return self.enter_calibrations((source,), measured)[0]
 
     def enter_calibrations(
         self, sources: Sequence[Calibration | str | Path], measured: str | None = None
     ) -> tuple[int, ...]:
-        """Enter several calibrations, all or none; return their numbers.
+        """Enter several calibrations, all or none of them, and return their numbers.
 
-        A calibration that is already there stays unchanged, except that `measured` replaces a date
-        that only its file gave.
+        A calibration that is already registered stays unchanged, except that `measured` replaces a
+        date that comes only from its file.
 
         Raises
         ------
         InputError
-            As `enter_calibration`, or one that is already there has another date, stated or from
-            its run.
+            As `enter_calibration`; also if a registered calibration has another date, stated
+            earlier or taken from its run.
         """
         if measured is not None:
             try:
@@ -290,7 +290,7 @@ class Register:
         Raises
         ------
         InputError
-            The file cannot be used, an earlier certificate is unknown, or the files of the
+            If the file cannot be used, an earlier certificate is unknown, or the files of the
             certificate cannot be made; then no number is used.
         """
         document = make_document(source)
@@ -301,12 +301,12 @@ class Register:
             return certificates.issue_certificate(db, entered, wanted, who)
 
     def certificate(self, number: str) -> certificates.CertificateEntry:
-        """Return a certificate by its number.
+        """Return the certificate with this number.
 
         Raises
         ------
         InputError
-            There is none.
+            If there is none.
         """
         with self._transaction(read_transaction) as db:
             return certificates.find_certificate(db, number)
@@ -317,7 +317,7 @@ class Register:
             return certificates.list_certificates(db)
 
     def successors(self, number: str) -> tuple[tuple[str, str], ...]:
-        """Return number and change of each certificate that amends or replaces this one."""
+        """Return the number and kind of change of each certificate that changes this one."""
         with self._transaction(read_transaction) as db:
             return certificates.successors(db, number)
 
@@ -325,7 +325,7 @@ class Register:
         return insertions.EntryAuthor(self._by, utc_now())
 
     def close(self) -> None:
-        """Close the database."""
+        """Close the connection to the database."""
         self._engine.dispose()
 
     def __enter__(self) -> Self:
@@ -336,8 +336,8 @@ class Register:
 
 
 def _bench_kind(calibration: Calibration) -> str:
-    """Return the kind of bench that a calibration's method takes; empty for an unknown method."""
-    # Here, for methods load compiled kernels, which nobody needs who only looks.
+    """Return the kind of bench that a calibration's method uses; empty for an unknown method."""
+    # Import here, because methods load compiled kernels, which reading does not need.
     from inercal.benches.kinds import kind_name_for_class
     from inercal.methods import METHODS
 

@@ -1,6 +1,6 @@
-"""The tables of a register; a change of them needs a revision in `migrations/versions`.
+"""The tables of a register; changing them requires a revision in `migrations/versions`.
 
-Times are texts in ISO 8601, UTC, to the millisecond, so that they sort in the order of time.
+Times are stored as text in ISO 8601, UTC, to the millisecond, so they sort chronologically.
 """
 
 from sqlalchemy import (
@@ -28,12 +28,12 @@ metadata = MetaData(
 
 
 def _text_columns(*names: str) -> list[Column[str]]:
-    """Return columns of text that every row has."""
+    """Return text columns that must not be empty."""
     return [Column(name, String, nullable=False) for name in names]
 
 
 def _entry_columns() -> list[Column[str]]:
-    """Return who entered a row, and when."""
+    """Return the columns for the author and time of an entry."""
     return _text_columns("entered_by", "entered_at")
 
 
@@ -42,7 +42,7 @@ sensor = Table(
     metadata,
     Column("id", Integer, primary_key=True),
     Column("name", String, nullable=False, unique=True),
-    Column("axes", Text, nullable=False),  # JSON: list of {name, measures}
+    Column("axes", Text, nullable=False),  # JSON list of {name, measures}
     *_entry_columns(),
 )
 bench = Table(
@@ -50,7 +50,7 @@ bench = Table(
     metadata,
     Column("id", Integer, primary_key=True),
     Column("kind", String, nullable=False),
-    Column("name", String, nullable=False),  # empty where a run file gives none
+    Column("name", String, nullable=False),  # empty if the run file gives none
     *_entry_columns(),
     UniqueConstraint("kind", "name"),
 )
@@ -80,14 +80,14 @@ calibration = Table(
     Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
     Column(
         "bench_id", Integer, ForeignKey("bench.id")
-    ),  # null where its method is none of this version
+    ),  # null if this version does not know its method
     Column("run_id", Integer, ForeignKey("run.id"), index=True),
     Column("measured", String, nullable=False),
     Column("measured_from", String, nullable=False),  # "stated", "run" or "created"
     *_text_columns("method", "estimator"),
-    Column("grade", String, nullable=False, server_default=""),  # of its verdict; empty if unknown
-    Column("recording_sha256", String, nullable=False, index=True),  # empty where it names none
-    Column("content", Text, nullable=False),  # the whole file, JSON
+    Column("grade", String, nullable=False, server_default=""),  # empty if unknown
+    Column("recording_sha256", String, nullable=False, index=True),  # empty if not stated
+    Column("content", Text, nullable=False),  # the whole file as JSON
     Column("sha256", String, nullable=False, unique=True),
     *_entry_columns(),
 )
@@ -96,12 +96,12 @@ coefficient = Table(
     metadata,
     Column("calibration_id", Integer, ForeignKey("calibration.id"), primary_key=True),
     Column("name", String, primary_key=True),
-    Column("place", Integer, nullable=False),  # in the calibration's order, from 0
+    Column("place", Integer, nullable=False),  # index in the calibration, from 0
     Column("value", Double, nullable=False),
     Column("std", Double, nullable=False),
     Column("unit", String, nullable=False),  # SI
 )
-certificate = Table(  # a row is neither changed nor deleted: triggers of the database refuse it
+certificate = Table(  # triggers of the database refuse to change or delete a row
     "certificate",
     metadata,
     Column("id", Integer, primary_key=True),
@@ -111,8 +111,8 @@ certificate = Table(  # a row is neither changed nor deleted: triggers of the da
     Column("sequence", Integer, nullable=False),
     Column("calibration_id", Integer, ForeignKey("calibration.id"), nullable=False, index=True),
     *_text_columns("issued"),  # ISO date
-    *_text_columns("change"),  # "amended" or "substituted"; empty where it changes no other
-    *_text_columns("previous"),  # the number of the certificate that it changes
+    *_text_columns("change"),  # "amended" or "substituted"; empty if it changes no other
+    *_text_columns("previous"),  # number of the certificate that it changes
     *_text_columns("pdf_sha256", "dcc_sha256"),
     Column("pdf", LargeBinary, nullable=False),
     Column("dcc", LargeBinary, nullable=False),  # XML

@@ -1,4 +1,4 @@
-"""The scatter of a sensor from run to run, from its other calibrations in the register."""
+"""Estimate a sensor's scatter from run to run from its other calibrations in the register."""
 
 from collections.abc import Collection
 
@@ -10,7 +10,7 @@ from inercal.calibration.comparison.run_to_run import RunScatter, RunToRun, agai
 from inercal.laboratory.store.history import CoefficientTrend, SensorHistory
 
 LEAST = 3
-"""Other calibrations of a coefficient that show a scatter."""
+"""Least number of other calibrations for estimating the scatter of a coefficient."""
 
 
 def run_scatter(history: SensorHistory, without: Collection[int]) -> RunScatter | None:
@@ -20,7 +20,7 @@ def run_scatter(history: SensorHistory, without: Collection[int]) -> RunScatter 
     ----------
     history : SensorHistory
     without : collection of int
-        Numbers of the calibrations to leave out, because they are the ones compared.
+        Numbers of the calibrations to leave out, because they are being compared.
     """
     kept = {k for k, one in enumerate(history.entries) if one.id not in without}
     names: list[str] = []
@@ -33,12 +33,12 @@ def run_scatter(history: SensorHistory, without: Collection[int]) -> RunScatter 
     if not names:
         return None
     variance, dof = np.array(found).T
-    source = f"{len(kept)} other calibrations of the register"
+    source = f"{len(kept)} other calibrations in the register"
     return RunScatter(source, tuple(names), np.diag(variance), dof)
 
 
 def newest_run_to_run(history: SensorHistory) -> RunToRun | None:
-    """Compare the newest calibration with the previous one, given the scatter of earlier ones."""
+    """Compare the newest calibration with the previous one, using the scatter of earlier ones."""
     if len(history.entries) < LEAST + 2:
         return None
     scatter = run_scatter(history, [one.id for one in history.entries[-2:]])
@@ -48,7 +48,7 @@ def newest_run_to_run(history: SensorHistory) -> RunToRun | None:
 
 
 def _scatter(trend: CoefficientTrend, kept: Collection[int]) -> tuple[float, float] | None:
-    """Return τ² and its degrees of freedom; None of too few."""
+    """Return τ² and its degrees of freedom; None if there are too few calibrations."""
     first = len(trend.points) - len(trend.shared)
     places = [k for k in range(first, len(trend.points)) if trend.points[k] in kept]
     if len(places) < LEAST:

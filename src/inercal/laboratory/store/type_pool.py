@@ -1,21 +1,21 @@
-"""How sensors of one type scatter and drift, for a sensor with too few calibrations of its own.
+"""Pool scatter and drift over sensors of a type, for a sensor with too few calibrations.
 
 Sensor s of the type has k_s calibrations of a coefficient at times t, with their own variances and
-a shared covariance S. Its level θ_s is free. All sensors and like axes have the same variances::
+a shared covariance S. Its level θ_s is free. All sensors and similar axes have the same variances::
 
     y = θ_s + b_s t + w(t) + e,   cov(e) = diag(s_i²) + S + τ² I
-    b_s ~ N(0, σ_b²),   w a random walk of variance q a year
+    b_s ~ N(0, σ_b²),   w is a random walk with variance q per year
 
-σ_b² is the mean square of the drifts about zero, so it includes an ageing that all sensors have.
+σ_b² is the mean square of the drifts about zero, so it includes ageing that all sensors share.
 τ², σ_b² and q maximise the restricted likelihood of all sensors together. At a time Δt after a
 calibration with its own variance s², the coefficient of another sensor of the type has::
 
     U²(Δt) = t_ν² (2τ² + s² + q Δt) + t_m² σ_b² Δt² + 4 u_B²
 
-with ν = Σ (k_s − 1) over sensors and like axes, and m their number. If no sensor has three
-calibrations, scatter and drift cannot be distinguished, so the larger U(Δt) of scatter only and
-drift only is used. If a coefficient by itself gives a larger U(Δt) than all like axes together, it
-uses its own variances, with the same ν and m.
+with ν = Σ (k_s − 1) over sensors and similar axes, and m their number. If no sensor has three
+calibrations, scatter and drift cannot be distinguished; the larger of two U(Δt) is then used, one
+with only scatter and one with only drift. If the variances of one coefficient give a larger U(Δt)
+than those of all similar axes together, they are used, with the same ν and m.
 """
 
 from collections.abc import Sequence
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
     from inercal.laboratory.store.register import Register
 
 MOST_SENSORS = 50
-"""How many sensors of a type are read at most: those calibrated last."""
-_ALL = (0, 1, 2)  # of `ChangeVariances`
+"""Largest number of sensors of a type that are read, the last calibrated ones."""
+_ALL = (0, 1, 2)  # indices of all `ChangeVariances`
 _ALONE = ((0,), (2,))
-_LEAST_P = 0.01  # that a sensor is of its type
+_LEAST_P = 0.01  # p-value below which a sensor does not belong to its type
 
 
 class ChangeVariances(NamedTuple):
-    """The variances τ², q (per year) and σ_b² (per year²), SI."""
+    """The variances τ², q (per year) and σ_b² (per year²), in SI units."""
 
     scatter: float
     walk: float
@@ -58,9 +58,9 @@ class PooledChange:
     ----------
     sensors : int
     variances : tuple of ChangeVariances
-        Those of all like axes, and those of this coefficient only; the larger U is used.
+        Variances of all similar axes, and of this coefficient only; the larger U is used.
     dof, slope_dof : float
-        ν and m.
+        Degrees of freedom ν and m.
     rate : float
         Largest yearly change between two calibrations of a sensor, SI.
     """
@@ -72,7 +72,7 @@ class PooledChange:
     rate: float
 
     def expanded_after(self, own: float, shared: float, years: float) -> float:
-        """Return U a number of years after a calibration, SI.
+        """Return U, SI, this number of years after a calibration.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class PooledChange:
         return float(np.sqrt(max(squares) + COVERAGE**2 * shared))
 
     def is_of_type(self, trend: CoefficientTrend) -> bool:
-        """Tell whether a sensor's own calibrations scatter like those of its type."""
+        """Return whether a sensor's own calibrations scatter like those of its type."""
         if trend.time.size < 2:
             return True
         block = _block(trend, 1.0, 1.0)
@@ -103,16 +103,16 @@ class PooledChange:
 
 @dataclass(frozen=True, eq=False)
 class TypePool:
-    """What the sensors of a type say about scatter and drift.
+    """The scatter and drift of the sensors of a type.
 
     Parameters
     ----------
     type_name : str
-        As printed, such as "QA 2000"; empty if the sensors were named.
+        Name of the type for printing, such as "QA 2000"; empty if the sensors were named.
     sensors : tuple of str
         The sensors with two calibrations or more.
     changes : mapping of str to PooledChange
-        By full name of a coefficient.
+        Changes by full name of the coefficient.
     longest : float
         Longest interval between calibrations, years.
     """
@@ -126,9 +126,9 @@ class TypePool:
 def type_pool(
     register: "Register", own: SensorHistory, like: Sequence[str] = ()
 ) -> TypePool | None:
-    """Return what the sensors of a type say; None if unknown or too few.
+    """Return the pool of the sensors of a type; None if the type is unknown or the pool is empty.
 
-    Too few means that no sensor has two calibrations.
+    The pool is empty if no sensor has two calibrations.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def type_pool(
     Raises
     ------
     InputError
-        There is no sensor of that name, or it was never calibrated or has no axis of this sensor.
+        If a named sensor does not exist, was never calibrated, or has no axis of this sensor.
     """
     name = "" if like else _type_name(own)
     others = (
@@ -165,7 +165,7 @@ def type_pool(
 def pool_of_histories(
     own: SensorHistory, others: Sequence[SensorHistory], type_name: str = ""
 ) -> TypePool | None:
-    """Return what several histories say; None if no sensor has two calibrations.
+    """Return the pool of several histories; None if no sensor has two calibrations.
 
     Calibrations in another frame or form than the newest of `own` are left out.
     """
@@ -209,7 +209,7 @@ def pool_of_histories(
 
 
 def pooled_change(found: Sequence[CoefficientTrend]) -> PooledChange:
-    """Return how coefficients with the same variances change; each has two values or more."""
+    """Return the pooled change of coefficients with equal variances and at least two values."""
     parts = (_ALL,) if max(len(one.shared) for one in found) > 2 else _ALONE
     return PooledChange(
         len(found),
@@ -250,7 +250,7 @@ def _rate(trend: CoefficientTrend) -> float:
 
 
 def _block(trend: CoefficientTrend, unit: float, span: float) -> MeasurementBlock:
-    """Return the newest values in a unit, with factors of τ, q and σ_b; times in spans."""
+    """Return the newest values in units of `unit` and `span`, with factors for τ, q and σ_b."""
     n = len(trend.shared)
     at = (trend.time[-n:] - trend.time[-n]) / span
     walk = np.tril(np.ones((n, n))) * np.sqrt(np.diff(at, prepend=at[0]))
@@ -265,7 +265,7 @@ def _block(trend: CoefficientTrend, unit: float, span: float) -> MeasurementBloc
 
 
 def _variances(found: Sequence[CoefficientTrend], parts: tuple[int, ...]) -> ChangeVariances:
-    """Return the variances that trends have in common; 0 but for chosen parts."""
+    """Estimate the common variances of trends for the chosen parts; the others are 0."""
     newest = [(one.values[-len(one.shared) :], one.std[-len(one.shared) :]) for one in found]
     within = np.mean([np.var(values, ddof=1) for values, _ in newest])
     unit = float(np.sqrt(within + np.mean([np.mean(std**2) for _, std in newest])))

@@ -1,4 +1,4 @@
-"""Finds the calibrations that were made on a bench, and those that used one of its qualifications.
+"""Find the calibrations made on a bench, and those that used one of its qualifications.
 
 A calibration used a qualification if one of its shared errors comes from the determination, or if
 its provenance names the determination (a qualified scatter is not a shared error).
@@ -19,19 +19,19 @@ _MOST_NAMED = 8
 def calibrations_of_bench(
     entries: Sequence[CalibrationEntry], word: str
 ) -> tuple[CalibrationEntry, ...]:
-    """Return the calibrations on a bench in their order, the last entered of each recording.
+    """Return the calibrations on a bench in their order, only the last one of each recording.
 
     Parameters
     ----------
     entries : sequence of CalibrationEntry
-        Of a register.
+        Entries of a register.
     word : str
         Name of the bench, or its kind if it has no name.
 
     Raises
     ------
     InputError
-        There is no such bench, or benches of several kinds have that name.
+        If there is no such bench, or benches of several kinds have this name.
     """
     found = [one for one in entries if word == (one.bench or one.kind)]
     kinds = sorted({one.kind for one in found})
@@ -60,12 +60,12 @@ class QualificationUse(NamedTuple):
     Parameters
     ----------
     calibration : int
-        Its number in the register.
+        Number of the calibration in the register.
     sensor, measured : str
     parameters : tuple of str
-        The shared errors of the determination; empty if there are none.
+        Shared errors from the determination; empty if there are none.
     certificates : tuple of str
-        Their numbers.
+        Numbers of the certificates.
     """
 
     calibration: int
@@ -87,7 +87,7 @@ def qualification_uses(register: Register, determination: str) -> tuple[Qualific
     Raises
     ------
     InputError
-        A calibration in the register is damaged.
+        If a calibration in the register is damaged.
     """
     certificates = register.certificates()
     found: list[QualificationUse] = []

@@ -1,27 +1,29 @@
-"""Accelerometers on a precision centrifuge, from the norm of the sensed specific force.
+"""Accelerometers on a precision centrifuge, calibrated from the norm of the specific force.
 
-In any attitude on the arm specific force has the norm √(a² + g²), a the centripetal acceleration:
-no attitude has to be known. At tens of g the quadratic terms are observed besides bias and scale
-factor.
+In every attitude on the arm the specific force has the norm √(a² + g²), where a is the centripetal
+acceleration. The attitudes need not be known. At tens of g the quadratic terms are observable in
+addition to bias and scale factor.
 
-`ml` compares ‖f̂‖, f̂ the inverse of the sensor's exact model, with the norm that the bench states,
-weighted by the readings' noise along f̂ and by the errors that differ from dwell to dwell; errors of
-the whole run (radius, stretch, rate, tilt, gravity, earth's rate) are nuisances with their stated
-deviations. `series` and `paper` are closed formulas
-(`inercal.methods.centrifuge_norm.closed_formulas`).
+`ml` computes f̂ with the inverse of the sensor's exact model, and compares ‖f̂‖ with the norm that
+the bench states. The weights follow from the readings' noise along f̂ and from the errors that
+differ from dwell to dwell. Errors that are constant over the run (radius, stretch, rate, tilt,
+gravity, earth's rate) are nuisances with their stated deviations. `series` and `paper` are closed
+formulas (`inercal.methods.centrifuge_norm.closed_formulas`).
 
-Rotating the triad changes no norm: of the misalignments only the non-orthogonality is observed.
+A rotation of the triad changes no norm, so only the non-orthogonality part of the misalignments is
+observable.
 
-Remarks name coefficients that explain the scatter of the rows, and rows that violate the norm with
-the change that would repair each. No row is changed: only the user has the original of the table.
+The remarks name coefficients that explain the scatter of the rows. They also list rows that violate
+the norm, with the change that would repair each. No row is changed, because only the user has the
+original table.
 
-A plan holds attitudes on the arm at several rates, for whole turns each. Norms determine an axis's
-coefficients by readings of both signs on it. In the twenty positions of Wang and Li 2021 ψ covers
-half a circle, and y never senses the arm from behind; on a full circle the worst coefficient is
-known seven times as well from as many dwells.
+A plan contains attitudes on the arm at several rates, each for whole turns. Norms determine the
+coefficients of an axis if it has readings of both signs. In the twenty positions of Wang and Li
+2021, ψ covers only half a circle, and y never senses the arm from behind. On a full circle the
+uncertainty of the worst coefficient is seven times smaller with the same number of dwells.
 
-Source: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021 (the observation);
-IEEE Std 836 (the bench); `ml` is ours.
+Sources: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021 (the observation);
+IEEE Std 836 (the bench); `ml` is our own.
 """
 
 from collections.abc import Sequence
@@ -61,17 +63,17 @@ SIGN_NOTE = (
 )
 LEVER_ARM_NOTE = (
     "If no attitudes are given, norms cannot detect lever arms either: 1 µm on a radius of 1 m "
-    "acts as up to 1 ppm of k1, which U does not include."
+    "acts like up to 1 ppm of k1, which is not included in U."
 )
 
 
 def half_circle() -> tuple[Attitude, ...]:
-    """Return the twenty positions of the source: ψ = 0 … 180° by 45°, θ = 0 … 180° by 60°."""
+    """Return the source's twenty positions: ψ to 180° in 45° steps, θ to 180° in 60° steps."""
     return tuple(arm_attitude(radians(45 * i), radians(60 * j)) for i in range(5) for j in range(4))
 
 
 def full_circle() -> tuple[Attitude, ...]:
-    """Return twenty positions on the full circle: ψ by 72° from 10°, θ = 20°, 110°, 200°, 290°."""
+    """Return twenty positions on the full circle: ψ from 10° in steps of 72°, θ = 20° to 290°."""
     return tuple(
         arm_attitude(radians(10 + 72 * i), radians(theta))
         for i in range(5)
@@ -85,20 +87,20 @@ ATTITUDES = {"full-circle": full_circle, "half-circle": half_circle}
 def plan(
     attitudes: str = "full-circle", rates: Sequence[float] = RATES, turns: int = TURNS
 ) -> tuple[Spin, ...]:
-    """Return the dwells, attitude by attitude within each rate.
+    """Return the planned dwells: all attitudes at the first rate, then at the next rate.
 
     Parameters
     ----------
     attitudes : "full-circle" or "half-circle"
     rates : sequence of float
-        rad/s, positive in the sense of the bench.
+        rad/s, in the positive direction of the bench.
     turns : int
-        Whole turns that each dwell is averaged over.
+        Number of whole turns that each dwell is averaged over.
 
     Raises
     ------
     InputError
-        Unknown attitudes, no rate, or a rate of zero.
+        The attitudes are unknown, there is no rate, or a rate is zero.
     """
     if attitudes not in ATTITUDES:
         raise InputError(
@@ -108,8 +110,8 @@ def plan(
         )
     if not rates or not all(rates):
         raise InputError(
-            "rates must contain at least one rate and no rate of 0, because at rest there is "
-            "no dwell on the arm",
+            "rates must contain at least one rate, and no rate may be 0, because at rest there is "
+            "no centripetal acceleration",
             key="rates",
         )
     return tuple(
@@ -127,20 +129,20 @@ def ml(
     Parameters
     ----------
     observations : Observations
-        One row a dwell, (..., r, m) in SI.
+        One row per dwell, (..., r, m) in SI.
     sensor : Sensor
-        Accelerometers with the coefficients to estimate, in the tilted form where nonlinear terms
-        and misalignments are estimated together.
+        Accelerometers with the coefficients to estimate. The tilted form is required if nonlinear
+        terms and misalignments are estimated together.
     bench : Centrifuge
     steps : sequence of r Spin
-        Of the rows.
+        The steps of the rows.
     priors : sequence of Gaussian
-        On coefficients, from other measurements, such as a static multi-position test.
+        Priors on coefficients from other measurements, such as a static multi-position test.
 
     Raises
     ------
     NotObserved
-        Coefficients that these dwells do not determine.
+        These dwells do not determine some coefficients.
     """
     estimate = solving.solve(
         observations, priors, lambda some, own: likelihood_problem(some, sensor, bench, steps, own)
@@ -163,19 +165,19 @@ def _attitude_gain_note(
     steps: Spins,
     priors: Priors,
 ) -> str:
-    """Return the note on what the attitudes gain over norms, by the uncertainties as modelled."""
+    """Return a note on how much known attitudes reduce the modelled uncertainties."""
     try:
         norms = norm_problem(observations, sensor, bench, steps, priors)
         alone = least_squares(replace(norms, candidates=None))
         require_observed(alone, sensor, missing=())
     except NotObserved as error:
-        return f"The attitudes determine what norms cannot: {'; '.join(error.directions)}."
+        return f"Only the known attitudes determine the following: {'; '.join(error.directions)}."
     p = len(sensor.coefficients)
     ratio = np.sqrt(np.diagonal(estimate.covariance)[:p] / np.diagonal(alone.covariance)[:p])
     words = coefficient_words(sensor, sensor.coefficients[int(ratio.argmin())])
     return (
         f"Because the attitudes are known, the uncertainties are {ratio.min():.2g} to "
-        f"{ratio.max():.2g} times those from norms only. The {words} gains most."
+        f"{ratio.max():.2g} times those from norms only. The {words} improves most."
     )
 
 
@@ -194,13 +196,13 @@ def _observability_note(estimate: Estimate) -> str:
 class ClosedFormulas:
     """An estimator of k0, k1 and k2 by closed formulas.
 
-    The covariance includes the readings' noise alone: the bench is treated as exact.
+    The covariance includes only the readings' noise. The bench is treated as exact.
 
     Parameters
     ----------
     name : str
     invert : callable
-        From the coefficients of the series to those of the axes.
+        Maps the coefficients of the series to those of the axes.
     weighted : bool
         Whether rows are weighted by the noise of their squared norms.
     takes_root : bool
@@ -220,15 +222,15 @@ class ClosedFormulas:
         steps: Spins,
         priors: Priors = (),
     ) -> Estimate:
-        """Return the estimate; arguments as for `ml`.
+        """Return the estimate; the arguments are as for `ml`.
 
         Raises
         ------
         InputError
-            Priors, a trial axis, or other coefficients than k0, k1, k2 of three accelerometers; or
-            noise that leaves no root.
+            There are priors, a trial axis, or coefficients other than k0, k1, k2 of three
+            accelerometers, or the noise leaves no real root.
         NotObserved
-            Dwells that leave the regression short of rank.
+            The dwells do not give the regression full rank.
         """
         estimator_inputs.require_plain_means(observations, sensor, priors, self.name, "ml")
         mean = observations.mean
@@ -247,7 +249,7 @@ class ClosedFormulas:
             axes = tuple(sorted({CoefficientName(name).axis for name in lost}))
             raise InputError(
                 f"estimator {self.name}: with this noise the fourth-power coefficients of "
-                f"{', '.join(axes)} are negative, but k2 is their square root; use estimator "
+                f"{', '.join(axes)} are negative, but k2 needs their square root; use estimator "
                 "series or ml",
                 names=axes,
             )
@@ -269,19 +271,19 @@ class ClosedFormulas:
 
 
 series = ClosedFormulas("series", closed_formulas.series)
-"""By the series' first three coefficients, with equal weights of the rows."""
+"""Uses the series' first three coefficients, with equal weights for all rows."""
 series_weighted = ClosedFormulas("series_weighted", closed_formulas.series, weighted=True)
-"""As `series`, rows weighted by the noise of their squared norms."""
+"""Like `series`, but rows are weighted by the noise of their squared norms."""
 paper = ClosedFormulas("paper", closed_formulas.paper, takes_root=True)
-"""As the source does, for comparison: k2 from the fourth powers.
+"""Follows the source, for comparison: it computes k2 from the fourth powers.
 
-A negative fourth coefficient has no square root and is refused; the covariance is NaN where one is
-within 2u of zero, because the stated noise can then make it negative.
+A negative fourth-power coefficient has no square root and raises an error. The covariance is NaN if
+a coefficient is within 2u of zero, because the stated noise can then make it negative.
 """
 
 
 def _remarks(fit: Fit[Centrifuge, Spin]) -> Remarks:
-    """Return warnings where the estimate does not agree with what was stated."""
+    """Return warnings if the estimate does not agree with the stated bench and noise."""
     if fit.estimate.dof and fit.estimate.consistent:
         return Remarks()
     warnings: tuple[Finding, ...] = ()

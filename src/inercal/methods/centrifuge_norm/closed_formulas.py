@@ -1,20 +1,21 @@
-"""The closed estimators: a linear regression of the squared norm, inverted.
+"""Closed-form estimators: a linear regression of the squared norm, inverted for the coefficients.
 
-With u = (N − b)/S an axis N = S (f + D f²) + b has sensed
+An axis with the model N = S (f + D f²) + b and u = (N − b)/S has sensed
 
     f = 2u / (1 + √(1 + 4Du)),   f² = u² − 2Du³ + 5D²u⁴ − 14D³u⁵ + …
 
-so that Σ f² = n² is, up to the fourth power, linear in thirteen numbers C₀, C₁ … C₄ of three axes.
+so that, up to the fourth power, Σ f² = n² is linear in thirteen numbers: C₀, and C₁ … C₄ for each
+of three axes.
 With K = Db/S and q = √(1 − 4K) the Taylor coefficients at N = 0 are exactly::
 
     C₁ = (q − 1)/(DSq)    C₂ = 1/(S²q³)    C₃ = −2D/(S³q⁵)    C₄ = 5D²/(S⁴q⁷)
 
-`series` inverts C₁, C₂, C₃ and is regular at D = 0; `paper` takes D from C₄, as its source does.
+`series` inverts C₁, C₂, C₃ and is regular at D = 0; `paper` computes D from C₄, as its source does.
 The truncated powers add errors to the others: 2e-9/g to D at 36 g and D = 5e-5/g.
 
 Source: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021, equations 13 to 22,
 with its misprints corrected: (14) C₄ = 5D²S⁻⁴ without N⁴; (19) the other branch of K; (21) the sign
-of D, which is that of −C₃; (22) upside down. `series` is ours.
+of D, which is that of −C₃; (22) is inverted. `series` is our own.
 """
 
 from collections.abc import Callable
@@ -33,20 +34,20 @@ _COMPLEX_STEP = 1e-30  # no difference is formed, so no digits are lost
 
 
 def regression_matrix(y: Array) -> Array:
-    """Return the regressor, (..., r, 13): 1, then the powers one to four of three axes; y in g."""
+    """Return the regressor, (..., r, 13): 1, then powers one to four of three axes; y is in g."""
     one = np.ones((*y.shape[:-1], 1))
     return np.concatenate([one, y, y**2, y**3, y**4], axis=-1)
 
 
 def series(c1: Array, c2: Array, c3: Array, c4: Array) -> tuple[Array, Array, Array]:
-    """Return S, b (g) and D (1/g) of each axis from C₁, C₂, C₃."""
+    """Return S, b (g) and D (1/g) for each axis from C₁, C₂, C₃."""
     q = 1 - c1 * c3 / (2 * c2**2)
     scale = (c2 * q**3) ** -0.5
     return scale, -(1 + q) * q * scale**2 * c1 / 4, -c3 * scale**3 * q**5 / 2
 
 
 def paper(c1: Array, c2: Array, c3: Array, c4: Array) -> tuple[Array, Array, Array]:
-    """Return S, b (g) and D (1/g) of each axis as the source does; NaN without a real root."""
+    """Return S, b (g) and D (1/g) for each axis as the source does; NaN without a real root."""
     m = c4 / c3 * c1 / c2  # (17)
     six = 6 * m - 5
     with np.errstate(invalid="ignore"):
@@ -60,7 +61,7 @@ def paper(c1: Array, c2: Array, c3: Array, c4: Array) -> tuple[Array, Array, Arr
 def coefficients(
     sensor: Sensor, y: Array, norm: Array, invert: SeriesInverse, *, weighted: bool = False
 ) -> Array:
-    """Return k0, k1, k2 of each axis in the sensor's order, (..., 9) SI.
+    """Return k0, k1, k2 for each axis in the sensor's order, (..., 9) SI.
 
     Parameters
     ----------
@@ -69,11 +70,12 @@ def coefficients(
     y : (..., r, 3) array
         Readings, m/s².
     norm : (r,) array
-        The sensed motion, m/s².
+        Norm of the sensed motion, m/s².
     invert : callable
         `series` or `paper`.
     weighted : bool
-        Weigh each row by 1/n: equal noise of all readings makes 2nσ of the squared norm.
+        Weight each row by 1/n, because equal noise σ in all readings gives the squared norm the
+        noise 2nσ.
     """
     rows, target = regression_matrix(y / G0), (norm / G0) ** 2
     if weighted:
@@ -87,7 +89,7 @@ def coefficients(
 
 
 def _in_order(sensor: Sensor, by_term: Array) -> Array:
-    """Return k0, k1 and k2 of the axes, (..., 3, 3), in the sensor's order, (..., 9)."""
+    """Return k0, k1 and k2 from the axes, (..., 3, 3), in the sensor's order, (..., 9)."""
     names = [CoefficientName(name).parts for name in sensor.coefficients]
     rows = [TERMS.index(short) for _, short in names]
     return by_term[..., rows, [sensor.channels.index(axis) for axis, _ in names]]
@@ -95,14 +97,14 @@ def _in_order(sensor: Sensor, by_term: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Derivatives of the closed formulas by the readings, row by row.
+    """Derivatives of the closed formulas with respect to the readings, row by row.
 
     Parameters
     ----------
     coefficients : (9, 3r) array
-        Of k0, k1, k2 in the sensor's order, SI.
+        Derivatives of k0, k1, k2 in the sensor's order, SI.
     fourth : (3,) array
-        The fourth-power coefficients C₄ of the axes, 1/g².
+        The fourth-power coefficients C₄ for each axis, 1/g².
     by_fourth : (3, 3r) array
         Derivatives of C₄.
     """
@@ -115,11 +117,12 @@ class Linearised:
 def linearise(
     sensor: Sensor, y: Array, norm: Array, invert: SeriesInverse, *, weighted: bool = False
 ) -> Linearised:
-    """Return the exact derivatives of `coefficients`; arguments as there, of one recording.
+    """Return the exact derivatives of `coefficients` for one recording; the arguments are the same.
 
-    A row of the regressor depends on its own readings: with the residuals ε of C = A⁺ t,
+    Each row of the regressor depends only on its own readings. With the residuals ε of C = A⁺ t,
     ∂C/∂y = (AᵀA)⁻¹ (∂A/∂y)ᵀ ε − A⁺ (∂A/∂y) C. The inversion is differentiated by a complex step
-    (Squire and Trapp 1998, SIAM Review 40, 110–112): a step of real size could leave no root.
+    (Squire and Trapp 1998, SIAM Review 40, 110–112), because after a real step of finite size there
+    might be no real root.
     """
     y, norm = y / G0, norm / G0
     weight = 1 / norm if weighted else np.ones_like(norm)
@@ -150,14 +153,14 @@ def linearise(
 
 
 def regression_singular_values(sensor: Sensor, y: Array, name: str) -> Array:
-    """Return the singular values of the regressor in scaled columns, (13,), or refuse.
+    """Return the singular values of the regressor with scaled columns, (13,).
 
     Raises
     ------
     InputError
-        Not three accelerometers with bias, scale factor and k2 each.
+        The sensor is not three accelerometers with bias, scale factor and k2 each.
     NotObserved
-        A regressor of less than full rank; the message names the powers that are not separated.
+        The regressor does not have full rank; the message names the powers that it cannot separate.
     """
     wanted = {f"{axis.name}.{short}" for axis in sensor.axes for short in TERMS}
     if len(sensor.axes) != 3 or set(sensor.coefficients) != wanted:

@@ -1,9 +1,9 @@
-"""Finds coefficients that were not chosen but would explain the scatter of a table's rows.
+"""Finds coefficients that were not selected but would explain the scatter between a table's rows.
 
-Where rows scatter more than stated, the rows that agree best with each other are fitted alone, and
-the score tests of that fit rank the omitted coefficients. The first two that are significant are
-tried: a coefficient is named if the rows scatter far less with it, or far fewer rows are outliers.
-Then a second coefficient may be added.
+If rows scatter more than stated, only the rows that agree best with each other are fitted. The
+score tests of that fit rank the omitted coefficients, and the first two significant ones are tried.
+A coefficient is named if, with it, the rows scatter far less or far fewer rows are outliers. The
+search then continues for a second coefficient.
 """
 
 from dataclasses import dataclass, replace
@@ -26,12 +26,12 @@ from inercal.physics.plan import Spins
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
-CANDIDATE_GROUPS = ("k3", "koq", "nonorthogonality")  # observed by norms, as in [method] also
-_INLIER_LIMIT = 4.0  # deviations of most rows; rows beyond are not in the score tests
-_EXPECTED_SCATTER = 1.5  # times the stated one: less needs no explanation
-# Part of the scatter, or of the outliers, that may remain where a coefficient explains it
+CANDIDATE_GROUPS = ("k3", "koq", "nonorthogonality")  # observable from norms; as in [method] also
+_INLIER_LIMIT = 4.0  # deviations of most rows; rows beyond it are left out of the score tests
+_EXPECTED_SCATTER = 1.5  # times the stated scatter; less than this needs no explanation
+# Fraction of the scatter, or of the outliers, that may remain if a coefficient explains it
 _EXPLAINED_RATIO = 0.5
-_TRIED_PER_STEP = 2  # coefficients with the best scores
+_TRIED_PER_STEP = 2  # number of coefficients with the best scores that are tried
 _MAX_OMITTED = 2  # coefficients that may be omitted at the same time
 
 
@@ -42,15 +42,15 @@ class OmittedCoefficients:
     Parameters
     ----------
     words : tuple of str
-        As in [method] also; empty if no coefficient explains the scatter.
+        Names as in [method] also; empty if no coefficient explains the scatter.
     sensor : Sensor
-        With them.
+        The sensor with these coefficients added.
     before, after : float
-        Scatter of most rows over the stated one, without and with them.
+        Ratio of the scatter between most rows to the stated one, without and with the coefficients.
     outlier_counts : tuple of two int
-        Outliers among the rows, without and with them.
+        Number of outlier rows, without and with the coefficients.
     agreement : Agreement
-        Of the rows, with them.
+        Agreement between the rows, with the coefficients.
     """
 
     words: tuple[str, ...]
@@ -62,7 +62,7 @@ class OmittedCoefficients:
 
     @property
     def changes(self) -> tuple[Change, ...]:
-        """The keys that let the method estimate them."""
+        """The run-file keys that make the method estimate these coefficients."""
         form = (Change("sensor", "form", self.sensor.form),)
         return (
             Change("method", "also", self.words),
@@ -70,7 +70,7 @@ class OmittedCoefficients:
         )
 
     def describe(self) -> str:
-        """Return a sentence that says what they explain."""
+        """Return a sentence that describes what the coefficients explain."""
         return (
             f"{', '.join(self.words)} explains the residuals: without it most rows scatter "
             f"{self.before:.3g} times as much as stated and {self.outlier_counts[0]} rows are "
@@ -81,12 +81,12 @@ class OmittedCoefficients:
 def find_omitted_coefficients(
     observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> OmittedCoefficients:
-    """Return the coefficients that explain why the rows scatter; arguments as for `screen_rows`.
+    """Return the coefficients that explain the scatter; the arguments are as for `screen_rows`.
 
     Raises
     ------
     NotObserved
-        Coefficients of the sensor that these dwells do not determine.
+        These dwells do not determine some coefficients of the sensor.
     """
     here = before = row_agreement(norm_problem(observations, sensor, bench, steps, priors))
     words: tuple[str, ...] = ()
@@ -125,12 +125,12 @@ def _ranked_groups(
     priors: Priors,
     agreement: Agreement,
 ) -> list[str]:
-    """Return the groups that the sensor lacks, in descending order of their score tests."""
+    """Return the groups that the sensor lacks, the most significant score test first."""
     size = np.abs(agreement.fit.whitened)
     keep: list[int] = np.flatnonzero(size <= _INLIER_LIMIT * agreement.noise).tolist()
     some = observations.rows(keep)
     try:
-        # The start is near the minimum: the rows that are kept decided the fit of all.
+        # The start is near the minimum, because the retained rows dominated the fit to all rows.
         problem = replace(
             norm_problem(some, sensor, bench, [steps[k] for k in keep], priors),
             start=agreement.fit.value,

@@ -1,12 +1,13 @@
-"""The estimation problems of maximum likelihood: by norms, and by vectors in known attitudes.
+"""Maximum-likelihood estimation problems: from norms, and from vectors in known attitudes.
 
-Norms compare ‖f̂‖, f̂ the inverse of the sensor's model at the reading, with the norm of the arm.
-A rotation of the triad changes no norm: (h_i → R h_i) is a gauge. Lever arms act through the rate,
-whose direction in the body depends on attitudes and mounting angles.
+The problem of norms computes f̂ with the inverse of the sensor's model and compares ‖f̂‖ with the
+norm on the arm. A rotation of the triad (h_i → R h_i) changes no norm, so it is a gauge freedom.
+Lever arms act through the rate, whose direction in the body depends on the attitudes and the
+mounting angles.
 
-Vectors compare each axis's reading with that of the force it sensed in its attitude; the errors of
-the attitudes are nuisances with their stated deviations, so that badly known attitudes still leave
-the information of the norms.
+The problem of vectors compares each axis's reading with the reading predicted for its attitude. The
+errors of the attitudes are nuisances with their stated deviations. Poorly known attitudes therefore
+still leave the information that the norms contain.
 """
 
 from collections.abc import Callable, Mapping
@@ -45,13 +46,13 @@ from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.recordings import Observations
 
 _Result = TypeVar("_Result")
-_COMPARED = 16  # trials
+_COMPARED = 16  # number of trials that are compared
 
 
 def likelihood_problem(
     observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> Problem:
-    """Return the problem of `ml`: by vectors if the bench knows its attitudes, else by norms."""
+    """Return the problem for `ml`: vectors if the bench knows its attitudes, otherwise norms."""
     build = norm_problem if bench.indexing is None else vector_problem
     return build(observations, sensor, bench, steps, priors)
 
@@ -61,15 +62,15 @@ def norm_problem(
 ) -> Problem:
     """Return the problem with norms only; arguments as for `inercal.methods.centrifuge_norm.ml`.
 
-    Its noise is standard deviations, or a covariance where rows share the errors of a dwell or a
-    drift.
+    Its noise is given as standard deviations, or as a covariance if rows share the errors of a
+    dwell or a drift.
 
     Raises
     ------
     NotObserved
-        Misalignments that include rotations of the triad, without a gauge or prior.
+        The misalignments include rotations of the triad, without a gauge or prior.
     InputError
-        Lever arms, with a step of unknown attitude.
+        There are lever arms, and a step has an unknown attitude.
     """
     rotation_gauge.require_gauge(sensor, priors)
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
@@ -107,12 +108,12 @@ def norm_problem(
 def _lever_arm_candidates(
     built: Problem, sensor: Sensor, steps: Spins, x: Array
 ) -> list[Candidate]:
-    """Return lever arms along the axes, in unknown attitudes.
+    """Return candidates for lever arms along the axes when the attitudes are unknown.
 
-    An arm l along an axis adds −ω² l (1 − v²) to its reading, v the component of the vertical along
-    the axis. Norms determine the direction û of the force alone, and the vertical is across it:
-    (1 − û²)/2 is the mean of v² over all directions there. The norm changes by û per unit of a
-    reading.
+    An arm l along an axis adds −ω² l (1 − v²) to its reading, where v is the component of the
+    vertical along the axis. Norms determine only the direction û of the force, and the vertical is
+    perpendicular to it. The mean of v² over all perpendicular directions is (1 − û²)/2. The norm
+    changes by û per unit of a reading.
     """
     _, jacobian = built.linearise(x)
     rates = np.array([step.rate for step in steps])
@@ -132,7 +133,7 @@ def _lever_arm_candidates(
 def exact_bench_norm_problem(
     observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins
 ) -> Problem:
-    """Return the problem of norms with an exact bench and only the readings' noise."""
+    """Return the problem of norms that includes only the readings' noise and no bench errors."""
     exact = replace(bench, dwell_rate=0.0, dwell_tilt=0.0)
     declared = exact.acting_parameters(steps, vectors=False)
     known = {name: replace(parameter, sd=0.0) for name, parameter in declared.items()}
@@ -142,11 +143,11 @@ def exact_bench_norm_problem(
 def _extended_sensor(
     sensor: Sensor, bench: Centrifuge, steps: Spins, *, temperature_varies: bool
 ) -> Sensor:
-    """Return the sensor with all coefficients that norms can show, those of `sensor` first.
+    """Return the sensor with all coefficients observable from norms, those of `sensor` first.
 
-    Of the misalignments these are the non-orthogonality, which is a name that a user can choose;
-    terms of the rate are included where the rate in the body is known, terms of temperature where
-    it is known and varies.
+    Among the misalignments this is the non-orthogonality, which the user can select by name.
+    Terms of the rate are included if the rate in the body is known, and temperature terms if the
+    temperature is known and varies.
     """
     turns = bench.platform == "locked" and all(step.attitude is not None for step in steps)
     words = ("nonlinearity", "asymmetry", "cross", *(("rotation", "arm") if turns else ()))
@@ -158,7 +159,7 @@ def _extended_sensor(
 
 
 def _nonorthogonality_family(sensor: Sensor) -> dict[str, tuple[str, ...]]:
-    """Return the family of misalignments that rotate no triad, by the name that a user chooses."""
+    """Return the family of misalignments that rotate no triad, under the name that users select."""
     if not _is_triad(sensor):
         return {}
     return {"nonorthogonality": sensor.with_coefficients("nonorthogonality").coefficients}
@@ -179,7 +180,7 @@ def _ungauged_norm_problem(
 ) -> Problem:
     """Return the problem of norms for any coefficients, without gauges.
 
-    The norm of each row's specific force is compared with that which the arm makes.
+    The norm of each row's specific force is compared with the norm that the arm produces.
     """
     unknowns = Unknowns(sensor, declared)
     p, loose = unknowns.p, unknowns.nuisances
@@ -255,10 +256,10 @@ def _ungauged_norm_problem(
     normal_equations = None if correlated or table is None else norm_equations
 
     def relative_size() -> float:
-        # A norm of tens of g is rounded at a millionth of its uncertainty.
+        # For a norm of tens of g the rounding error is a millionth of its uncertainty.
         x, lead = unknowns.start, observations.trial_shape
         if normal_equations is not None and lead > (QR_MAX_TRIALS,):
-            # Trials differ little in this ratio, unless their noise differs.
+            # Trials differ little in this ratio unless their noise differs.
             alike = covariance.ndim == 3 or len(covariance) == 1
             some = np.arange(_COMPARED if alike and lead[0] > _COMPARED else lead[0])
             weight = normal_equations(np.tile(x, (some.size, 1)), some).weight
@@ -279,7 +280,7 @@ def _ungauged_norm_problem(
 
 
 def _same_dwell_rows(observations: Observations, bench: Centrifuge, steps: Spins) -> Bools | None:
-    """Return which rows share a dwell, (r, r); None if no error of a dwell is shared."""
+    """Return which rows share a dwell, (r, r), or None if rows do not share any dwell error."""
     if not (bench.dwell_rate or bench.dwell_tilt):
         return None
     at_azimuth = np.array([step.azimuth is not None for step in steps])
@@ -291,12 +292,12 @@ def _same_dwell_rows(observations: Observations, bench: Centrifuge, steps: Spins
 def vector_problem(
     observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Spins, priors: Priors = ()
 ) -> Problem:
-    """Return the problem of vectors in known attitudes; arguments as for `norm_problem`.
+    """Return the problem of vectors in known attitudes; the arguments are as for `norm_problem`.
 
     Raises
     ------
     InputError
-        A step of unknown attitude.
+        A step has an unknown attitude.
     """
     own = {"dwell_rate": bench.dwell_rate, "dwell_tilt": bench.dwell_tilt}
     own = {name: sd for name, sd in own.items() if sd}
@@ -326,7 +327,7 @@ def vector_problem(
 
 
 def _cache_last_result(work: Callable[..., _Result]) -> Callable[..., _Result]:
-    """Return the function with a cache of its last result, for residual and noise at one x."""
+    """Cache a function's last result, because residual and noise are computed at the same x."""
     last: list[tuple[tuple[Array, ...], _Result]] = []
 
     def result(*x: Array) -> _Result:

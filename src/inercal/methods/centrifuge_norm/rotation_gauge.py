@@ -1,8 +1,8 @@
 """Rotations of the triad, which norms do not observe, and the gauge that fixes them.
 
-Norms do not change under h_i → R h_i of the input axes h_i. Of the six misalignments three
-combinations are therefore free: a rotation by ρ turns axis i about its O by ρ·O_i and about its P
-by ρ·P_i. Their sums over the axes are zero where the matrix of the misalignments is symmetric.
+Norms do not change when the input axes h_i are rotated, h_i → R h_i. Three combinations of the six
+misalignments are therefore free. A rotation by ρ turns axis i about its O by ρ·O_i and about its P
+by ρ·P_i. The sums of these over the axes are zero if the matrix of the misalignments is symmetric.
 """
 
 import numpy as np
@@ -18,15 +18,15 @@ _ROTATION = "rotation of the triad"
 
 
 def require_gauge(sensor: Sensor, priors: Priors) -> None:
-    """Refuse rotations of the triad, which norms do not observe.
+    """Raise NotObserved if rotations of the triad are free, because norms do not observe them.
 
-    In the reference form they act on norms through the nonlinear terms alone, which bend along
-    other axes; that does not count as a measurement of an angle.
+    In the reference form the rotations act on norms only through the nonlinear terms, which then
+    act along other axes. That does not count as a measurement of an angle.
 
     Raises
     ------
     NotObserved
-        Naming the rotations and the misalignments.
+        Rotations are free; the message names them and the misalignments.
     """
     if sensor.frame == "symmetric":
         return
@@ -46,7 +46,7 @@ def require_gauge(sensor: Sensor, priors: Priors) -> None:
 
 
 def _misalignment_axes(sensor: Sensor) -> dict[str, Array]:
-    """Return the axis about which each misalignment turns, (3,), by full name."""
+    """Return the axis that each misalignment turns about, (3,), by full name."""
     return {
         f"{axis.name}.{term}": axis.frame[row]
         for axis in sensor.axes
@@ -55,7 +55,7 @@ def _misalignment_axes(sensor: Sensor) -> dict[str, Array]:
 
 
 def _rotation_rows(sensor: Sensor, p: int) -> Array:
-    """Return the misalignments of a rotation about x, y and z, one row each, (3, p)."""
+    """Return the misalignments that correspond to rotations about x, y and z, (3, p)."""
     rows = np.zeros((3, p))
     for name, about in _misalignment_axes(sensor).items():
         if name in sensor.coefficients:
@@ -64,18 +64,18 @@ def _rotation_rows(sensor: Sensor, p: int) -> Array:
 
 
 def rotation_null_directions(sensor: Sensor, size: int) -> tuple[tuple[str, Array], ...]:
-    """Return the rotations of the triad among `size` parameters, for reports."""
+    """Return the triad's rotations as directions among `size` parameters, for reports."""
     rows = _rotation_rows(sensor, size)
     return ((_ROTATION, rows),) if np.linalg.matrix_rank(rows) == 3 else ()
 
 
 def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
-    """Return the gauge that makes the matrix of the misalignments symmetric, only in that frame.
+    """Return the gauge that makes the misalignment matrix symmetric, for the symmetric frame only.
 
     Raises
     ------
     InputError
-        The symmetric frame without all misalignments.
+        The sensor has the symmetric frame but not all misalignments.
     """
     if sensor.frame != "symmetric":
         return ()

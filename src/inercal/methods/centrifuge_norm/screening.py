@@ -1,20 +1,21 @@
 """Finds rows of a table that violate the norm, and the single change that would repair each.
 
-A table typed by hand or copied from print has lost signs, exchanged columns and wrong digits. The
-norm shows them without a reference: all rows are fitted under Cauchy's loss, whose threshold is
-halved from the largest residual to the noise (graduated non-convexity: Blake and Zisserman 1987,
-Visual Reconstruction, chapter 7), so that rows that agree with each other decide the fit. A fixed
-threshold fails: wrong rows bend the fit, and good rows have large residuals.
+A table that was typed by hand or copied from print may have lost signs, exchanged columns and wrong
+digits. The norm reveals them without a reference. All rows are fitted with Cauchy's loss, and its
+threshold is halved step by step from the largest residual down to the noise (graduated
+non-convexity: Blake and Zisserman 1987, Visual Reconstruction, chapter 7). The rows that agree with
+each other therefore decide the fit. A fixed threshold would fail, because wrong rows distort the
+fit and give good rows large residuals.
 
-Each suspect row is tried with one change at a time: the sign of an entry, two entries exchanged,
+Each suspect row is tried with one change at a time: the sign of an entry, two exchanged entries,
 the decimal point of an entry shifted by one place, then one digit of an entry or two neighbouring
-digits exchanged. The first kind that brings the row within its noise is named. No change is
-applied: only the user has the original of the table.
+digits exchanged. The first kind of change that brings the row within its noise is named. No change
+is applied, because only the user has the original table.
 
-A row is a suspect where its residual is too large to be the largest of all rows; the score test of
-a single row in `inercal.methods.candidates` has the same level.
+A row is a suspect if its residual is too large to be the largest of all rows. The score test of a
+single row in `inercal.methods.candidates` has the same significance level.
 """
-# SciPy has no stubs.
+# SciPy has no type stubs.
 # pyright: reportMissingTypeStubs=false
 
 from collections.abc import Iterator, Sequence
@@ -39,12 +40,12 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
 _FINAL_THRESHOLD = 1.5  # threshold of the loss at the end, in deviations
-_FINAL_ITERATIONS, _INTERMEDIATE_ITERATIONS = 30, 5  # at the last threshold and at those on the way
-_THRESHOLD_TOLERANCE = 1e-8  # relative: moves the fit by far less than its uncertainty
-# Of the fit before any threshold: a table that is wrong as a whole converges in no number of steps.
+_FINAL_ITERATIONS, _INTERMEDIATE_ITERATIONS = 30, 5  # at the last threshold and at earlier ones
+_THRESHOLD_TOLERANCE = 1e-8  # relative; moves the fit by far less than its uncertainty
+# For the fit before any threshold: a table that is wrong as a whole never converges.
 START_ITERATIONS = 50
-_REPAIR_LIMIT = 4.0  # deviations, and no more than half of those without the repair
-_MAX_LISTED_REPAIRS = 4  # of a row
+_REPAIR_LIMIT = 4.0  # deviations; also at most half of the deviations without the repair
+_MAX_LISTED_REPAIRS = 4  # per row
 _INCONSISTENT_SCATTER = 1e3  # times the stated noise
 _MAD_FACTOR = 1.4826  # deviations per median of |u|
 
@@ -59,14 +60,14 @@ _REPAIR_WORDS = {
 
 @dataclass(frozen=True)
 class Repair:
-    """One change of a row: entries before and after, output units, by axis."""
+    """One change to a row: entries before and after it, in output units, by axis."""
 
     kind: str  # "sign", "exchange", "decimal" or "digit"
     before: dict[str, float]
     after: dict[str, float]
 
     def describe(self) -> str:
-        """Return the change: "sign of az: 0.743943 → −0.743943"."""
+        """Return a description such as "sign of az: 0.743943 → −0.743943"."""
         names = " and ".join(self.before)
         pairs = [f"{self.before[a]:.9g} → {self.after[a]:.9g}" for a in self.before]
         return f"{_REPAIR_WORDS[self.kind]} {names}: {', '.join(pairs)}".replace("-", "−")
@@ -81,9 +82,9 @@ class SuspectRow:
     label : str
     row : int
     residual : float
-        The bench's norm minus that of the reading, m/s².
+        The bench's norm minus the norm of the reading, m/s².
     deviations : float
-        The same over its standard deviation.
+        The residual divided by its standard deviation.
     repairs : tuple of Repair
         All single changes of the simplest kind that bring the row within its noise; empty if none.
     """
@@ -95,7 +96,7 @@ class SuspectRow:
     repairs: tuple[Repair, ...]
 
     def describe(self) -> str:
-        """Return the row, the error of its norm, and the repairs."""
+        """Return a description of the row, the error of its norm, and the repairs."""
         text = f"{self.label}: norm off by {abs(self.residual):.3g} m/s²"
         if not self.repairs:
             return f"{text}; no single change repairs it"
@@ -113,21 +114,21 @@ def screen_rows(
     priors: Priors = (),
     agreement: "Agreement | None" = None,
 ) -> tuple[SuspectRow, ...]:
-    """Return the rows that violate the norm, in their order.
+    """Return the rows that violate the norm, in the order of the table.
 
     Parameters
     ----------
     observations, sensor, bench, steps, priors
-        Of `inercal.methods.centrifuge_norm.ml`.
+        As for `inercal.methods.centrifuge_norm.ml`.
     agreement : Agreement, optional
-        Of these rows, if known.
+        Agreement between these rows, if already computed.
 
     Raises
     ------
     InputError
-        Many trials, or rows of which no half agrees.
+        There are many trials, or fewer than half of the rows agree with each other.
     NotObserved
-        Coefficients that these dwells do not determine.
+        These dwells do not determine some coefficients.
     """
     require_single_recording(observations, "the screening of rows")
     agreement = agreement or row_agreement(norm_problem(observations, sensor, bench, steps, priors))
@@ -137,14 +138,14 @@ def screen_rows(
         raise InputError(
             f"{len(bad)} of {len(steps)} rows are outliers, and the norms of the others "
             f"scatter {noise:.3g} times as much as stated; check the rates, the radius and the "
-            "nominal scale before single rows",
+            "nominal scale before you check single rows",
             names=tuple(observations.labels[k] for k in bad),
         )
 
     warmth = observations.temperature
 
     def deviations(rows: Array, k: int) -> Array:
-        """Return the errors of the norm of variants of row k, (v, m) SI, in deviations, (v,)."""
+        """Return the norm errors of variants of row k, (v, m) SI, in deviations, (v,)."""
         variants = replace(
             observations,
             labels=tuple(str(j) for j in range(len(rows))),
@@ -195,22 +196,22 @@ def screen_rows(
 
 
 class Agreement(NamedTuple):
-    """How well rows agree with each other: a robust fit, and the scatter about it."""
+    """How well rows agree with each other: a robust fit and the scatter of the rows about it."""
 
     fit: Estimate
-    noise: float  # scatter of most rows over the stated one, 1 or more
+    noise: float  # ratio of the scatter of most rows to the stated one, at least 1
     outlier_rows: NDArray[np.intp]  # rows whose residual is too large to be the largest of all
 
     @property
     def inconsistent(self) -> bool:
-        """Whether the rows agree with no norm."""
+        """Whether there is no norm that the rows agree with."""
         return self.noise > _INCONSISTENT_SCATTER or 2 * len(self.outlier_rows) >= len(
             self.fit.whitened
         )
 
 
 def row_agreement(problem: Problem) -> Agreement:
-    """Return how well the rows of a problem of norms agree; a bad row does not affect others."""
+    """Return how well the rows of a norm problem agree; a bad row does not affect the others."""
     problem = replace(_with_independent_rows(problem), candidates=None)
     fit = least_squares(problem, max_iterations=START_ITERATIONS)
     scale = float(np.abs(fit.whitened).max())
@@ -222,15 +223,15 @@ def row_agreement(problem: Problem) -> Agreement:
         fit = least_squares(replace(problem, start=fit.value), Cauchy(scale), steps)
         # If the stated noise is too small, not every row is a suspect.
         noise = max(1.0, _MAD_FACTOR * float(np.median(np.abs(fit.whitened))))
-    # Half of the level, both signs.
+    # Half of the level, because residuals of both signs are tested.
     limit = -float(scipy.special.ndtri(SIGNIFICANCE_LEVEL / 4 / len(fit.whitened)))
     return Agreement(fit, noise, np.flatnonzero(np.abs(fit.whitened) > limit * noise))
 
 
 def _parameters_of_row(fit: Estimate, problem: Problem) -> tuple[Array, Array]:
-    """Return the parameters that act on a row, and their covariance, by a fit of other rows.
+    """Return the parameters that act on a row, and their covariance, from a fit to other rows.
 
-    Errors of the bench that belong to this row alone have their priors.
+    Bench errors that belong only to this row keep their priors.
     """
     place = {name: k for k, name in enumerate(fit.names)}
     value = np.atleast_2d(problem.start)[0].copy()
@@ -247,7 +248,7 @@ def _parameters_of_row(fit: Estimate, problem: Problem) -> tuple[Array, Array]:
 
 
 def _with_independent_rows(problem: Problem) -> Problem:
-    """Return the problem with uncorrelated rows, so that a bad row does not affect others."""
+    """Return the problem with uncorrelated rows, so that a bad row does not affect other rows."""
     stated = problem.noise
     assert callable(stated)
 
@@ -258,7 +259,7 @@ def _with_independent_rows(problem: Problem) -> Problem:
 
 
 def _single_changes(written: Array, channels: Sequence[str]) -> Iterator[list[Repair]]:
-    """Yield the single changes of a row, kind by kind, the simplest first."""
+    """Yield lists of single changes to a row, one list per kind, the simplest kind first."""
     named = dict(zip(channels, written.tolist(), strict=True))
     yield [Repair("sign", {a: v}, {a: -v}) for a, v in named.items() if v]
     yield [
@@ -278,7 +279,7 @@ def _single_changes(written: Array, channels: Sequence[str]) -> Iterator[list[Re
 
 
 def _digit_changes(value: float) -> list[float]:
-    """Return the numbers with one digit changed, or two neighbouring digits exchanged."""
+    """Return all numbers with one digit changed or two neighbouring digits exchanged."""
     text = f"{value:.9g}"
     places = [k for k, c in enumerate(text) if c.isdigit()]
     changed = {

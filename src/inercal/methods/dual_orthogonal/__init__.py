@@ -1,29 +1,31 @@
 """Two orthogonal accelerometers on a dividing head: the norm of the sensed force is g.
 
-An error of the head of 3″ is 15 µg at the horizon. Two accelerometers at right angles have opposite
-errors there, so that ‖f̂‖ = g is free of the head. An autocollimator or priors determine what g²
-leaves free (`g_squared.NULL_DIRECTIONS`).
+A head error of 3″ corresponds to 15 µg when the sensitive axis is horizontal. Two accelerometers at
+right angles have opposite errors there, so ‖f̂‖ = g does not depend on the head. An autocollimator
+or priors determine the combinations that g² leaves free (`g_squared.NULL_DIRECTIONS`).
 
-* `joint`: all readings, exact, with the head's errors and the biases' drift as nuisances.
-* `patent`: bias and gain from the four cardinal positions, then g² elsewhere.
-* `dual`: g² alone, with priors instead of the autocollimator.
-* `single`: each accelerometer against the head treated as exact, the conventional tumble test.
+* `joint`: uses all readings and the exact model; the head's errors and the biases' drift are
+  nuisances.
+* `patent`: bias and gain from the four cardinal positions, then g² at the other positions.
+* `dual`: only g², with priors instead of the autocollimator.
+* `single`: each accelerometer against the head, which is treated as exact. This is the conventional
+  tumble test.
 
 The sensor is that of `inercal.benches.dividing_head.bench.mounted_sensor`; `joint` and `single`
-also take one accelerometer.
+also accept one accelerometer.
 
-g² does not show the common mounting angle. `patent` and `dual` take it from the angle at which the
-compensated accelerometers sense gravity: its mean difference from the head's angles is their common
-mounting angle plus the mean error of the head, above all of its zero.
+g² does not observe the common mounting angle. `patent` and `dual` compute it from the angle at
+which the compensated accelerometers sense gravity. The mean difference between this angle and the
+head's angle is the common mounting angle plus the mean error of the head, mainly its zero error.
 
-Some sums of coefficients are known far better than each coefficient alone. An accelerometer that is
-vertical determines k1 + K3 g². Positions between would separate the two, but there the head's
-second harmonic has the same effect; a centrifuge separates them, or a polygon face at each
-position. Both mounting angles depend on the head's zero; the angle between the accelerometers does
-not.
+Some sums of coefficients are known far better than each coefficient separately. A vertical
+accelerometer determines k1 + K3 g². Intermediate positions would separate the two, but there the
+head's second harmonic has the same effect. A centrifuge separates them, and so does a polygon face
+at each position. Both mounting angles depend on the head's zero; the angle between the
+accelerometers does not.
 
-Source: CN101852817A (Harbin Institute of Technology, 2010) for `patent` and `dual`, rebuilt from
-the physics; IEEE Std 1293 for the tumble test; `joint` is ours.
+Sources: CN101852817A (Harbin Institute of Technology, 2010) for `patent` and `dual`, derived again
+from the physics; IEEE Std 1293 for the tumble test; `joint` is our own.
 """
 
 from dataclasses import replace
@@ -50,26 +52,26 @@ from inercal.physics.plan import Indexings
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
-_MIN_IMPROVEMENT = 3.0  # standard uncertainty alone over that of the sum
+_MIN_IMPROVEMENT = 3.0  # standard uncertainty of one coefficient over that of the sum
 
 
 class CoefficientSum(NamedTuple):
-    """A sum of two coefficients that is known far better than either, SI of the first."""
+    """A sum of two coefficients that is known far better than either one; SI of the first."""
 
     name: str
     meaning: str
     terms: tuple[str, str]
     value: float
-    sd: float  # as modelled
+    sd: float  # modelled standard deviation
 
 
 def well_determined_sums(estimate: Estimate, g: float) -> tuple[CoefficientSum, ...]:
-    """Return k1 + K3 g² of each accelerometer, then the angle between them, where well known.
+    """Return k1 + K3 g² for each accelerometer and the angle between them, if they are well known.
 
     Parameters
     ----------
     estimate : Estimate
-        Of one recording.
+        Estimate from one recording.
     g : float
         m/s².
     """
@@ -92,7 +94,7 @@ def well_determined_sums(estimate: Estimate, g: float) -> tuple[CoefficientSum, 
 
 
 def notes(estimate: Estimate, bench: DividingHead, priors: Priors) -> tuple[str, ...]:
-    """Return the notes on these sums of one recording; none for many trials."""
+    """Return the notes on the well-determined sums of one recording; none for many trials."""
     if estimate.value.ndim != 1:
         return ()
     sums = well_determined_sums(estimate, bench.gravity.value)
@@ -109,8 +111,8 @@ def notes(estimate: Estimate, bench: DividingHead, priors: Priors) -> tuple[str,
             for one in gains
         )
         result.append(
-            f"k1 + K3 g² is known better than k1 or K3: {values} (k = 2). {why} To know both "
-            "better, give K3 from a centrifuge, or read a polygon face at every position."
+            f"k1 + K3 g² is known better than k1 or K3: {values} (k = 2). {why} To improve both, "
+            "provide K3 from a centrifuge, or read a polygon face at every position."
         )
     result += [
         f"The angle between the accelerometers, δ_b − δ_a, is "
@@ -129,26 +131,26 @@ def joint(
     steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the coefficients and the bench's errors, at the largest posterior probability.
+    """Return the most probable coefficients and bench errors, given all readings and priors.
 
     Parameters
     ----------
     observations : Observations
-        One row a position, (..., r, 1 or 2) m/s².
+        One row per position, (..., r, 1 or 2) m/s².
     sensor : Sensor
-        Of the fixture, with the coefficients to estimate.
+        The fixture's sensor, with the coefficients to estimate.
     bench : DividingHead
     steps : sequence of r Index
-        Of the rows.
+        The steps of the rows.
     priors : sequence of Gaussian
-        On coefficients, from other measurements: K3 of a centrifuge, Kip of single tests.
+        Priors on coefficients from other measurements: K3 from a centrifuge, Kip from single tests.
 
     Raises
     ------
     InputError
-        A sensor that is not the fixture's, or steps that are not those of the rows.
+        The sensor is not the fixture's, or the steps are not those of the rows.
     NotObserved
-        Coefficients that these positions do not determine.
+        These positions do not determine some coefficients.
     """
     g_squared.require_fixture_sensor(sensor, allow_single=True)
     require_matching_rows(observations, sensor, steps)
@@ -167,14 +169,14 @@ def patent(
     steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the coefficients by four points, then g² elsewhere; arguments as for `joint`.
+    """Return the coefficients from four points, then from g²; the arguments are as for `joint`.
 
     Raises
     ------
     InputError
-        Priors on k0 or k1, or a sensor without them.
+        There are priors on k0 or k1, or the sensor does not have them.
     NotObserved
-        Missing cardinal positions, too few others, or K3 without a prior.
+        Cardinal positions are missing, there are too few others, or K3 has no prior.
     """
     g_squared.require_fixture_sensor(sensor)
     refuse_temperature_terms(sensor, "patent", "joint")
@@ -196,14 +198,14 @@ def dual(
     steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the coefficients from g² and the priors only; arguments as for `joint`.
+    """Return the coefficients from g² and the priors only; the arguments are as for `joint`.
 
     Raises
     ------
     InputError
-        A sensor that is not the fixture's pair.
+        The sensor is not the fixture's pair.
     NotObserved
-        Combinations of coefficients that g² and the priors leave free, by name.
+        g² and the priors leave combinations of coefficients free; the message names them.
     """
     g_squared.require_fixture_sensor(sensor)
     refuse_temperature_terms(sensor, "dual", "joint")
@@ -224,9 +226,9 @@ def _with_common_angle(
     bench: DividingHead,
     steps: Indexings,
 ) -> Estimate:
-    """Return an estimate of g², of mounting angles ± δ/2, with their common part and its variance.
+    """Return an estimate from g² with the common mounting angle and its variance added.
 
-    Arguments as for `joint`, of two accelerometers.
+    g² estimates mounting angles ± δ/2. The arguments are as for `joint`, with two accelerometers.
     """
     if not set(g_squared.MOUNTING_ANGLES) <= set(sensor.coefficients):
         return estimate
@@ -252,7 +254,7 @@ def _with_common_angle(
     covariance[..., rows, columns] += np.asarray(variance)[..., None, None]
     moved = {name: by.copy() for name, by in estimate.sensitivities.items()}
     for name, weight in stated.weights.items():
-        # A larger stated angle of the head leaves less to the mounting.
+        # If the stated angle of the head is larger, the mounting angle is smaller.
         by = moved.setdefault(name, np.zeros_like(value))
         by[..., both] -= weight.mean()
     return replace(estimate, value=value, covariance=covariance, sensitivities=moved)
@@ -265,17 +267,17 @@ def single(
     steps: Indexings,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the coefficients of each accelerometer separately, the head treated as exact.
+    """Return each accelerometer's coefficients separately, with the head treated as exact.
 
-    Arguments as for `joint`. The covariance includes the effect of the bench's errors on the
-    result.
+    The arguments are as for `joint`. The covariance includes the effect of the bench's errors on
+    the result.
 
     Raises
     ------
     InputError
-        A sensor that is not the fixture's, or steps that are not those of the rows.
+        The sensor is not the fixture's, or the steps are not those of the rows.
     NotObserved
-        Coefficients that these positions do not determine.
+        These positions do not determine some coefficients.
     """
     g_squared.require_fixture_sensor(sensor, allow_single=True)
     require_matching_rows(observations, sensor, steps)
@@ -292,7 +294,7 @@ def single(
     estimate = replace(
         alone,
         covariance=alone.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
-        # The residuals contain the head's errors besides their noise: no test of either.
+        # The residuals contain the head's errors besides noise, so they test neither.
         chi2=np.zeros(alone.value.shape[:-1]),
         dof=0,
         scoring=NO_SCORE_TESTS,

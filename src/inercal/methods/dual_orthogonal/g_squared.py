@@ -5,15 +5,16 @@ In g, with s = sin θ, c = cos θ and δ = δ_B − δ_A, z = ½(y_A² + y_B² �
     z = K_A0 s + K_B0 c + k_A1 s² + k_B1 c² − δ s c + K_A2 s³ + K_B2 c³ + K_A3 s⁴ + K_B3 c⁴
         + K_Aip s² c − K_Bip s c²
 
-which does not contain the head's error. Here it decides what is observed: eight combinations of the
-eleven coefficients. An estimate uses the exact form: with f̂ the force in the plane of rotation, by
-the inverse of the sensor's full model at both readings, ‖f̂‖ = g. With the readings compensated to
-α and β this is α² + β² + 2αβ sin δ = cos² δ, free of the angle to all orders.
+The head's error does not appear. Here this form only decides which coefficients are observed: eight
+combinations of the eleven. The estimate uses the exact form ‖f̂‖ = g, where f̂ is the force in the
+plane of rotation, computed with the inverse of the sensor's full model at both readings. With the
+readings compensated to α and β this is α² + β² + 2αβ sin δ = cos² δ, which does not depend on the
+angle to any order.
 
 The exact form depends on the other three combinations through products of errors. That does not
-count as a measurement of them: what is observed is judged at the nominal sensor.
+count as a measurement of them, so observability is judged at the nominal sensor.
 
-Source: CN101852817A (Harbin Institute of Technology, 2010), step 3, rebuilt from the physics.
+Source: CN101852817A (Harbin Institute of Technology, 2010), step 3, derived again from the physics.
 """
 
 from dataclasses import replace
@@ -53,21 +54,21 @@ NULL_DIRECTIONS: tuple[tuple[str, dict[str, float]], ...] = (
     ("k1 against K3", {"a.k1": 1.0, "b.k1": -1.0, "a.k3": -1.0, "b.k3": 1.0}),
 )
 MOUNTING_ANGLES = ("a.delta_o", "b.delta_o")
-_NEWTON_STEPS = 4  # each squares an error, which is 1e-3 at first
-_DENSE_POSITIONS = 24  # positions that determine all combinations of g²
+_NEWTON_STEPS = 4  # each step squares an error that is 1e-3 at first
+_DENSE_POSITIONS = 24  # number of positions that determines all combinations of g²
 # Singular value of the design; repeated positions that differ by 1e-4 rad add no rank
 _RANK_TOLERANCE = 1e-2
 
 
 def design_matrix(theta: Array) -> Array:
-    """Return ∂z/∂(coefficients in g) at angles (..., r) rad: (..., r, 11), columns as `TERMS`."""
+    """Return ∂z/∂(coefficients in g), (..., r, 11), at angles (..., r) rad; columns as `TERMS`."""
     s, c = np.sin(theta), np.cos(theta)
     columns = (s, c, s**2, c**2, -s * c, s**3, c**3, s**4, c**4, s**2 * c, -s * c**2)
     return np.stack(columns, axis=-1)
 
 
 def null_vectors(sensor: Sensor, g: float) -> tuple[tuple[str, Array], ...]:
-    """Return the null directions of coefficients that the sensor has, each (p,) in SI."""
+    """Return the null directions among the sensor's coefficients, each (p,) in SI."""
     size = {"k0": g, "k1": 1.0, "k2": 1 / g, "k3": 1 / g**2, "kip": 1 / g}
     result: list[tuple[str, Array]] = []
     for words, weights in NULL_DIRECTIONS:
@@ -80,7 +81,7 @@ def null_vectors(sensor: Sensor, g: float) -> tuple[tuple[str, Array], ...]:
 
 
 class SquaredComparison(NamedTuple):
-    """What `compare_with_gravity` returns; shapes for r rows and p coefficients."""
+    """The result of `compare_with_gravity`; shapes are for r rows and p coefficients."""
 
     residual: Array  # (..., r), g − ‖f̂‖, m/s²
     jacobian: Array  # (..., r, p), ∂‖f̂‖/∂c
@@ -89,12 +90,12 @@ class SquaredComparison(NamedTuple):
 
 
 def compare_with_gravity(sensor: Sensor, y: Array, c: Array, g: float) -> SquaredComparison:
-    """Return the difference between g and the norm of the force in the plane, by the readings.
+    """Compare g with the norm of the force in the plane that follows from the readings.
 
     Parameters
     ----------
     sensor : Sensor
-        As `inercal.benches.dividing_head.bench.mounted_sensor`: axes along x and y.
+        A sensor like `inercal.benches.dividing_head.bench.mounted_sensor`: axes along x and y.
     y : (..., r, 2) array
         Readings, m/s².
     c : (..., p) array
@@ -112,7 +113,7 @@ def compare_with_gravity(sensor: Sensor, y: Array, c: Array, g: float) -> Square
     _, result, slope = sensor.linearise(Motion(f), c)
     length = np.linalg.norm(f, axis=-1)
     up = f[..., :2] / length[..., None]
-    # h(f̂; c) = y holds: ∂f̂/∂y = S⁻¹ and ∂f̂/∂c = −S⁻¹ ∂h/∂c.
+    # From h(f̂; c) = y it follows that ∂f̂/∂y = S⁻¹ and ∂f̂/∂c = −S⁻¹ ∂h/∂c.
     to_reading = np.asarray(
         np.linalg.solve(np.swapaxes(slope[..., :2], -1, -2), up[..., None])[..., 0], dtype=float
     )
@@ -128,7 +129,7 @@ def g_squared_problem(
     steps: Indexings,
     priors: Priors = (),
 ) -> Problem:
-    """Return the problem of g² at every position.
+    """Return the estimation problem with g² at every position.
 
     Parameters
     ----------
@@ -136,17 +137,17 @@ def g_squared_problem(
         (..., r, 2), m/s².
     sensor : Sensor
     bench : DividingHead
-        Of which the problem uses gravity alone.
+        The bench; the problem uses only its gravity.
     steps : sequence of r Index
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
     """
     require_fixture_sensor(sensor)
     y, g = observations.mean, bench.gravity.value
     p = len(sensor.coefficients)
     nominal = sensed_motion(bench, steps, {}).f[..., :2]
     up = nominal / np.linalg.norm(nominal, axis=-1, keepdims=True)
-    # The noise is seen along the nominal force: a mounting angle of 300″ changes it by a millionth.
+    # The noise acts along the nominal force: a mounting angle of 300″ changes it by a millionth.
     noise = covariance_along(up, observations.full_covariance)
 
     def linearise(x: Array) -> tuple[Array, Array]:
@@ -159,7 +160,7 @@ def g_squared_problem(
         seen = compare_with_gravity(larger, y, there, g)
         column: dict[str, Array] = dict(zip(larger.coefficients, seen.jacobian.T, strict=True))
         if not {f"{channel}.k1" for channel in sensor.channels} <= set(sensor.coefficients):
-            # With both k1, an error of g differs from k1 by a millionth of its size.
+            # If both k1 are estimated, an error of g differs from k1 by a millionth of its size.
             column["g"] = np.full(len(steps), -1.0)
         families: dict[str, list[str]] = {}
         for k, channel in enumerate(sensor.channels):
@@ -191,9 +192,9 @@ def g_squared_problem(
 
 
 def with_gravity_sensitivity(problem: Problem, estimate: Estimate) -> Estimate:
-    """Return an estimate of `g_squared_problem` with its derivative by the stated gravity.
+    """Return an estimate from `g_squared_problem` with its sensitivity to the stated gravity.
 
-    All residuals g − ‖f̂‖ increase by dg: dc = P Jᵀ W 1 dg.
+    If gravity increases by dg, all residuals g − ‖f̂‖ do too: dc = P Jᵀ W 1 dg.
     """
     _, jacobian = problem.linearise(estimate.value)
     assert not callable(problem.noise)
@@ -210,7 +211,7 @@ def covariance_along(up: Array, covariance: Array) -> Array:
     up : (r, 2) array
         Unit vectors.
     covariance : (..., 2r, 2r) array
-        Of all readings, row after row.
+        Covariance of all readings, row after row.
     """
     r = len(up)
     rows = np.zeros((r, r, 2))
@@ -229,12 +230,12 @@ def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
 def require_determined(
     sensor: Sensor, bench: DividingHead, steps: Indexings, priors: Priors
 ) -> None:
-    """Refuse coefficients that g² and the priors leave free at the nominal sensor.
+    """Raise NotObserved if g² and the priors leave coefficients free at the nominal sensor.
 
     Raises
     ------
     NotObserved
-        Naming the null directions.
+        Coefficients are free; the message names the null directions.
     """
     nominal = sensed_motion(bench, steps, {}).f[..., :2]
     r = len(steps)
@@ -254,23 +255,23 @@ def require_determined(
 
 
 def with_prior_advice(error: NotObserved) -> NotObserved:
-    """Return the refusal of g² with the priors that would help."""
+    """Return the error with advice on the priors that would help."""
     advice = "give priors of kip (single tests) and k3 (a centrifuge), or use estimator joint"
     return NotObserved(f"{error}; {advice}", error.directions, names=error.names)
 
 
 def centred_priors(priors: Priors) -> tuple[Gaussian, ...]:
-    """Return the priors about the nominal sensor."""
+    """Return the priors relative to the nominal sensor."""
     return tuple(replace(prior, mean=np.zeros(len(prior.names))) for prior in priors)
 
 
 def require_enough_positions(sensor: Sensor, steps: Indexings) -> None:
-    """Refuse positions too few for g² of two accelerometers, with any priors.
+    """Raise NotObserved if the positions are too few for g², even with priors.
 
     Raises
     ------
     NotObserved
-        With a sufficient number of positions.
+        The message states a sufficient number of positions.
     """
     names = [("delta" if name in MOUNTING_ANGLES else name) for name in sensor.coefficients]
     wanted = [k for k, name in enumerate(TERMS) if name in names]
@@ -287,25 +288,25 @@ def require_enough_positions(sensor: Sensor, steps: Indexings) -> None:
         raise NotObserved(
             f"{different} different positions determine only {shown} of the {possible} "
             "combinations of coefficients that g² can determine; use 8 or more evenly spaced "
-            "positions, best 12 (30° apart)",
+            "positions, ideally 12 (30° apart)",
             key="steps",
         )
 
 
 def require_fixture_sensor(sensor: Sensor, *, allow_single: bool = False) -> None:
-    """Refuse a sensor that is not the fixture's.
+    """Raise InputError if the sensor does not fit the fixture.
 
     Parameters
     ----------
     sensor : Sensor
     allow_single : bool
-        Whether one accelerometer, of any name, is sufficient.
+        Whether one accelerometer, with any name, is sufficient.
 
     Raises
     ------
     InputError
-        Other axes than two accelerometers a and b, along x and y with P in the plane; or mounting
-        angles in the reference form.
+        The axes are not two accelerometers a and b, along x and y with P in the plane, or the
+        sensor has mounting angles in the reference form.
     """
     x, y, back = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
     one = allow_single and len(sensor.axes) == 1
@@ -316,7 +317,7 @@ def require_fixture_sensor(sensor: Sensor, *, allow_single: bool = False) -> Non
         others = ", or one accelerometer along x" if allow_single else ""
         raise InputError(
             f"sensor {sensor.name} does not fit the fixture, which has two accelerometers: a "
-            f"along x with P along y, and b along y with P against x{others}",
+            f"along x with P along y, and b along y with P along −x{others}",
             key="[sensor]",
             names=sensor.channels,
         )

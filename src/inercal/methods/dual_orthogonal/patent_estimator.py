@@ -1,27 +1,28 @@
-"""The patent's method: K0 and k1 + K3 from the four points, the rest from g² with priors.
+"""The patent's method: K0 and k1 + K3 from four cardinal positions, the rest from g² and priors.
 
-The results of the four points are fixed, and ‖f̂‖ = g at the other positions determines δ, K2, Kip
-and K3, with k1 = (k1 + K3) − K3. There K_A3 and K_B3 have the same effect: their difference, and
-with it that of the k1, needs a prior. With δ the four points are computed again, then the rest.
+The results from the four positions are fixed. Then ‖f̂‖ = g at the other positions determines δ,
+K2, Kip and K3, with k1 = (k1 + K3) − K3. K_A3 and K_B3 have the same effect there, so their
+difference needs a prior, and so does the difference between the k1. Once δ is known, the results
+from the four positions are computed again, and then the others.
 
-The four cardinal positions give bias, gain and K2 of both accelerometers by sums and differences.
-With u and v the readings of a level accelerometer (0° and 180° for A, 270° and 90° for B) and n, m
-those of a vertical one, up and down (90° and 270°, 0° and 180°), in g::
+Sums and differences of the readings at the four cardinal positions give bias, gain and K2 of both
+accelerometers. With u and v the readings of a level accelerometer (0° and 180° for A, 270° and 90°
+for B) and n, m those of a vertical one, up and down (90° and 270°, 0° and 180°), in g::
 
     K0 = (u + v)/2        k1 + K3 = √(((n − m)/2)² + ((u − v)/2)²) − 1        K2 = (n + m)/2 − K0
 
-The head is trimmed so that the angles of a pair differ by less than the autocollimator resolves.
-The root corrects for the mounting angle: to lowest order it adds ½ ((u − v)/2)², without which an
-angle of 300″ leaves 1.1 µg.
+The head is trimmed so that the angles of a pair differ by less than the autocollimator's
+resolution. The root corrects for the mounting angle. To lowest order it adds ½ ((u − v)/2)²;
+without it an angle of 300″ would cause an error of 1.1 µg.
 
-That angle is of the level positions; the head's error makes the angle of the vertical positions
-different. There the other accelerometer is level and determines it, once δ is known from g²::
+That angle is measured at the level positions, but the head's error is different at the vertical
+positions. There the other accelerometer is level and determines the angle, once g² has given δ::
 
     k1 + K3 = (n − m) / (2 cos φ) − 1        φ_A = φ of B − δ        φ_B = φ of A + δ
 
 Sources: CN101852817A, steps 4 to 6, equations 5 to 19, with the exact observation instead of the
 linear one, which fails at a bias of 1 mg and a mounting angle of 300″; CN101852817A, step 4,
-equations 17 and 18; the root and φ are ours.
+equations 17 and 18; the root and φ are our own.
 """
 
 from dataclasses import replace
@@ -44,13 +45,13 @@ from inercal.physics.plan import Indexings
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
-# Of A and B, as indices of `CARDINAL_ANGLES`
+# For A and B, as indices of `CARDINAL_ANGLES`
 _LEVEL_ROWS, _VERTICAL_ROWS = ((0, 2), (3, 1)), ((1, 3), (0, 2))
 _FOUR_POINT_TERMS = ("k0", "k1")
 
 
 class FourPoints(NamedTuple):
-    """Of A and B, (..., 2) each, in g."""
+    """Results from the four cardinal positions for A and B, (..., 2) each, in g."""
 
     k0: Array
     gain: Array  # k1 + K3
@@ -65,9 +66,9 @@ def four_points(y: Array, delta: Array | None = None, *, corrected: bool = True)
     y : (..., 4, 2) array
         Readings of A and B at 0°, 90°, 180°, 270°, g.
     delta : (...) array, optional
-        δ = δ_B − δ_A if it is known, rad.
+        δ = δ_B − δ_A if known, rad.
     corrected : bool
-        Whether the gain is corrected for the mounting angle; False is for comparison.
+        Whether to correct the gain for the mounting angle; False is only for comparison.
     """
     k0, gain, k2, half, tilt = (np.empty((*y.shape[:-2], 2)) for _ in range(5))
     for k in range(2):
@@ -91,7 +92,7 @@ def averaging_matrix(steps: Indexings) -> Array:
     Raises
     ------
     NotObserved
-        A cardinal position that was not visited.
+        A cardinal position is missing.
     """
     there = np.array(
         [[matches_any_angle(step.angle, [angle]) for step in steps] for angle in CARDINAL_ANGLES]
@@ -111,11 +112,11 @@ def averaging_matrix(steps: Indexings) -> Array:
 
 
 class _CoefficientMaps(NamedTuple):
-    """Coefficients as linear in the fixed k0 and gain of a and b, (p, 4), and in the rest."""
+    """Coefficients as a linear function of k0 and gain of a and b, (p, 4), and of the others."""
 
     from_four_points: Array
     from_second_stage: Array
-    names: tuple[str, ...]  # of the rest
+    names: tuple[str, ...]  # of the other coefficients
 
 
 def two_stage_estimate(
@@ -125,14 +126,16 @@ def two_stage_estimate(
     steps: Indexings,
     priors: Priors,
 ) -> Estimate:
-    """Return the coefficients with the covariance of both stages, readings and bench together.
+    """Return the coefficients with the joint covariance of both stages.
+
+    The covariance includes the readings and the bench.
 
     Raises
     ------
     InputError
-        Priors on coefficients of the four points, or a sensor without k0 and k1 of both.
+        There are priors on coefficients from the four positions, or the sensor lacks k0 or k1.
     NotObserved
-        Missing cardinal positions, too few others, or K3 without a prior.
+        Cardinal positions are missing, there are too few others, or K3 has no prior.
     """
     maps = _coefficient_maps(sensor, bench.gravity.value)
     if beyond := sorted({name for prior in priors for name in prior.names} - set(maps.names)):
@@ -166,7 +169,8 @@ def two_stage_estimate(
     requested = _second_stage_problem(seen_there, sensor, bench, maps, up, fixed, tuple(priors))
     second = least_squares(requested)
     if set(g_squared.MOUNTING_ANGLES) <= set(maps.names):
-        # With δ, the angle of each gain is that of its own positions, free of the head's error.
+        # Once δ is known, the angle for each gain comes from its own positions, and the head's
+        # error drops out.
         delta = np.diff(second.select(g_squared.MOUNTING_ANGLES).value)[..., 0]
         fixed = held(observations.mean, delta)
         second = least_squares(
@@ -197,7 +201,7 @@ def two_stage_estimate(
         wanted=sensor.coefficients,
         value=value,
         covariance=np.broadcast_to(covariance, (*value.shape, value.shape[-1])),
-        # The residuals contain the errors of the fixed values besides noise: no test of either.
+        # The residuals contain the errors of the fixed values besides noise, so they test neither.
         chi2=np.zeros(value.shape[:-1]),
         dof=0,
         rank=structure.rank,
@@ -231,23 +235,23 @@ def _two_stage_covariance(
     readings: Array,
     priors: Priors,
 ) -> tuple[Array, Array]:
-    """Return the covariance of all coefficients, and their derivative by the readings, (p, 2r).
+    """Return the covariance of all coefficients, and their sensitivity to the readings, (p, 2r).
 
-    Both stages are linear in the readings. The second changes by dx = H⁻¹JᵀW dr with its residual,
-    dr = −∂‖f̂‖/∂y dy − ∂‖f̂‖/∂c (held) dy, H⁻¹ = `inside` and W⁻¹ = `noise`; priors have errors of
-    their own covariance.
+    Both stages are linear in the readings. The result of the second stage changes with its residual
+    by dx = H⁻¹JᵀW dr, where dr = −∂‖f̂‖/∂y dy − ∂‖f̂‖/∂c (held) dy, H⁻¹ = `inside` and
+    W⁻¹ = `noise`. The priors' errors have the priors' covariance.
 
     Parameters
     ----------
     maps : _CoefficientMaps
     seen : SquaredComparison
-        Of the other positions, at the nominal sensor.
+        The comparison at the other positions, at the nominal sensor.
     others : list of int
-        Their rows.
+        Rows of the other positions.
     to_held : (4, 2r) array
         ∂(held)/∂y.
     inside, noise, readings : arrays
-        Covariance of the second stage alone, of its residuals and of all readings, (2r, 2r).
+        Covariance of the second stage only, of its residuals and of all readings, (2r, 2r).
     priors : sequence of Gaussian
     """
     n = len(others)
@@ -295,7 +299,7 @@ def _second_stage_problem(
     fixed: Array,
     priors: tuple[Gaussian, ...],
 ) -> Problem:
-    """Return the problem of g² at the other positions, of the coefficients that are not fixed."""
+    """Return the problem of g² at the other positions, with the coefficients that are not fixed."""
     g = bench.gravity.value
     base = fixed @ maps.from_four_points.T
     noise = g_squared.covariance_along(up, others.full_covariance) + bench.gravity.sd**2
@@ -323,12 +327,12 @@ def _second_stage_problem(
 
 
 def _require_enough(sensor: Sensor, steps: Indexings, others: list[int]) -> None:
-    """Refuse positions too few for δ, K2 and Kip, with any priors.
+    """Raise NotObserved if the positions are too few for δ, K2 and Kip, even with priors.
 
     Raises
     ------
     NotObserved
-        With a sufficient number of positions.
+        The message states a sufficient number of positions.
     """
     wanted = [
         k

@@ -1,25 +1,24 @@
 """Calibration by hand in many positions, with gravity as the only reference.
 
-At each rest specific force has the norm g in any attitude: the accelerometers' bias, scale factor
-and non-orthogonality follow from the norms. Between two rests the gyros propagate the direction of
-gravity, which must agree with the accelerometers at the second rest: the gyros' scale factor and
-misalignment to the accelerometers' frame follow from the rotations, their bias and sensitivity to
-acceleration from the rates at rest. The frame is that of the accelerometers: x along the first
-input axis, y in the plane of the first two.
+At each rest the specific force has the norm g, in any attitude. The norms therefore determine the
+accelerometers' bias, scale factor and non-orthogonality. Between two rests the gyros propagate the
+direction of gravity, which must agree with the accelerometers at the second rest. The rotations
+determine the gyros' scale factor and misalignment relative to the accelerometers' frame. The rates
+at rest determine the gyros' bias and sensitivity to acceleration. The frame is that of the
+accelerometers: x along the first input axis, y in the plane of the first two.
 
-Each kind of rows has its own χ² test. Where χ² exceeds its 95 % bound, the scatter that explains it
-is added to the noise. Where it is below its 1 % bound, the samples contain the hand's wobble, and
-only a share of their scatter is noise (`inercal.estimation.residual_scatter`); noise that a table
-of means states is not reduced. Terms that the model
-omits are tested with the noise before anything is added
-(`inercal.methods.multi_position.rest_candidates`).
+Each kind of row has its own χ² test. If χ² exceeds its 95 % bound, the scatter that explains it is
+added to the noise. If χ² is below its 1 % bound, the samples contain hand tremor, and only a share
+of their scatter counts as noise (`inercal.estimation.residual_scatter`). Noise that a table of
+means states is not reduced. Terms that the model omits are tested with the noise before anything is
+added (`inercal.methods.multi_position.rest_candidates`).
 
-The gyros' delay against the accelerometers follows from the way between rests. Gravity's direction
-u, propagated by the rate, obeys u̇ = u × ω. If the gyros lag by τ, so does u, and the specific
-force is ahead of g u by τ g u × ω. Each transition gives the τ of its best fit. The hand's
-acceleration changes these values independently, so their scatter gives the uncertainty.
+The gyros' delay relative to the accelerometers is estimated from the motion between rests.
+Gravity's direction u, propagated by the rate, obeys u̇ = u × ω. If the gyros lag by τ, so does u,
+and the specific force is ahead of g u by τ g u × ω. Each transition gives the τ that fits it best.
+The hand's acceleration changes these values independently, so their scatter gives the uncertainty.
 
-Advice names what would improve a result.
+The advice names attitudes that would improve a result.
 
 Sources: Skog and Händel, "Calibration of a MEMS inertial measurement unit", XVII IMEKO World
 Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rotations between rests).
@@ -53,17 +52,16 @@ from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.observability import require_observed
 from inercal.methods.residuals import norm_residuals
-from inercal.physics.earth import COMPUTED_GRAVITY_SD
 from inercal.physics.plan import HandSteps
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_words import coefficient_words
 from inercal.recordings import Finding, Observations
 
-_MIN_IMPROVEMENT = 1.5  # times: less gain is not worth the hand's trouble
-_ADVISED_ATTITUDES = 3  # attitudes advised where a result is weak
+_MIN_IMPROVEMENT = 1.5  # factor; a smaller improvement is not worth the user's effort
+_ADVISED_ATTITUDES = 3  # number of attitudes advised if a result is weak
 _SHARED = ("g", "timebase")  # parameters of the bench whose errors all coefficients share
-_TEST_LEVEL = 1e-3  # that rates without a sensitivity look like it
-_MIN_PASSAGES = 5  # transitions: of fewer, the scatter says too little
+_TEST_LEVEL = 1e-3  # probability of a false finding if the gyros are not sensitive to g
+_MIN_PASSAGES = 5  # transitions; with fewer, the scatter is too uncertain
 _SIGN_NOTE = (
     "Norms at rest cannot detect a reversed axis or two exchanged axes. Compare the sign of each "
     "axis with its attitude in one rest."
@@ -73,27 +71,28 @@ _SIGN_NOTE = (
 def joint(
     observations: Observations, sensor: Sensor, bench: Hand, steps: HandSteps, priors: Priors = ()
 ) -> Estimate:
-    """Return all coefficients from norms, rates and rotations together: maximum likelihood.
+    """Return all coefficients by maximum likelihood from norms, rates and rotations together.
 
     Parameters
     ----------
     observations : Observations
-        Rows are rests, with the transitions between them where there are gyros.
+        The rows are rests, with the transitions between them if there are gyros.
     sensor : Sensor
-        With the coefficients that are wanted.
+        The sensor with the coefficients to estimate.
     bench : Hand
         Gravity and the earth's rate.
     steps : sequence of HandStep
-        Unused: attitudes are estimated from the readings.
+        Unused, because attitudes are estimated from the readings.
     priors : sequence of Gaussian
-        On coefficients, from elsewhere.
+        Priors on coefficients, from other measurements.
 
     Raises
     ------
     InputError
-        Observations with a trial axis.
+        The observations have a trial axis.
     NotObserved
-        Coefficients that these rests and transitions do not determine, and what to add.
+        These rests and transitions do not determine some coefficients. The message says what to
+        add.
     """
     rests = _checked_rests(observations, sensor, bench, priors)
     last = stages.fit_accelerometers(rests, priors)
@@ -107,7 +106,8 @@ def sequential(
 ) -> Estimate:
     """Estimate the accelerometers from norms only, then the gyros with the accelerometers fixed.
 
-    The accelerometers' covariance enters that of the gyros. Parameters and errors as for `joint`.
+    The accelerometers' covariance is included in the gyros'. The parameters and errors are as for
+    `joint`.
     """
     rests = _checked_rests(observations, sensor, bench, priors)
     last = stages.fit_accelerometers(rests, priors)
@@ -137,9 +137,9 @@ def _checked_rests(
 def _final_estimate(rests: Rests, last: stages.FitStage, priors: Priors) -> Estimate:
     estimate = last.estimate
     require_observed(estimate, rests.sensor, missing=())
-    notes = gravity_notes(rests, estimate)
-    if not rests.temperature_offsets.ndim:  # else another temperature may help as well
-        notes += advice(rests, estimate)
+    notes: tuple[str, ...] = ()
+    if not rests.temperature_offsets.ndim:  # otherwise another temperature may also help
+        notes = advice(rests, estimate)
     if rests.transitions is None:
         notes += (_SIGN_NOTE,)
     return replace(
@@ -151,7 +151,7 @@ def _final_estimate(rests: Rests, last: stages.FitStage, priors: Priors) -> Esti
 
 
 def _remarks(fit: Fit[Hand, Any]) -> Remarks:
-    """Return the delay of the gyros, where the run file requests it."""
+    """Return the gyros' delay if the run file requests it."""
     if not np.all(fit.estimate.converged):
         return Remarks()
     findings = g_sensitivity_findings(Rests(fit.observations, fit.sensor, fit.bench), fit.estimate)
@@ -169,8 +169,8 @@ def gyro_delay(
 ) -> Measured:
     """Return how much later the gyros' samples are than the accelerometers', s.
 
-    The mean over transitions, each with the weight of its own turning; its uncertainty from their
-    scatter (Cochran 1977, Sampling Techniques, 2.30, of a ratio).
+    This is the mean over transitions, each weighted by how far it turned. The uncertainty comes
+    from the scatter (Cochran 1977, Sampling Techniques, 2.30, for a ratio).
 
     Parameters
     ----------
@@ -178,14 +178,14 @@ def gyro_delay(
         Rests with the transitions between them.
     sensor : Sensor
     estimate : Estimate
-        Of the sensor's coefficients.
+        Estimate of the sensor's coefficients.
     gravity : float
         m/s².
 
     Raises
     ------
     NotObserved
-        Too few transitions, or nothing turned.
+        There are too few transitions, or there was no useful rotation.
     """
     from inercal.methods.multi_position._kernels import delay_sums  # loads Numba
 
@@ -225,13 +225,13 @@ def gyro_delay(
 
 
 def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
-    """Return attitudes to add and the resulting uncertainty, where they would reduce it much.
+    """Return attitudes to add and the resulting uncertainty, if they would reduce it much.
 
-    Computed from the information matrix, with the estimated noise and scatter.
+    The uncertainty is computed from the information matrix, with the estimated noise and scatter.
     """
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
     unit_scale = sensor.unit_scale
-    # More attitudes do not reduce the parts of gravity and of the recording's clock.
+    # More attitudes do not reduce the contributions from gravity and from the recording's clock.
     shared = np.stack([_shifts(estimate, name)[:p] / unit_scale for name in _SHARED])
     covariance = estimate.covariance[:p, :p] / np.outer(unit_scale, unit_scale)
     covariance -= shared.T @ shared
@@ -266,40 +266,8 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     )
 
 
-def gravity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
-    """Return a note where gravity dominates the U of scale factors: no attitude reduces that part.
-
-    The remaining U is that with gravity computed from latitude and height.
-    """
-    sensor, gravity = rests.sensor, rests.bench.gravity
-    if not gravity.sd > COMPUTED_GRAVITY_SD:
-        return ()
-    p = len(sensor.coefficients)
-    part = _shifts(estimate, "g")[:p] ** 2
-    old = estimate.std[:p]
-    left = (COMPUTED_GRAVITY_SD / gravity.sd) ** 2
-    new = np.sqrt(np.maximum(old**2 - (1 - left) * part, 0.0))
-    weak = np.flatnonzero(old > _MIN_IMPROVEMENT * new)
-    if not weak.size:
-        return ()
-    names = [sensor.coefficients[k] for k in weak]
-    k = int(weak[np.argmax(new[weak])])
-    line = sensor.coefficient(sensor.coefficients[k])
-    before, after = (
-        format_value_and_uncertainty(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)
-    )
-    u = format_value_and_uncertainty(0.0, COVERAGE * gravity.sd)[1]
-    words = coefficient_words(sensor, ", ".join(names), names)
-    return (
-        f"Most of the U of the {words} comes from gravity (± {u} m/s²), so no further "
-        "attitude can reduce it. State latitude and height, or measured gravity, in [bench]. With "
-        f"latitude and height the U of {sensor.coefficients[k]} would drop from {before} to "
-        f"{after} {line.unit}.",
-    )
-
-
 def _shifts(estimate: Estimate, name: str) -> Array:
-    """Return the shift of each value by one standard deviation of a parameter of the bench."""
+    """Return each value's shift if a bench parameter changes by one standard deviation."""
     if name not in estimate.names:
         return np.zeros(len(estimate.names))
     column = estimate.covariance[:, estimate.names.index(name)]
@@ -308,9 +276,9 @@ def _shifts(estimate: Estimate, name: str) -> Array:
 
 
 def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, ...]:
-    """Return a finding where the rates at rest follow gravity and the gyros' model has no g term.
+    """Return a finding if the rates at rest follow gravity but the gyro model has no g term.
 
-    An F test of the rates' residuals against the attitude, at 0.1 %.
+    This is an F test of the rates' residuals against the attitude, at the 0.1 % level.
     """
     group = next((group for group in estimate.groups if group.name == "rates"), None)
     names = rests.sensor.coefficients
@@ -338,7 +306,7 @@ def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, .
 
 
 def _residual_sum_of_squares(design: Array, y: Array) -> float:
-    """Return the residual sum of squares of a linear model."""
+    """Return the residual sum of squares of a linear regression."""
     return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) ** 2))
 
 
@@ -358,6 +326,6 @@ METHOD = Method(
     estimators={"joint": joint, "sequential": sequential},
     source="Skog and Händel, IMEKO 2006; Tedaldi, Pretto, Menegatti, ICRA 2014",
     unknown_attitudes=True,
-    frame=triangular_frame,  # without a mounting, the accelerometers' own
+    frame=triangular_frame,  # the accelerometers' own frame, because there is no mounting
     remarks=_remarks,
 )

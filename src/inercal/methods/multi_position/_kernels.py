@@ -1,16 +1,17 @@
-"""Compiled: the rotation of each transition by integrated rates, sample by sample.
+"""Compiled integration of the rotation in each transition, sample by sample.
 
 With ω̂ = W y + w₀ the corrected rate of a sample and φ the rotation of one step between samples
-(rates taken as linear in between; Magnus series to fourth order in the step)::
+(the rate is assumed linear in between; Magnus series to fourth order in the step)::
 
     φ = ½ (ω₀ + ω₁) Δt + Δt²/12 ω₀ × ω₁
     u₁ = E u₀,   E = exp(−[φ×])           a direction fixed in space, seen from the turning body
     ψ₁ = E (ψ₀ + ½ dφ) + ½ dφ             turn of the end frame by errors of the rate, dφ = δω Δt
 
-so that δu = u × ψ at the end. Arrays are copied number by number: an array put into a slice takes
-Numba seconds to compile. Miller (1983), J. Guidance 6(4), 287–291, for the two-sample step.
+so that δu = u × ψ at the end. Arrays are copied number by number, because Numba takes seconds to
+compile the assignment of an array to a slice. Two-sample step: Miller (1983), J. Guidance 6(4),
+287–291.
 """
-# Numba's decorator has no types.
+# Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
 
 import numpy as np
@@ -41,31 +42,31 @@ def integrate_transitions(
     white: Array,
     weight: Array,
 ) -> tuple[Array, Array, Array]:
-    """Return rotation, sensitivity and noise of each of k transitions.
+    """Return the rotation, sensitivity and noise of each of k transitions.
 
     Parameters
     ----------
     time, output, start, left, reached, stop
-        Of `inercal.recordings.Transitions`.
+        As in `inercal.recordings.Transitions`.
     back, zero : (6, m) and (6,) arrays
-        f and ω from the output: back @ y + zero, SI.
+        f and ω computed from the output: back @ y + zero, SI.
     white : (3, 3) array
-        Covariance of one sample of the rate, as far as it is white, (rad/s)².
+        Covariance of the white part of one rate sample, (rad/s)².
     weight : (n,) array
-        Of each sample in the sensitivity; (0,) is 1 for all.
+        Weight of each sample in the sensitivity; shape (0,) means 1 for all.
 
     Returns
     -------
     rotation : (k, 3, 3) array
-        From the body's frame before to that after.
+        From the body frame before the transition to the one after it.
     sensitivity : (k, 3, 3, 7) array
-        Σ C ⊗ (f, ω, 1) Δt with C the rotation from a sample's frame to the last: [a, b, j] is what
-        a rate error along b in proportion to quantity j turns about a at the end.
+        Σ C ⊗ (f, ω, 1) Δt with C the rotation from a sample's frame to the last: [a, b, j] is the
+        final turn about a that a rate error along b causes, if it is proportional to quantity j.
     noise : (k, 3, 3) array
-        Covariance of ψ by the rate's white noise on the way from `left` to `reached`, rad².
+        Covariance of ψ due to the rate's white noise between `left` and `reached`, rad².
     """
     count = start.size
-    # Allocated here: in a kernel each shape takes a tenth of a second to compile.
+    # Allocated here, because in a kernel each shape takes a tenth of a second to compile.
     rotation, noise = np.empty((count, 3, 3)), np.empty((count, 3, 3))
     sensitivity = np.empty((count, 3, 3, 7))
     _integrate(
@@ -92,7 +93,7 @@ def _integrate(
     noise: Array,
 ) -> None:
     sensed, last, result = np.empty(7), np.empty(7), np.empty(7)
-    # Rows of the sensitivity, (b, quantity), as separate arrays of the kernel: the compiler then
+    # Rows of the sensitivity, (b, quantity), are separate arrays of the kernel, so the compiler
     # knows that they do not overlap.
     s0, s1, s2 = np.empty(21), np.empty(21), np.empty(21)
     r, p, e, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
@@ -143,7 +144,7 @@ def _integrate(
             e00, e01, e02 = e[0, 0], e[0, 1], e[0, 2]
             e10, e11, e12 = e[1, 0], e[1, 1], e[1, 2]
             e20, e21, e22 = e[2, 0], e[2, 1], e[2, 2]
-            # Half of a step's error is made before it and half after.
+            # Half of a step's error occurs before it and half after.
             for j in range(7):
                 half = 0.25 * dt * (before * last[j] + now * sensed[j])
                 s0[j] += half
@@ -194,16 +195,16 @@ def delay_sums(
     before: Array,
     g: float,
 ) -> tuple[Array, Array]:
-    """Return Σ d·(f − g u) and Σ d·d over each transition, d = g u × ω: their ratio is a delay, s.
+    """Return Σ d·(f − g u) and Σ d·d for each transition; their ratio is a delay, s; d = g u × ω.
 
     Parameters
     ----------
     time, output, left, reached
-        Of `inercal.recordings.Transitions`.
+        As in `inercal.recordings.Transitions`.
     back, zero : (6, m) and (6,) arrays
-        f and ω from the output, SI.
+        f and ω computed from the output, SI.
     before : (k, 3) array
-        Up in the body's frame in the rest before, unit vectors.
+        Up in the body frame during the rest before each transition, unit vectors.
     g : float
         m/s².
     """
@@ -217,7 +218,7 @@ def delay_sums(
                 last[j] = sensed[j]
             _corrected_motion(sensed, back, zero, output, i)
             if i > left[k]:
-                # u turns by u × ω; the middle of the step makes it second order.
+                # u turns by u × ω; using the middle of the step makes it second order.
                 h = 0.5 * (time[i] - time[i - 1])
                 p, q = h * (last[3] + sensed[3]), h * (last[4] + sensed[4])
                 r = h * (last[5] + sensed[5])

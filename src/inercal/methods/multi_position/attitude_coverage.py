@@ -1,17 +1,19 @@
-"""What a set of attitudes determines, what is missing, and which attitude to add next.
+"""Which coefficients a set of attitudes determines, and which attitude to add next.
 
-The criterion is the geometry alone: the deviation of each combination of coefficients if every norm
-were wrong by 1 mg and every rotation by 10 mrad (and every rate by 10 mrad/s). These errors exceed
-the noise of any sensor; bending, temperature and the hand cause errors of this size. A combination
-that they would shift by a tenth of its natural size is not observed, however quiet the sensor.
+The criterion depends only on the geometry. It is the deviation of each combination of coefficients
+if every norm were wrong by 1 mg and every rotation by 10 mrad (and every rate by 10 mrad/s). These
+errors exceed the noise of any sensor; bending, temperature and the hand cause errors of this size.
+If they would shift a combination by a tenth of its natural size, it is not observed, however quiet
+the sensor is.
 
-Attitudes to add are taken one after another from the 26 directions of a cube's faces, edges and
-corners: each time the one that, with the turn that leads to it, adds most to the determinant of
-the information matrix (D-optimal; Fedorov 1972, Theory of Optimal Experiments, chapter 3).
+Attitudes to add are selected one after another from the 26 directions of a cube's faces, edges and
+corners. Each time this is the attitude that, with the turn that leads to it, increases the
+determinant of the information matrix most (D-optimal; Fedorov 1972, Theory of Optimal Experiments,
+chapter 3).
 
-Rests and turns that do not determine the coefficients are refused. A combination of coefficients is
-not observed where the errors of a geometry (`attitude_coverage.GeometryErrors`) would shift it by a
-tenth of its natural size (10 % of scale, 0.1 g of bias, 0.1 rad).
+An error is raised if the rests and turns do not determine the coefficients: the errors
+(`attitude_coverage.GeometryErrors`) would shift a combination of coefficients by a tenth of its
+natural size (10 % of scale, 0.1 g of bias, 0.1 rad).
 """
 
 from collections.abc import Sequence
@@ -35,23 +37,23 @@ from inercal.physics.motion import Motion
 from inercal.physics.plan import Hold
 from inercal.physics.sensors import G0, Sensor, imu
 
-_COVERED_COSINE = np.cos(np.pi / 4)  # a rest within 45° of an axis counts for it
-_TARGET_DEVIATION = 0.01  # of the natural size: what to add is named until the geometry gives this
-WORST_FORCE = 1e-3 * G0  # m/s², of a norm
-WORST_TURN = 1e-2  # rad of a rotation, and rad/s of a rate
+_COVERED_COSINE = np.cos(np.pi / 4)  # a rest within 45° of an axis covers it
+_TARGET_DEVIATION = 0.01  # of the natural size; attitudes are added until the geometry reaches it
+WORST_FORCE = 1e-3 * G0  # m/s², error of a norm
+WORST_TURN = 1e-2  # rad, error of a rotation; rad/s, error of a rate
 MOVE_SECONDS = 2.0
-_TURN_STEPS = 8  # of a turn, each at a constant attitude
-_MAX_ATTITUDES = 6  # attitudes to name
-# Of information, beside 100 for what counts as observed: finite determinants
+_TURN_STEPS = 8  # number of steps per turn, each at a constant attitude
+_MAX_ATTITUDES = 6  # number of attitudes to name
+# Information relative to 100, the value that counts as observed; it keeps determinants finite
 _REGULARISATION = 1e-3
-_MAX_TURN_COSINE = 0.8  # cosine: a turn of 37 to 143° is easy by hand, and its way is no question
+_MAX_TURN_COSINE = 0.8  # turns of 37 to 143° are easy by hand, and their path is unambiguous
 
 _CORNERS = np.array([v for v in product((0.0, 1.0, -1.0), repeat=3) if any(v)])
 CUBE_DIRECTIONS: Array = _CORNERS / np.linalg.norm(_CORNERS, axis=1, keepdims=True)
 
 
 class GeometryErrors(NamedTuple):
-    """Standard deviations of a norm, m/s², of a rate, rad/s, and across a rotation, rad."""
+    """Standard deviations of a norm, m/s², of a rate, rad/s, and of a rotation, rad."""
 
     norm: float = WORST_FORCE
     rate: float = WORST_TURN
@@ -59,9 +61,9 @@ class GeometryErrors(NamedTuple):
 
 
 def rest_rows(sensor: Sensor, up: Array, g: float, errors: GeometryErrors) -> Array:
-    """Return the Jacobian of a rest in each attitude by the coefficients, (r, 1 or 4, p).
+    """Return the Jacobian of a rest in each attitude for the coefficients, (r, 1 or 4, p).
 
-    Rows are whitened by `errors`, columns in natural sizes. `up` is (r, 3).
+    Rows are whitened by `errors`, and columns are in natural sizes. `up` is (r, 3).
     """
     force = sensor.select_axes("f")
     p, a = len(sensor.coefficients), len(force.coefficients)
@@ -79,14 +81,14 @@ def rest_rows(sensor: Sensor, up: Array, g: float, errors: GeometryErrors) -> Ar
 def turn_rows(
     sensor: Sensor, before: Array, after: Array, g: float, errors: GeometryErrors
 ) -> Array:
-    """Return the Jacobian of turns by the shortest way, (k, 2, p), whitened and in natural sizes.
+    """Return the whitened Jacobian of turns along the shortest path, (k, 2, p), in natural sizes.
 
     Parameters
     ----------
     sensor : Sensor
-        With gyros.
+        A sensor with gyros.
     before : (3,) array
-        Up in the body's frame before all turns, a unit vector.
+        Up in the body frame before each turn, a unit vector.
     after : (k, 3) array
         Up after each turn; neither parallel nor opposite to `before`.
     g : float
@@ -97,7 +99,7 @@ def turn_rows(
     sine = np.linalg.norm(axis, axis=1, keepdims=True)
     turn = axis / sine * np.arctan2(sine, after @ before[:, None])
     left = 1 - (np.arange(_TURN_STEPS) + 0.5) / _TURN_STEPS
-    # The body turns by +angle about the axis, so what is fixed in space turns by −angle in it.
+    # The body turns by +angle about the axis, so a fixed direction turns by −angle in the body.
     to_end = exp_so3(-turn[:, None] * left[:, None])
     sensed = np.ones((len(after), _TURN_STEPS, 7))
     sensed[..., :3] = g * (np.swapaxes(to_end, -1, -2) @ after[:, None, :, None])[..., 0]
@@ -117,21 +119,21 @@ def next_attitudes(
     target_deviation: float,
     max_attitudes: int = _MAX_ATTITUDES,
 ) -> tuple[list[Array], Array]:
-    """Return attitudes to add, and the information matrix with them.
+    """Return attitudes to add and the information matrix that results.
 
     Parameters
     ----------
     sensor : Sensor
     information : (p, p) array
-        Of what is there, in natural sizes.
+        Information from the existing rests, in natural sizes.
     last : (3,) array
-        Up at the last rest.
+        Up in the body frame at the last rest.
     g : float
     errors : GeometryErrors
     target_deviation : float
         Stop when every combination has at most this deviation, in natural sizes.
     max_attitudes : int
-        Stop after so many.
+        Stop after this number of attitudes.
     """
     turning = len(sensor.axes) > len(sensor.select_axes("f").axes)
     at_rest = rest_rows(sensor, CUBE_DIRECTIONS, g, errors)
@@ -151,25 +153,25 @@ def next_attitudes(
 
 
 def _largest_deviation(information: Array) -> float:
-    """Return the largest deviation of a combination, in natural sizes."""
+    """Return the largest deviation that any combination has, in natural sizes."""
     least = float(np.linalg.eigvalsh(information)[0])
     return least**-0.5 if least > 0 else np.inf
 
 
 @cache
 def hand_held_plan(positions: int = 24, seconds: float = 3.0) -> tuple[Hold, ...]:
-    """Return a good sequence of attitudes for an IMU held by hand, +z up first.
+    """Return a good sequence of attitudes for a hand-held IMU, starting with +z up.
 
     Parameters
     ----------
     positions : int
     seconds : float
-        Of each rest.
+        Duration of each rest, s.
 
     Raises
     ------
     InputError
-        Fewer positions than an accelerometer triad has coefficients.
+        There are fewer positions than coefficients of an accelerometer triad.
     """
     if positions < 9:
         raise InputError(
@@ -201,12 +203,13 @@ def hand_held_plan(positions: int = 24, seconds: float = 3.0) -> tuple[Hold, ...
 
 
 def require_coverage(rests: Rests, priors: Priors) -> None:
-    """Refuse attitudes and turns that do not determine the coefficients.
+    """Raise NotObserved if the attitudes and turns do not determine the coefficients.
 
     Raises
     ------
     NotObserved
-        Naming coefficients, free directions, the axes that no rest had up, and what to add.
+        The message names the coefficients, the free directions, the axes that were never up, and
+        the attitudes to add.
     """
     sensor, p, a = rests.sensor, len(rests.sensor.coefficients), len(rests.force.coefficients)
     information = geometry_information(rests, priors)
@@ -231,7 +234,7 @@ def require_coverage(rests: Rests, priors: Priors) -> None:
         G0,
         GeometryErrors(),
         target_deviation=_TARGET_DEVIATION,
-        max_attitudes=max(a + 3 - len(ups), 4),  # the missing rests, and 4 at least
+        max_attitudes=max(a + 3 - len(ups), 4),  # the missing rests, but at least 4
     )
     raise NotObserved(
         f"these data do not determine {', '.join(named)} (free directions, in units of g and "
@@ -243,9 +246,9 @@ def require_coverage(rests: Rests, priors: Priors) -> None:
 
 
 def geometry_information(rests: Rests, priors: Priors) -> Array:
-    """Return the information matrix of rests and turns under the geometry's own errors, (p, p).
+    """Return the information matrix from rests and turns with the geometry's errors, (p, p).
 
-    In natural sizes, at the nominal model; accelerometers and gyros by themselves.
+    It is in natural sizes, at the nominal model, and separate for accelerometers and gyros.
     """
     p, a = len(rests.sensor.coefficients), len(rests.force.coefficients)
     rows = rests.rows(rests.start())
@@ -265,7 +268,7 @@ def geometry_information(rests: Rests, priors: Priors) -> Array:
 
 
 def _coverage_gaps(rests: Rests, ups: Array) -> str:
-    """Say in words what the rests and the turns between them do not cover."""
+    """Describe in words which attitudes the rests and turns do not cover."""
     count, a = len(ups), len(rests.force.coefficients)
     parts = [f"{count} rests"]
     if count < a:
@@ -287,6 +290,6 @@ def _coverage_gaps(rests: Rests, ups: Array) -> str:
 
 
 def attitudes_in_words(ups: Sequence[Array]) -> str:
-    """Return attitudes as an instruction."""
+    """Return attitudes as an instruction to the user."""
     holds = [Hold("", (float(x), float(y), float(z)), 0.0) for x, y, z in ups]
     return f"hold {'; '.join(hold.describe() for hold in holds)}"

@@ -1,28 +1,29 @@
-"""Score test candidates of multi_position: terms that its fits omit or take as known.
+"""Score test candidates for multi_position: terms that its fits omit or treat as known.
 
-A candidate adds an error to the readings. Its error at the rests enters the rows as their noise
-does (`row_whitening.reading_sensitivities`). Its error of the gyros between rests changes the
-rotations of the transitions, which are integrated again with a small step of the candidate::
+A candidate adds an error to the readings. Its error at the rests enters the rows in the same way as
+noise (`row_whitening.reading_sensitivities`). Its gyro error between rests changes the rotations of
+the transitions, which are integrated again with a small step of the candidate::
 
     column = (ρ(ω + δ basis) − ρ(ω)) / δ
 
-The candidates are coefficients of the sensor that are not estimated, gravity, the latitude and the
-clock of the recording as stated, a drift of the biases over the run, and arbitrary errors of single
-rests. Gravity only changes the scale of the accelerometers, and the clock only that of the gyros:
-they are candidates because the verdict lists what no residual shows. Further misalignments of the
-accelerometers are not, because they only turn the frame, which is defined by the accelerometers.
+The candidates are sensor coefficients that are not estimated, the stated gravity and latitude, the
+recording's clock, a drift of the biases over the run, and arbitrary errors of single rests. Gravity
+only changes the scale of the accelerometers, and the clock only that of the gyros. They are
+candidates because the verdict lists effects that no residual shows. Further misalignments of the
+accelerometers are not candidates: they only turn the frame, which the accelerometers define.
 
-The change of the accelerometers within a rest is compared with the tilt by the gyros. A hand sways:
-a tilt across gravity is not a fault. With Δf̂ the change of f̂ from the first half of a rest to the
-second and θ what the corrected rate turns through between their mean attitudes
-(`inercal.recordings.segments.rest_changes`), three rows for each rest are
+The change of the accelerometers' reading within a rest is compared with the tilt that the gyros
+measure. A hand sways, so a tilt relative to gravity is not a fault. Let Δf̂ be the change of f̂
+from the first half of a rest to the second, and θ the rotation between their mean attitudes from
+the corrected rate (`inercal.recordings.segments.rest_changes`). Each rest has three rows
 
     d = Δf̂ − f̂ × θ
 
-whitened by the noise of both. They add no information on the coefficients and are used for tests
-only: of a step in the middle of a rest, which also moves the rest's mean by half the step, and of a
-drift of the biases. The push of a hand scatters d: along gravity and across, each rest is tested
-against the scatter of the others where this exceeds their noise.
+whitened by the noise of both. They add no information about the coefficients and are only used for
+tests. One test is for a step in the middle of a rest, which also moves the rest's mean by half the
+step. The other is for a drift of the biases. A push of the hand increases the scatter of d. Each
+rest is therefore tested against the scatter of the other rests, along gravity and across it, if
+this scatter exceeds their noise.
 """
 
 from collections.abc import Callable, Iterator
@@ -60,22 +61,22 @@ _TESTED_GROUPS = {
     "f": ("nonlinearity", "asymmetry", "cross"),
     "w": ("nonlinearity", "asymmetry", "g"),
 }
-_GRAVITY, _EARTH_UP, _CLOCK = 0, 3, 4  # their places in x behind the coefficients
-_TURN_STEP = 1e-4  # rad that a candidate turns in all transitions at most
+_GRAVITY, _EARTH_UP, _CLOCK = 0, 3, 4  # their indices in x after the coefficients
+_TURN_STEP = 1e-4  # rad, largest turn that a candidate causes over all transitions
 _CHUNK_SAMPLES = 100_000  # samples
-_ROUNDING_LIMIT = 1e-12  # SI per SI unit; less is rounding
+_ROUNDING_LIMIT = 1e-12  # SI per SI unit; smaller effects are rounding
 
 
 def candidates(rests: Rests, rows: ResidualRows, x: Array) -> Iterator[Candidate]:
-    """Yield the candidates with the derivatives of all rows, not whitened.
+    """Yield the candidates with the derivatives of all rows, which are not whitened.
 
     Parameters
     ----------
     rests : Rests
     rows : ResidualRows
-        At x, with the attitudes that the fit holds.
+        Rows at x, with the attitudes that the fit keeps constant.
     x : (p + 5,) array
-        All coefficients and what is known beside them.
+        All coefficients, followed by the other known quantities.
     """
     enter = reading_sensitivities(rests, rows)
     yield from _coefficient_candidates(rests, rows, x, enter)
@@ -85,7 +86,7 @@ def candidates(rests: Rests, rows: ResidualRows, x: Array) -> Iterator[Candidate
 
 
 def _tested(sensor: Sensor, kind: str) -> tuple[str, ...]:
-    """Return the groups of coefficients that are candidates; of the square of g beside g alone."""
+    """Return the groups that are candidates; g² terms only if the g terms are estimated."""
     squares = kind == "w" and "g" in {sensor.coefficient(n).group for n in sensor.coefficients}
     return (*_TESTED_GROUPS[kind], *(("g2",) if squares else ()))
 
@@ -98,7 +99,7 @@ def _extended_sensor(sensor: Sensor, more: tuple[str, ...]) -> Sensor:
 def _coefficient_candidates(
     rests: Rests, rows: ResidualRows, x: Array, enter: Array
 ) -> Iterator[Candidate]:
-    """Return the coefficients that are not estimated: those of a kind together, and each alone."""
+    """Yield the coefficients that are not estimated, tested by kind and then one by one."""
     more = ("temperature",) if rests.observations.temperature_varies else ()
     sensor, larger = rests.sensor, _extended_sensor(rests.sensor, more)
     warmth = rests.observations.temperature_offset(sensor.reference_temperature)
@@ -134,16 +135,16 @@ def _coefficient_candidates(
 
 
 def _reading_column(rests: Rests, enter: Array, axis: int, size: Array) -> Array:
-    """Return the column of what is added to one axis' mean readings, (r,)."""
+    """Return the column for an error added to one axis's mean readings, (r,)."""
     return sum_over_rests(rests, enter[:, :, [axis]] * size[:, None, None])[:, 0]
 
 
 def _rotation_column(
     rests: Rests, rows: ResidualRows, x: Array
 ) -> Callable[[int, Callable[[Motion, slice], Array]], Array]:
-    """Return a function of an axis and of an error of its samples as a function of their motion.
+    """Return a function that computes how an error of one gyro axis changes the rotations.
 
-    The function returns the column of the rotations' change by that error.
+    Its arguments are the axis, and the error of the samples as a function of their motion.
     """
     nothing = np.zeros(len(rows.residual))
     way, turns = rests.transitions, rows.rotations
@@ -152,7 +153,7 @@ def _rotation_column(
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
     model = rotations.inverse_model(sensor, x[:p], float(np.mean(rests.temperature_offsets)))
     size = np.empty(len(way.output))
-    # One column at a time is changed and put back: a copy of a long recording would not fit.
+    # One column at a time is changed and restored, because a copy of a long recording may not fit.
     changed = way.output if way.output.flags.writeable else way.output.copy()
     seconds = float(np.median(way.duration))
     r, k = len(rows.norm.residual), len(way.rest)
@@ -160,7 +161,7 @@ def _rotation_column(
     clock = x[-1]
 
     def column(axis: int, basis: Callable[[Motion, slice], Array]) -> Array:
-        # Piece by piece: of all samples their motion alone would take more room than they do.
+        # In chunks, because the motion of all samples takes more memory than the samples.
         for start in range(0, len(size), _CHUNK_SAMPLES):
             piece = slice(start, start + _CHUNK_SAMPLES)
             both = way.output[piece] @ model.matrix.T + model.offset
@@ -198,7 +199,7 @@ def _rotation_column(
 def _drift_candidates(
     rests: Rests, rows: ResidualRows, x: Array, enter: Array
 ) -> Iterator[Candidate]:
-    """Return a drift of the biases, linear in time from the first rest to the last."""
+    """Yield a drift of the biases, linear in time from the first rest to the last."""
     time, way = rests.observations.time, rests.transitions
     span, middle = float(np.ptp(time)), float(time.mean())
     if len(time) < 3 or not span > 0:
@@ -218,9 +219,9 @@ def _drift_candidates(
 
 
 def _statement_candidates(rests: Rests, rows: ResidualRows) -> Iterator[Candidate]:
-    """Return gravity, the latitude and the clock as stated.
+    """Yield the stated gravity, latitude and clock as candidates.
 
-    Of the latitude the vertical part of the earth's rate, Ω sin φ, is seen.
+    The latitude acts through the vertical part of the earth's rate, Ω sin φ.
     """
     first, bench, place = len(rests.sensor.coefficients), rests.bench, rests.bench.place
     stated = [("g", "m/s²", bench.gravity, 1.0, _GRAVITY, LARGEST_RELATIVE_SIZE * G0)]
@@ -236,10 +237,10 @@ def _statement_candidates(rests: Rests, rows: ResidualRows) -> Iterator[Candidat
 
 
 def _single_rest_candidates(rests: Rests, enter: Array) -> Iterator[Candidate]:
-    """Return each rest as a candidate, with its time where known.
+    """Yield each rest as a candidate, with its time if known.
 
-    Accelerometers and gyros are separate candidates: six directions at once would take a large
-    share of the level from all others.
+    Accelerometers and gyros are separate candidates, because a test of six directions at once would
+    take a large share of the significance level from all others.
     """
     sensor, seen = rests.sensor, rests.observations
     kinds = {one.measures for one in sensor.axes if one.measures == "f" or rests.transitions}
@@ -258,15 +259,15 @@ def _single_rest_candidates(rests: Rests, enter: Array) -> Iterator[Candidate]:
 
 @dataclass(frozen=True, eq=False)
 class RestChanges:
-    """The rows of all rests, whitened.
+    """Whitened rows for the changes within all rests.
 
     Parameters
     ----------
     residual : (3 r,) array
     by_reading : (r, 3, m) array
-        Of each rest's rows to a change of each accelerometer's reading, SI.
+        Sensitivity of each rest's rows to each accelerometer's reading, SI.
     drift : mapping of str to (3 r,) array
-        To a drift of each accelerometer's bias over the span of the rests, by name.
+        Sensitivity to a drift of each accelerometer's bias over the span of the rests, by name.
     """
 
     residual: Array
@@ -274,7 +275,7 @@ class RestChanges:
     drift: dict[str, Array]
 
     def added_columns(self, one: Candidate) -> Array:
-        """Return the effect of a candidate on these rows, (3 r, k)."""
+        """Return a candidate's effect on these rows, (3 r, k)."""
         nothing = np.zeros(len(self.residual))
         return np.stack([self.drift.get(name, nothing) for name in one.components], axis=-1)
 
@@ -282,15 +283,15 @@ class RestChanges:
 def rest_changes(
     rests: Rests, rows: ResidualRows, x: Array, scatter: Scatter
 ) -> RestChanges | None:
-    """Return the rows at x; None without gyros, or of means.
+    """Return the rows at x, or None if there are no gyros or only means.
 
     Parameters
     ----------
     rests : Rests
     rows : ResidualRows
-        At x.
+        The rows of the fit at x.
     x : (p + 8,) array
-        All coefficients and what is known beside them.
+        All coefficients, followed by the other known quantities.
     scatter : Scatter
     """
     seen = rests.observations
@@ -320,7 +321,7 @@ def rest_changes(
     flicker = rests.noise - seen.covariance
     of_force = 4 * scatter.force.of(seen.covariance[:, :m, :m]) + flicker[:, :m, :m]
     offset = flicker[:, m:, m:] + scatter.rate.excess**2 * np.eye(3)
-    # The wobble of a hand is in the gyros' scatter, of which only a share is noise.
+    # The hand's tremor is part of the gyros' scatter, and only a share of that counts as noise.
     of_turn = scatter.turn.share * halves.square[:, None, None] * rests.rate_noise
     of_turn = of_turn + halves.seconds[:, None, None] ** 2 * offset
     by_turn = basis @ skew(sensed)
@@ -344,7 +345,10 @@ def rest_changes(
 def step_candidates(
     rests: Rests, rows: ResidualRows, changed: RestChanges
 ) -> Iterator[tuple[Candidate, Array]]:
-    """Yield a step in the middle of each rest: its rows of the fit, not whitened, and (3 r, m)."""
+    """Yield a step in the middle of each rest, with its effect on the changes (3 r, m).
+
+    The derivatives of the fit's rows in the candidate are not whitened.
+    """
     m, r = rests.m, len(rests.observations.labels)
     enter = reading_sensitivities(rests, rows)[..., :m]
     names = [axis.name for axis in rests.sensor.axes[:m]]
@@ -364,10 +368,10 @@ def step_candidates(
 
 
 def component_candidates(step: Candidate) -> Iterator[Candidate]:
-    """Yield each component of a step by itself.
+    """Yield each component of a step as its own candidate.
 
-    All at once would be a push of the hand, which `inercal.recordings.segments.section_noise`
-    judges along gravity.
+    A step of all components at once would be a push of the hand, which
+    `inercal.recordings.segments.section_noise` judges along gravity.
     """
     for k, (name, unit) in enumerate(zip(step.components, step.units, strict=True)):
         yield Candidate(name, step.kind, (name,), (unit,), step.rows[:, [k]])

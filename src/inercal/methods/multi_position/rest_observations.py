@@ -1,22 +1,22 @@
 """Rests in unknown attitudes and the transitions between them: residuals and their correlations.
 
-Three kinds of rows, for r rests and k transitions::
+There are three kinds of rows, for r rests and k transitions::
 
-    norms      0 − (‖f̂_i‖ − g)                                   one a rest
-    rates      ȳ_i − h(f̂_i, C_i ω_e)                             three a rest
-    rotations  across û_after: û_after − E R û_before               two a transition
+    norms      0 − (‖f̂_i‖ − g)                                   one per rest
+    rates      ȳ_i − h(f̂_i, C_i ω_e)                             three per rest
+    rotations  across û_after: û_after − E R û_before               two per transition
 
-f̂ is what the accelerometers' mean readings say by the model. Their errors enter the norm of the
-rest and the rotations to and from it, so that neighbouring rotations are correlated. In the order
-norm 1, rates 1, rotation 1, norm 2, … the covariance is a band, and is whitened as one
+f̂ is computed from the accelerometers' mean readings with the model. Its errors enter the norm of
+the rest and the rotations to and from it, so neighbouring rotations are correlated. In the order
+norm 1, rates 1, rotation 1, norm 2, … the covariance is a band matrix, which is whitened as a whole
 (`inercal.methods.multi_position.row_whitening`).
 
-The gyros' noise at a rest is in its mean rate and in the rotations to and from it.
+The gyros' noise at a rest enters its mean rate and the rotations to and from it.
 
-Rows may scatter by more than the samples say, or by less, where the samples hold the hand's wobble:
-`Scatter` has a share and an excess (`inercal.estimation.residual_scatter`) for a rest's
-accelerometer readings, its gyro readings (a drift of the bias also turns the transitions), and a
-rotation.
+Rows may scatter more than the noise of the samples predicts, or less if the samples contain hand
+tremor. `Scatter` has a share and an excess (`inercal.estimation.residual_scatter`) for a rest's
+accelerometer readings, for its gyro readings (a drift of the bias also turns the transitions), and
+for a rotation.
 """
 
 from collections.abc import Callable
@@ -46,7 +46,7 @@ from inercal.recordings import Observations, Transitions
 
 
 class Scatter(NamedTuple):
-    """How accelerometer readings (m/s²), gyro readings (rad/s) and rotations (rad) scatter."""
+    """Scatter of accelerometer readings (m/s²), gyro readings (rad/s) and rotations (rad)."""
 
     force: ScatterModel = ScatterModel()
     rate: ScatterModel = ScatterModel()
@@ -54,7 +54,7 @@ class Scatter(NamedTuple):
 
     @property
     def shares(self) -> "Scatter":
-        """The shares without the added noise."""
+        """Return the shares without the added noise."""
         return Scatter(*(ScatterModel(share=found.share) for found in self))
 
 
@@ -62,14 +62,14 @@ class ResidualRows(NamedTuple):
     """All rows at one x = (c, g, ω_e, τ, ε)."""
 
     residual: Array  # (r + 2 k + 3 r or 0,): norms, rotations, rates
-    jacobian: Array  # of the predictions to x
+    jacobian: Array  # of the predictions, with respect to x
     norm: NormResiduals
     rotations: RotationResiduals | None
-    attitude: Array | None  # (r, 3, 3), from the level frame to the body's, where there are turns
+    attitude: Array | None  # (r, 3, 3), from the level frame to the body's, if there are turns
 
 
 def _ratio(part: Array, whole: Array) -> float:
-    """Return a part of variances over what is beside it."""
+    """Return the ratio of a part of a variance to the remaining variance."""
     beside = float(whole.sum() - part.sum())
     return float(part.sum()) / beside if beside > 0 else np.inf
 
@@ -81,9 +81,9 @@ class Rests:
     Parameters
     ----------
     observations : Observations
-        Rows are rests, without a trial axis.
+        Observations without a trial axis, whose rows are rests.
     sensor : Sensor
-        Its accelerometers come before its gyros.
+        A sensor whose accelerometers come before its gyros.
     bench : Hand
     """
 
@@ -108,24 +108,24 @@ class Rests:
 
     @property
     def noise_is_stated(self) -> bool:
-        """Whether the noise was stated, as that of a table of means, and not found in samples."""
+        """Whether the noise was stated, as in a table of means, rather than found in samples."""
         return bool(np.isinf(self.observations.dof))
 
     @cached_property
     def temperature_offsets(self) -> Array:
-        """ΔT of each rest, (r,) K; () of 0 for a sensor that does not depend on it."""
+        """ΔT of each rest, (r,) K; () of 0 if the sensor does not depend on temperature."""
         return temperature.row_offsets(self.observations, self.sensor)
 
     @cached_property
     def transition_temperature_offsets(self) -> Array | None:
-        """ΔT of each sample of the transitions, (n,) K; None without."""
+        """ΔT of each sample in the transitions, (n,) K, or None if the sensor does not need it."""
         if not self.temperature_offsets.ndim:
             return None
         return self.recorded_transition_offsets
 
     @property
     def recorded_transition_offsets(self) -> Array | None:
-        """The same whether the sensor depends on it or not."""
+        """ΔT of each sample in the transitions, even if the sensor does not depend on it."""
         seen, way = self.observations, self.transitions
         if way is None or seen.temperature is None:
             return None
@@ -136,7 +136,7 @@ class Rests:
 
     @cached_property
     def noise(self) -> Array:
-        """Covariance of each rest's mean readings, (r, q, q), q channels: noise, and drift."""
+        """Covariance of each rest's mean readings, (r, q, q), q channels: noise and drift."""
         drift = self.observations.drift
         if drift is None:
             return self.observations.covariance
@@ -145,13 +145,13 @@ class Rests:
 
     @cached_property
     def drift_of_mean(self) -> Array:
-        """Variance of each channel's drift that all rests share, (q,): it is part of the bias."""
+        """Variance of each channel's drift that all rests share, (q,), which acts as a bias."""
         drift = self.observations.drift
         return np.zeros(len(self.sensor.axes)) if drift is None else drift.mean(axis=(0, 1))
 
     @cached_property
     def rounding(self) -> Array:
-        """Variance of each mean reading by rounding, (r, q), a part of `noise`."""
+        """Variance of each mean reading due to rounding, (r, q), which is part of `noise`."""
         found = self.observations.rounding
         return (
             np.zeros(self.noise.shape[:2])
@@ -161,9 +161,9 @@ class Rests:
 
     @cached_property
     def rounding_share(self) -> tuple[float, float, float]:
-        """Part of rounding over that of noise: accelerometers, gyros at rest and in motion.
+        """Ratio of rounding to other noise: accelerometers, gyros at rest, gyros in motion.
 
-        Equal rounding errors are no quiet hand: no share of the noise is below this.
+        Equal rounding errors do not mean that the hand was quiet, so no noise share is smaller.
         """
         if not self.rounding.any():
             return 0.0, 0.0, 0.0
@@ -180,7 +180,8 @@ class Rests:
     def rate_rounding(self) -> Array:
         """Standard deviation of the rounding error that the rests' rates share, (3,) rad/s.
 
-        Rests read b + ε, turns b. With ε in the bias a turn would be off by ε T.
+        Readings at rest contain b + ε, but those during turns only b. If ε were part of the
+        bias, a turn would be wrong by ε T.
         """
         found = self.observations.rounding
         if found is None or self.transitions is None:
@@ -190,15 +191,15 @@ class Rests:
 
     @cached_property
     def accelerometer_drift(self) -> Array:
-        """The drift of each accelerometer that its rests leave open, (2, r, m); () without.
+        """The accelerometer drift that the rests cannot exclude, (2, r, m), or () if none.
 
-        Courses linear and quadratic in time, as large as one standard deviation of what the slopes
-        within r rests of T seconds say of them: the slope of one rest has the variance 12 v/T²,
-        where v is that of its mean, and gravity lies along each of m axes in r/m of the rests.
-        Means without times show no order, and slow noise that is stated enters as stated.
+        The drifts are linear and quadratic in time. They are as large as the slopes within r rests
+        of T seconds allow, with one standard deviation. The slope of one rest has the variance
+        12 v/T², where v is the variance of its mean. Gravity lies along each of m axes in r/m of
+        the rests. Means without times have no order, and stated slow noise is used as stated.
         """
         seen, noises = self.observations, [axis.noise for axis in self.force.axes]
-        # Over rests at several temperatures a drift cannot be told from terms of the temperature.
+        # With rests at several temperatures, drift cannot be separated from temperature terms.
         soaked = self.force.uses("dT") and seen.temperature_varies
         stated = any(one.bias_instability or one.random_walk for one in noises)
         if not seen.timed or soaked or stated:
@@ -212,9 +213,9 @@ class Rests:
 
     @cached_property
     def known_quantities(self) -> tuple[Measured, ...]:
-        """What is known of x beyond the coefficients: g, the earth's rate, the clock's error τ, ε.
+        """Known quantities in x after the coefficients: g, the earth's rate, clock error τ, and ε.
 
-        The earth's rate is in the level frame. The frame is east, north, up but for an unknown
+        The earth's rate is in the level frame. This frame is east, north, up except for an unknown
         azimuth, so the level rate has two unknown components of known size.
         """
         declared = {parameter.name: parameter for parameter in self.bench.parameters}
@@ -229,35 +230,35 @@ class Rests:
         )
 
     def start(self) -> Array:
-        """Return x at the nominal sensor, (p + 8,)."""
+        """Return x for the nominal sensor, (p + 8,)."""
         known = [quantity.value for quantity in self.known_quantities]
         return np.concatenate([np.zeros(len(self.sensor.coefficients)), known])
 
     @cached_property
     def rate_noise(self) -> Array:
-        """Covariance of one sample of the rates as far as it is white, (3, 3), (rad/s)²."""
+        """Covariance of the white part of one rate sample, (3, 3), (rad/s)²."""
         n, whole = self.observations.samples, self.observations.covariance
         rounding = self.observations.rounding
         if rounding is not None:
             whole = whole - self.rounding[:, :, None] * np.eye(self.rounding.shape[1])
         white = np.mean(whole * n[:, None, None], axis=0)[self.m :, self.m :]
-        if rounding is not None:  # in motion rounding is white
+        if rounding is not None:  # in motion, rounding errors are white
             white += np.diag(rounding.steps.variance[self.m :])
         return white
 
     @cached_property
     def cross_directions(self) -> Array:
-        """Two unit vectors across the nominal up of each rest, (r, 2, 3): they stay as c moves."""
+        """Two unit vectors across each rest's nominal up, (r, 2, 3), which do not depend on c."""
         return tangent_vectors(self.norms(self.start()).up)
 
     def norms(self, x: Array) -> NormResiduals:
-        """Return the norm rows at x, with derivatives to the accelerometers' c and g."""
+        """Return the norm rows at x, with their Jacobian for the accelerometers' c and g."""
         a, p = len(self.force.coefficients), len(self.sensor.coefficients)
         return self._cached_norms(x[:a].tobytes(), float(x[p]))
 
     @cached_property
     def _cached_norms(self) -> Callable[[bytes, float], NormResiduals]:
-        """Return `norm_residuals` with a cache: a fit of the gyros leaves the accelerometers."""
+        """`norm_residuals` with a cache, because a fit of the gyros keeps the accelerometers."""
         mean = self.observations.mean[:, : self.m]
 
         @lru_cache(maxsize=2)
@@ -271,8 +272,8 @@ class Rests:
     def rows(self, x: Array, attitude: Array | None = None) -> ResidualRows:
         """Return all rows at x = (c, g, ω_e, τ, ε), (p + 8,).
 
-        The attitudes that the earth's rate needs are computed from x unless they are given: with
-        attitudes that are constant within a fit, the derivatives are exact.
+        The attitudes that the earth's rate needs are computed from x unless they are given. The
+        derivatives are exact if the attitudes are constant within a fit.
         """
         at = self.norms(x)
         p, a = len(self.sensor.coefficients), len(self.force.coefficients)
@@ -322,7 +323,7 @@ class Rests:
 
     @cached_property
     def _cached_rotations(self) -> Callable[[bytes, float], TransitionRotations]:
-        """Return `transition_rotations` with a cache: a fit starts where the previous one ended."""
+        """`transition_rotations` with a cache: a fit starts where the previous one ended."""
         assert self.transitions is not None
         transitions = self.transitions
 
@@ -343,7 +344,7 @@ class Rests:
         """
         assert self.transitions is not None
         level, before = attitude_from_vertical(at.up), self.transitions.rest
-        # Up is taken from the accelerometers, so that only the azimuth drifts.
+        # Up comes from the accelerometers, so only the azimuth drifts.
         turned = np.swapaxes(level[before + 1], -1, -2) @ way.rotation @ level[before]
         step = np.full(len(level), np.nan)
         step[0] = 0.0
@@ -375,7 +376,7 @@ class Rests:
     def _still_shares(self) -> Array:
         """Share of the time in which a gyro reads as at rest during a transition, (k, 3).
 
-        As across the axis of a turn.
+        A gyro across the axis of a turn reads as at rest.
         """
         assert self.transitions is not None
         way, found = self.transitions, self.observations.rounding
@@ -390,7 +391,7 @@ class Rests:
         return shares
 
     def ramp_sensitivities(self, turns: RotationResiduals) -> tuple[Array, Array]:
-        """Return the derivatives of the rotations by a gyro offset on the ramps, (k, 2, 3) each."""
+        """Return the sensitivity of the rotations to a gyro offset on each ramp, (k, 2, 3)."""
         arriving = -turns.to_end_turn * self.ramps[turns.rest + 1, 0, None, None]
         leaving = -turns.to_end_turn @ turns.way.rotation * self.ramps[turns.rest, 1, None, None]
         return arriving, leaving
@@ -398,9 +399,10 @@ class Rests:
     def reading_covariance(self, scatter: Scatter) -> Array:
         """Return the covariance of the readings of each rest, (r, m + 12, m + 12) or (r, m, m).
 
-        In the order of the accelerometers' means, the gyros' means, the gyros' integrals over the
-        ramps by which the transitions arrive and leave (the same samples, hence correlated), and
-        the offset that the gyros keep all through the rest; without transitions the first alone.
+        The order is: the accelerometers' means, the gyros' means, the gyros' integrals over the
+        ramps with which the transitions arrive and leave (the same samples, hence correlated), and
+        the offset that the gyros keep for the whole rest. Without transitions there are only the
+        accelerometers' means.
         """
         m, r = self.m, len(self.noise)
         force, rate, turn = scatter
@@ -410,7 +412,7 @@ class Rests:
             return whole[:, :m, :m]
         n, lengths = self.observations.samples, self._ramp_samples
         step = self.observations.duration / n
-        # Weights rise evenly along a ramp: sums of them, of their squares and of their products.
+        # Weights rise evenly along a ramp: sums of the weights, of their squares and products.
         both = np.maximum(lengths.sum(axis=1) - n, 0.0)
         product = np.maximum(lengths.prod(axis=1), 1.0)
         sums = np.zeros((r, 3, 3))
@@ -430,13 +432,13 @@ class Rests:
 
     @property
     def ramps(self) -> Array:
-        """Angle per unit of a steady rate over the ramps that arrive and leave, (r, 2) s."""
+        """Angle per unit of constant rate over the arrival and departure ramps, (r, 2) s."""
         step = self.observations.duration / self.observations.samples
         return 0.5 * self._ramp_samples * step[:, None]
 
     @cached_property
     def _ramp_samples(self) -> Array:
-        """Samples of the ramps by which transitions arrive at each rest and leave it, (r, 2)."""
+        """Number of samples in the ramps with which transitions arrive and leave, (r, 2)."""
         assert self.transitions is not None
         way, ramps = self.transitions, np.zeros((len(self.noise), 2))
         ramps[way.rest + 1, 0] = way.stop - way.reached + 1

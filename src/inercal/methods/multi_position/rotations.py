@@ -1,19 +1,19 @@
-"""The direction of gravity, propagated by the gyros from rest to rest, against the accelerometers.
+"""Compares the direction of gravity propagated by the gyros with that from the accelerometers.
 
-With û the direction of f̂ at a rest and R the rotation of the transition to the next rest by the
-corrected rate, the residual is the difference across û at its end::
+û is the direction of f̂ at a rest, and R the rotation during the transition to the next rest, from
+the corrected rate. The residual is the difference across û at the end of the transition::
 
     ρ = B (û_after − E R û_before),   B (2 × 3): two unit vectors across the nominal û_after
 
-The gyros sense the earth's rate too; E = exp(ω_e T) removes its turn. A turn about the vertical
-changes no residual. The samples' times are those of the recording's clock: a true interval is
-T (1 + τ), and the factor 1 + τ applies to all turns but the earth's, which is small. The
-derivatives are exact to first order: R û moves by û × ψ with ψ = Σ C δω Δt (`_kernels`), δω by the
-inverse of the sensor's model, and û by the part of δf̂ across it over its length.
+The gyros also sense the earth's rate; E = exp(ω_e T) removes that rotation. A turn about the
+vertical changes no residual. The samples' times are those of the recording's clock. A true interval
+is T (1 + τ), and the factor 1 + τ applies to all rotations except the earth's, which is small. The
+derivatives are exact to first order: R û moves by û × ψ with ψ = Σ C δω Δt (`_kernels`), where δω
+comes from the inverse of the sensor's model. û moves by the part of δf̂ across it, divided by ‖f̂‖.
 
 Source: Tedaldi, Pretto, Menegatti, "A robust and easy to implement method for IMU calibration
-without external equipments", ICRA 2014, 3042–3049, equations 14 to 16; the errors of û, which
-neighbouring transitions share, and of the rate on the way are ours.
+without external equipments", ICRA 2014, 3042–3049, equations 14 to 16. The errors of û, which
+neighbouring transitions share, and the errors of the rate during transitions are our own addition.
 """
 
 from dataclasses import replace
@@ -30,45 +30,45 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import Transitions
 
 _CHUNK_SAMPLES = 100_000  # samples
-_ITERATIONS = 2  # each leaves a few thousandths of what the one before left
+_ITERATIONS = 2  # each reduces the remaining error to a few thousandths
 
 
 class InverseModel(NamedTuple):
-    """f and ω of a sample from its output, and how that depends on the coefficients."""
+    """f and ω of a sample computed from its output, and their sensitivity to the coefficients."""
 
     matrix: Array  # (6, m), SI per output unit
     offset: Array  # (6,), SI
-    coefficient_derivatives: Array  # (3, 7, p), of ω per unit of (f, ω, 1)
+    coefficient_derivatives: Array  # (3, 7, p), derivatives of ω per unit of (f, ω, 1)
 
 
 class TransitionRotations(NamedTuple):
-    """The rotations of k transitions by the corrected rate, and their derivatives."""
+    """The rotations during k transitions from the corrected rate, and their derivatives."""
 
     rotation: Array  # (k, 3, 3), R
-    coefficient_derivatives: Array  # (k, 3, p), of ψ
-    to_bias: Array  # (k, 3, 3), of ψ to a constant rate error, s
-    to_timebase: Array  # (k, 3), of ψ to the relative error τ of the clock, rad
-    noise: Array  # (k, 3, 3), of ψ by the rate's white noise on the way, rad²
+    coefficient_derivatives: Array  # (k, 3, p), derivatives of ψ
+    to_bias: Array  # (k, 3, 3), sensitivity of ψ to a constant rate error, s
+    to_timebase: Array  # (k, 3), sensitivity of ψ to the relative error τ of the clock, rad
+    noise: Array  # (k, 3, 3), covariance of ψ due to the rate's white noise in between, rad²
 
 
 class RotationResiduals(NamedTuple):
-    """The residuals of k transitions; see the module."""
+    """The residuals of k transitions; see the module's description."""
 
     rest: Indices  # (k,), where each transition begins
     way: TransitionRotations
     residual: Array  # (k, 2), ρ in rad
     to_end_turn: Array  # (k, 2, 3), ∂(−ρ)/∂ψ, of the prediction minus the observation
-    to_before: Array  # (k, 2, 3), of ρ to f̂ of the rest before
-    to_after: Array  # (k, 2, 3), of ρ to f̂ of the rest after
-    to_earth: Array  # (k, 2, 3), ∂(−ρ) to what the earth turns, rad
-    to_timebase: Array  # (k, 2), ∂(−ρ) to the relative error of the clock, rad
+    to_before: Array  # (k, 2, 3), sensitivity of ρ to f̂ at the rest before
+    to_after: Array  # (k, 2, 3), sensitivity of ρ to f̂ at the rest after
+    to_earth: Array  # (k, 2, 3), sensitivity of −ρ to the earth's rotation, rad
+    to_timebase: Array  # (k, 2), sensitivity of −ρ to the relative error of the clock, rad
 
 
 def inverse_model(sensor: Sensor, c: Array, dT: float = 0.0) -> InverseModel:
     """Return the inverse of the sensor's model, linear in the motion.
 
-    Terms that bend the accelerometers' response are left out: here f serves only to take the
-    gyros' sensitivity to it away.
+    The nonlinear terms of the accelerometers are omitted, because f is only used here to remove the
+    gyros' sensitivity to it.
 
     Parameters
     ----------
@@ -88,7 +88,10 @@ def inverse_model(sensor: Sensor, c: Array, dT: float = 0.0) -> InverseModel:
 
 
 def inverse_models(sensor: Sensor, c: Array, dT: Array) -> InverseModel:
-    """Return the same at k temperatures, dT (k,) K beyond the reference, with a leading axis."""
+    """Return the inverse models at k temperatures, with a leading axis of length k.
+
+    `dT` (k,) is the temperature minus the reference temperature, K.
+    """
     warmth = dT[:, None]
     at_rest, at_rest_design, slope = sensor.linearise(
         Motion(np.zeros((len(dT), 1, 3)), dT=warmth), c
@@ -114,7 +117,7 @@ def inverse_models(sensor: Sensor, c: Array, dT: Array) -> InverseModel:
 
 
 def _linear_coefficients(sensor: Sensor) -> Bools:
-    """Return which coefficients act on a rate that is linear in the motion, (p,)."""
+    """Return which coefficients contribute to a rate that is linear in the motion, (p,)."""
     sensed = ("fi", "fp", "fo", "wi", "wp", "wo")
     return np.array(
         [sensor.coefficient(name).basis.degree(*sensed) <= 1 for name in sensor.coefficients]
@@ -127,7 +130,7 @@ def output_at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> A
     Parameters
     ----------
     output : (n, m) array
-        In output units.
+        Output in output units.
     sensor : Sensor
     c : (p,) array
         Coefficients in SI.
@@ -136,7 +139,7 @@ def output_at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> A
     """
     model, result = inverse_model(sensor, c), np.empty(output.shape)
     scale = np.array([axis.readout.scale for axis in sensor.axes])
-    # In the reference form each term adds to the reading by itself.
+    # In the reference form each term adds to the reading independently.
     names = (
         sensor.coefficients
         if sensor.form == "tilted"
@@ -165,7 +168,7 @@ def transition_rotations(
     timebase: float = 0.0,
     dT: Array | None = None,
 ) -> TransitionRotations:
-    """Return the rotations of transitions by the corrected rate.
+    """Return the rotations during transitions, from the corrected rate.
 
     Parameters
     ----------
@@ -214,14 +217,14 @@ def rotation_residuals(
     Parameters
     ----------
     rest : (k,) array of int
-        Where each transition begins.
+        Index of the rest at which each transition begins.
     way : TransitionRotations
     sensed : (r, 3) array
-        f̂ of each rest, m/s².
+        f̂ at each rest, m/s².
     across : (r, 2, 3) array
-        B of each rest.
+        B for each rest.
     earth : (k, 3) array
-        Turn of the earth in each transition, ω_e T in the body's frame after it, rad.
+        Rotation of the earth in each transition, ω_e T in the body's frame after it, rad.
     """
     length = np.linalg.norm(sensed, axis=-1)
     up = sensed / length[:, None]
@@ -229,7 +232,7 @@ def rotation_residuals(
     e, b = exp_so3(earth), across[after]
     turn = e @ way.rotation
     arrived = (turn @ up[before][:, :, None])[..., 0]
-    # û × ψ = −[ψ×] û = [û×] ψ; ρ loses what the prediction gains.
+    # û × ψ = −[ψ×] û = [û×] ψ; ρ decreases by what the prediction gains.
     ahead = b @ skew(arrived)
     return RotationResiduals(
         rest=rest,

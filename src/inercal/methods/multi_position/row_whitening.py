@@ -1,18 +1,18 @@
-"""Whitening of the rows of rests and transitions: a band of their covariance, in the order of time.
+"""Whitens the rows of rests and transitions, whose covariance is a band matrix in time order.
 
-Rest i has eight rows that its readings' errors enter: the two of the rotation that reaches it, its
-norm, its three rates, the two of the rotation that leaves it. Each such block is added onto a band
-of eight diagonals, at 6 i; the rotations' own noise onto theirs. Rows that do not exist (a
-transition across a gap) keep a variance of one and take no part. Work and memory grow with the
-number of rests.
+The readings' errors at rest i enter eight rows: the two of the rotation that arrives at it, its
+norm, its three rates, and the two of the rotation that leaves it. Each such block is added to a
+band of eight diagonals, starting at 6 i. The rotations' own noise is added to their diagonals. Rows
+that do not exist (a transition across a gap) have a variance of one and take no part. Work and
+memory grow with the number of rests.
 
 **χ² of each kind of rows, and the share or excess of the noise that explains it.**
 
-Norms come first, then rates, then rotations, each with the noise of those before: the readings of a
-rest enter all three kinds.
+Norms come first, then rates, then rotations. Each kind is judged with the noise of the kinds before
+it, because the readings of a rest enter all three.
 """
 
-# SciPy has no stubs.
+# SciPy has no type stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -26,20 +26,20 @@ from inercal.methods.multi_position.rest_observations import ResidualRows, Rests
 from inercal.methods.multi_position.rotations import RotationResiduals
 
 Whiten = Callable[[Array], Array]
-_ROWS_PER_REST = 6  # rows from rest to rest
-_BLOCK_ROWS = 8  # that one rest enters
+_ROWS_PER_REST = 6  # rows from one rest to the next
+_BLOCK_ROWS = 8  # rows that one rest enters
 NORM_ROW, RATE_ROWS = 2, slice(3, 6)
 
 
 class RowCovariance(NamedTuple):
-    """The covariance of all rows, in parts that do not depend on one another."""
+    """The covariance of all rows, in independent parts."""
 
-    rests: Array  # (r, 8, 8), by each rest's readings, of the rows that they enter
-    rotations: Array  # (k, 2, 2), of the rotations besides
+    rests: Array  # (r, 8, 8), due to each rest's readings, for the rows that they enter
+    rotations: Array  # (k, 2, 2), additional covariance of the rotations
 
 
 def row_covariance(rests: Rests, rows: ResidualRows, scatter: Scatter) -> RowCovariance:
-    """Return the covariance of the rows: the readings' noise propagated at `rows`."""
+    """Return the covariance of the rows, from the readings' noise propagated at `rows`."""
     readings = rests.reading_covariance(scatter)
     enter, own = reading_sensitivities(rests, rows), np.zeros((0, 2, 2))
     turns = rows.rotations
@@ -52,7 +52,7 @@ def row_covariance(rests: Rests, rows: ResidualRows, scatter: Scatter) -> RowCov
 
 
 def reading_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
-    """Return how each rest's readings enter its rows, (r, 8, m + 12) or (r, 8, m).
+    """Return the sensitivity of each rest's rows to its readings, (r, 8, m + 12) or (r, 8, m).
 
     The readings are in the order of `Rests.readings`.
     """
@@ -75,17 +75,17 @@ def reading_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
 
 
 def _transition_offset_sensitivities(rests: Rests, turns: RotationResiduals) -> Array:
-    """Return the derivatives of the rotations by half a gyro offset between the ramps, (k, 2, 3).
+    """Return the sensitivity of the rotations to half a gyro offset between the ramps, (k, 2, 3).
 
-    An offset is constant in a rest. In a transition it is the mean of the offsets at its ends, plus
-    an independent part of the same variance.
+    An offset is constant during a rest. In a transition it is the mean of the offsets at both ends
+    plus an independent part with the same variance.
     """
     arriving, leaving = rests.ramp_sensitivities(turns)
     return np.asarray(0.5 * (-turns.to_end_turn @ turns.way.to_bias - arriving - leaving))
 
 
 def sum_over_rests(rests: Rests, of_rests: Array) -> Array:
-    """Return the sum over rests of each one's effect on its eight rows, ordered as `ResidualRows`.
+    """Return the summed effect of all rests on the rows, ordered as in `ResidualRows`.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def sum_over_rests(rests: Rests, of_rests: Array) -> Array:
 
 
 def row_positions(rests: Rests, *, norms: bool = True) -> Indices:
-    """Return where on the chain each row of `ResidualRows` is."""
+    """Return the position of each row of `ResidualRows` in the band matrix."""
     r = len(rests.observations.labels)
     start = _ROWS_PER_REST * np.arange(r)
     place = (start + NORM_ROW)[: r if norms else 0]
@@ -112,7 +112,7 @@ def row_positions(rests: Rests, *, norms: bool = True) -> Indices:
 
 
 def whitener_with_drift(rests: Rests, rows: ResidualRows, whiten: Whiten) -> Whiten:
-    """Return `whiten` for noise to which the drift that may be in the accelerometers is added.
+    """Return `whiten` for noise that also includes a possible drift of the accelerometers.
 
     With the whitened columns D of k drifts of unit variance, the covariance becomes 1 + D Dᵀ; for
     D = U s Vᵀ its symmetric inverse root is 1 − U (1 − 1/√(1 + s²)) Uᵀ.
@@ -138,19 +138,19 @@ def whitener_with_drift(rests: Rests, rows: ResidualRows, whiten: Whiten) -> Whi
 
 
 def whitener(rests: Rests, rows: ResidualRows, scatter: Scatter, *, norms: bool = True) -> Whiten:
-    """Return a function that whitens columns over all rows, by the noise at `rows`.
+    """Return a function that whitens columns over all rows with the noise at `rows`.
 
     Parameters
     ----------
     rests : Rests
     rows : ResidualRows
-        Where the noise is propagated.
+        The rows at which the noise is propagated.
     scatter : Scatter
     norms : bool
-        Without, the rows of norms are taken out, and the others are whitened by themselves.
+        If False, the rows of norms are removed and the others are whitened without them.
     """
     r = len(rows.norm.residual)
-    # Two places before and after the chain, for the rotations that the ends do not have.
+    # Two places before and after the chain, for rotations that do not exist at its ends.
     band = np.zeros((_BLOCK_ROWS, _ROWS_PER_REST * r + _BLOCK_ROWS - _ROWS_PER_REST))
     of_rests, of_turns = row_covariance(rests, rows, scatter)
     for column in range(_BLOCK_ROWS):
@@ -175,7 +175,7 @@ def whitener(rests: Rests, rows: ResidualRows, scatter: Scatter, *, norms: bool 
         flat = columns.reshape(len(columns), -1)
         line = np.zeros((band.shape[1], flat.shape[1]))
         line[place] = flat[0 if norms else r :]
-        # `solve_banded` would factorise the triangle once more for each call.
+        # `solve_banded` would factorise the triangular matrix again in each call.
         white: Array = scipy.linalg.lapack.dtbtrs(factor, line, uplo="L", overwrite_b=True)[0]
         return white[place].reshape(-1, *columns.shape[1:])
 
@@ -183,7 +183,7 @@ def whitener(rests: Rests, rows: ResidualRows, scatter: Scatter, *, norms: bool 
 
 
 class ScatterStatistics(NamedTuple):
-    """χ² of one kind of rows by the stated noise, degrees of freedom, and the noise by χ²."""
+    """χ² of one kind of rows with the stated noise, degrees of freedom, and noise that χ² gives."""
 
     chi2: float
     dof: int
@@ -202,7 +202,7 @@ def norm_scatter(rests: Rests, rows: ResidualRows) -> ScatterStatistics:
 
 
 def rate_scatter(rests: Rests, rows: ResidualRows, shown: Indices) -> ScatterStatistics:
-    """Return the statistics of the rates at rest, which determine the places `shown` of x."""
+    """Return the statistics of the rates at rest, which determine the indices `shown` of x."""
     residual, jacobian = _rate_rows(rests, rows, shown)
     dof = max(len(residual) - shown.size, 0)
     whiten = _rate_whitener(rests)
@@ -231,12 +231,12 @@ def rotation_scatter(
     ----------
     rests : Rests
     rows : ResidualRows
-        At a solution.
+        The rows at a solution.
     shown, fitted : arrays of int
-        Indices of x that the rates alone show, and that rates and rotations show together; the
-        accelerometers' besides.
+        Indices of x that rates determine without rotations, and that both together determine. The
+        accelerometers' indices are added to these.
     scatter : Scatter
-        Of what was judged before.
+        The scatter of the kinds of rows judged before.
     """
     assert rows.rotations is not None
     norms = np.arange(len(rests.force.coefficients))
@@ -265,8 +265,8 @@ def rotation_scatter(
     chi2 = chi_squared(rows.residual, columns, stated) - others(scatter)
     found = beside(scatter)
     if scatter != scatter.shares and not found.excess:
-        # The excess of the readings may be more than the rotations need; a share must not depend on
-        # it.
+        # The excess of the readings may be larger than the rotations need, but a share must not
+        # depend on it.
         found = ScatterModel(share=beside(scatter.shares).share)
     return ScatterStatistics(max(chi2, 0.0), dof, found)
 
@@ -286,7 +286,7 @@ def _rate_whitener(rests: Rests) -> Callable[[ScatterModel, Array], Array]:
 
 
 def _accelerometer_share(rests: Rests, rows: ResidualRows, scatter: Scatter) -> float:
-    """Return the accelerometers' part in the rotations' variance, over the gyros' part."""
+    """Return the ratio of the accelerometers' part of the rotations' variance to the gyros'."""
 
     def variance(share: float) -> float:
         found = row_covariance(rests, rows, scatter._replace(turn=ScatterModel(share=share)))

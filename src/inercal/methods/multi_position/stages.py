@@ -1,16 +1,16 @@
 """The fits of multi_position, one after the other, each judged by its own χ².
 
-1. `fit_accelerometers`: norms alone. The scatter of rests that χ² asks for belongs to them.
-2. `fit_gyros`: the rates at rest show bias, sensitivity to acceleration and the bias's wander; then
-   rotations and rates are fitted with the accelerometers as they are. Their covariance P_a is
-   carried over (Schmidt's consider filter)::
+1. `fit_accelerometers` uses only norms. If χ² requires extra scatter, it is assigned to the rests.
+2. `fit_gyros` first uses the rates at rest for bias, sensitivity to acceleration and the bias's
+   random walk. Then it fits rotations and rates with the accelerometers fixed. Their covariance P_a
+   is propagated (Schmidt's consider filter)::
 
        cov c_g = P + K P_a Kᵀ,   cov(c_g, c_a) = −K P_a,   K = P J_gᵀ J_a   (whitened)
 
-3. `fit_jointly`: all rows at once, with the scatter found before, started from there.
+3. `fit_jointly` fits all rows at once, with the scatter found before, and starts from there.
 
-`score_tests` tests what the fits omit with the noise before any scatter is added, because the
-added scatter would hide it. It uses the solution by that noise, near the solution of the last fit.
+`score_tests` tests omitted effects with the noise before any scatter is added, because the added
+scatter would hide them. It uses the solution for that noise, near the solution of the last fit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -40,11 +40,11 @@ from inercal.methods.multi_position.rest_observations import ResidualRows, Rests
 from inercal.physics.sensors import G0
 
 _COARSE_ITERATIONS = 6  # steps
-# Rests, beyond which no axis is scored apart: memory grows with their square
+# Number of rests above which single axes are not tested: memory grows with its square
 _MAX_SCORED_RESTS = 100
 _RELATIVE_ERROR = 1e-9  # of χ²: a rotation is the product of hundreds of steps
-_EXACT_LIMIT = 1e-15  # SI; what is known better is exact
-_ROUNDING_ERRORS = ("rounding_x", "rounding_y", "rounding_z")  # that the rates at rest share
+_EXACT_LIMIT = 1e-15  # SI; quantities with a smaller deviation are exact
+_ROUNDING_ERRORS = ("rounding_x", "rounding_y", "rounding_z")  # shared by the rates at rest
 KNOWN_QUANTITIES = ("g", "earth_1", "earth_2", "earth_up", "timebase", *_ROUNDING_ERRORS)
 
 
@@ -56,12 +56,11 @@ class FitStage:
     ----------
     estimate : Estimate
     x : (p + 8,) array
-        All coefficients, g, the earth's rate, the clock's error and those of rounding;
-        what is not fitted yet is
-        nominal.
+        All coefficients, g, the earth's rate, the clock error and the rounding errors. Quantities
+        that are not fitted yet have their nominal value.
     scatter : Scatter
     groups : tuple of ResidualGroup
-        Kinds of rows tested so far; χ² before any excess.
+        The kinds of rows tested so far; their χ² is before any excess is added.
     """
 
     estimate: Estimate
@@ -76,13 +75,13 @@ def fit_accelerometers(rests: Rests, priors: Priors) -> FitStage:
     Raises
     ------
     NotObserved
-        Coefficients that the attitudes do not determine.
+        The attitudes do not determine some coefficients.
     """
     alone = Rests(rests.observations, rests.force, rests.bench)
     p = len(rests.force.coefficients)
     x, free = alone.start(), _free_indices(alone)
     free = free[free <= p]  # coefficients and g
-    # The noise is propagated at the nominal model first, then where that has led.
+    # The noise is first propagated at the nominal model, then at the resulting estimate.
     for _ in range(2):
         x[free] = _fit(alone, free, x, Scatter(), priors).value
     judged = row_whitening.norm_scatter(alone, alone.rows(x))
@@ -96,36 +95,36 @@ def fit_accelerometers(rests: Rests, priors: Priors) -> FitStage:
 
 
 def fit_gyros(rests: Rests, first: FitStage, priors: Priors) -> FitStage:
-    """Fit the gyros to rates and rotations, with the accelerometers as `first` left them.
+    """Fit the gyros to rates and rotations, with the accelerometers fixed at `first`.
 
     Raises
     ------
     NotObserved
-        Coefficients that the turns do not determine.
+        The turns do not determine some coefficients.
     """
     assert rests.transitions is not None
     sensor, p = rests.sensor, len(rests.force.coefficients)
     count = len(sensor.coefficients)
     own = np.arange(p, count)
     free = np.setdiff1d(_free_indices(rests), [*range(p), count])
-    # The clock's error has its own row, its prior: it takes no degree of freedom.
+    # The clock error has its own row, its prior, so it uses no degree of freedom.
     fitted = np.setdiff1d(free, [count + KNOWN_QUANTITIES.index("timebase")])
     lines = [sensor.coefficient(name) for name in sensor.coefficients[p:]]
     still = own[[not line.basis.uses("wi", "wp", "wo") for line in lines]]  # need no turn
     x = first.x.copy()
     rows = rests.rows(x)
     r, k = len(rows.norm.residual), len(rests.transitions.rest)
-    # Attitudes along the run, and with them the earth's rate, need a bias first.
+    # The attitudes along the run, and so the earth's rate, require a bias estimate first.
     of_rest = slice(r + 2 * k, None)
     x[still] += np.linalg.lstsq(rows.jacobian[of_rest, still], rows.residual[of_rest], rcond=None)[
         0
     ]
-    # Of the rates alone a common rounding error is a part of the bias.
+    # With only the rates, a common rounding error is part of the bias.
     shown = np.concatenate([still, fitted[own.size :]])
     shown = shown[shown < count + KNOWN_QUANTITIES.index(_ROUNDING_ERRORS[0])]
     rates = row_whitening.rate_scatter(rests, rests.rows(x), shown)
     scatter = first.scatter._replace(rate=rates.spread)
-    # Without its scatter yet, this fit need not go to the last digit.
+    # The scatter is not known yet, so this fit need not converge to the last digit.
     x[free] = _fit(rests, free, x, scatter, priors, norms=False, most=_COARSE_ITERATIONS).value
     rotations = row_whitening.rotation_scatter(rests, rests.rows(x), shown, fitted, scatter)
     scatter = scatter._replace(turn=rotations.spread)
@@ -141,7 +140,7 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Priors) -> FitStage:
 
 
 def fit_jointly(rests: Rests, last: FitStage, priors: Priors) -> FitStage:
-    """Fit everything to all rows at once, started from `last`."""
+    """Fit all parameters to all rows at once, starting from `last`."""
     x, free = last.x.copy(), _free_indices(rests)
     estimate = _fit(rests, free, x, last.scatter, priors, drifting=True)
     x[free] = estimate.value
@@ -151,9 +150,9 @@ def fit_jointly(rests: Rests, last: FitStage, priors: Priors) -> FitStage:
 
 
 def score_tests(rests: Rests, last: FitStage, priors: Priors) -> ScoreTestSet:
-    """Return the score tests of parameters not estimated, with the noise before any was added.
+    """Return score tests of omitted parameters, with the noise before any scatter was added.
 
-    Of all rows; the accelerometers' too, where the gyros were fitted after them.
+    They use all rows, including the accelerometers' rows if the gyros were fitted afterwards.
     """
     free = _free_indices(rests)
     if rests.transitions is None:
@@ -170,7 +169,7 @@ def score_tests(rests: Rests, last: FitStage, priors: Priors) -> ScoreTestSet:
 
 
 def _free_indices(rests: Rests) -> Indices:
-    """Return the places in x of all coefficients and of what else is not exact."""
+    """Return the indices in x of all coefficients and of other quantities that are not exact."""
     loose = [known.sd > _EXACT_LIMIT for known in rests.known_quantities]
     return np.flatnonzero([True] * len(rests.sensor.coefficients) + loose)
 
@@ -187,10 +186,10 @@ def _fit(
     with_score_tests: bool = False,
     drifting: bool = False,
 ) -> Estimate:
-    """Return the least squares of some places of x, the others as they are.
+    """Return the least-squares fit of the entries `free` of x; the others are fixed.
 
-    `with_score_tests`: it has the score tests of what is left out. `drifting`: the noise contains
-    the drift that may be in the accelerometers.
+    With `with_score_tests`, the result includes score tests of omitted effects. With `drifting`,
+    the noise includes a possible drift of the accelerometers.
     """
     names: tuple[str, ...] = (*rests.sensor.coefficients, *KNOWN_QUANTITIES)
     started = rests.rows(x)
@@ -252,14 +251,14 @@ def _fit(
 
 
 def _consider_estimate(rests: Rests, fit: Estimate, first: Estimate, jacobian: Array) -> Estimate:
-    """Return accelerometers and gyros as one estimate; `jacobian` is whitened, of all x."""
+    """Return accelerometers and gyros as one estimate; `jacobian` is whitened, for all of x."""
     p, a = len(rests.sensor.coefficients), len(rests.force.coefficients)
     with_g = list(first.names[a:])
     others = [*range(a), *([p] if with_g else [])]
     free = [*range(a, p), *(p + KNOWN_QUANTITIES.index(name) for name in fit.names[p - a :])]
     gain = fit.covariance @ jacobian[:, free].T @ jacobian[:, others]
     cross = gain @ first.covariance
-    # In the order accelerometers, g, gyros, earth; then gyros before g.
+    # First in the order accelerometers, g, gyros, earth; then with the gyros before g.
     joined = np.block([[first.covariance, -cross.T], [-cross, fit.covariance + cross @ gain.T]])
     order = [*range(a), *range(len(others), len(others) + p - a)]
     order += [*range(a, len(others)), *range(len(others) + p - a, len(joined))]
@@ -284,7 +283,7 @@ def _consider_estimate(rests: Rests, fit: Estimate, first: Estimate, jacobian: A
 
 
 def with_shared_drift(rests: Rests, estimate: Estimate) -> Estimate:
-    """Return the estimate with the drift that all rests share in the biases' variances."""
+    """Return the estimate with the drift shared by all rests added to the biases' variances."""
     covariance = estimate.covariance.copy()
     for channel, variance in zip(rests.sensor.channels, rests.drift_of_mean, strict=True):
         for name in (f"{channel}.k0", f"{channel}.bias"):
@@ -312,7 +311,7 @@ def _fit_stage(
 def _residual_groups(
     rests: Rests, rows: ResidualRows, scatter: Scatter, judged: Sequence[tuple[float, int]]
 ) -> tuple[ResidualGroup, ...]:
-    """Return each kind of rows with its scatter as stated; `judged` are χ² and ν of each."""
+    """Return each kind of rows with its stated scatter; `judged` contains χ² and ν of each."""
     labels, r = rests.observations.labels, len(rows.norm.residual)
     of_rests, of_turns = row_whitening.row_covariance(rests, rows, scatter)
     variance = np.diagonal(of_rests, axis1=1, axis2=2)

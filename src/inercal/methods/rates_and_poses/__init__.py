@@ -1,33 +1,34 @@
-"""Gyros by constant rates and rests, accelerometers by poses of known attitude, in one likelihood.
+"""Gyros from constant rates and rests, accelerometers from known poses, in one likelihood.
 
-Sections of all kinds are mixed at will: rests, dwells at constant rates and turns by known angles
-about a vertical axis, in settings with several case axes up, and poses of known angles. The errors
-of the table are nuisances whose deviations must be stated: most of them are like an error of the
-sensor, and show in no residual. Accelerometers are used at rest alone, where the place of each in
-the case is not sensed.
+Sections of all kinds can be mixed: rests, dwells at constant rates and turns by known angles about
+a vertical axis, in settings with several case axes up, and poses with known angles. The errors of
+the table are nuisances whose deviations must be stated, because most of them act like an error of
+the sensor and leave no residual. Accelerometer readings are used only at rest, where the position
+of each accelerometer in the case does not matter.
 
-What a plan does not determine is refused by name, whatever residual excitation by the earth's rate
-or by errors of the bench there is (`inercal.methods.rates_and_poses.plan_structure`).
+Coefficients that a plan does not determine are named in an error message. Residual excitation by
+the earth's rate or by errors of the bench does not count
+(`inercal.methods.rates_and_poses.plan_structure`).
 
-The classical evaluation of a rate test is least squares of the readings with equal weights. Each
-axis by itself, y = c + K ω_I + δ_O ω_P − δ_P ω_O and the further terms that are chosen, over the
-stated rates, rests and poses, with the vertical part of the earth's rate. K is the slope of the
-straight line of IEEE Std 528, and 1 + scale where no nonlinear term is left out.
+The classical evaluation of a rate test is a least-squares fit with equal weights. Each axis is
+fitted separately with y = c + K ω_I + δ_O ω_P − δ_P ω_O and any further selected terms. The inputs
+are the stated rates, rests and poses, with the vertical part of the earth's rate. K is the slope of
+the straight line of IEEE Std 528, and equals 1 + scale if no nonlinear term is omitted.
 
-The bench is treated as exact: the covariance is that of the noise of the means alone. The problem
+The bench is treated as exact, so the covariance contains only the noise of the means. The problem
 of `ml`, in which the errors of the bench have their stated deviations, tests whether the readings
-agree with each other.
+are consistent.
 
-Terms with the sign of the input are left out in readings of axes without a nominal input. A gyro
-across the table's axis senses Ω t, t the error of the setting, and its asymmetry adds ½ κ′ |Ω t|.
-As the misalignments are as good as free, the estimate of t is near zero, where this term has a kink
-that stops a search. Its sign is that of an error, and its size, 0.1 °/h at κ′ = 500 ppm, 200 °/s
-and 0.05°, is below the noise of a dwell.
+Terms with the sign of the input are omitted for readings of axes without a nominal input. A gyro
+across the table's axis senses Ω t, where t is the error of the setting, and its asymmetry adds
+½ κ′ |Ω t|. The misalignments are almost free, so the estimate of t is near zero, where this term
+has a kink that stops a search. Its sign is that of an error. Its size, 0.1 °/h at κ′ = 500 ppm,
+200 °/s and 0.05°, is below the noise of a dwell.
 
-A plan has settings with a case axis up, and poses about level.
+A plan contains settings with a case axis up, and poses near level.
 
 Sources: IEEE Std 952 and 1431, scale-factor and bias tests on a rate table; IEEE Std 1293,
-multipoint tests; the likelihood is ours; IEEE Std 528, 952 and 1431.
+multipoint tests; IEEE Std 528, 952 and 1431. The likelihood is our own.
 """
 
 from collections.abc import Mapping
@@ -75,26 +76,25 @@ def plan(
     reverse: bool = False,
     attitudes: str = "none",
 ) -> tuple[sections.PlatformStep, ...]:
-    """Return rests and each speed in both senses in every setting; then the poses.
+    """Return rests and each speed in both directions in every setting, followed by the poses.
 
     Parameters
     ----------
     seconds : float
-        Longest time of a section: dwells are over whole turns, if one is short enough.
+        Longest duration of a section, s. Dwells last whole turns if a turn is short enough.
     positions : int
-        Number of settings: 3, each axis up, or 6, each up and down.
+        Number of settings: 3 (each axis up) or 6 (each axis up and down).
     rates : tuple of float
-        Speeds, rad/s, each positive.
+        Speeds, rad/s, all positive.
     reverse : bool
-        Whether each sense also goes back through the speeds, to show a hysteresis.
+        Whether each direction also goes back through the speeds, to reveal hysteresis.
     attitudes : str
-        Poses at the end: "none", "faces", six of them, or "tilted", 24 in all
-        directions.
+        Poses at the end: "none", "faces" (six poses) or "tilted" (24 poses in all directions).
 
     Raises
     ------
     InputError
-        Another number of settings or other poses, or a speed that is not positive.
+        The number of settings or the poses are unknown, or a speed is not positive.
     """
     if positions not in _SETTINGS:
         raise InputError(
@@ -109,8 +109,8 @@ def plan(
         )
     if any(rate <= 0 for rate in rates):
         raise InputError(
-            "rates contains a speed that is not positive; give positive speeds, because each "
-            "is turned in both senses",
+            "rates contains a speed that is not positive; give positive speeds, because the table "
+            "turns at each speed in both directions",
             key="[method] rates",
         )
     of_setting = _rates_of_setting(rates, reverse)
@@ -125,7 +125,7 @@ def plan(
 
 
 def _rates_of_setting(rates: tuple[float, ...], reverse: bool) -> list[float]:
-    """Return the rates of one setting in their order, rests included."""
+    """Return the rates of one setting in order, including rests."""
     if not rates:
         return [0.0]
     if not reverse:
@@ -135,9 +135,10 @@ def _rates_of_setting(rates: tuple[float, ...], reverse: bool) -> list[float]:
 
 
 def readings_without_input(sensor: Sensor, bench: RatePlatform, steps: PlatformSteps) -> Bools:
-    """Return whether each reading, row after row, (r m,), has no nominal input.
+    """Return whether each reading, (r m,), row after row, has no nominal input.
 
-    In a pose a gyro senses the earth's rate alone, whose level part is unknown: that is none.
+    In a pose a gyro senses only the earth's rate, whose level part is unknown, so it has no nominal
+    input.
     """
     motion = bench.mean_motion(steps, {}).motion
     dwells = np.array([isinstance(step, sections.RateDwell) for step in steps])
@@ -147,15 +148,15 @@ def readings_without_input(sensor: Sensor, bench: RatePlatform, steps: PlatformS
 
 
 def without_signs(whole: Problem, sensor: Sensor, unsigned: Bools) -> Problem:
-    """Return the problem without terms that depend on a sign in some readings.
+    """Return the problem without sign-dependent terms in some readings.
 
     Parameters
     ----------
     whole : Problem
-        Of m observations; the sensor's coefficients come first.
+        Problem with m observations; the sensor's coefficients are its first parameters.
     sensor : Sensor
     unsigned : (m,) array of bool
-        Those without a nominal input.
+        The readings without a nominal input.
     """
     terms = [
         k
@@ -186,18 +187,18 @@ def least_squares_line(
     steps: PlatformSteps,
     used: Indices,
 ) -> Estimate:
-    """Return the coefficients, with the noise of the means propagated.
+    """Return the least-squares coefficients, with the noise of the means propagated.
 
     Parameters
     ----------
     observations : Observations
-        Of r rows and m axes, without a trial axis.
+        Observations from r rows and m axes, without a trial axis.
     sensor : Sensor
-        In the reference form, whose readings are linear in its p coefficients.
+        Sensor in the reference form, whose readings are linear in its p coefficients.
     bench : RatePlatform
     steps : sequence of r RateDwell or Pose
     used : (k,) array of int
-        Places of the used readings, row after row.
+        Indices of the readings that are used, row after row.
     """
     nominal = bench.mean_motion(steps, {}).motion
     motion = Motion(nominal.f, nominal.w)
@@ -218,26 +219,26 @@ def ml(
     steps: PlatformSteps,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the estimate of all readings but those of accelerometers while the table turns.
+    """Return the estimate from all readings except accelerometer readings while the table turns.
 
     Parameters
     ----------
     observations : Observations
-        One row a section, (..., r, m) SI.
+        One row per section, (..., r, m) SI.
     sensor : Sensor
         Accelerometers, gyros or both, with the coefficients to estimate.
     bench : RatePlatform
     steps : sequence of RateDwell or Pose
-        Steps of a plan that have no row are ignored.
+        The steps; planned steps that have no row are ignored.
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
 
     Raises
     ------
     InputError
-        Rows without their steps, or an error of the bench that acts and is not stated.
+        Rows and steps do not match, or a relevant error of the bench is not stated.
     NotObserved
-        Coefficients that these sections do not determine, by name.
+        These sections do not determine some coefficients; the message names them.
     """
     observations = observations.without_drift()
     by_label = {step.label: step for step in steps}
@@ -275,12 +276,12 @@ def ieee(
     steps: PlatformSteps,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the estimate by least squares with equal weights, as for `ml`; the bench is exact.
+    """Return the least-squares estimate with equal weights; arguments as for `ml`, exact bench.
 
     Raises
     ------
     InputError
-        As for `ml`, and priors, coefficients of temperature, the tilted form or a trial axis.
+        As for `ml`; also for priors, temperature coefficients, the tilted form or a trial axis.
     NotObserved
         As for `ml`.
     """
@@ -294,7 +295,7 @@ def ieee(
 
 
 def _turn_on_family(suspects: Mapping[str, Parameter]) -> dict[str, tuple[str, ...]]:
-    """Return the gyros' biases that differ between settings as one candidate, and by setting."""
+    """Return the gyro biases that differ between settings, as one candidate and per setting."""
     result: dict[str, tuple[str, ...]] = {}
     for full in suspects:
         name = ErrorName(full)
@@ -305,14 +306,14 @@ def _turn_on_family(suspects: Mapping[str, Parameter]) -> dict[str, tuple[str, .
 
 
 def _used_readings(sensor: Sensor, steps: PlatformSteps) -> Indices:
-    """Return the places of the readings that are used, row after row."""
+    """Return the indices of the readings that are used, row after row."""
     turning = np.array([isinstance(step, sections.RateDwell) and step.rate != 0 for step in steps])
     forces = np.array([axis.measures == "f" for axis in sensor.axes])
     return np.flatnonzero(~(turning[:, None] & forces))
 
 
 def _refuse_profiles(sensor: Sensor, steps: PlatformSteps) -> None:
-    """Refuse terms of a turn's profile: a mean does not hold the mean of squares of the rate."""
+    """Reject nonlinear terms for turns by an angle: their mean does not determine mean squares."""
     terms = tuple(
         name for name in sensor.coefficients if CoefficientName(name).term in ("scale2", "scale3")
     )

@@ -1,9 +1,9 @@
-"""Whether sections determine the coefficients: the rank of a plan, whatever its noise.
+"""Whether sections determine the coefficients: the rank of a plan, regardless of the noise.
 
-The derivatives of the nominal readings by the coefficients, without errors of the bench and on an
-earth that does not turn, each column of norm one. A direction whose singular value is below 2e-3 of
-the largest one is refused: what would determine it is the earth's rate, or the scatter of rates
-about one speed.
+The design is the sensitivity of the nominal readings to the coefficients, without bench errors and
+without earth's rotation. Each column is scaled to norm one. An error is raised if the
+singular value of a direction is below 2e-3 of the largest one. Such a direction would be determined
+only by the earth's rate, or by the scatter of rates about one speed.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
 TOLERANCE = 2e-3  # of the largest scaled singular value
-_NAMED = 1e-6  # of the largest weight of a direction
+_NAMED = 1e-6  # of the largest weight in a direction
 
 
 def require_determined(
@@ -34,28 +34,28 @@ def require_determined(
     priors: Priors,
     used: Indices,
 ) -> None:
-    """Refuse coefficients that the sections do not determine. Those with a prior count as known.
+    """Raise NotObserved if the sections do not determine all coefficients without a prior.
 
     Parameters
     ----------
     observations : Observations
-        For the temperatures.
+        Observations; they only provide the temperatures.
     sensor : Sensor
-        With p coefficients.
+        Sensor with p coefficients.
     bench : RatePlatform
     steps : sequence of r RateDwell or Pose
-        Of the rows.
+        The steps of the rows.
     priors : sequence of Gaussian
     used : (k,) array of int
-        Places of the used readings, row after row.
+        Indices of the readings that are used, row after row.
 
     Raises
     ------
     NotObserved
-        Naming the coefficients, the directions, and what would determine them.
+        The message names the coefficients, the directions, and the sections to add.
     """
     design = _nominal_design(observations, sensor, bench, steps)[..., used, :]
-    # Only temperatures differ from trial to trial.
+    # Only temperatures differ between trials.
     design = design.reshape(-1, *design.shape[-2:])[0]
     known = {name for prior in priors for name in prior.names}
     free = [k for k, name in enumerate(sensor.coefficients) if name not in known]
@@ -77,7 +77,7 @@ def require_determined(
 
 
 def null_directions(design: Array) -> Array:
-    """Return an orthogonal basis of the directions, (k, p), that a design (m, p) leaves open."""
+    """Return an orthogonal basis of the directions, (k, p), that a design (m, p) leaves free."""
     size = np.linalg.norm(design, axis=0)
     absent = size <= _NAMED * size.max(initial=0.0)
     size = np.where(absent, 1.0, size)
@@ -89,7 +89,7 @@ def null_directions(design: Array) -> Array:
 def _nominal_design(
     observations: Observations, sensor: Sensor, bench: RatePlatform, steps: PlatformSteps
 ) -> Array:
-    """Return the derivatives of the nominal readings by the coefficients, (..., r m, p)."""
+    """Return the sensitivity of the nominal readings to the coefficients, (..., r m, p)."""
     nominal = bench.without_earth_rate().mean_motion(steps, {}).motion
     offsets = temperature.row_offsets(observations, sensor)
     motion = Motion(nominal.f, nominal.w, dT=offsets) if offsets.ndim else nominal
@@ -98,13 +98,13 @@ def _nominal_design(
 
 
 def _remedy(names: Sequence[str], steps: PlatformSteps) -> str:
-    """Return what sections would determine coefficients, as part of a sentence."""
+    """Return the sections that would determine the coefficients, as part of a sentence."""
     terms = {CoefficientName(name).term for name in names}
     rates = [step.rate for step in steps if isinstance(step, RateDwell) and step.rate != 0]
     advice: list[str] = []
     one_sense = "scale_prime" in terms and len(set(np.sign(rates).tolist())) < 2
     if one_sense:
-        advice.append("turn in both senses")
+        advice.append("turn in both directions")
     if terms & {"scale3", "scale2"} or ("scale_prime" in terms and not one_sense):
         advice.append("turn at a further speed and rest in each setting")
     if any(term.startswith("g_") for term in terms):

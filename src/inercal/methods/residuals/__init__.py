@@ -1,12 +1,13 @@
-"""Residuals shared by methods: readings minus the readings of the model.
+"""Residual functions shared by the methods: readings minus the readings that the model predicts.
 
-Vector observation: the mean reading of each row minus the model's reading of its motion,
-y − h(f, ω; c), with exact derivatives to the coefficients and, by the chain rule, to the parameters
-of the motion. Norm observation: the attitude is unknown, and only the norm of the sensed motion is
-compared. A compiled kernel computes trials of three accelerometers from their declared terms.
+Vector observation: the mean reading of each row minus the model's reading for its motion,
+y − h(f, ω; c). The derivatives are exact. Those with respect to the parameters of the motion
+follow from the chain rule. Norm observation: the attitude is unknown, and only
+the norm of the sensed motion is compared. A compiled kernel computes many trials of three
+accelerometers from their declared terms.
 
-For many trials at once, `VectorEquations` and `norm_normal_equations` are the normal equations of
-both: a compiled pass whitens the rows trial by trial.
+For many trials at once, `VectorEquations` and `norm_normal_equations` compute the normal equations
+of both observations. Compiled code whitens the rows trial by trial.
 """
 
 from collections.abc import Callable, Mapping
@@ -41,12 +42,12 @@ def vector_residuals(
     motion : Motion
         Motion of each row, (..., r, 3).
     df, dw : (..., r, 3, q) arrays
-        Derivatives of specific force and rate to the nuisances; `dw` None is zero.
+        Sensitivity of specific force and rate to the nuisances; None for `dw` means zero.
     """
     reading, design, slope = sensor.linearise(motion, c)
     residual = y - reading
     p, q = design.shape[-1], df.shape[-1]
-    # Trials may differ in the slope alone, where the motion is exact in all of them.
+    # Only the slope may differ between trials if the motion is exact in all of them.
     rows = np.broadcast_shapes(design.shape[:-2], *((df.shape[:-2], slope.shape[:-2]) if q else ()))
     jacobian = np.empty((*rows, len(sensor.axes), p + q))
     jacobian[..., :p] = design
@@ -62,13 +63,13 @@ class NormResiduals(NamedTuple):
     """Result of `norm_residuals`; shapes for r rows, m axes and p coefficients."""
 
     residual: Array  # (..., r), m/s²
-    jacobian: Array  # (..., r, p + 1), of ‖f̂‖ − g to the coefficients and g
+    jacobian: Array  # (..., r, p + 1), of ‖f̂‖ − g, for the coefficients and g
     specific_force: Array  # (..., r, 3), f̂
     up: Array  # (..., r, 3), f̂ / ‖f̂‖
     design: Array  # (..., r, m, p), ∂h/∂c at f̂
     by_reading: Array  # (..., r or 1, 3, m), ∂f̂/∂y
     norm_by_reading: Array  # (..., r, m), ∂‖f̂‖/∂y
-    by_rate: Array  # (..., r, 3), ∂‖f̂‖/∂ω; zero where no ω was given
+    by_rate: Array  # (..., r, 3), ∂‖f̂‖/∂ω; zero if no ω was given
 
     @property
     def by_coefficient(self) -> Array:
@@ -86,22 +87,22 @@ def norm_residuals(
 ) -> NormResiduals:
     """Return the residuals 0 − (‖f̂‖ − g) of readings in unknown attitudes, with f̂ = h⁻¹(y; c).
 
-    By h(f̂; c) = y the derivative of f̂ is −S⁻¹ ∂h/∂c to the coefficients and S⁻¹ to the reading,
-    with S = ∂h/∂f; that of ‖f̂‖ is the part along f̂. Readings beyond the fold of the model have the
-    residual NaN, so that an optimiser rejects the step.
+    From h(f̂; c) = y, the derivative of f̂ is −S⁻¹ ∂h/∂c for the coefficients and S⁻¹ for the
+    reading, with S = ∂h/∂f. The derivative of ‖f̂‖ is the component along f̂. Readings beyond the
+    fold of the model have the residual NaN, so that an optimiser rejects the step.
 
     Parameters
     ----------
     sensor : Sensor
-        Accelerometers alone, three or more.
+        Three or more accelerometers, without gyros.
     y : (..., r, m) array
         Readings in SI.
     c : (..., p) array
         Coefficients in SI.
     g : (..., r) or (..., 1) array
-        Norm of specific force in each row, or in all rows, m/s².
+        Norm of the specific force in each row, or in all rows, m/s².
     w : (..., r, 3) array, optional
-        Angular rate, rad/s, where lever arms are modelled.
+        Angular rate, rad/s, if lever arms are modelled.
     dT : (..., r) array or float
         Temperature minus the sensor's reference temperature, K.
     """
@@ -134,9 +135,9 @@ class NoisyNormResiduals(NamedTuple):
     """Result of `noisy_norm_residuals`; shapes for r rows and p coefficients."""
 
     residual: Array  # (..., r), m/s²
-    jacobian: Array  # (..., r, p), of ‖f̂‖ to the coefficients
-    variance: Array  # (..., r), of ‖f̂‖ by the readings' noise, (m/s²)²
-    by_rate: Array  # (..., r, 3), of ‖f̂‖ to ω; zero without lever arms
+    jacobian: Array  # (..., r, p), of ‖f̂‖, for the coefficients
+    variance: Array  # (..., r), variance of ‖f̂‖ due to the readings' noise, (m/s²)²
+    by_rate: Array  # (..., r, 3), ∂‖f̂‖/∂ω; zero without lever arms
 
 
 def noisy_norm_residuals(
@@ -157,7 +158,7 @@ def noisy_norm_residuals(
     covariance : (..., r, m, m) array
         Covariance of the readings in each row.
     made : (..., r) array
-        Norm of specific force in each row, m/s².
+        Norm of the specific force in each row, m/s².
     w : (..., r, 3) array, optional
     dT : (..., r) array or float
         As for `norm_residuals`.
@@ -165,7 +166,7 @@ def noisy_norm_residuals(
     lead = np.broadcast_shapes(y.shape[:-2], covariance.shape[:-3], c.shape[:-1], made.shape[:-1])
     table = term_table(sensor) if len(lead) == 1 else None
     if table is not None:
-        # NumPy allocates large pages, which the solver reads faster than memory of compiled code.
+        # NumPy allocates large pages, which the solver reads faster than memory from compiled code.
         jacobian = np.empty((*lead, y.shape[-2], c.shape[-1]))
         bench = StatedNorms(made, np.zeros((0, *made.shape)), np.zeros_like(made))
         x = np.broadcast_to(c, (*lead, c.shape[-1]))
@@ -180,11 +181,11 @@ def noisy_norm_residuals(
 
 
 class StatedNorms(NamedTuple):
-    """Norms of specific force in r rows as a bench states them, for s trials or one for all."""
+    """Norms of the specific force in r rows as the bench states them, for s trials or for all."""
 
     norm: Array  # (..., r), m/s²
-    derivatives: Array  # (q, ..., r), by the bench's parameters
-    variance: Array  # (..., r), by the errors of each row, (m/s²)²
+    derivatives: Array  # (q, ..., r), with respect to the bench's parameters
+    variance: Array  # (..., r), variance due to the errors of each row, (m/s²)²
 
 
 def norm_normal_equations(
@@ -197,22 +198,22 @@ def norm_normal_equations(
     which: NDArray[np.intp],
     jacobian: Array | None = None,
 ) -> NormalEquations:
-    """Return the normal equations of trials by the residuals of `noisy_norm_residuals`.
+    """Return the normal equations of trials for the residuals of `noisy_norm_residuals`.
 
     Parameters
     ----------
     table : TermTable
-        Of the sensor.
+        Term table of the sensor.
     y, covariance, dT
-        Of all trials, or shared by them, as for `noisy_norm_residuals`.
+        Values for all trials or shared by them, as for `noisy_norm_residuals`.
     stated : StatedNorms
-        Of these trials, or shared by them.
+        Norms for these trials or shared by them.
     x : (s, p + q) array
-        Coefficients and the bench's parameters of these trials, SI.
+        Coefficients and bench parameters for these trials, SI.
     which : (s,) array of int
-        Places of these trials.
+        Indices of these trials.
     jacobian : (s, r, p + q) array, optional
-        Written instead of the normal equations, not weighted.
+        If given, it receives the unweighted Jacobian instead of the normal equations.
     """
     from inercal.methods.residuals import _kernels
     from inercal.methods.residuals._force_inversion import Model, Rows
@@ -227,7 +228,7 @@ def norm_normal_equations(
         np.empty((count, k * (k + 1) // 2)),
         np.empty((count, k)),
     )
-    # Copies of what is small: numba compiles once more for an array that is read-only.
+    # Small arrays are copied, because numba would compile again for a read-only array.
     _kernels.norm_kernel(
         table,
         (
@@ -252,25 +253,26 @@ def norm_normal_equations(
 
 @dataclass(frozen=True, eq=False)
 class VectorEquations:
-    """Normal equations of trials by the residuals of `inercal.methods.residuals.vector_residuals`.
+    """Normal equations of trials for the residuals of `inercal.methods.residuals.vector_residuals`.
 
     Parameters
     ----------
     sensor : Sensor
-        With p coefficients.
+        Sensor with p coefficients.
     y : (1 or trials, r, m) array
         Readings of all trials, SI.
     stated_motion : callable
-        From x (1 or s, p + q) and the places of these trials (s,) to their motion.
+        Maps x (1 or s, p + q) and the indices of these trials (s,) to their motion.
     names : tuple of q str
-        The parameters that follow the coefficients.
+        The parameters that come after the coefficients.
     readings : mapping of str to (r m,) array
-        What a unit of a parameter adds to the readings, instead of any motion.
+        Direct effect of a unit of a parameter on the readings, rather than on the motion.
     noise : (..., n) or (..., n, n) array
-        Deviations, or if correlated the covariance, of the observed readings of all trials.
+        Standard deviations, or if correlated the covariance, of the observed readings in all
+        trials.
     correlated : bool
     observed : (n,) array of int
-        Places of the readings that are observed, row after row.
+        Indices of the observed readings, row after row.
     """
 
     sensor: Sensor
@@ -283,13 +285,13 @@ class VectorEquations:
     observed: Indices
 
     def subset(self, at: Indices) -> "VectorEquations":
-        """Return the equations of only some of the observed readings."""
+        """Return the equations for only some of the observed readings."""
         noise = self.noise[..., at[:, None], at] if self.correlated else self.noise[..., at]
         return replace(self, noise=noise, observed=self.observed[at])
 
     @cached_property
     def _whitened_noise(self) -> tuple[Array, Array]:
-        """Weights and factors, as for `inercal.methods.residuals._vector_kernel.WhitenedNoise`."""
+        """Weights and factors for `inercal.methods.residuals._vector_kernel.WhitenedNoise`."""
         noise, correlated, n = self.noise, self.correlated, self.noise.shape[-1]
         variance = np.diagonal(noise, axis1=-2, axis2=-1) if correlated else noise
         if correlated and np.count_nonzero(variance) == np.count_nonzero(noise):
@@ -307,14 +309,14 @@ class VectorEquations:
 
     @cached_property
     def _columns(self) -> Array:
-        """What units of the parameters add to the observed readings, (n, q)."""
+        """Effect of unit parameters on the observed readings, (n, q)."""
         result = np.zeros((len(self.observed), len(self.names)))
         for name, column in self.readings.items():
             result[:, self.names.index(name)] = column[self.observed]
         return result
 
     def __call__(self, x: Array, which: Indices) -> NormalEquations:
-        """Return the equations of trials at x, as `inercal.estimation.Problem` wants them."""
+        """Return the equations of trials at x, as `inercal.estimation.Problem` expects them."""
         from inercal.methods.residuals._vector_kernel import (
             Derivatives,
             TrialBuffer,
@@ -342,7 +344,7 @@ class VectorEquations:
             np.empty((count, (p + q) * (p + q + 1) // 2)),
             np.empty((count, p + q)),
         )
-        # Accelerometers alone see no rate.
+        # If there are only accelerometers, no rate is sensed.
         by_rate = self._stacked(stated.dw, r) if slope[..., 3:].any() else np.zeros((0, 1, r, 3))
         vector_kernel(
             Derivatives(
@@ -371,5 +373,5 @@ class VectorEquations:
 
 
 def _contiguous(array: Array, axes: int) -> Array:
-    """Return an array with an axis of trials, which compiled code may write to."""
+    """Return an array with a trial axis that compiled code may write to."""
     return np.require(array.reshape((-1, *array.shape[1 - axes :])), requirements=["C", "W"])

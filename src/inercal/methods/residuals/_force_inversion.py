@@ -1,11 +1,12 @@
-"""Compiled: the force that a triad's readings show, by the products in a table.
+"""Compiled inversion: the force from a triad's readings, with the products in a table.
 
 Reading i is y = a + Σ k φ(a) + e·f + other products, with a = d·f along the (tilted) axis. The
 force is the root that `inercal.physics.sensors.inverse` finds, by Newton's method from the linear
-part; slopes of reversed sign are beyond the fold. Where all products are of a alone, each axis is
-inverted by itself and f = D⁻¹ a with D the directions d; otherwise the three are solved together.
+part. Slopes with reversed sign are beyond the fold. If all products depend only on a, each axis is
+inverted separately and f = D⁻¹ a, where D contains the directions d. Otherwise the three axes are
+solved together.
 """
-# Numba's decorator has no types.
+# Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
 
 from typing import NamedTuple
@@ -31,31 +32,31 @@ from inercal.methods.residuals._row_operations import (
 )
 from inercal.methods.residuals.term_table import ALONG, OTHER, TermTable
 
-_WIDTH = 16  # of a loop: spare rows up to a multiple of it repeat the last one
+_WIDTH = 16  # of a loop: spare rows up to a multiple of it repeat the last row
 _MAX_STEPS, _TINY = 40, 2.0**-1022
-# Of the last step, relative to the force: the error left is of the order of its square.
+# Last step relative to the force: the remaining error is of the order of its square.
 _SETTLED = 2.0**-26
-_EXACT = 1e-14  # of the last step before which slopes are those after it
+_EXACT = 1e-14  # last step, relative; below this, slopes before the step equal those after it
 
 
 class Model(NamedTuple):
-    """The model of a trial: y = a + Σ k φ(a) + e·f + other products, with a = d·f."""
+    """The model in one trial: y = a + Σ k φ(a) + e·f + other products, with a = d·f."""
 
-    along: Array  # k (3, 6), of the products along each axis
+    along: Array  # k (3, 6), coefficients of the products along each axis
     directions: Array  # d (3, 3)
-    turned: Array  # (3, 2, 3), derivatives of d by δ_O and δ_P, which are directions, too
+    turned: Array  # (3, 2, 3), ∂d/∂(δ_O, δ_P), which are also directions
     across: Array  # e (3, 3)
     slope: Array  # (3, 3), ∂y/∂f at zero force
     back: Array  # (3, 3), its inverse
 
     @classmethod
     def empty(cls) -> "Model":
-        """Return the arrays of a trial's model."""
+        """Return uninitialised arrays for the model of one trial."""
         return cls(np.zeros((3, 6)), np.zeros((3, 3)), np.zeros((3, 2, 3)), *np.zeros((3, 3, 3)))
 
 
 class Rows(NamedTuple):
-    """The rows of a trial, in the last axis of all arrays."""
+    """The rows of a trial, which are in the last axis of all arrays."""
 
     y: Array  # (3, r)
     noise: Array  # (6, r), variances of y and twice the covariances xy, yz, zx
@@ -66,15 +67,15 @@ class Rows(NamedTuple):
     slope: Array  # S (3, 3, r)
     cofactors: Array  # (3, 3, r), of S
     det: Array  # (r,), of S
-    off: Array  # (3, r), y less the readings at f
-    step: Array  # (3, r), the last one
+    off: Array  # (3, r), y minus the readings at f
+    step: Array  # (3, r), the last Newton step
     size: Array  # (r,), of the force
     good: Bools  # (r,), whether f exists
     length: Array  # (r,), ‖f̂‖
     by: Array  # b (3, r)
-    seen: Array  # (5, r), components of an axis: a, along P and O, sign of a, ΔT
+    seen: Array  # (5, r), components for an axis: a, along P and O, sign of a, ΔT
     across: Array  # (2, r), ∂y/∂ the components along P and O
-    part: Array  # (r,), for what does not last
+    part: Array  # (r,), temporary values
     variance: Array  # (r,), b C bᵀ
     w: Array  # (r,), weights
     u: Array  # (r,), weighted residuals
@@ -82,7 +83,7 @@ class Rows(NamedTuple):
 
     @classmethod
     def empty(cls, r: int, k: int) -> "Rows":
-        """Return the arrays of r rows and k parameters."""
+        """Return uninitialised arrays for r rows and k parameters."""
         r = -(-r // _WIDTH) * _WIDTH
         y, f, a, outer, off, step, by = np.zeros((7, 3, r))
         slope, cofactors = np.zeros((2, 3, 3, r))
@@ -111,7 +112,7 @@ def _invert(m: Array, result: Array) -> float:
 
 @njit(**INNER)
 def _set_model(c: Array, table: TermTable, model: Model) -> float:
-    """Write the model of coefficients c and return the determinant of ∂y/∂f at zero force.
+    """Write the model with coefficients c and return the determinant of ∂y/∂f at zero force.
 
     h = (1, tan δ_O, −tan δ_P) · norm along I, P, O.
     """
@@ -149,7 +150,7 @@ def _set_model(c: Array, table: TermTable, model: Model) -> float:
 
 @njit(**INNER)
 def _off(k: Array, y: Array, a: Array, off: Array, outer: Array) -> None:
-    """Write y less a and the products along an axis, of coefficients k (6,), and ∂y/∂a."""
+    """Write y minus a minus the products along an axis with coefficients k (6,), and ∂y/∂a."""
     k0, k1, k2, k3, odd1, odd2 = k[0], 1.0 + k[1], k[2], k[3], k[4], k[5]
     for n in range(a.size):
         x = a[n]
@@ -160,7 +161,7 @@ def _off(k: Array, y: Array, a: Array, off: Array, outer: Array) -> None:
 
 @njit(**INNER)
 def _unsettled(step: Array, limit: float, size: Array) -> int:
-    """Return in how many rows another step is worth it."""
+    """Return the number of rows that need another step."""
     count = 0
     for n in range(step.size):
         count += 0 if abs(step[n]) <= limit * size[n] else 1
@@ -169,9 +170,9 @@ def _unsettled(step: Array, limit: float, size: Array) -> int:
 
 @njit(**INNER)
 def _mark(step: Array, size: Array, slope: Array, at_zero: float, good: Bools) -> int:
-    """Mark rows that are not settled or beyond the fold, and return their number.
+    """Mark rows that have not converged or are beyond the fold, and return their number.
 
-    The marks are written only where there is one: a loop over bools is slow.
+    The marks are written only if there are such rows, because a loop over bools is slow.
     """
     count = 0
     for n in range(step.size):
@@ -184,7 +185,7 @@ def _mark(step: Array, size: Array, slope: Array, at_zero: float, good: Bools) -
 
 @njit(**INNER)
 def _start(y: Array, k0: float, factor: float, a: Array, size: Array) -> None:
-    """Write the linear part of the force along an axis, and raise the sizes to it."""
+    """Write the linear part of the force along an axis, and raise the sizes to at least that."""
     for n in range(a.size):
         a[n] = (y[n] - k0) * factor
     raise_size(a, size)
@@ -192,7 +193,7 @@ def _start(y: Array, k0: float, factor: float, a: Array, size: Array) -> None:
 
 @njit(inline="always")
 def _invert_axes(model: Model, rows: Rows) -> int:
-    """Write a and ∂y/∂a where all products are along the axes; return how many do not exist."""
+    """Write a and ∂y/∂a if all products are along the axes; return how many rows have no root."""
     ys, forces, steps, outers, ks = rows.y, rows.a, rows.step, rows.outer, model.along
     size, det, part, good = rows.size, rows.det, rows.part, rows.good
     fill(_TINY, size)
@@ -219,9 +220,9 @@ def _invert_axes(model: Model, rows: Rows) -> int:
 
 @njit(**INNER)
 def set_product(seen: Array, powers: Indices, factor: float, by: int, out: Array) -> bool:
-    """Write a product of components seen (5, r), or with by ≥ 0 its derivative by that one.
+    """Write a product of components seen (5, r), or its derivative for component `by` if by ≥ 0.
 
-    Returns False, and writes nothing, where the derivative is zero.
+    Return False and write nothing if the derivative is zero.
     """
     if by >= 0:
         if powers[by] == 0:
@@ -238,7 +239,7 @@ def set_product(seen: Array, powers: Indices, factor: float, by: int, out: Array
 
 @njit(**INNER)
 def set_components(i: int, table: TermTable, rows: Rows) -> None:
-    """Write the components that axis i sees."""
+    """Write the components that axis i senses."""
     seen, a, f, frames = rows.seen, rows.a[i], rows.f, table.frames
     copy(a, seen[0])
     copy(rows.warm, seen[4])
@@ -253,7 +254,7 @@ def set_components(i: int, table: TermTable, rows: Rows) -> None:
 def _other_products(
     i: int, c: Array, table: TermTable, rows: Rows, off: Array, outer: Array
 ) -> bool:
-    """Add the products of axis i that are neither along nor across; return whether it has any."""
+    """Add the products of axis i that are neither along nor across it; return whether any exist."""
     seen, part, across = rows.seen, rows.part, rows.across
     axis, places, powers = table.axis, table.place, table.powers
     coefficient, factor = table.coefficient, table.factor
@@ -276,7 +277,7 @@ def _other_products(
 
 @njit(inline="always")
 def _respond(c: Array, table: TermTable, model: Model, rows: Rows) -> None:
-    """Write at f: a, y less the readings, ∂y/∂a, and S with its cofactors."""
+    """Write the response at f: a, y minus the readings, ∂y/∂a, and S with its cofactors."""
     f, part, across, slope, frames = rows.f, rows.part, rows.across, rows.slope, table.frames
     ds, es, ks = model.directions, model.across, model.along
     ys, forces, offs, outers = rows.y, rows.a, rows.off, rows.outer
@@ -298,7 +299,7 @@ def _respond(c: Array, table: TermTable, model: Model, rows: Rows) -> None:
 
 @njit(inline="always")
 def _set_cofactors(s: Array, cofactors: Array, det: Array) -> None:
-    """Write cofactors of S (3, 3, r), so that S⁻¹ = cofactorsᵀ/det, and det (r,)."""
+    """Write the cofactors of S (3, 3, r), so that S⁻¹ = cofactorsᵀ/det, and det (r,)."""
     for i in range(3):
         for j in range(3):
             a, b, c, e = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
@@ -308,7 +309,7 @@ def _set_cofactors(s: Array, cofactors: Array, det: Array) -> None:
 
 @njit(inline="always")
 def _invert_together(c: Array, at_zero: float, table: TermTable, model: Model, rows: Rows) -> int:
-    """Write f, a, ∂y/∂a and S for any products; return how many do not exist.
+    """Write f, a, ∂y/∂a and S for any products; return how many rows have no root.
 
     `at_zero` is the determinant of S at zero force.
     """
@@ -345,7 +346,7 @@ def _invert_together(c: Array, at_zero: float, table: TermTable, model: Model, r
 
 @njit(**INNER)
 def _replace_bad(rows: Rows) -> None:
-    """Write finite numbers where no force exists."""
+    """Write finite numbers in rows where no force exists."""
     for n in range(rows.part.size):
         if not rows.good[n]:
             rows.det[n] = 1.0
@@ -357,7 +358,7 @@ def _replace_bad(rows: Rows) -> None:
 
 @njit(**INNER)
 def find_force(c: Array, table: TermTable, model: Model, separable: bool, rows: Rows) -> None:
-    """Write f̂, its norm, and b = ûᵀ S⁻¹; finite where the force does not exist, too."""
+    """Write f̂, its norm, and b = ûᵀ S⁻¹, which are finite even if the force does not exist."""
     f, a, bys, length, good = rows.f, rows.a, rows.by, rows.length, rows.good
     outers, det, cofactors, back = rows.outer, rows.det, rows.cofactors, model.back
     at_zero = _set_model(c, table, model)

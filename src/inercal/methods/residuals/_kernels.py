@@ -1,13 +1,13 @@
-"""Compiled: norms of the specific force of many trials, by a triad whose terms are in a table.
+"""Compiled norms of the specific force in many trials, for a triad whose terms are in a table.
 
 With S = ∂y/∂f, û = f̂/‖f̂‖ and b = ûᵀ S⁻¹::
 
     ∂‖f̂‖/∂y = b,   ∂‖f̂‖/∂c = −Σ bᵢ ∂yᵢ/∂c,   var ‖f̂‖ = b C bᵀ
 
-A trial is computed at a time, and its normal equations from its own columns: no array holds the
-derivatives of all trials.
+One trial is computed at a time, and its normal equations come from its own columns, so no array
+contains the derivatives of all trials.
 """
-# Numba's decorator has no types.
+# Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
 
 import numpy as np
@@ -56,7 +56,7 @@ def _set_variance(by: Array, noise: Array, variance: Array) -> None:
 
 @njit(**INNER)
 def _add_column(place: int, factor: float, a: Array, by: Array, column: Array) -> None:
-    """Add factor · b · φ(a) of the product along an axis at a place."""
+    """Add factor · b · φ(a) for the product along an axis at index `place`."""
     if place == 0:
         for n in range(a.size):
             column[n] += factor * by[n]
@@ -79,7 +79,7 @@ def _add_column(place: int, factor: float, a: Array, by: Array, column: Array) -
 
 @njit(**INNER)
 def _set_columns(table: TermTable, model: Model, rows: Rows, columns: Array) -> None:
-    """Write Σ b ∂y/∂c of each coefficient, (p, r); b may be weighted."""
+    """Write Σ b ∂y/∂c for each coefficient, (p, r); b may be weighted."""
     part, a, b, f, seen, frames = rows.part, rows.a, rows.by, rows.f, rows.seen, table.frames
     powers = table.powers
     axis, places, factors, coefficient = table.axis, table.place, table.factor, table.coefficient
@@ -111,7 +111,7 @@ def _set_columns(table: TermTable, model: Model, rows: Rows, columns: Array) -> 
 
 @njit(**INNER)
 def set_normal(columns: Array, u: Array, normal: Array, gradient: Array) -> None:
-    """Write the lower triangle of AᵀA, and Aᵀu, of columns Aᵀ (k, r): four products at a time."""
+    """Write the lower triangle of AᵀA, and Aᵀu, from columns Aᵀ (k, r), four products at a time."""
     k = columns.shape[0]
     for i in range(0, k, 2):
         a, b = columns[i], columns[min(i + 1, k - 1)]
@@ -161,7 +161,7 @@ def _is_separable(table: TermTable) -> bool:
 def _set_residuals(
     norm: Array, own: Array, rows: Rows, residual: Array, weight: Array, whitened: Array
 ) -> None:
-    """Write residuals, weights and u of the rows that are not spare, and w and u of all."""
+    """Write residuals, weights and u for the rows that are not spare, and w and u for all rows."""
     variance, length, good, w, u = rows.variance, rows.length, rows.good, rows.w, rows.u
     for n in range(residual.size):
         w[n] = 1.0 / np.sqrt(variance[n] + own[n])
@@ -188,7 +188,7 @@ def norm_kernel(
     found: NormalEquations,
     jacobian: Array,
 ) -> None:
-    """Write residuals of norms, their weights, and normal equations or the Jacobian.
+    """Write the residuals of norms, their weights, and the normal equations or the Jacobian.
 
     Parameters
     ----------
@@ -198,21 +198,21 @@ def norm_kernel(
         (1 or trials, r), K.
     stated : tuple of arrays
         Norm of the specific force on the bench (1 or s, r), m/s²; its derivatives (q, 1 or s, r) by
-        the bench's parameters, which follow the coefficients in x; its variance (1 or s, r) by the
-        errors of each row, (m/s²)².
+        the bench's parameters, which come after the coefficients in x; its variance (1 or s, r) due
+        to the errors of each row, (m/s²)².
     x : (s, p + q) array
-        Coefficients and parameters of the bench, SI.
+        Coefficients and bench parameters, SI.
     which : (s,) array of int
-        Trials of these parameters.
+        Trials that these parameters belong to.
     model : Model
     rows : Rows
-        For r rows and k = p + q parameters; overwritten.
+        Work arrays for r rows and k = p + q parameters, which are overwritten.
     found : NormalEquations
-        Output. Stated norms less ‖f̂‖ (s, r), NaN if a reading is beyond the fold of the model;
+        Output. Stated norms minus ‖f̂‖ (s, r), NaN if a reading is beyond the fold of the model;
         weights 1/sd (s, r); u (s, r); lower triangle of AᵀA, row after row (s, k (k + 1)/2);
-        Aᵀu (s, k). The last two are not written if the Jacobian is wanted.
+        Aᵀu (s, k). The last two are not written if the Jacobian is requested.
     jacobian : (s or 0, r, p + q) array
-        Output if it has trials, ∂(‖f̂‖ − stated)/∂x, finite everywhere.
+        Output if it contains trials: ∂(‖f̂‖ − stated)/∂x, finite everywhere.
     """
     y, covariance, warmth = data
     made, made_by, made_variance = stated
@@ -232,7 +232,7 @@ def norm_kernel(
         norm = made[min(s, made.shape[0] - 1)]
         own = made_variance[min(s, made_variance.shape[0] - 1)]
         _set_residuals(norm, own, rows, residual[s], weight[s], whitened[s])
-        # Spare rows keep the weight zero.
+        # Spare rows keep zero weight.
         for n in range(y.shape[1]):
             part[n] = -1.0 if dense else -w[n]
         for n in range(y.shape[1], part.size):

@@ -1,10 +1,10 @@
-"""Compiled operations on the rows of a trial, which lie side by side in the last axis.
+"""Compiled operations on the rows of a trial, which are contiguous along the last axis.
 
-Each writes one or two rows from few: the compiler then proves that they do not overlap, and
-vectorises the loop. Without reference counts, which `INNER` leaves out, a row of an array costs
-nothing; functions with it allocate nothing, and only compiled code can call them.
+Each function writes one or two rows from a few others, so that the compiler can prove that they do
+not overlap, and vectorises the loop. `INNER` leaves out reference counts, so a row of an array
+costs nothing. Functions compiled with it allocate nothing, and only compiled code can call them.
 """
-# Numba's decorator has no types.
+# Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
 
 from typing import Any
@@ -13,9 +13,9 @@ from inercal.basics.arrays import Array
 from inercal.estimation.kernel_options import INNER_OPTIONS, KERNEL_OPTIONS, njit
 
 INNER: dict[str, Any] = {**INNER_OPTIONS, "nogil": True, "fastmath": {"contract"}}
-# What other code calls.
+# For functions that other code calls.
 KERNEL: dict[str, Any] = {**KERNEL_OPTIONS, "nogil": True, "fastmath": {"contract"}}
-# A sum may be taken in any order.
+# A sum may be computed in any order.
 SUM: dict[str, Any] = {**INNER, "fastmath": {"contract", "reassoc", "nsz"}}
 
 
@@ -42,7 +42,7 @@ def add(step: Array, factor: float, total: Array) -> None:
 
 @njit(**INNER)
 def scale(factor: Array, row: Array) -> None:
-    """Multiply a row by factors."""
+    """Multiply a row by factors, element by element."""
     for n in range(row.size):
         row[n] *= factor[n]
 
@@ -56,14 +56,14 @@ def add_product(a: Array, b: Array, total: Array) -> None:
 
 @njit(**INNER)
 def divide(slope: Array, step: Array) -> None:
-    """Divide a row by slopes."""
+    """Divide a row by slopes, element by element."""
     for n in range(step.size):
         step[n] /= slope[n]
 
 
 @njit(**INNER)
 def combine(x: Array, factor: Array, out: Array) -> None:
-    """Write the combination of rows x (3, r), out (r,)."""
+    """Write the linear combination of rows x (3, r), out (r,)."""
     a, b, c = factor[0], factor[1], factor[2]
     x0, x1, x2 = x[0], x[1], x[2]
     for n in range(out.size):
@@ -72,7 +72,7 @@ def combine(x: Array, factor: Array, out: Array) -> None:
 
 @njit(**INNER)
 def combine_column(x: Array, factor: Array, i: int, out: Array) -> None:
-    """Write the same with the factors of column i, (3, 3)."""
+    """Write the linear combination with the factors in column i, (3, 3)."""
     a, b, c = factor[0, i], factor[1, i], factor[2, i]
     x0, x1, x2 = x[0], x[1], x[2]
     for n in range(out.size):
@@ -89,7 +89,7 @@ def multiply(x: Array, y: Array, total: Array) -> None:
 
 @njit(**INNER)
 def multiply_column(x: Array, y: Array, m: int, total: Array) -> None:
-    """Write Σ x y over three rows, of column m of y (3, 3, r)."""
+    """Write Σ x y over three rows, for column m of y (3, 3, r)."""
     x0, x1, x2, y0, y1, y2 = x[0], x[1], x[2], y[0, m], y[1, m], y[2, m]
     for n in range(total.size):
         total[n] = x0[n] * y0[n] + x1[n] * y1[n] + x2[n] * y2[n]
@@ -111,7 +111,7 @@ def set_slope(along: float, outer: Array, bent: float, slope: Array) -> None:
 
 @njit(**INNER)
 def raise_size(a: Array, size: Array) -> None:
-    """Raise sizes to those of a row."""
+    """Raise sizes to at least the absolute values in a row."""
     for n in range(a.size):
         size[n] = max(size[n], abs(a[n]))
 

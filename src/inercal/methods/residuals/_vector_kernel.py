@@ -1,10 +1,10 @@
-"""Compiled: normal equations of readings in known motion, for many trials.
+"""Compiled normal equations for readings in known motion, for many trials.
 
 The rows of a trial are those of ∂h/∂(c, q) = (design, slope · ∂(f, ω)/∂q). They are assembled and
-whitened for a trial at a time, so that no array holds the derivatives of all trials. Where all
-trials share motion, coefficients and noise, as at the start of a search, AᵀA is computed once.
+whitened one trial at a time, so no array contains the derivatives of all trials. If all trials
+share motion, coefficients and noise, as at the start of a search, AᵀA is computed only once.
 """
-# Numba's decorator has no types.
+# Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
 
 from typing import NamedTuple
@@ -19,25 +19,25 @@ from inercal.methods.residuals._row_operations import INNER, KERNEL, add, dot, f
 
 
 class Derivatives(NamedTuple):
-    """Derivatives of r rows of m axes, of s trials or shared by them; p coefficients, q others."""
+    """Derivatives for r rows of m axes, for s trials or shared by all; p coefficients, q others."""
 
     design: Array  # (1 or s, r, m, p)
-    slope: Array  # (1 or s, 1 or r, m, 6), by f and ω
-    f: Array  # (q, 1 or s, r, 3), of specific force by the other parameters
-    w: Array  # (q or 0, 1 or s, r, 3), of the rate
-    readings: Array  # (n, q), what a unit of a parameter adds to the observed readings
-    observed: Indices  # (n,), places of the observed readings, row after row
+    slope: Array  # (1 or s, 1 or r, m, 6), ∂h/∂(f, ω)
+    f: Array  # (q, 1 or s, r, 3), sensitivity of specific force to other parameters
+    w: Array  # (q or 0, 1 or s, r, 3), sensitivity of the rate to other parameters
+    readings: Array  # (n, q), effect of unit parameters on the observed readings
+    observed: Indices  # (n,), indices of the observed readings, row after row
 
 
 class WhitenedNoise(NamedTuple):
-    """Noise of n observations, of all trials or shared by them."""
+    """Noise of n observations, for each trial or shared by all."""
 
     weight: Array  # 1/sd (1 or trials, n)
-    factor: Array  # Cholesky factor of the covariance (0, 1 or trials, n, n); 0: by the weights
+    factor: Array  # Cholesky factor of the covariance (0, 1 or trials, n, n); 0: use the weights
 
 
 class TrialBuffer(NamedTuple):
-    """Arrays of one trial with n observations and k parameters."""
+    """Work arrays for one trial with n observations and k parameters."""
 
     rows: Array  # (n, k)
     columns: Array  # (k, n)
@@ -46,13 +46,13 @@ class TrialBuffer(NamedTuple):
 
     @classmethod
     def empty(cls, n: int, k: int) -> "TrialBuffer":
-        """Return the arrays."""
+        """Return uninitialised arrays."""
         return cls(np.zeros((n, k)), np.zeros((k, n)), np.zeros(n), np.zeros(k, dtype=np.int64))
 
 
 @njit(**INNER)
 def _set_rows(by: Derivatives, s: int, rows: Array) -> None:
-    """Write ∂h/∂(c, q) of trial s in the observed readings, (n, k)."""
+    """Write ∂h/∂(c, q) for trial s and the observed readings, (n, k)."""
     design = by.design[min(s, by.design.shape[0] - 1)]
     slope = by.slope[min(s, by.slope.shape[0] - 1)]
     at_f, at_w = min(s, by.f.shape[1] - 1), min(s, by.w.shape[1] - 1)
@@ -86,7 +86,7 @@ def _decorrelate(factor: Array, rows: Array) -> None:
 
 @njit(**INNER)
 def _set_sparse_normal(rows: Array, busy: Indices, normal: Array) -> None:
-    """Write the lower triangle of AᵀA of rows that depend on few parameters each."""
+    """Write the lower triangle of AᵀA from rows that each depend on few parameters."""
     fill(0.0, normal)
     for i in range(rows.shape[0]):
         row, count = rows[i], 0
@@ -103,7 +103,7 @@ def _set_sparse_normal(rows: Array, busy: Indices, normal: Array) -> None:
 
 @njit(**INNER)
 def _is_dense(rows: Array) -> bool:
-    """Return whether products of whole columns take less time than those of single elements."""
+    """Return whether products of whole columns are faster than those of single elements."""
     count = 0
     for i in range(rows.shape[0]):
         for k in range(rows.shape[1]):
@@ -141,10 +141,10 @@ def vector_kernel(
     by : Derivatives
     noise : WhitenedNoise
     which : (s,) array of int
-        Trials of these derivatives and residuals.
+        Trials that these derivatives and residuals belong to.
     buffer : TrialBuffer
     found : NormalEquations
-        Residuals y − h (s, n) as input; the others are output.
+        The residuals y − h (s, n) are input; the other arrays are output.
     """
     residual, weight, whitened, normal, gradient = found
     rows, columns, u, busy = buffer
@@ -184,7 +184,7 @@ def vector_kernel(
 
 @njit(**KERNEL)
 def to_cholesky_factors(covariance: Array) -> bool:
-    """Replace covariances (s, n, n) by their Cholesky factors; return whether all have one."""
+    """Replace covariances (s, n, n) by their Cholesky factors; return whether all factors exist."""
     good = True
     for s in range(covariance.shape[0]):
         a = covariance[s]

@@ -1,7 +1,7 @@
 """The declared terms of three accelerometers as numbers, for compiled kernels.
 
-A kernel works from this table, so that the declarations in
-`inercal.physics.sensors.coefficient_tables` stay the only statement of the model.
+The kernels use this table, so the model is declared only once, in
+`inercal.physics.sensors.coefficient_tables`.
 """
 
 from typing import NamedTuple
@@ -13,10 +13,10 @@ from inercal.basics.keys import CoefficientName
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.basis_functions import Product
 
-# Powers of the components in a product, and of sign and temperature.
+# Powers of the components in a product, then of sign and temperature.
 _POWERS = ("fi", "fp", "fo", "si", "dT")
-# Places of products: of the component along the axis alone, 1, a, a², a³, |a| and a|a|; the
-# component along P, or O; any other product.
+# Kinds of products: 1, a, a², a³, |a| and a|a| with the component a along the axis; the component
+# along P, or O; any other product.
 _ALONG = ((0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1))
 ALONG = len(_ALONG)
 ACROSS = ALONG, ALONG + 1
@@ -24,22 +24,22 @@ OTHER = ALONG + 2
 
 
 class TermTable(NamedTuple):
-    """Products of an accelerometer triad, one in each line, and the axes they act along."""
+    """Products of an accelerometer triad, one per entry, and the axes they act along."""
 
     frames: Array  # (3, 3, 3), rows I, P, O of each axis
-    tilts: Indices  # (3, 2), places of delta_o and delta_p that rotate each axis; −1 for none
-    coefficient: Indices  # (t,), place of the coefficient of each product
+    tilts: Indices  # (3, 2), indices of delta_o and delta_p that rotate each axis; −1 for none
+    coefficient: Indices  # (t,), index of the coefficient of each product
     axis: Indices  # (t,)
     factor: Array  # (t,)
-    place: Indices  # (t,), of the product: below `ALONG`, one of `ACROSS`, or `OTHER`
-    powers: Indices  # (t, 5), of fi, fp, fo, the sign of fi, and ΔT
+    place: Indices  # (t,), kind of the product: below `ALONG`, one of `ACROSS`, or `OTHER`
+    powers: Indices  # (t, 5), powers of fi, fp, fo, the sign of fi, and ΔT
 
 
 def term_table(sensor: Sensor) -> TermTable | None:
-    """Return the table of a sensor; None if its model has more than such products.
+    """Return the table for a sensor, or None if its model has terms that the table cannot contain.
 
-    These are other sensors than three accelerometers, terms of the rate and its derivative, and the
-    bias asymmetry, which has no inverse at zero.
+    This is the case for sensors other than three accelerometers, for terms with the rate and its
+    derivative, and for the bias asymmetry, which has no inverse at zero.
     """
     if len(sensor.axes) != 3 or any(axis.measures != "f" for axis in sensor.axes):
         return None

@@ -1,27 +1,30 @@
 """A triad on a plain rate table, tilted by known angles, as in tests of ship models.
 
-* `joint`: all states together, untilted and tilted, each axis against the force it sensed; the
-  angles of each mounting, its radius, the speeds, the lean at each rest, the radius and gravity are
-  nuisances with their stated deviations.
-* `planar`: the untilted states alone, linear (`inercal.methods.ship_planar`).
-* `planar_norm`: the untilted states as vectors and the tilted ones as norms, with equal weights.
-* `damped`: the source's Levenberg–Marquardt on the norms of the tilted states, from `planar`.
+* `joint`: uses all states, untilted and tilted, and compares each axis with the force that it
+  sensed. The angles of each mounting, its radius, the speeds, the lean at each rest, the radius and
+  gravity are nuisances with their stated deviations.
+* `planar`: uses only the untilted states and is linear (`inercal.methods.ship_planar`).
+* `planar_norm`: uses the untilted states as vectors and the tilted ones as norms, with equal
+  weights.
+* `damped`: the source's Levenberg–Marquardt iteration on the norms of the tilted states, starting
+  from `planar`.
 * `global`: the source's optimisation of the same norms, by differential evolution.
 
-Norms do not observe a rotation of the triad, and the value that damping or a search leaves there is
-no measurement: both estimators name the free directions and the source of their uncertainty. Equal
-sums of squares of both validate neither.
+Norms do not observe a rotation of the triad. The rotation that results from damping or a search is
+therefore not a measurement. Both estimators name the free directions and the source of their
+uncertainty. Equal sums of squares of both estimators validate neither.
 
-`planar_norm` takes untilted states as vectors and tilted ones as norms, with equal weights::
+`planar_norm` uses untilted states as vectors and tilted ones as norms, with equal weights::
 
     minimise Σ |M a + p − f|² over untilted states + Σ (|M a + p| − √(A² + 1))² over tilted ones
 
-The vectors determine the rotations that norms leave free, so that no damping is necessary. The
-weights assume equal errors in g, and no nuisance is estimated: `joint` does both better. Ours.
+The vectors determine the rotations that norms leave free, so no damping is necessary. The weights
+assume equal errors in g, and no nuisance is estimated; `joint` is better in both respects. The
+estimator is our own.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
-10.13873/J.1000-9787(2014)10-0021-04; its equations are illegible in our copy and rebuilt from its
-text. `joint`, `planar_norm` and all covariances are ours.
+10.13873/J.1000-9787(2014)10-0021-04. Its equations are illegible in our copy and were reconstructed
+from its text. `joint`, `planar_norm` and all covariances are our own.
 """
 
 from dataclasses import replace
@@ -48,17 +51,17 @@ from inercal.recordings import Observations
 def planar_norm(
     observations: Observations, sensor: Sensor, bench: RateTable, steps: Spins, priors: Priors = ()
 ) -> Estimate:
-    """Return the twelve coefficients by untilted states' vectors and tilted ones' norms.
+    """Return the twelve coefficients from vectors of untilted states and norms of tilted ones.
 
-    Arguments as for `damped`, without priors. The covariance includes the effect of the bench's
-    errors.
+    The arguments are as for `damped`, without priors. The covariance includes the effect of the
+    bench's errors.
 
     Raises
     ------
     InputError
-        Priors, another sensor, steps that are not those of the rows.
+        There are priors, the sensor is unsuitable, or the steps are not those of the rows.
     NotObserved
-        Fewer than twelve tilted states, or untilted ones that do not excite an axis.
+        There are fewer than twelve tilted states, or the untilted ones do not excite an axis.
     """
     refuse_priors(priors, "planar_norm", "joint")
     groups = tilted_rows("planar_norm", observations, sensor, steps)
@@ -69,7 +72,7 @@ def planar_norm(
     plain, f = observations.mean[..., rest, :] / G0, sensed_motion(bench, here, {}).f / G0
     model, gain, converged = fit_vectors_and_norms(plain, f, a, square)
     residual, _ = ship_consistency.linearised_rows(model, plain, f, a, square)
-    # From errors of M a + p − f of all rows, axes within, to those of the rows as compared.
+    # From errors of M a + p − f in all rows (axis index fastest) to errors of the compared rows.
     map_to = ship_consistency.comparison_map(model, observations.mean / G0, rest, groups)
     spread = ship_consistency.row_covariance(observations, bench, steps, model.matrix)
     spread = map_to @ spread @ np.swapaxes(map_to, -1, -2)
@@ -89,8 +92,8 @@ def planar_norm(
         agreement,
         ship_consistency.bench_sensitivities(bench, steps, gain @ map_to),
         notes=(
-            "All directions are determined. The frame is that of the untilted mountings' nominal "
-            "axes.",
+            "All directions are determined. The frame is that of the nominal axes of the untilted "
+            "mountings.",
         ),
         converged=converged,
     )
@@ -99,9 +102,9 @@ def planar_norm(
 def fit_vectors_and_norms(
     level: Array, f: Array, groups: Array, square: Array
 ) -> tuple[AffineModel, Array, Bools]:
-    """Return the model, the derivative of θ by each row, (..., 12, 3 r + s), and converged.
+    """Return the model, the sensitivity of θ to each row, (..., 12, 3 r + s), and convergence.
 
-    Arguments as for `linearised_rows`.
+    The arguments are as for `linearised_rows`.
     """
 
     def at(x: Array) -> tuple[Array, Array]:
@@ -119,16 +122,16 @@ def fit_vectors_and_norms(
 def plan(
     seconds: float = 150.0, reading: TiltConvention = "azimuth", one_speed: bool = False
 ) -> tuple[Spin, ...]:
-    """Return the nine untilted states, then the sixteen groups.
+    """Return the nine untilted states, followed by the sixteen groups of tilted ones.
 
     Parameters
     ----------
     seconds : float
-        Length of each dwell, s.
+        Duration of each dwell, s.
     reading : "azimuth", "dihedral" or "successive"
-        Of the pose of two tilts (`inercal.benches.rate_table.fixture`).
+        How to interpret a pose with two tilts (`inercal.benches.rate_table.fixture`).
     one_speed : bool
-        Whether all groups are at one speed, as in the source.
+        Whether all groups are at the same speed, as in the source.
     """
     return (
         *planar_plan(seconds=seconds),
@@ -139,26 +142,26 @@ def plan(
 def joint(
     observations: Observations, sensor: Sensor, bench: RateTable, steps: Spins, priors: Priors = ()
 ) -> Estimate:
-    """Return the coefficients and the bench's errors, at the largest posterior probability.
+    """Return the most probable coefficients and bench errors, given all readings and priors.
 
     Parameters
     ----------
     observations : Observations
-        One row a state, (..., r, 3) m/s².
+        One row per state, (..., r, 3) m/s².
     sensor : Sensor
-        Of three accelerometers, with the coefficients to estimate.
+        Three accelerometers, with the coefficients to estimate.
     bench : RateTable
     steps : sequence of r Spin
-        Of the rows, in known attitudes.
+        The steps of the rows, in known attitudes.
     priors : sequence of Gaussian
-        On coefficients, from other measurements.
+        Priors on coefficients, from other measurements.
 
     Raises
     ------
     InputError
-        Steps that are not those of the rows.
+        The steps are not those of the rows.
     NotObserved
-        Coefficients that these states do not determine.
+        These states do not determine some coefficients.
     """
     require_matching_rows(observations, sensor, steps)
     try:
@@ -170,14 +173,14 @@ def joint(
         require_observed(estimate, sensor, missing=())
     except NotObserved:
         if not priors:
-            # Where the states are the cause, this refusal states the mounting to add.
+            # If the states are the cause, this error names the mounting to add.
             require_excitation(bench, steps)
         raise
     return replace(estimate, notes=(_state_note(estimate, steps), *estimate.notes))
 
 
 def _state_note(estimate: Estimate, steps: Spins) -> str:
-    """Return the note on what the states determine, what priors decided, and the frame."""
+    """Return a note on the determined coefficients, the influence of priors, and the frame."""
     text = f"The states determine {estimate.rank} of {len(estimate.wanted)} coefficients."
     if left := [one.words for one in estimate.null_directions]:
         text += f" Warning: only priors decided {'; '.join(left)}."

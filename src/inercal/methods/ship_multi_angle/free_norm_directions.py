@@ -1,20 +1,21 @@
-"""The directions that norms leave free, by name, and the uncertainty of a result there.
+"""The directions that norms leave free, by name, and the uncertainty of a result along them.
 
-The right singular vectors of J with a zero singular value are not observed by any group: always the
-three rotations of the triad, and further directions of the plan. Without a tilt of a second kind no
-pose excites x and y together, and Exy + Eyx is not observed. A direction that only accidental
-deviations of the mountings show, known no better than a tenth of its natural size, counts as not
-observed.
+The right singular vectors of J with a zero singular value are not observed by any group. The three
+rotations of the triad are always among them, and the plan may add others. Without a tilt of a
+second kind no pose excites x and y together, so Exy + Eyx is not observed. A direction that only
+accidental deviations of the mountings excite, with an uncertainty above a tenth of its natural
+size, counts as not observed.
 
-The groups determine the other directions Q, with the errors ε of M a + p − f by noise and bench;
-along the null directions N the result equals the start::
+The groups determine the other directions Q, with the errors ε of M a + p − f from noise and bench.
+Along the null directions N the result equals the start. To first order, with J⁺ within Q::
 
     θ̂ − θ = N Nᵀ (start − θ) − J⁺ (2 v·ε)
 
-to first order, J⁺ within Q. So the covariance of the start enters fully along N: it comes from the
-untilted states, from stated priors, or from the bounds of a search. None of it comes from damping.
+The covariance of the start is therefore fully included along N. It comes from the untilted states,
+from stated priors, or from the bounds of a search. None of it comes from damping.
 
-The start of the damped iteration and its uncertainty along these directions are found here too.
+This module also computes the start of the damped iteration and its uncertainty along these
+directions.
 """
 
 from collections.abc import Sequence
@@ -47,15 +48,15 @@ from inercal.recordings import Observations
 
 
 class GroupInformation(NamedTuple):
-    """The information of r groups at a solution, of (...) trials."""
+    """The information that r groups contain at a solution, for (...) trials."""
 
     singular_values: Array  # (..., 12) singular values of J, descending
     null_projector: Array  # (..., 12, 12), N Nᵀ
-    gain: Array  # (..., 12, 3 r), θ by ε of each group, axes within
+    gain: Array  # (..., 12, 3 r), sensitivity of θ to ε in each group; axis index varies fastest
 
 
 def group_information(model: AffineModel, a: Array) -> GroupInformation:
-    """Return the information of readings (..., r, 3) in g at a solution."""
+    """Return the information that readings (..., r, 3) in g contain at a solution."""
     j = norm_jacobian(model, a)
     u, s, vt = np.linalg.svd(j, full_matrices=False)
     there = s > RANK_TOLERANCE * s[..., :1]
@@ -71,16 +72,16 @@ def group_information(model: AffineModel, a: Array) -> GroupInformation:
 
 
 class FreeDirections(NamedTuple):
-    """Directions of the coefficients that norms leave free at one solution."""
+    """Directions in the space of coefficients that norms leave free at one solution."""
 
     rotations: tuple[NullDirection, ...]
-    unobserved: tuple[NullDirection, ...]  # by the plan, in addition to the rotations
-    rank: int  # of the others
-    weak: tuple[NullDirection, ...]  # observed, but no better than a tenth of their natural size
+    unobserved: tuple[NullDirection, ...]  # due to the plan, in addition to the rotations
+    rank: int  # of the other directions
+    weak: tuple[NullDirection, ...]  # observed, but with an uncertainty above the limit
 
 
 def free_directions(sensor: Sensor, model: AffineModel, a: Array, spread: Array) -> FreeDirections:
-    """Return the directions that the groups of one table leave free.
+    """Return the directions that the groups from one table leave free.
 
     Parameters
     ----------
@@ -88,9 +89,9 @@ def free_directions(sensor: Sensor, model: AffineModel, a: Array, spread: Array)
     model : AffineModel
         The solution.
     a : (r, 3) array
-        Readings of the groups, g.
+        Readings in the groups, g.
     spread : (3 r, 3 r) array
-        Covariance of M a + p − f over the groups, g².
+        Covariance of M a + p − f in the groups, g².
     """
     _, slope = to_coefficients(sensor, model)
     here = group_information(model, a)
@@ -123,13 +124,13 @@ def free_directions(sensor: Sensor, model: AffineModel, a: Array, spread: Array)
 
 
 def undetermined_rotations(sensor: Sensor, left: FreeDirections) -> tuple[NullDirection, ...]:
-    """Return the rotations that a start or chance decides: none if a frame is stated."""
+    """Return the rotations that the start or chance decides; none if a frame is stated."""
     return left.rotations if sensor.frame == "mount" else ()
 
 
 def _null_direction(sensor: Sensor, move: Array, words: str) -> NullDirection:
     scaled = move / sensor.unit_scale
-    # Of equal parts the first has the sign +: which is larger by rounding is chance.
+    # If parts are equal, the first gets the sign +, because rounding decides which is larger.
     scaled = scaled / scaled[np.argmax(np.abs(scaled) > (1 - 1e-6) * np.abs(scaled).max())]
     weights: dict[str, float] = {
         name: float(w) for name, w in zip(sensor.coefficients, scaled, strict=True) if abs(w) > 1e-9
@@ -138,7 +139,7 @@ def _null_direction(sensor: Sensor, move: Array, words: str) -> NullDirection:
 
 
 def _direction_in_theta(move: Array) -> str:
-    """Return the large parts of a direction in the source's names: "Exy + Eyx"."""
+    """Return the largest components of a direction in the source's names, such as "Exy + Eyx"."""
     large = np.flatnonzero(np.abs(move) > 0.3 * np.abs(move).max())
     move = move / move[large[0]]
     words = ""
@@ -153,8 +154,8 @@ class StartingPoint(NamedTuple):
 
     model: AffineModel
     uncertainty_source: str
-    gain: Array | None = None  # (..., 12, 3 r) of r untilted states
-    prior_covariance: Array | None = None  # (12, 12) of priors
+    gain: Array | None = None  # (..., 12, 3 r) for r untilted states
+    prior_covariance: Array | None = None  # (12, 12) from priors
 
 
 def starting_point(
@@ -165,7 +166,7 @@ def starting_point(
     priors: Priors,
     groups: Sequence[int],
 ) -> StartingPoint:
-    """Return the start: nominal if the frame fixes the rest, else from untilted states or priors.
+    """Return the start: nominal if the frame fixes the rest, otherwise from states or priors.
 
     Raises
     ------
@@ -202,16 +203,17 @@ def starting_point(
 def require_convergence(
     converged: Bools, sensor: Sensor, bench: RateTable, steps: Spins, groups: Sequence[int]
 ) -> None:
-    """Refuse a solution that does not converge because these tilts do not show a direction.
+    """Raise NotObserved if the iteration diverged because these tilts do not observe a direction.
 
-    Then only accidental deviations of the mountings show it, and move the solution far along it.
+    Such a direction is excited only by accidental deviations of the mountings, which move the
+    solution far along it.
 
     Raises
     ------
     NotObserved
-        Naming the directions and what to add.
+        The message names the directions and the tilts to add.
     """
-    if converged.ndim or converged:  # each of many trials has its own flag
+    if converged.ndim or converged:  # with many trials, each has its own flag
         return
     blind = tuple(
         one.words for one in _nominal_free_directions(sensor, bench, steps, groups).unobserved
@@ -228,7 +230,7 @@ def require_convergence(
 def _start_from_priors(
     sensor: Sensor, priors: Priors, bench: RateTable, groups: Sequence[int], steps: Spins
 ) -> StartingPoint:
-    """Return θ and its covariance by the priors; refuse coefficients without a prior."""
+    """Return θ and its covariance from priors; raise NotObserved if a coefficient has no prior."""
     names = sensor.coefficients
     without = tuple(name for name in names if not any(name in prior.names for prior in priors))
     if without:
@@ -259,7 +261,7 @@ def _start_from_priors(
 def _nominal_free_directions(
     sensor: Sensor, bench: RateTable, steps: Spins, groups: Sequence[int]
 ) -> FreeDirections:
-    """Return the free directions of an ideal sensor without noise."""
+    """Return the free directions for an ideal sensor without noise."""
     f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0
     return free_directions(
         sensor, AffineModel.of(IDENTITY_PARAMETERS), f, np.zeros((f.size, f.size))

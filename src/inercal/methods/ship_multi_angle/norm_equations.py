@@ -1,39 +1,43 @@
-"""Norms of a tilted triad: the source's equations, their solutions, and the symmetric frame.
+"""Norms of a tilted triad: the source's equations, their solution, and the symmetric frame.
 
-With v = M a + p, in g, each group has one equation and one row of slopes by θ::
+With v = M a + p, in g, each group has one equation and one row of the Jacobian J for θ::
 
     |v|² = A² + 1,   J = 2 (v_x aᵀ, v_y aᵀ, v_z aᵀ, vᵀ)
 
-(M, p) → (R M, R p) keeps every norm: the three rotations v·(e × v) = 0 are null directions of J at
-every point, whatever the data. The source notes that the linear equations are short of rank and
+(M, p) → (R M, R p) keeps every norm, so the three rotations with v·(e × v) = 0 are null directions
+of J at every point, for any data. The source notes that the linear equations are short of rank and
 damps them: (JᵀJ + μ) Δ = −Jᵀρ, ρ = |v|² − (A² + 1). A damped step has no component along a null
-direction: there the result equals the start.
+direction, so the result equals the start there.
 
-The user may state a frame instead of this rotation. Of all (R M, R p) with a rotation or
-reflection R, a single one has a symmetric, positive definite H = M⁻¹, by the polar form::
+The user may state a frame, which replaces the rotation of the start. Among all (R M, R p) with a
+rotation or reflection R, exactly one has a symmetric, positive definite H = M⁻¹, by the polar
+decomposition::
 
     H = S Q,   (M, p) → (Q M, Q p),   H → S
 
 That is the frame "symmetric", which favours no axis of the sensor. Its three conditions H_ij = H_ji
-are exact. A change Δ of θ changes the result by P Δ, Δ and the rotation that restores them::
+are exact. A change Δ of θ changes the result by P Δ, which combines Δ and the rotation that
+restores the conditions::
 
     P = I − R (C R)⁻¹ C
 
-with the rotations as columns of R and the slopes of H_ij − H_ji as rows of C. P R = 0: the start or
-chance that decided the rotation affects neither the result nor its uncertainty.
+The columns of R are the rotations, and the rows of C are the slopes of H_ij − H_ji. Because
+P R = 0, the start or chance that decided the rotation affects neither the result nor its
+uncertainty.
 
-A global search is instead of the source's commercial optimiser: SciPy's differential evolution
-(Storn and Price 1997) minimises the sum of squares of the equations within bounds about nominal;
-the damped equations then polish the result. The source sets its optimiser a goal of 5 % error; here
-the error is the largest over the groups of | |M a + p| / √(A² + 1) − 1 |. Coefficients far from the
-truth meet this goal. Equal seeds give equal results, unless the time limit ends the search.
+A global search replaces the source's commercial optimiser: SciPy's differential evolution (Storn
+and Price 1997) minimises the sum of squares of the equations within bounds about nominal. The
+damped equations then polish the result. The source sets its optimiser a goal of 5 % error; here the
+error is the largest value of | |M a + p| / √(A² + 1) − 1 | over the groups. Coefficients far from
+the truth meet this goal. Equal seeds give equal results, unless the time limit ends the search.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
-equations 6 to 9; Levenberg 1944 and Marquardt 1963 for μ, which it does not print: a tenth of it
-after a step that lowers the sum of squares, ten times it after one that does not.
+equations 6 to 9. Levenberg 1944 and Marquardt 1963 for μ, which the source does not print: μ is
+divided by ten after a step that lowers the sum of squares, and multiplied by ten after one that
+does not.
 """
 
-# SciPy has no stubs.
+# SciPy has no type stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 # pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 from collections.abc import Callable, Sequence
@@ -57,12 +61,12 @@ from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel, req
 from inercal.recordings import Observations
 
 MIN_TILTED_STATES = 12  # groups
-RANK_TOLERANCE = 1e-9  # of the largest singular value: below, no equation determines a direction
-_INITIAL_DAMPING, _MAX_DAMPING = 1e-3, 1e12  # μ of the largest eigenvalue: first and last
+RANK_TOLERANCE = 1e-9  # of the largest singular value; smaller ones determine no direction
+_INITIAL_DAMPING, _MAX_DAMPING = 1e-3, 1e12  # μ relative to the largest eigenvalue
 _CONVERGED_STEP = (
-    1e-10  # g, or relative: the problem is nearly linear, the next step is far smaller
+    1e-10  # g, or relative: the problem is nearly linear, so the next step is far smaller
 )
-_ROUNDING = 2.0**-46  # of the squares
+_ROUNDING = 2.0**-46  # relative to the squares
 _PAIRS = ((1, 2), (2, 0), (0, 1))
 _MAX_STEPS = 200
 GOAL = 0.05
@@ -70,12 +74,12 @@ _POPULATION_FACTOR = 15  # times twelve
 
 
 def norm_residuals(model: AffineModel, a: Array, square: Array) -> Array:
-    """Return |M a + p|² − (A² + 1), (..., r) g², of readings (..., r, 3) g and A² + 1 (r,)."""
+    """Return |M a + p|² − (A² + 1), (..., r) g², for readings (..., r, 3) g and A² + 1 (r,)."""
     return (model.correct(a) ** 2).sum(-1) - square
 
 
 def norm_jacobian(model: AffineModel, a: Array) -> Array:
-    """Return J by θ, (..., r, 12)."""
+    """Return the Jacobian J with respect to θ, (..., r, 12)."""
     v = model.correct(a)
     by_matrix = v[..., :, None] * a[..., None, :]
     return 2 * np.concatenate([by_matrix.reshape(*v.shape[:-1], 9), v], axis=-1)
@@ -90,12 +94,12 @@ def rotation_directions(model: AffineModel) -> Array:
 
 
 def to_symmetric_frame(model: AffineModel) -> AffineModel:
-    """Return the models (...) of the same norms in the symmetric frame.
+    """Return models (...) with the same norms in the symmetric frame.
 
     Raises
     ------
     InputError
-        A matrix that is singular.
+        A matrix is singular.
     """
     mirror = np.sign(np.linalg.det(model.matrix))
     plain = AffineModel(model.matrix * mirror[..., None, None], model.offset * mirror[..., None])
@@ -104,7 +108,7 @@ def to_symmetric_frame(model: AffineModel) -> AffineModel:
 
 
 def frame_projection(model: AffineModel) -> Array:
-    """Return P at models (...) in the symmetric frame, (..., 12, 12)."""
+    """Return P for models (...) in the symmetric frame, (..., 12, 12)."""
     slope = model.slope
     c = np.stack([slope[..., 3 * i + j, :] - slope[..., 3 * j + i, :] for i, j in _PAIRS], axis=-2)
     r = np.swapaxes(rotation_directions(model), -1, -2)
@@ -112,7 +116,7 @@ def frame_projection(model: AffineModel) -> Array:
 
 
 class DampedSolution(NamedTuple):
-    """The solution of the damped equations, of (...) trials."""
+    """The solution of the damped equations, for (...) trials."""
 
     model: AffineModel
     cost: Array  # (...), Σρ², g⁴
@@ -121,7 +125,7 @@ class DampedSolution(NamedTuple):
 
 
 def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSolution:
-    """Return the least sum of squares of the equations, from a start.
+    """Minimise the sum of squares of the equations by damped steps from a start.
 
     Parameters
     ----------
@@ -130,7 +134,7 @@ def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSoluti
     square : (r,) array
         A² + 1, g².
     start : AffineModel
-        Of (...) trials, or one for all.
+        Starts for (...) trials, or one for all.
     """
     lead = a.shape[:-2]
     a = a.reshape(-1, *a.shape[-2:])
@@ -146,18 +150,18 @@ def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSoluti
         model = AffineModel.of(theta[now])
         u, s, vt = np.linalg.svd(norm_jacobian(model, a[now]), full_matrices=False)
         mu[now] = np.where(np.isnan(mu[now]), _INITIAL_DAMPING * s[:, 0] ** 2, mu[now])
-        # No step along a null direction, where rounding alone would decide it.
+        # No step along a null direction, which only rounding would decide.
         seen = s > RANK_TOLERANCE * s[:, :1]
         share = np.where(seen, s / np.where(seen, s**2 + mu[now, None], 1.0), 0.0)
         pull = (np.swapaxes(u, -1, -2) @ norm_residuals(model, a[now], square)[..., None])[..., 0]
         move = -(np.swapaxes(vt, -1, -2) @ (share * pull)[..., None])[..., 0]
         tried = theta[now] + move
         then = (norm_residuals(AffineModel.of(tried), a[now], square) ** 2).sum(-1)
-        # A predicted decrease below the rounding of the sum cannot be verified.
+        # A predicted decrease that is smaller than the rounding of the sum cannot be verified.
         promised = (np.where(seen, pull, 0.0) ** 2).sum(-1)
         slack = _ROUNDING * np.linalg.norm(square) * np.sqrt(cost[now])
         better = (then <= cost[now]) | (promised <= slack)
-        # Judged by the undamped step: a large μ makes any step small.
+        # Convergence is judged by the undamped step, because a large μ makes any step small.
         whole = np.where(seen, pull / np.where(seen, s, 1.0), 0.0)
         left = np.linalg.norm(whole, axis=-1)
         done = left < _CONVERGED_STEP
@@ -175,7 +179,7 @@ def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSoluti
 
 
 def tilted_rows(name: str, observations: Observations, sensor: Sensor, steps: Spins) -> list[int]:
-    """Return the rows of the tilted states, or refuse too few."""
+    """Return the rows of the tilted states; raise NotObserved if there are too few."""
     refuse_temperature_terms(sensor, name, "joint")
     require_affine_triad(sensor)
     require_matching_rows(observations, sensor, steps)
@@ -193,18 +197,18 @@ def tilted_rows(name: str, observations: Observations, sensor: Sensor, steps: Sp
 def norm_observations(
     observations: Observations, bench: RateTable, steps: Spins, groups: Sequence[int]
 ) -> tuple[Array, Array]:
-    """Return readings of the groups, (..., r, 3) g, and A² + 1, (r,) g²."""
+    """Return the readings in the groups, (..., r, 3) g, and A² + 1, (r,) g²."""
     f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0
     return observations.mean[..., groups, :] / G0, (f**2).sum(-1)
 
 
 def axis_columns(rows: Sequence[int]) -> NDArray[np.intp]:
-    """Return the columns of the three axes of each row."""
+    """Return the indices of the columns for the three axes of each row."""
     return (3 * np.asarray(rows, dtype=np.intp)[:, None] + np.arange(3)).ravel()
 
 
 class Generation(NamedTuple):
-    """The best member after a generation."""
+    """The best member of the population after a generation."""
 
     number: int
     cost: float  # Σρ², g⁴
@@ -213,7 +217,7 @@ class Generation(NamedTuple):
 
 @dataclass(frozen=True)
 class Bounds:
-    """Half widths of the search about nominal: scale and cross relative, bias in g."""
+    """Half widths of the search about nominal: scale and cross terms relative, bias in g."""
 
     scale: float = 0.1
     cross: float = 0.1
@@ -228,17 +232,17 @@ class Bounds:
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """Options of a search.
+    """Options for the global search.
 
     Parameters
     ----------
     bounds : Bounds
-        About nominal.
+        Search bounds about nominal.
     seed : int
     seconds : float
-        Time limit, after which the best member is the result.
+        Time limit, s. The best member at that time is the result.
     goal : float
-        Largest relative error of a norm at which the goal is met.
+        The goal is met if the largest relative error of a norm is at most this.
     """
 
     bounds: Bounds = Bounds()
@@ -248,14 +252,14 @@ class SearchOptions:
 
 
 class SearchHistory(NamedTuple):
-    """Goal of a search, and the best member after each generation, before polishing."""
+    """The goal of a search, and the best member after each generation, before polishing."""
 
     goal: float
     generations: tuple[Generation, ...]
 
     @property
     def goal_generation(self) -> int | None:
-        """The number of the generation that first met the goal."""
+        """Index of the first generation that met the goal."""
         return next((g.number for g in self.generations if g.worst <= self.goal), None)
 
 
@@ -266,17 +270,17 @@ class SearchResult:
     Parameters
     ----------
     model : AffineModel
-        Polished.
+        The polished model.
     cost, worst : float
-        Of the model: Σρ² in g⁴, and the largest relative error of a norm.
+        Values for the model: Σρ² in g⁴, and the largest relative error of a norm.
     history : tuple of Generation
         The best member after each generation, before polishing.
     goal : int or None
-        The generation that first met the goal.
+        Index of the first generation that met the goal.
     seconds : float
-        Duration of the search.
+        Duration of the search, s.
     completed : bool
-        Whether the search ended before its time limit.
+        Whether the search finished before its time limit.
     """
 
     model: AffineModel
@@ -301,7 +305,7 @@ def search(
     generations: int = 1000,
     progress: Callable[[Generation], None] | None = None,
 ) -> SearchResult:
-    """Return the least sum of squares within bounds; polishing may leave them.
+    """Minimise the sum of squares within bounds; polishing may move the result beyond them.
 
     Parameters
     ----------
@@ -311,7 +315,7 @@ def search(
         A² + 1, g².
     options : SearchOptions
     generations : int
-        At most.
+        Maximum number of generations.
     progress : callable, optional
         Called after each generation.
     """
@@ -320,7 +324,7 @@ def search(
     half, late = options.bounds.half_width, False
 
     def cost(thetas: Array) -> Array:
-        # One column a member.
+        # One column per member.
         return (norm_residuals(AffineModel.of(thetas.T), a, square) ** 2).sum(-1)
 
     def after(intermediate_result: Any) -> None:

@@ -1,8 +1,9 @@
-"""The source's estimators of the tilted states: damped equations of their norms, or a search.
+"""The source's estimators for the tilted states: damped equations of their norms, or a search.
 
-Norms do not observe a rotation of the triad, and the value that damping or a search leaves there is
-no measurement. Both estimators name the free directions and state there the uncertainty of what
-decided them. A stated frame of the sensor fixes the rotation: then both estimators agree.
+Norms do not observe a rotation of the triad. The rotation that results from damping or a search is
+therefore not a measurement. Both estimators name the free directions and state the uncertainty of
+the start or of the bounds along them. If the frame of the sensor is stated, it fixes the rotation,
+and both estimators agree.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,33 +28,35 @@ from inercal.recordings import Observations
 
 DEFAULT_SEARCH = norm_equations.SearchOptions()
 _FIRST_BIAS = 9  # index in θ
-_BOUND_TOLERANCE = 1e-6  # of a bound: rounding
+_BOUND_TOLERANCE = 1e-6  # relative to a bound; smaller excesses are rounding
 
 
 def damped(
     observations: Observations, sensor: Sensor, bench: RateTable, steps: Spins, priors: Priors = ()
 ) -> Estimate:
-    """Return the twelve coefficients by the norms of the tilted states, damped as in the source.
+    """Return the twelve coefficients from norms of tilted states, damped as in the source.
 
-    Where norms leave a direction free the result and its uncertainty are those of the start: of
-    `planar` where there are untilted states, else of priors on all twelve coefficients. Where the
-    sensor's frame is stated and norms determine all else, the start is nominal and has no effect.
+    If norms leave a direction free, the result and its uncertainty along it are those of the start.
+    The start comes from `planar` if there are untilted states, otherwise from priors on all twelve
+    coefficients. If the sensor's frame is stated and norms determine everything else, the start is
+    nominal and has no effect.
 
     Parameters
     ----------
     observations, sensor, bench, steps
-        As for `joint`; the sensor's coefficients are the twelve of f = M a + p.
+        As for `joint`; the sensor's coefficients are the twelve in f = M a + p.
     priors : sequence of Gaussian
-        On all twelve coefficients, instead of untilted states.
+        Priors on all twelve coefficients, if there are no untilted states.
 
     Raises
     ------
     InputError
-        Another sensor, steps that are not those of the rows, priors together with untilted states
-        or a stated frame.
+        The sensor is unsuitable, the steps are not those of the rows, or there are priors together
+        with untilted states or a stated frame.
     NotObserved
-        Fewer than twelve tilted states, neither untilted states nor priors for the directions that
-        norms leave free, or no convergence because the tilts leave further directions free.
+        There are fewer than twelve tilted states, there are neither untilted states nor priors for
+        the directions that norms leave free, or the iteration does not converge because the tilts
+        leave further directions free.
     """
     groups = norm_equations.tilted_rows("damped", observations, sensor, steps)
     a, square = norm_equations.norm_observations(observations, bench, steps, groups)
@@ -88,28 +91,29 @@ def global_(
     options: norm_equations.SearchOptions = DEFAULT_SEARCH,
     progress: Callable[[norm_equations.Generation], None] | None = None,
 ) -> Estimate:
-    """Return the twelve coefficients by a global search of the norms of the tilted states.
+    """Return the twelve coefficients from a global search on the norms of the tilted states.
 
-    Where norms leave a direction free all values within the bounds are equivalent: the uncertainty
-    there is that of a uniform distribution over the bounds.
+    If norms leave a direction free, all values within the bounds are equivalent. The uncertainty
+    along it is that of a uniform distribution over the bounds.
 
     Parameters
     ----------
     observations, sensor, bench, steps
-        As for `damped`, of one table.
+        As for `damped`, from one table.
     priors : sequence of Gaussian
         Must be empty.
     options : SearchOptions
-        Bounds about nominal, seed, seconds and goal.
+        Bounds about nominal, seed, time limit and goal.
     progress : callable, optional
         Called after each generation.
 
     Raises
     ------
     InputError
-        Priors, many trials, another sensor, steps that are not those of the rows.
+        There are priors or many trials, the sensor is unsuitable, or the steps are not those of the
+        rows.
     NotObserved
-        Fewer than twelve tilted states.
+        There are fewer than twelve tilted states.
     """
     refuse_priors(priors, "global", "joint")
     require_single_recording(observations, "estimator global")
@@ -141,7 +145,7 @@ def global_(
 
 
 def _search_note(found: norm_equations.SearchResult, options: norm_equations.SearchOptions) -> str:
-    """Return the note on goal, generations and errors of the search."""
+    """Return a note on the search: goal, generations and errors."""
     met = "is not met" if found.goal is None else f"is met at generation {found.goal}"
     ended = "" if found.completed else f"; the time limit ended it after {found.seconds:.3g} s"
     goal, worst = (f"{100 * share:.3g} %" for share in (options.goal, found.worst))
@@ -153,7 +157,7 @@ def _search_note(found: norm_equations.SearchResult, options: norm_equations.Sea
 
 
 def _bound_warnings(model: AffineModel, options: norm_equations.SearchOptions) -> tuple[str, ...]:
-    """Return the warning on coefficients that polishing or the frame moved beyond the bounds."""
+    """Return a warning if polishing or the frame moved coefficients beyond the bounds."""
     off = model.theta - IDENTITY_PARAMETERS
     past = np.flatnonzero(np.abs(off) > options.bounds.half_width * (1 + _BOUND_TOLERANCE)).tolist()
     if not past:
@@ -174,7 +178,7 @@ def _bound_warnings(model: AffineModel, options: norm_equations.SearchOptions) -
 def _in_stated_frame(
     sensor: Sensor, done: norm_equations.DampedSolution
 ) -> norm_equations.DampedSolution:
-    """Return the solution in the sensor's frame, where that is stated."""
+    """Return the solution in the sensor's frame, if one is stated."""
     if sensor.frame == "mount":
         return done
     return done._replace(model=norm_equations.to_symmetric_frame(done.model))
@@ -191,10 +195,11 @@ def _norm_estimate(
     covariance: Array,
     decided: tuple[str, str],
 ) -> Estimate:
-    """Return the estimate of norms.
+    """Return the estimate that follows from norms.
 
-    Arguments as for `consistency`; `used` are the rows that the estimator used as vectors and as
-    norms, `decided` what decided the free directions and the source of their uncertainty.
+    The arguments are as for `consistency`. `used` are the rows that the estimator used as vectors
+    and as norms. `decided` says what decided the free directions and where their uncertainty comes
+    from.
     """
     level, groups = used
     a, square = norm_equations.norm_observations(observations, bench, steps, groups)
@@ -233,7 +238,7 @@ def _norm_estimate(
 def _free_direction_notes(
     left: free.FreeDirections, turns: tuple[NullDirection, ...], decided: tuple[str, str]
 ) -> tuple[str, ...]:
-    """Return the notes on free directions, on what decided them, and on weak directions."""
+    """Return notes on free directions, on what decided them, and on weak directions."""
     named = [one.words for one in (*turns, *left.unobserved)]
     what, source = decided
     rank = f"Norms determine {left.rank} of 12 coefficients"

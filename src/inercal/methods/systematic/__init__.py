@@ -1,12 +1,12 @@
-"""An IMU that a table turns between rests, from navigation alone: no angle of the table is used.
+"""An IMU that a table turns between rests, calibrated by navigation without angles of the table.
 
-At a rest the IMU is still on the Earth; gravity and the Earth's rate are known; gyros carry the
-attitude from a rest to the next, and velocity integrated over a turn from rest to rest is zero.
-`rest_and_turn_rows` has the equations, `_kernels` the integration.
+During a rest the IMU is stationary on the Earth, and gravity and the Earth's rate are known. The
+gyros propagate the attitude from one rest to the next, and the velocity integrated over a turn from
+rest to rest is zero. `rest_and_turn_rows` contains the equations, `_kernels` the integration.
 
-Gauges are imposed by rule. The body's frame is that of the accelerometers: ax along x, ay in the xy
-plane. Arms are counted from az: a common arm moves a rigid point whose velocity is zero at both
-ends of every turn.
+Gauges are imposed by rules. The body frame is that of the accelerometers: ax along x, ay in the xy
+plane. Lever arms are relative to az, because a common arm moves a rigid point whose velocity is
+zero at both ends of every turn.
 
 Sources: Camberlein and Mangeret, Calibration technique for strapdown inertial navigation systems;
 Savage 2000, Strapdown Analytics; Aitken 1935 (generalised least squares).
@@ -35,7 +35,7 @@ from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
-_LARGEST_LAG = 0.5  # s, half of what a turn has of rest at its ends
+_LARGEST_LAG = 0.5  # s, half of the rest that a turn has at its ends
 
 
 def batch(
@@ -50,22 +50,23 @@ def batch(
     Parameters
     ----------
     observations : Observations
-        One row for each rest, with the track of samples, of one trial.
+        One row for each rest, with the track of samples, from one trial.
     sensor : Sensor
         Three accelerometers, then three gyros, with their noise.
     bench : Turntable or StillTable
         Gravity and latitude.
     steps : sequence of steps
-        Unused: the gyros show the motion.
+        Unused, because the gyros measure the motion.
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
 
     Raises
     ------
     InputError
-        No track, trials, no noise, fewer than six rests, or axes that do not fit together.
+        There is no track or no noise, there are trials or fewer than six rests, or the axes do not
+        fit together.
     NotObserved
-        Coefficients that the run does not determine.
+        The run does not determine some coefficients.
     """
     track = _checked_track(observations, sensor, priors)
     known = StillTable.from_turntable(bench)
@@ -83,9 +84,9 @@ def kalman(
     steps: TableSteps,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the coefficients by a Kalman filter over the recording, in passes.
+    """Return the coefficients from a Kalman filter that passes over the recording several times.
 
-    Arguments and exceptions as for `batch`.
+    The arguments and exceptions are as for `batch`.
     """
     track = _checked_track(observations, sensor, priors)
     known = StillTable.from_turntable(bench)
@@ -99,9 +100,9 @@ def kalman(
 
 
 def _by_whole_samples_of_lag(solve_shifted: Callable[[int], Estimate], dt: float) -> Estimate:
-    """Return the estimate, from forces that are earlier by whole samples where the lag is longer.
+    """Solve with the forces shifted by whole samples if the lag is longer than a sample.
 
-    The models are of second order in the lag that is left.
+    The models are of second order in the remaining lag.
     """
     estimate = solve_shifted(0)
     k = estimate.names.index(LAG)

@@ -1,15 +1,16 @@
-"""Compiled: a Kalman filter of navigation whose states are mostly constants.
+"""Compiled Kalman filter for navigation, whose states are mostly constants.
 
-The states are ψ and the velocity's error, the coefficients, the lag, gravity and latitude, then the
-drift of the biases. In an epoch of T seconds, with C in its middle and F = C f, as in `_kernels`::
+The states are ψ and the velocity error, the coefficients, the lag, gravity and latitude, and the
+drift of the biases. In an epoch of T seconds, with C at its middle and F = C f, as in `_kernels`::
 
     ψ ← ψ − T ω_ie × ψ + Σ T C ∂ω/∂x x
     v ← v − 2 T ω_ie × v − ∫F dt × ψ + Σ (T C ∂f/∂x − ½ ∫F dt × T C ∂ω/∂x) x
 
-At a rest C does not change, and the velocity is observed to be zero at the end of each epoch. All
-states are counted from a navigation with fixed coefficients, which begins each turn from rest, at
-an attitude that does not change with the estimate: what a state does is then the same in all
-epochs. If it followed the estimate, the filter would count directions as observed that are not.
+During a rest C does not change, and the velocity is observed to be zero at the end of each epoch.
+All states are relative to a navigation with fixed coefficients. This navigation begins each turn
+from rest, at an attitude that does not change with the estimate, so the effect of a state is the
+same in all epochs. If the navigation followed the estimate, the filter would count directions as
+observed that are not.
 """
 
 import numpy as np
@@ -26,7 +27,7 @@ from inercal.methods.systematic._kernels import (
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 
 FILTER_VECTORS, FILTER_MATRICES = SAMPLE_VECTORS + 9, 4
-NAVIGATION = 6  # states of ψ and v
+NAVIGATION = 6  # number of states in ψ and v
 _AFTER_COEFFICIENTS = 3  # lag, gravity, latitude
 
 
@@ -43,7 +44,7 @@ def _write_effects(
     work: Array,
     by: Array,
 ) -> None:
-    """Write what the states after ψ and v add to these in an epoch, (6, q)."""
+    """Write the effect on ψ and v of the other states during an epoch, (6, q)."""
     for m in range(by.shape[1]):
         for j in range(3):
             work[0, j], work[1, j] = by_rate[j, m], by_force[j, m]
@@ -67,7 +68,7 @@ def _write_effects(
 
 @kernel_step
 def _move(a: Array, force: Array, earth: Array, seconds: float, work: Array, out: Array) -> None:
-    """Write what ψ and v, (6,), become in an epoch without the other states."""
+    """Write ψ and v, (6,), after an epoch, without the effect of the other states."""
     for j in range(3):
         work[0, j], work[1, j] = a[j], a[3 + j]
     cross(earth, work[0], work[2])
@@ -91,7 +92,7 @@ def _propagate(
     six: Array,
     moved: Array,
 ) -> None:
-    """Carry P through an epoch; `moved`, (6, n), and `six`, (2, 6), are working space."""
+    """Propagate P through an epoch; `moved`, (6, n), and `six`, (2, 6), are work arrays."""
     n, q = p.shape[0], by.shape[1]
     for k in range(n):
         for j in range(6):
@@ -134,7 +135,7 @@ def _propagate(
 def _observe(
     x: Array, p: Array, variance: float, gain: Array, innovation: Array, standard: Array
 ) -> float:
-    """Update by the velocity, one component after the other; return the NIS."""
+    """Update with the velocity, one component after the other, and return the NIS."""
     n, nis = x.size, 0.0
     for i in range(3):
         s = p[3 + i, 3 + i] + variance
@@ -153,7 +154,7 @@ def _observe(
 
 @kernel_step
 def _count_from(x: Array, c: Array, v: Array, reference: Array, work: Array, turned: Array) -> None:
-    """Count ψ and v from a reference attitude and from rest; C and v become these."""
+    """Make ψ and v relative to a reference attitude and to rest, which C and v are set to."""
     for i in range(3):
         for j in range(3):
             turned[0, i, j] = reference[j, i]
@@ -203,46 +204,47 @@ def filter_epochs(
     standard: Array,
     nis: Array,
 ) -> None:
-    """Follow e epochs of a recording; state and covariance are changed in place.
+    """Filter e epochs of a recording; state and covariance are changed in place.
 
     Parameters
     ----------
     w, f, dw : (e count, 3) arrays
-        ω, f and dω/dt of the samples, SI, with the coefficients that the states are counted from.
+        ω, f and dω/dt of the samples, SI, with the coefficients that the states are relative to.
     by_rate, by_force : (e, 3, n − 6) arrays
-        ∂ω and ∂f of each epoch by the states after ψ and v.
+        Sensitivity of ω and f in each epoch to the states after ψ and v.
     rest : (e,) array of int
-        Number of the rest that the epoch is a part of, from 0; −1 in motion.
+        Index of the rest that contains the epoch, from 0; −1 in motion.
     rest_attitude : (m, 3, 3) array
-        C of the first m rests, that states are counted from; later it is that at the turn's end.
+        C in the first m rests, as reference of the states; later rests use C at the turn's end.
     present : (1,) array of int
-        Number of the rest before the first epoch, −1 in motion; changed in place.
+        Index of the rest before the first epoch, −1 in motion; changed in place.
     count : int
-        Samples of an epoch.
+        Number of samples in an epoch.
     dt : float
-        s.
+        Sampling interval, s.
     begins : bool
-        Whether the first sample is that of the recording.
+        Whether the first sample is the first of the recording.
     earth, earth_slope : (3,) arrays
-        ω_ie in n and its derivative by the latitude.
+        ω_ie in n and its derivative with respect to latitude.
     gravity, lag : float
-        m/s² and s, that their states are counted from.
+        Reference values of their states, m/s² and s.
     white : (6,) array
-        Noise densities squared, of accelerometers and gyros in the body's axes, SI²/Hz.
+        Squared noise densities of accelerometers and gyros in the body axes, SI²/Hz.
     rest_variance : float
-        Of the velocity of a rest, (m/s)².
+        Variance of the velocity during a rest, (m/s)².
     keep, drawn : (d,) and (d, d) arrays
-        Of the last d states, the drift: what is kept of them in an epoch, and their noise.
+        For the last d states, the drift: factor that remains after an epoch, and noise added.
     x, p : (n,) and (n, n) arrays
         States and covariance.
     c, v : (3, 3) and (3,) arrays
         Attitude, body to n, and velocity.
     before : (2, 3) array
-        Increments of the sample before.
+        Increments in the sample before.
     vectors, matrices, rows
-        Working space, (FILTER_VECTORS, 3), (FILTER_MATRICES, 3, 3) and (16, n).
+        Work arrays, (FILTER_VECTORS, 3), (FILTER_MATRICES, 3, 3) and (16, n).
     innovation, standard, nis : (e, 3), (e, 3) and (e,) arrays
-        Out, of rests; elsewhere they stay: m/s, over their standard deviations, and squared.
+        Output for rests: in m/s, divided by standard deviations, and squared. Other epochs are
+        unchanged.
     """
     n, d = x.size, keep.size
     q = n - 6
@@ -275,12 +277,12 @@ def filter_epochs(
             for j in range(3):
                 force[j] += gained[j]
                 lagging[j] += late[j]
-            if count % 2 and k == count // 2:  # the epoch's middle is that of a sample
+            if count % 2 and k == count // 2:  # the epoch's middle is the middle of a sample
                 for m in range(3):
                     for j in range(3):
                         middle[m, j] = 0.5 * (middle[m, j] + c[m, j])
         seconds = count * dt
-        if rest[e] >= 0:  # readings have noise, what is known of a rest has none
+        if rest[e] >= 0:  # readings have noise, but known facts about a rest have none
             copy_matrix(reference, middle)
             for j in range(3):
                 force[j] = lagging[j] = 0.0

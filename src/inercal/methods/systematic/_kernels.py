@@ -1,12 +1,12 @@
-"""Compiled: navigation through turns, with the sensitivities of attitude and velocity.
+"""Compiled navigation through turns, with the sensitivities of attitude and velocity.
 
-n is east, north, up; C takes the body to n. A sample is the mean of rate and force over one
-period; with δ = ω dt and u = f dt of it and, primed, of the sample before::
+The frame n is east, north, up; C transforms from the body to n. A sample is the mean of rate and
+force over one period, with δ = ω dt and u = f dt. A prime marks the sample before::
 
     C ← exp(−ω_ie dt) C exp(δ + δ′ × δ/12)
     v ← v + C [u + ½ δ × u + ⅙ δ × (δ × u) + (δ′ × u + u′ × δ)/12] − (g e_up + 2 ω_ie × v) dt
 
-The term of second order, ⅙, counts: without it a quarter turn of 10 °/s at 100 Hz ends at 44 µm/s.
+The second-order term, ⅙, is needed: without it a quarter turn of 10 °/s at 100 Hz ends at 44 µm/s.
 With true C = exp(ψ) C, F = C f, and lag τ of the accelerometers, the sensitivities are::
 
     ψ̇_θ = −ω_ie × ψ_θ + C ∂ω/∂θ
@@ -14,7 +14,7 @@ With true C = exp(ψ) C, F = C f, and lag τ of the accelerometers, the sensitiv
 
 and the covariance of (ψ, v) obeys the same equations. They are summed over blocks of samples.
 
-Functions write results to arguments, in place, and allocate nothing: they compile sooner.
+Functions write their results to arguments, in place, and allocate nothing, so they compile sooner.
 
 Sources: Savage 2000, Strapdown Analytics, chapters 7 (integration) and 18 (errors at turns).
 """
@@ -25,8 +25,8 @@ from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import kernel, kernel_step
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 
-VECTORS, MATRICES = 20, 4  # of the working space: (VECTORS, 3) and (MATRICES, 3, 3)
-SAMPLE_VECTORS = 10  # of `advance_sample`
+VECTORS, MATRICES = 20, 4  # number of work arrays: (VECTORS, 3) and (MATRICES, 3, 3)
+SAMPLE_VECTORS = 10  # number that `advance_sample` needs
 
 
 @kernel_step
@@ -38,7 +38,7 @@ def apply_matrix(c: Array, v: Array, out: Array) -> None:
 
 @kernel_step
 def cross(a: Array, b: Array, out: Array) -> None:
-    """Write a × b; `out` is neither."""
+    """Write a × b; `out` must be neither of them."""
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
@@ -46,14 +46,14 @@ def cross(a: Array, b: Array, out: Array) -> None:
 
 @kernel_step
 def copy_vector(v: Array, out: Array) -> None:
-    """Write a vector."""
+    """Copy a vector."""
     for i in range(3):
         out[i] = v[i]
 
 
 @kernel_step
 def write_rotation(x: float, y: float, z: float, out: Array) -> None:
-    """Write exp [v×] of v = (x, y, z)."""
+    """Write the rotation exp [v×] for v = (x, y, z)."""
     s = x * x + y * y + z * z
     once, twice = 1 - s / 6 * (1 - s / 20), 0.5 - s / 24 * (1 - s / 30)
     if s > 1e-4:
@@ -84,14 +84,14 @@ def advance_sample(
     lagging: Array,
     turned: Array,
 ) -> None:
-    """Carry C and v through a sample; write the velocity by force, and its derivative by the lag.
+    """Propagate C and v over a sample; write the velocity gained and its sensitivity to the lag.
 
-    `work`, (SAMPLE_VECTORS, 3), holds the increments of the sample before in its first two rows;
-    where the motion begins they are those of this sample. `turned`, (2, 3, 3), is working space.
+    The first two rows of `work`, (SAMPLE_VECTORS, 3), contain the increments of the sample before,
+    or of this sample if the motion begins here. `turned`, (2, 3, 3), is a work array.
     """
     d0, u0, d, u, own = work[0], work[1], work[2], work[3], work[4]
     a, b, e, rho, moved = work[5], work[6], work[7], work[8], work[9]
-    # ω against n, and the force turned back by what the body turned in the lag
+    # ω relative to n, and the force rotated back by the rotation of the body during the lag
     for j in range(3):
         own[j] = w[j] - (c[0, j] * earth[0] + c[1, j] * earth[1] + c[2, j] * earth[2])
         rho[j] = own[j] * lag - 0.5 * lag * lag * dw[j]
@@ -117,7 +117,7 @@ def advance_sample(
     for j in range(3):
         moved[j] += (a[j] + b[j]) / 12
     apply_matrix(c, moved, e)
-    # In the middle of the sample n has turned by half of ω_ie dt.
+    # At the middle of the sample n has turned by half of ω_ie dt.
     cross(earth, e, a)
     cross(earth, v, b)
     for j in range(3):
@@ -148,7 +148,7 @@ def add_white_noise(p: Array, c: Array, white: Array, seconds: float) -> None:
 
 @kernel_step
 def _turn_velocity(p: Array, force: Array, work: Array) -> None:
-    """Move P of (ψ, v) by v ← v − ∫F dt × ψ."""
+    """Propagate P of (ψ, v) by v ← v − ∫F dt × ψ."""
     for j in range(6):  # rows
         for i in range(3):
             work[0, i] = p[i, j]
@@ -176,7 +176,7 @@ def _add_block(
     seconds: float,
     work: Array,
 ) -> None:
-    """Add a block to the sensitivities: C in its middle, ∫ F dt and ∫ C ∂f/∂τ dt over it."""
+    """Add a block to the sensitivities, given C at its middle, and ∫ F dt and ∫ C ∂f/∂τ dt."""
     q, r = by_rate.shape[1], by_force.shape[1]
     column, turned, out = work[0], work[1], work[2]
     for m in range(q + r + 1):
@@ -234,41 +234,41 @@ def integrate_turns(
     v_by: Array,
     covariance: Array,
 ) -> None:
-    """Write the end of the navigation through k turns, with sensitivities and noise.
+    """Write the final navigation after k turns, with sensitivities and noise.
 
     Parameters
     ----------
     w, f, dw : (n, 3) arrays
-        ω, f and dω/dt of the samples of all turns, one after the other, SI.
+        ω, f and dω/dt of the samples in all turns, one after the other, SI.
     by_rate, by_force : (b, 3, q) and (b, 3, r) arrays
-        ∂ω/∂θ and ∂f/∂θ of each block of samples; each turn begins a block. If b is 0 there are no
-        sensitivities and no covariance.
+        ∂ω/∂θ and ∂f/∂θ in each block of samples; each turn begins a new block. If b is 0 there are
+        no sensitivities and no covariance.
     first, last : (k,) arrays of int
-        Of each turn: its samples, the last one excluded.
+        First sample of each turn, and the sample after its last one.
     block : int
-        Samples in a block; the last block of a turn may have fewer.
+        Number of samples in a block; the last block of a turn may have fewer.
     dt : float
-        s.
+        Sampling interval, s.
     start : (k, 3, 3) array
-        C where each turn begins.
+        C at the start of each turn.
     chained : bool
-        Whether each turn but the first begins where the one before ended instead.
+        Whether each turn but the first starts at the end of the one before instead.
     earth : (3,) array
         ω_ie in n, rad/s.
     gravity, lag : float
         m/s² and s.
     white : (6,) array
-        Noise densities squared, of accelerometers and gyros in the body's axes, SI²/Hz.
+        Squared noise densities of accelerometers and gyros in the body axes, SI²/Hz.
     vectors, matrices : (VECTORS, 3) and (MATRICES, 3, 3) arrays
-        Working space.
+        Work arrays.
     attitude : (k, 3, 3) array
-        Out; the others begin at zero.
+        Output; the other outputs must be zero at the start.
     velocity, impulse : (k, 3) arrays
-        Out: m/s; the integral of F.
+        Output: velocity, m/s; integral of F.
     psi, v_by : (k, 3, q) and (k, 3, q + r + 1) arrays
-        Out: sensitivities; of v those of the gyros, of the accelerometers, and of the lag.
+        Output: sensitivities; those of v are for the gyros, the accelerometers, and the lag.
     covariance : (k, 6, 6) array
-        Out: of (ψ, v), by white noise.
+        Output: covariance of (ψ, v) due to white noise.
     """
     c, middle, turned = matrices[0], matrices[1], matrices[2:4]
     state, e, moved = vectors[:SAMPLE_VECTORS], vectors[SAMPLE_VECTORS], vectors[SAMPLE_VECTORS + 1]
@@ -305,7 +305,7 @@ def integrate_turns(
                 force[j] += e[j]
                 impulse[k, j] += e[j]
                 lagging[j] += moved[j]
-            if count % 2 and in_block == count // 2:  # the block's middle is that of a sample
+            if count % 2 and in_block == count // 2:  # the block's middle is inside a sample
                 for m in range(3):
                     for j in range(3):
                         middle[m, j] = 0.5 * (middle[m, j] + c[m, j])

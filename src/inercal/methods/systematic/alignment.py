@@ -1,13 +1,14 @@
-"""The attitudes where a search starts, from the whole recording; no rest is used alone.
+"""The attitudes at which a search starts, from the whole recording rather than from single rests.
 
-1. The gyros carry the force of every rest into the body's frame at the first rest. There all of
-   them must point up: otherwise an axis is reversed, exchanged, or in a wrong unit.
-2. With up known at every rest, mean rates determine the level part of the Earth's rate, hence the
-   azimuth, and the biases of the gyros, by linear least squares over all rests::
+1. The gyros transform the force of every rest to the body frame at the first rest. All forces must
+   point up there; otherwise an axis is reversed, exchanged, or in a wrong unit.
+2. When up is known at every rest, mean rates determine the level part of the Earth's rate, and with
+   it the azimuth and the gyro biases, by linear least squares over all rests::
 
        ȳ_w − C_iᵀ e_up Ω sin φ = C_iᵀ (x e₁ + y e₂) + b_g
 
-   Repeated with b_g put in: a gyro of 10 °/h has no azimuth from one rest.
+   This is repeated with b_g inserted, because a gyro of 10 °/h cannot determine the azimuth from
+   one rest.
 """
 
 from collections.abc import Iterator, Mapping
@@ -26,13 +27,13 @@ from inercal.methods.systematic.segments import Segments
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.sensors import Sensor
 
-# Of the forces: 0.4° of a navigation-grade IMU, 3 to 7° where scale factors are off by 1 % and axes
-# by 0.5°, 7 to 14° of twice that, and 86 to 180° of a wrong axis or unit
+# Disagreement of the forces: 0.4° for a navigation-grade IMU, 3 to 7° if scale factors are off by
+# 1 % and axes by 0.5°, 7 to 14° for twice these errors, 86 to 180° for a wrong axis or unit
 MAX_DISAGREEMENT = radians(20)
-MAX_LATITUDE = radians(85)  # beyond, the Earth's rate has too small a level part
+MAX_LATITUDE = radians(85)  # beyond it, the level part of the Earth's rate is too small
 _REPEATED = 3
 _LONG = 1e9  # s between rests, whose rates do not change
-_NAMED = 3  # possible causes in a message
+_NAMED = 3  # number of possible causes in a message
 
 
 def initial_attitudes(
@@ -45,14 +46,14 @@ def initial_attitudes(
     segments : Segments
     model : ImuModel
     c : (p,) array
-        Coefficients to start from.
+        Coefficients at the start.
     latitude : float
         rad.
 
     Raises
     ------
     InputError
-        A latitude beyond 85°, or forces that disagree by more than 20°.
+        The latitude is beyond 85°, or the forces disagree by more than 20°.
     """
     if abs(latitude) > MAX_LATITUDE:
         raise InputError(
@@ -61,7 +62,7 @@ def initial_attitudes(
             key="[bench] latitude",
         )
     biases, axis = _bias_places(model.sensor)
-    c = _with_mean_rates(segments, model, c)  # the Earth's rate nearly cancels over the faces
+    c = _with_mean_rates(segments, model, c)  # the Earth's rate nearly cancels over all faces
     _require_agreement(segments, model, c)
     up_rate, _ = earth_rate_up_north(latitude)
     level, attitude = np.zeros(3), np.eye(3)
@@ -81,9 +82,9 @@ def initial_attitudes(
 
 
 def attitudes_at(segments: Segments, model: ImuModel, c: Array, latitude: float) -> Array:
-    """Return C at each rest, (m, 3, 3), by coefficients c of which those of all axes count.
+    """Return C at each rest, (m, 3, 3), from readings corrected with the coefficients c.
 
-    Arguments and exceptions as for `initial_attitudes`, which takes the forces as they are read.
+    The arguments and exceptions are as for `initial_attitudes`, which uses uncorrected forces.
     """
     force = model.motion_of_readings(segments.mean, _LONG, c, 0.0, means=True).f
     mean = np.concatenate([force, segments.mean[:, 3:]], axis=1)
@@ -98,9 +99,9 @@ def _level_rate_rows(attitudes: Array) -> Array:
 
 
 def determines_azimuth(attitudes: Array) -> bool:
-    """Return whether rests at these attitudes tell the Earth's rate from the gyros' biases.
+    """Return whether rests at these attitudes can separate the Earth's rate from gyro biases.
 
-    They do where an error of one rest's rates leads to no larger one of the level part.
+    They can if an error in one rest's rates does not cause a larger error of the level part.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ def determines_azimuth(attitudes: Array) -> bool:
 
 
 def _carried(segments: Segments, model: ImuModel, c: Array, attitude: Array, earth: Array) -> Array:
-    """Return C of each rest, (m, 3, 3), as the gyros carry it from the first one."""
+    """Return C at each rest, (m, 3, 3), propagated by the gyros from the first one."""
     motion = model.motion(segments, c, 0.0)
     start = np.tile(attitude, (segments.first.size, 1, 1))
     later = integrate_navigation(segments, motion, start, earth, 0.0, chained=True).attitude
@@ -126,7 +127,7 @@ def _unit(v: ArrayLike) -> Array:
 
 
 def _level_frame(up: Array) -> Array:
-    """Return the rotation that takes `up` to the third axis, its azimuth arbitrary."""
+    """Return the rotation that takes `up` to the third axis, with arbitrary azimuth."""
     up = _unit(up)
     aside = np.eye(3)[np.argmin(np.abs(up))]
     east = _unit(np.cross(aside, up))
@@ -158,14 +159,14 @@ def _require_agreement(segments: Segments, model: ImuModel, c: Array) -> None:
             "[sensor]"
         )
     raise InputError(
-        "the specific forces of the rests, carried to the first rest by the gyros, disagree by "
+        "the specific forces at the rests, transformed to the first rest by the gyros, disagree by "
         f"{degrees(found):.0f}° (more than {degrees(MAX_DISAGREEMENT):.0f}°){text}",
         key="[data]",
     )
 
 
 def _with_mean_rates(segments: Segments, model: ImuModel, c: Array) -> Array:
-    """Return coefficients whose gyro biases are the mean rates of all rests."""
+    """Return the coefficients with gyro biases equal to the mean rates over all rests."""
     c = c.copy()
     biases, axis = _bias_places(model.sensor)
     c[biases] = segments.mean.mean(axis=0)[axis]
@@ -173,14 +174,14 @@ def _with_mean_rates(segments: Segments, model: ImuModel, c: Array) -> Array:
 
 
 def _bias_places(sensor: Sensor) -> tuple[list[int], list[int]]:
-    """Return the places of the gyros' biases among the coefficients, and those of their axes."""
+    """Return the indices of the gyro biases among the coefficients, and those of their axes."""
     names = [CoefficientName(name) for name in sensor.coefficients]
     places = [k for k, name in enumerate(names) if name.term == "bias"]
     return places, [sensor.channels.index(names[k].axis) for k in places]
 
 
 def _possible_mistakes(segments: Segments) -> Iterator[tuple[str, Segments]]:
-    """Yield common mistakes in words, each with the segments as they would be without it."""
+    """Yield common mistakes in words, each with the segments corrected for it."""
     words = {0: "the accelerometers", 3: "the gyros"}
     for first, triad in words.items():
         for k, axis in enumerate("xyz"):
@@ -201,7 +202,7 @@ def _possible_mistakes(segments: Segments) -> Iterator[tuple[str, Segments]]:
 
 
 def _changed(segments: Segments, columns: Mapping[int, tuple[int, float]]) -> Segments:
-    """Return segments with columns replaced by others times a factor."""
+    """Return the segments with columns replaced by others multiplied by a factor."""
     mean, moving = segments.mean.copy(), segments.moving.copy()
     for to, (source, factor) in columns.items():
         mean[:, to] = factor * segments.mean[:, source]

@@ -1,6 +1,7 @@
-"""Coefficients that no path of turns between rests determines, refused by name before any step.
+"""Rules for coefficients that no sequence of turns between rests determines.
 
-A rule decides, not the rank: what one device shows of a gauge is noise.
+They are named in an error message before the estimation starts. Rules are used instead of the rank,
+because any information about a gauge that one device seems to give is only noise.
 """
 
 from collections.abc import Sequence
@@ -16,23 +17,23 @@ from inercal.physics.frames import log_so3
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 
-# The body's frame: ax along x, ay in the xy plane
+# The body frame: ax along x, ay in the xy plane
 FRAME = ("ax.delta_o", "ax.delta_p", "ay.delta_o")
 COMMON_ARM = ("az.arm_i", "az.arm_p", "az.arm_o")
-_CUBE = cos(radians(15))  # of the largest component of a force on a face of the cube
+_CUBE = cos(radians(15))  # of the largest component of the force, near a face of the cube
 _FACE = 0.5 * G0
-_LEAST_TURN = radians(45)  # about an axis, over the path
-# Terms that equal another one where |f| is gravity or zero
+_LEAST_TURN = radians(45)  # total turn about an axis
+# Terms that equal another term if |f| is gravity or zero
 _ALIKE = {"k1_prime": "k2", "k3": "k1"}
 
 
 def require_determined(sensor: Sensor, observations: Observations, priors: Priors) -> None:
-    """Refuse coefficients that these rests cannot determine, unless a prior states them.
+    """Raise an error if these rests and the priors cannot determine the coefficients.
 
     Parameters
     ----------
     sensor : Sensor
-        With the chosen coefficients.
+        The sensor with the selected coefficients.
     observations : Observations
         One row for each rest.
     priors : sequence of Gaussian
@@ -40,10 +41,10 @@ def require_determined(sensor: Sensor, observations: Observations, priors: Prior
     Raises
     ------
     NotObserved
-        The rotation of the body's frame, a common arm, or terms of even order on the faces of a
-        cube.
+        The rotation of the body frame or a common lever arm is free, or all rests are at faces of a
+        cube and even-order terms are free.
     InputError
-        An axis without a rest upwards or downwards.
+        An axis has no rest upwards or downwards.
     """
     known = {name for prior in priors for name in prior.names}
     chosen = [name for name in sensor.coefficients if name not in known]
@@ -82,7 +83,7 @@ def require_determined(sensor: Sensor, observations: Observations, priors: Prior
 
 
 def require_turns(attitudes: Array, sensor: Sensor, priors: Priors) -> None:
-    """Refuse coefficients of gyros for body axes about which the path does not turn.
+    """Raise NotObserved if gyro coefficients need turns about a body axis and there are none.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ def require_turns(attitudes: Array, sensor: Sensor, priors: Priors) -> None:
     Raises
     ------
     NotObserved
-        Naming the scale factor and the misalignments that sense that axis.
+        The message names the scale factor and the misalignments that sense that axis.
     """
     known = {name for prior in priors for name in prior.names}
     turned = np.abs(log_so3(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])).sum(axis=0)

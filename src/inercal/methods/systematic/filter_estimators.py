@@ -1,11 +1,12 @@
-"""The Kalman form of systematic calibration, over a recording in passes or over a run live.
+"""The Kalman filter form of systematic calibration, over a recording in passes or over a live run.
 
-A pass starts with the coefficients of the pass before; its last estimate is the smoothed one, as
-the coefficients have no dynamics. The batch uses more of what is known of a rest, its mean rate in
-all axes.
+Each pass starts with the coefficients from the pass before. Its last estimate is also the smoothed
+one, because the coefficients have no dynamics. The batch estimator uses more information about a
+rest, namely its mean rate in all axes.
 
-In a live run the first rests are kept until they show the azimuth; then the filter follows them and
-all that comes. It is a single pass: what it is linearised about is found from those rests.
+In a live run the samples of the first rests are stored until these rests determine the azimuth.
+Then the filter processes them and everything that follows. There is only one pass, linearised about
+values from those rests.
 """
 
 from collections.abc import Mapping
@@ -45,37 +46,37 @@ from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR, Track, join_tracks
 
-_CHUNK = 100  # epochs that a recording is followed in
+_CHUNK = 100  # number of epochs that are processed together
 _MOST_PASSES = 8
 _SMALL_STEP = 0.05  # standard deviations
-_LARGEST_SHARE = 0.25  # of the variance before the data, of a direction that is determined
+_LARGEST_SHARE = 0.25  # of the variance before the data, for a direction that counts as determined
 _NOTED_SHARE = 0.02
-_NAMED_PART = 0.3  # of a direction, of a coefficient that is named
+_NAMED_PART = 0.3  # of a direction, for a coefficient that is named
 
 
 def solve_by_filter(
     track: Track, labels: tuple[str, ...], sensor: Sensor, known: StillTable, priors: Priors = ()
 ) -> Estimate:
-    """Return the estimate of one recording by the filter.
+    """Return the filter's estimate from one recording.
 
     Parameters
     ----------
     track : Track
-        With numbered rests.
+        Track with numbered rests.
     labels : tuple of m str
-        Of the rests.
+        Labels of the rests.
     sensor : Sensor
-        Three accelerometers, then three gyros, with noise and the chosen coefficients.
+        Three accelerometers, then three gyros, with noise and the selected coefficients.
     known : StillTable
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
 
     Raises
     ------
     InputError
         As for `segments_of_track` and `attitudes_at`.
     NotObserved
-        Coefficients that these rests and turns do not determine.
+        These rests and turns do not determine some coefficients.
     """
     segments = segments_of_track(track, labels, sensor, FILTER_NOISE)
     model = FilterModel(
@@ -104,7 +105,7 @@ def _attitudes(model: FilterModel, segments: Segments, c: Array) -> Array:
 def _follow(
     model: FilterModel, start: FilterStart, segments: Segments, track: Track
 ) -> NavigationFilter:
-    """Return the filter after the recording, counted from the attitudes of all rests."""
+    """Return the filter after the recording, relative to the attitudes at all rests."""
     attitudes = _attitudes(model, segments, start.value)
     start = replace(start, attitude=attitudes[0], rest_attitudes=attitudes)
     made = NavigationFilter(model, start, _CHUNK, keeps_history=True)
@@ -126,7 +127,7 @@ def _estimate(
     notes = (
         (
             f"Up to {100 * share:.2g} % of the information on a direction of the coefficients "
-            "comes from the sizes that were assumed before the data.",
+            "comes from the initial standard deviations of the filter, not from the data.",
         )
         if share > _NOTED_SHARE
         else ()
@@ -150,10 +151,10 @@ def _estimate(
 
 
 def _innovation_tests(standard: Array, rest: Indices) -> tuple[ModelTest, ...]:
-    """Return the tests of innovations by rest, and of those that judge the turns.
+    """Return the tests of innovations per rest, and of the first innovations, which judge turns.
 
-    The first innovation of a rest holds what is wrong with the turn before it; in the sum over all
-    innovations it is lost.
+    The first innovation of a rest contains the error of the turn before it. In the sum over all
+    innovations that error would be too small to notice.
     """
     first = np.append(False, rest[1:] != rest[:-1])
     turns = ModelTest(
@@ -172,7 +173,10 @@ def _innovation_tests(standard: Array, rest: Indices) -> tuple[ModelTest, ...]:
 
 
 def _require_determined(found: ConstantEstimate, start: FilterStart, sensor: Sensor) -> float:
-    """Refuse directions that are as unsure as before the data; return the largest share left."""
+    """Raise NotObserved if directions are as uncertain as before the data.
+
+    Return the largest remaining share of the initial variance.
+    """
     p = len(sensor.coefficients)
     share, directions = np.linalg.eigh(found.covariance[:p, :p] / np.outer(start.sd, start.sd))
     open_ = share > _LARGEST_SHARE
@@ -190,7 +194,9 @@ def _require_determined(found: ConstantEstimate, start: FilterStart, sensor: Sen
 
 
 class LiveNavigation:
-    """The filter of a run as its samples come; see `inercal.methods.Sequential`.
+    """The filter for a live run, which processes samples as they arrive.
+
+    See `inercal.methods.Sequential`.
 
     Parameters
     ----------
@@ -198,14 +204,14 @@ class LiveNavigation:
     known : StillTable
     priors : sequence of Gaussian
     run_duration : float
-        Of the run as planned, s.
+        Planned duration of the run, s.
     rate_hz : float
         Samples per second.
 
     Raises
     ------
     InputError
-        Another sensor than three accelerometers and three gyros.
+        The sensor is not three accelerometers and three gyros.
     """
 
     def __init__(
@@ -220,12 +226,12 @@ class LiveNavigation:
         _compile(self._model)
 
     def feed(self, track: Track) -> None:
-        """Process the samples that follow.
+        """Process the next samples.
 
         Raises
         ------
         InputError
-            Samples are missing in a turn, or axes that do not fit together.
+            Samples are missing in a turn, or the axes do not fit together.
         """
         self._require_whole_turns(track)
         if self._filter is not None:
@@ -258,14 +264,14 @@ class LiveNavigation:
         self._last_time, self._last_hold = float(time[-1]), int(track.hold[-1])
 
     def _rest_ends(self, track: Track) -> list[int]:
-        """Return the samples before which a rest has ended."""
+        """Return the indices of the samples before which a rest has ended."""
         before = self._tracks[-1].hold[-1] if self._tracks else -1
         hold = np.concatenate([[before], track.hold])
         ends: list[int] = np.flatnonzero((hold[:-1] >= 0) & (hold[1:] != hold[:-1])).tolist()
         return ends
 
     def _begun(self) -> NavigationFilter | None:
-        """Return the filter after the samples so far; None while they leave the azimuth open."""
+        """Return the filter after the samples so far, or None if the azimuth is not known yet."""
         track = join_tracks(self._tracks)
         labels = tuple(f"rest {k + 1}" for k in range(self._ended_rests))
         segments = segments_of_track(track, labels, self._model.sensor, FILTER_NOISE)
@@ -281,7 +287,7 @@ class LiveNavigation:
         return result
 
     def estimate(self) -> Mapping[str, PartialEstimate]:
-        """Return the estimate of all coefficients; empty before rests show the azimuth."""
+        """Return the estimate of all coefficients; empty until rests determine the azimuth."""
         if self._filter is None:
             return {}
         names, found = self._model.sensor.coefficients, self._filter.estimate()
@@ -304,16 +310,16 @@ def sequential(
     priors: Priors,
     rate_hz: float,
 ) -> LiveNavigation:
-    """Return the filter of a run before its first sample.
+    """Return the filter for a run before its first sample.
 
     Parameters
     ----------
     estimator : str
-        Unused: by each estimator the live estimate is that of the filter.
+        Unused, because the live estimate is that of the filter for each estimator.
     sensor : Sensor
     bench : Turntable
     steps : sequence of Position or Rotation
-        They say how long the run will last.
+        The planned steps, which determine the duration of the run.
     priors : sequence of Gaussian
     rate_hz : float
         Samples per second.
@@ -321,14 +327,14 @@ def sequential(
     Raises
     ------
     InputError
-        Steps that the table cannot follow.
+        The table cannot carry out the steps.
     """
     duration = turntable_path_duration(bench, steps)
     return LiveNavigation(sensor, StillTable.from_turntable(bench), priors, duration, rate_hz)
 
 
 def _compile(model: FilterModel) -> None:
-    """Have the kernels compiled or loaded: a table that moves must not wait for them."""
+    """Compile or load the kernels in advance, because a moving table must not wait for them."""
     p, reading = len(model.sensor.coefficients), np.zeros((1, 6))
     reading[0, :3] = [0.0, 0.0, model.known.gravity.value]
     start = FilterStart(np.eye(3), np.zeros(p), 0.0, np.ones(p), np.ones(3))

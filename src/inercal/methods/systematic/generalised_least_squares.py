@@ -1,7 +1,8 @@
 """Generalised least squares over all rests and turns, by Gauss–Newton steps.
 
-The covariance of the rows is computed once, at the initial attitudes; a step moves coefficients,
-lag and attitudes together and is repeated until it is below a thousandth of a standard deviation.
+The covariance of the rows is computed once, at the initial attitudes. A step changes coefficients,
+lag and attitudes together. Steps are repeated until they are below a thousandth of a standard
+deviation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,21 +31,21 @@ from inercal.physics.sensors import Sensor
 
 LAG = "lag"
 _LARGEST_STEP = 0.001  # standard deviations
-_SURE_STEP = 0.1  # standard deviations: a smaller step needs no test
-_HALVINGS = 8  # of a step, at most, until χ² falls
+_SURE_STEP = 0.1  # standard deviations; a smaller step needs no test
+_HALVINGS = 8  # largest number of halvings of a step until χ² decreases
 _MOST_STEPS = 60
 _SCALES = {LAG: 1.0, "g": 1.0, "latitude": 1.0}  # s, m/s², rad
 
 
 def attitude_names(labels: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the corrections ψ of the attitudes, "attitude_east[p1]"."""
+    """Return the names of the attitude corrections ψ, such as "attitude_east[p1]"."""
     return tuple(f"attitude_{way}[{label}]" for label in labels for way in ("east", "north", "up"))
 
 
 def estimated_attitudes(
     estimate: Estimate, segments: Segments, sensor: Sensor, latitude: float
 ) -> Array:
-    """Return C, body to n, at each rest by an estimate, (m, 3, 3).
+    """Return C, body to n, at each rest according to an estimate, (m, 3, 3).
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def estimated_attitudes(
     """
     start, _ = _start(segments, sensor, latitude)
     names = attitude_names(segments.labels)
-    if names[0] not in estimate.names:  # by the filter, which estimates no attitude of each rest
+    if names[0] not in estimate.names:  # from the filter, which estimates no attitude per rest
         found = estimate.value[: len(sensor.coefficients)]
         return attitudes_at(segments, ImuModel(sensor), found, latitude)
     at = [estimate.names.index(name) for name in names]
@@ -64,29 +65,29 @@ def estimated_attitudes(
 
 
 def _start(segments: Segments, sensor: Sensor, latitude: float) -> tuple[Array, Array]:
-    """Return C at each rest and the coefficients where the search starts."""
+    """Return C at each rest and the coefficients at which the search starts."""
     nominal = np.zeros(len(sensor.coefficients))
     return initial_attitudes(segments, ImuModel(sensor), nominal, latitude)
 
 
 def solve(segments: Segments, sensor: Sensor, known: StillTable, priors: Priors = ()) -> Estimate:
-    """Return the estimate of one recording.
+    """Return the estimate from one recording.
 
     Parameters
     ----------
     segments : Segments
     sensor : Sensor
-        Three accelerometers, then three gyros, with noise and the chosen coefficients.
+        Three accelerometers, then three gyros, with noise and the selected coefficients.
     known : StillTable
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
 
     Raises
     ------
     InputError
-        A latitude beyond 85°, or axes that do not fit together.
+        The latitude is beyond 85°, or the axes do not fit together.
     NotObserved
-        Coefficients that these rests and turns do not determine.
+        These rests and turns do not determine some coefficients.
     """
     model = ImuModel(sensor)
     m = len(segments.labels)
@@ -133,7 +134,7 @@ def solve(segments: Segments, sensor: Sensor, known: StillTable, priors: Priors 
 
     covariance = rows.covariance(whole)
     system = WhitenedProblem(problem(whole[free]))
-    observability(system, system.first)  # refuses what is not determined, before any step
+    observability(system, system.first)  # raises NotObserved before any step
     x, converged, steps = _search(system)
     system = WhitenedProblem(problem(x))
     structure = observability(system, system.first)
@@ -143,11 +144,11 @@ def solve(segments: Segments, sensor: Sensor, known: StillTable, priors: Priors 
 
 
 def _search(system: WhitenedProblem) -> tuple[Array, bool, int]:
-    """Return the solution, whether the steps became small, and their number."""
+    """Return the solution, whether the steps became small, and the number of steps."""
     point, scale = system.first, system.problem.scale
     inverse, tried = system.first_whitener, system.first
     for count in range(1, _MOST_STEPS + 1):
-        # Columns of unit length: an azimuth and a bias differ by ten orders of magnitude.
+        # Columns are scaled to unit length: azimuth and bias differ by ten orders of magnitude.
         rows = np.concatenate([point.weight[0][:, None] * point.rows[0], system.prior_rows])
         right = np.concatenate([point.whitened[0], point.prior[0]])
         size = np.linalg.norm(rows, axis=0)
@@ -172,7 +173,7 @@ def _search(system: WhitenedProblem) -> tuple[Array, bool, int]:
 
 
 def _cost(point: LinearisationPoint) -> float:
-    """Return χ² of observations and priors; infinite far from the solution."""
+    """Return χ² for observations and priors; infinite if the point is far from the solution."""
     cost = float(np.sum(point.whitened**2) + np.sum(point.prior**2))
     return cost if np.isfinite(cost) else np.inf
 
@@ -180,26 +181,26 @@ def _cost(point: LinearisationPoint) -> float:
 def omitted_coefficients(
     rows: RestAndTurnRows, x: Array, declared: Mapping[str, Parameter]
 ) -> list[Candidate]:
-    """Return the candidates of the score tests: parameters not estimated, and single rows.
+    """Return the candidates for score tests: parameters not estimated, and single rows.
 
     Parameters
     ----------
     rows : RestAndTurnRows
     x : array
-        The solution, all parameters.
+        The solution for all parameters.
     declared : mapping of str to Parameter
-        Gravity and latitude as stated.
+        Stated gravity and latitude.
     """
     sensor, p = rows.model.sensor, rows.count
     extended = extended_sensor(sensor)
-    # Coefficients of accelerometers come before those of gyros.
+    # The accelerometers' coefficients come before the gyros'.
     ordered = extended.with_coefficients(*extended.coefficients)
     larger = replace(rows, model=ImuModel(ordered))
     values = dict(zip(sensor.coefficients, x[:p].tolist(), strict=True))
     names = larger.model.sensor.coefficients
     at = np.concatenate([[values.get(name, 0.0) for name in names], x[p:]])
     _, jacobian = larger.linearise(at)
-    # Gauges, which turn the frame or move its origin, explain nothing: the verdict lists them.
+    # Gauges turn the frame or move its origin and explain no residual, but the verdict lists them.
     column = {name: jacobian[:, k] for k, name in enumerate(names)}
     q = len(names)
     column |= {"g": jacobian[:, q + 1], "latitude": jacobian[:, q + 2]}
@@ -208,7 +209,7 @@ def omitted_coefficients(
 
 
 def _row_candidates(rows: RestAndTurnRows) -> list[Candidate]:
-    """Return each rest and each turn with arbitrary readings."""
+    """Return a candidate for each rest and each turn, with arbitrary readings."""
     result: list[Candidate] = []
     turn_labels = rows.segments.turn_labels
     for k in range(2 * rows.rests - 1):

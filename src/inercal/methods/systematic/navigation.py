@@ -1,7 +1,8 @@
-"""From readings to motion, and navigation through the turns of a recording.
+"""Computes the motion from readings, and navigates through the turns of a recording.
 
-The motion is where the sensor's model gives the readings: Newton's steps with one slope for all
-samples of a triad. Accelerometers that are late by τ sense the arms' part at the time t − τ.
+The motion is the one for which the sensor's model gives the readings. Newton steps with one slope
+for all samples of a triad find it. Accelerometers that lag by τ sense the part due to lever arms at
+the time t − τ.
 """
 
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Axis, Sensor
 
-_STEPS = 4  # of Newton: k2 of 100 µg/g² leaves 4e-4 of an error with each
+_STEPS = 4  # of Newton's method: with k2 = 100 µg/g² each leaves 4e-4 of an error
 _NO_COLUMNS = np.zeros((0, 3, 0))
 
 
@@ -40,7 +41,7 @@ def earth_rate_slope(latitude: float) -> Array:
 
 
 class TurnMotion(NamedTuple):
-    """The motion of the samples of all turns, (n, 3) each, SI."""
+    """The motion in the samples of all turns, (n, 3) each, SI."""
 
     w: Array
     f: Array
@@ -48,7 +49,7 @@ class TurnMotion(NamedTuple):
 
 
 class Navigation(NamedTuple):
-    """Results of `inercal.methods.systematic._kernels.integrate_turns`."""
+    """Results from `inercal.methods.systematic._kernels.integrate_turns`."""
 
     attitude: Array
     velocity: Array
@@ -60,7 +61,7 @@ class Navigation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ImuModel:
-    """The model of an IMU, gyros and accelerometers apart.
+    """The model of an IMU, with gyros and accelerometers separate.
 
     Parameters
     ----------
@@ -82,45 +83,45 @@ class ImuModel:
 
     @cached_property
     def white(self) -> Array:
-        """Noise densities squared, (6,), SI²/Hz."""
+        """Squared noise densities, (6,), SI²/Hz."""
         return np.array([axis.noise.white**2 for axis in self.sensor.axes])
 
     @cached_property
     def with_biases(self) -> "ImuModel":
-        """The model with all biases: noise and drift act by their columns, estimated or not."""
+        """The model with all biases, because noise and drift act through their columns."""
         return ImuModel(self.sensor.with_coefficients(*self.sensor.coefficients, "bias"))
 
     def add_biases(self, c: Array) -> Array:
-        """Return the coefficients of `with_biases`, zero where they are not among c, (p,)."""
+        """Return the coefficients for `with_biases`; biases that are not in c, (p,), are zero."""
         values = dict(zip(self.sensor.coefficients, c.tolist(), strict=True))
         return np.array([values.get(name, 0.0) for name in self.with_biases.sensor.coefficients])
 
     def split(self, c: Array) -> tuple[Array, Array]:
-        """Return the coefficients of accelerometers and of gyros."""
+        """Return the coefficients of the accelerometers and those of the gyros."""
         count = len(self.force.coefficients)
         return c[:count], c[count:]
 
     def motion(self, segments: Segments, c: Array, lag: float) -> TurnMotion:
-        """Return the motion of all turns for coefficients c, (p,), SI."""
+        """Return the motion in all turns for coefficients c, (p,), SI."""
         return self.motion_of_readings(segments.moving, segments.dt, c, lag, means=segments.means)
 
     def motion_of_readings(
         self, y: Array, dt: float, c: Array, lag: float, *, means: bool
     ) -> TurnMotion:
-        """Return the motion of samples.
+        """Return the motion in the samples.
 
         Parameters
         ----------
         y : (n, 6) array
-            Readings, SI; their rates do not change at either end.
+            Readings, SI; their rates of change are zero at both ends.
         dt : float
-            s.
+            Sampling interval, s.
         c : (p,) array
             Coefficients, SI.
         lag : float
-            s.
+            Lag of the accelerometers, s.
         means : bool
-            Whether a sample is the mean of its reading over one period.
+            Whether a sample is the mean of the reading over one period.
         """
         cf, cw = self.split(c)
         force, rate = self.force, self.rate
@@ -142,13 +143,13 @@ class ImuModel:
     def sensitivities(
         self, segments: Segments, c: Array, motion: TurnMotion
     ) -> tuple[Array, Array]:
-        """Return ∂ω/∂θ and ∂f/∂θ of each block of samples, (b, 3, q) and (b, 3, r)."""
+        """Return ∂ω/∂θ and ∂f/∂θ in each block of samples, (b, 3, q) and (b, 3, r)."""
         turns = zip(segments.first.tolist(), segments.last.tolist(), strict=True)
         edges = [k for first, last in turns for k in range(first, last, segments.block)]
         return self.sensitivities_at(c, block_means(motion, np.array(edges, dtype=np.int64)))
 
     def sensitivities_at(self, c: Array, means: TurnMotion) -> tuple[Array, Array]:
-        """Return ∂ω/∂θ and ∂f/∂θ where the motion is that of b blocks, as `sensitivities`."""
+        """Return ∂ω/∂θ and ∂f/∂θ as `sensitivities` does, but for the motion of b blocks."""
         w, f, dw = means
         cf, cw = self.split(c)
         at = Motion(f, w, dw)
@@ -169,7 +170,7 @@ def block_means(motion: TurnMotion, edges: Indices) -> TurnMotion:
 def _invert(
     sensor: Sensor, y: Array, c: Array, at: Callable[[Array], Motion], x: Array, first: int
 ) -> Array:
-    """Return f or ω, (n, 3), at which the readings are y; `first` is its place in the slope."""
+    """Return f or ω, (n, 3), at which the readings are y; `first` is its index in the slope."""
     still = np.zeros((1, 3))
     slope = sensor.slope(Motion(still, still, still), c)
     inverse = np.linalg.inv(slope[0, :, first : first + 3])
@@ -179,14 +180,14 @@ def _invert(
 
 
 def _derivative(x: Array, dt: float) -> Array:
-    """Return the derivative by central differences, zero at both ends: there the IMU rests."""
+    """Return the derivative by central differences; it is zero at both ends, which are at rest."""
     result = np.zeros_like(x)
     result[1:-1] = (x[2:] - x[:-2]) / (2 * dt)
     return result
 
 
 def _mean_of_period(x: Array) -> Array:
-    """Return the means over one period about the times of samples: x + Δ²x/24."""
+    """Return the means over one period centred at each sample: x + Δ²x/24."""
     result = x.copy()
     result[1:-1] += (x[2:] - 2 * x[1:-1] + x[:-2]) / 24
     return result
@@ -204,24 +205,24 @@ def integrate_navigation(
     white: Array | None = None,
     chained: bool = False,
 ) -> Navigation:
-    """Integrate through all turns.
+    """Integrate the navigation through all turns.
 
     Parameters
     ----------
     segments : Segments
     motion : TurnMotion
     start : (k, 3, 3) array
-        C where each turn begins; of `chained` turns only the first one is used.
+        C at the start of each turn; for `chained` turns only the first is used.
     earth : (3,) array
         ω_ie in n, rad/s.
     gravity, lag : float
         m/s² and s.
     by : (b, 3, q) and (b, 3, r) arrays
-        As for `ImuModel.sensitivities`; without them there are none, and no covariance.
+        As for `ImuModel.sensitivities`; without them, no sensitivities or covariance are computed.
     white : (6,) array, optional
-        Noise densities squared, of accelerometers and gyros.
+        Squared noise densities of accelerometers and gyros.
     chained : bool
-        Whether a turn begins where the one before ended.
+        Whether each turn starts at the end of the one before.
     """
     by_rate, by_force = (np.ascontiguousarray(one) for one in by)
     k, q, r = segments.first.size, by_rate.shape[2], by_force.shape[2]

@@ -1,17 +1,18 @@
-"""A Kalman filter of navigation through rests and turns: the coefficients are its constant states.
+"""A Kalman filter for navigation through rests and turns; the coefficients are constant states.
 
-It follows a recording in chunks of a fixed number of epochs, so that pieces of any length give the
-same estimate. At rests the velocity is observed to be zero, every 0.2 s. The constants have no
-dynamics: their last filtered estimate is the smoothed one. A gap in time within a rest is passed
-over, as the IMU is still.
+The filter processes a recording in chunks with a fixed number of epochs, so pieces of any length
+give the same estimate. During rests the velocity is observed to be zero, every 0.2 s. The constants
+have no dynamics, so their last filtered estimate is also the smoothed one. A time gap within a rest
+is ignored, because the IMU is stationary.
 
-States are counted from a navigation with the coefficients of the start, whatever the estimate: the
-filter is that of a linear problem, and a further pass from the new coefficients is a Gauss–Newton
-step.
+The states are relative to a navigation with the initial coefficients, whatever the estimate. The
+filter therefore solves a linear problem, and a further pass from the new coefficients is a
+Gauss–Newton step.
 
-Priors say what the filter knows before its first sample. Before the data coefficients have standard
-deviations of a tenth of their natural size (0.1 g, 10 %, 6°), many times what a recording leaves;
-biases of gyros, found with the azimuth, of half of their size and of the Earth's rate.
+Priors state what the filter knows before its first sample. Before the data, coefficients have
+standard deviations of a tenth of their natural size (0.1 g, 10 %, 6°), many times larger than after
+a recording. Gyro biases are found together with the azimuth. Their initial standard deviation is
+half of the sum of the largest bias and the Earth's rate.
 
 Source: Savage 2000, Strapdown Analytics, chapter 18; Huang, Mourikis and Roumeliotis 2010,
 Observability-based rules for designing consistent EKF SLAM estimators (fixed linearisation).
@@ -54,17 +55,17 @@ from inercal.recordings import sample_count
 EPOCH = 0.2  # s
 KINDS: tuple[Measures, ...] = ("f", "w")
 LAG_SD = 0.05  # s, before the data
-_SIZE = 0.1  # of a coefficient's natural size, and rad of the level
-_BIAS_SHARE = 0.5  # of gyro biases and of the Earth's rate
+_SIZE = 0.1  # relative to a coefficient's natural size; also rad for the level
+_BIAS_SHARE = 0.5  # of the sum of the largest gyro bias and the Earth's rate
 _LARGEST_AZIMUTH = radians(30)
 REST_VELOCITY = 1e-5  # m/s, standard deviation of the velocity of a table at rest
-LIVE_CHUNK = 25  # epochs that are followed together
+LIVE_CHUNK = 25  # number of epochs that are processed together
 _MARGIN = 3  # samples on either side of a chunk, for derivatives
 
 
 @dataclass(frozen=True, eq=False)
 class FilterModel:
-    """The knowledge of a filter before its first sample.
+    """What a filter knows before its first sample.
 
     Parameters
     ----------
@@ -72,13 +73,13 @@ class FilterModel:
         Three accelerometers, then three gyros.
     known : StillTable
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
     run_duration : float
-        s, which says how slow a drift is counted.
+        Duration of the run, s, which determines how slow the modelled drift can be.
     dt : float
-        s.
+        Sampling interval, s.
     means : bool
-        Whether a sample is the mean of its reading over one period.
+        Whether a sample is the mean of the reading over one period.
     """
 
     sensor: Sensor
@@ -95,7 +96,7 @@ class FilterModel:
 
     @cached_property
     def drifts(self) -> tuple[Drift, Drift]:
-        """The drift of accelerometers and of gyros."""
+        """The drift models of accelerometers and gyros."""
         force, rate = (
             drift_model(
                 [axis.noise for axis in self.sensor.axes if axis.measures == kind],
@@ -108,13 +109,13 @@ class FilterModel:
 
     @property
     def count(self) -> int:
-        """Samples of an epoch."""
+        """Number of samples in an epoch."""
         return max(1, sample_count(EPOCH, self.dt))
 
 
 @dataclass(frozen=True, eq=False)
 class FilterStart:
-    """Where a filter starts, and how sure that is.
+    """The start of a filter and its uncertainty.
 
     Parameters
     ----------
@@ -123,13 +124,13 @@ class FilterStart:
     value : (p,) array
         Coefficients, SI.
     lag : float
-        s.
+        Lag of the accelerometers, s.
     sd : (p,) array
-        Of the coefficients, SI.
+        Standard deviations of the coefficients, SI.
     attitude_sd : (3,) array
-        rad, about east, north and up.
+        Standard deviations about east, north and up, rad.
     rest_attitudes : (m, 3, 3) array
-        C of the first m rests, if known beforehand.
+        C in the first m rests, if known beforehand.
     """
 
     attitude: Array
@@ -141,7 +142,7 @@ class FilterStart:
 
 
 def filter_start(model: FilterModel, segments: Segments) -> FilterStart:
-    """Return the start of a filter from the rests and turns of its recording, or of its begin.
+    """Return the start of a filter from the rests and turns at the beginning of its recording.
 
     Raises
     ------
@@ -161,7 +162,7 @@ def filter_start(model: FilterModel, segments: Segments) -> FilterStart:
     for k, name in enumerate(sensor.coefficients):
         if name in biases:
             sd[k] = bias
-    for prior in model.priors:  # what the user states counts, not how large errors look
+    for prior in model.priors:  # the stated uncertainty counts, not the usual size of errors
         at = [sensor.coefficients.index(name) for name in prior.names]
         sd[at] = np.maximum(sd[at], 10 * np.sqrt(np.diagonal(prior.covariance)))
     azimuth = min(bias / float(earth[1]), _LARGEST_AZIMUTH)
@@ -169,30 +170,30 @@ def filter_start(model: FilterModel, segments: Segments) -> FilterStart:
 
 
 class ConstantEstimate(NamedTuple):
-    """Coefficients, the lag, gravity and latitude: values and covariance, SI."""
+    """Values and covariance of the coefficients, the lag, gravity and latitude, SI."""
 
     value: Array
     covariance: Array
 
 
 class NavigationFilter:
-    """The filter over one recording.
+    """The filter for one recording.
 
     Parameters
     ----------
     model : FilterModel
     start : FilterStart
     chunk : int
-        Epochs that are followed together.
+        Number of epochs that are processed together.
     keeps_history : bool
-        Whether `history` is wanted.
+        Whether to store the data for `history`.
 
     Attributes
     ----------
     nis : float
         Sum of the normalised innovations squared.
     components : int
-        Their number.
+        Number of innovation components in this sum.
     """
 
     def __init__(
@@ -205,7 +206,7 @@ class NavigationFilter:
     ):
         self.model = model
         known, p = model.known, len(model.sensor.coefficients)
-        self._first = NAVIGATION + p + 3  # of the drift
+        self._first = NAVIGATION + p + 3  # index of the first drift state
         self._chunk = chunk
         self._keeps_history, self._history = keeps_history, list[_Chunk]()
         self.nis, self.components, self._fed = 0.0, 0, 0
@@ -225,7 +226,7 @@ class NavigationFilter:
         self._before = np.zeros((2, 3))
         self._rest_attitudes = start.rest_attitudes
         self._present: Indices = np.full(1, -1, dtype=np.int64)
-        self._hold, self._rest = -1, -1  # number of the last hold, and of the last rest
+        self._hold, self._rest = -1, -1  # index of the last hold, and of the last rest
         self._waiting, self._holds = np.zeros((0, 6)), np.zeros(0, dtype=np.int64)
         for prior in model.priors:
             self._use_prior(prior)
@@ -240,26 +241,26 @@ class NavigationFilter:
         self._p -= gain @ cross.T
 
     def feed(self, reading: Array, still: Indices) -> None:
-        """Take in the samples that follow.
+        """Process the next samples.
 
         Parameters
         ----------
         reading : (n, 6) array
-            SI.
+            Readings, SI.
         still : (n,) array of int
-            Number of the rest of each sample; −1 in motion.
+            Index of the rest that contains each sample; −1 in motion.
         """
         self._waiting = np.concatenate([self._waiting, reading])
         self._holds = np.concatenate([self._holds, still])
         count = self.model.count
         while True:
-            led = min(self._fed, _MARGIN)  # of the samples before, those that are still kept
+            led = min(self._fed, _MARGIN)  # number of earlier samples that are still stored
             if len(self._waiting) < led + self._chunk * count + _MARGIN:
                 return
             self._follow(led, self._chunk)
 
     def finish(self) -> None:
-        """Follow the epochs that remain; nothing may be fed afterwards."""
+        """Process the remaining epochs; no samples may be fed afterwards."""
         led = min(self._fed, _MARGIN)
         left = (len(self._waiting) - led) // self.model.count
         if left:
@@ -304,7 +305,7 @@ class NavigationFilter:
         self._waiting, self._holds = self._waiting[kept:], self._holds[kept:]
 
     def _number_rests(self, holds: Indices) -> Indices:
-        """Return the number of the rest that each epoch is a part of; −1 in motion."""
+        """Return the index of the rest that contains each epoch, or −1 in motion."""
         still = (holds[:, 0] >= 0) & (holds == holds[:, :1]).all(axis=1)
         result = np.full(len(holds), -1, dtype=np.int64)
         for e in np.flatnonzero(still).tolist():
@@ -315,7 +316,7 @@ class NavigationFilter:
         return result
 
     def _effects(self, c: Array, means: TurnMotion) -> tuple[Array, Array]:
-        """Return ∂ω and ∂f of each epoch by the states after ψ and v, (e, 3, q)."""
+        """Return the sensitivity of ω and f per epoch to the states after ψ and v, (e, 3, q)."""
         imu, names = self.model.imu, self.model.sensor.coefficients
         full = imu.with_biases.sensor
         rate, force = imu.with_biases.sensitivities_at(imu.add_biases(c), means)
@@ -335,7 +336,7 @@ class NavigationFilter:
         return result["w"], result["f"]
 
     def estimate(self) -> ConstantEstimate:
-        """Return the present estimate, with biases as means over the run so far."""
+        """Return the current estimate, with biases as means over the run so far."""
         count = self._first - NAVIGATION
         to_mean = np.eye(count, self._x.size - NAVIGATION)
         further = np.zeros(count)
@@ -356,13 +357,13 @@ class NavigationFilter:
         )
 
     def standardised_innovations(self) -> tuple[Array, Indices]:
-        """Return innovations over their standard deviations, (e, 3), and the rest of each, (e,)."""
+        """Return standardised innovations, (e, 3), and the rest that each belongs to, (e,)."""
         standard = np.concatenate([np.zeros((0, 3)), *(one.standard for one in self._history)])
         none = np.zeros(0, dtype=np.int64)
         return standard, np.concatenate([none, *(one.rest for one in self._history)])
 
     def history(self) -> FilterHistory:
-        """Return the estimates after each chunk that ends later than a rest began."""
+        """Return the estimates after each chunk that ends after the start of a rest."""
         kept = [one for one in self._history if one.time.size]
         names = (*self.model.sensor.coefficients, "lag", "g", "latitude")
         counts = np.cumsum([one.time.size for one in kept], dtype=np.int64)
@@ -379,7 +380,7 @@ class NavigationFilter:
 
 
 class _Chunk(NamedTuple):
-    """What a filter found in the rests of a chunk, and its estimate afterwards."""
+    """The filter's results for the rests in a chunk, and its estimate afterwards."""
 
     time: Array
     rest: Indices
@@ -391,9 +392,9 @@ class _Chunk(NamedTuple):
 
 
 def _with_steady_rests(means: TurnMotion, rest: Indices) -> TurnMotion:
-    """Return means of epochs with one mean for all of a rest, and no change of rate there.
+    """Return epoch means that are constant during each rest, with no change of rate.
 
-    Otherwise noise in a sensitivity would count as an observation of its coefficient.
+    Otherwise noise in a sensitivity would count as an observation of the coefficient.
     """
     w, f, dw = (part.copy() for part in means)
     for k in np.unique(rest[rest >= 0]):
@@ -403,7 +404,7 @@ def _with_steady_rests(means: TurnMotion, rest: Indices) -> TurnMotion:
 
 
 def _drift_steps(drifts: Sequence[Drift], seconds: float) -> tuple[Array, Array]:
-    """Return what is kept of the drift's states in an epoch, (d,), and their noise, (d, d)."""
+    """Return the transition factors of the drift states for an epoch, (d,), and noise, (d, d)."""
     d = sum(drift.size for drift in drifts)
     keep, drawn, at = np.ones(d), np.zeros((d, d)), 0
     for drift in drifts:

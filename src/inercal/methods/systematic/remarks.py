@@ -1,16 +1,16 @@
-"""Remarks on a systematic calibration: the lag, navigation errors, rests that move, weak paths.
+"""Remarks on a systematic calibration: lag, navigation errors, moving rests and weak turns.
 
-Turns about the vertical are measured by azimuth alone, since gravity is the same at both ends. One
-ppm of a quarter turn is 0.3″, azimuth of a navigation-grade IMU 80″: such a turn says next to
-nothing of the scale factor and the misalignments of the gyro about its axis.
+Only the azimuth measures turns about the vertical, because gravity is the same at both ends. One
+ppm of a quarter turn is 0.3″, but the azimuth of a navigation-grade IMU has an uncertainty of 80″.
+Such a turn says almost nothing about the scale factor and misalignments of the gyro about its axis.
 
-A calibration leaves errors of navigation, beside those that there are without any. Over a rest of T
-seconds, from its own attitude, errors δf and δω of the body make a velocity::
+Navigation errors after calibration are compared with those without calibration. Over a rest of T
+seconds, starting at its own attitude, body errors δf and δω cause a velocity::
 
     v = C δf T − ½ g e_up × C δω T²
 
-A navigation at rest and level, body axes east, north and up, from a true start, has the errors
-(Schuler's oscillation by the radius R of the Earth, vertical channel left out)::
+A level navigation at rest with body axes east, north and up starts from the true state. It has
+these errors (Schuler oscillation with the Earth's radius R, without the vertical channel)::
 
     ṗ = v,   v̇ = −g e_up × ψ − 2 ω_ie × v + δf,   ψ̇ = −ω_ie × ψ − e_up × v/R + δω
 
@@ -41,21 +41,21 @@ EARTH_RADIUS = 6_371_000.0  # m, mean
 HOUR = 3600.0
 _STEP = 4.0  # s
 _UP = np.array([0.0, 0.0, 1.0])
-_VERTICAL = 0.9  # cosine of the turn's axis with the vertical, beyond which it is about it
+_VERTICAL = 0.9  # cosine between turn axis and vertical, above which a turn is about the vertical
 _TURNED = 0.02  # rad; a smaller turn has no axis
-_NAMED = 4  # turns in a message
-_MOVED = 4.5  # standard deviations of the halves of one rest: chance in 114 is 8e-4
+_NAMED = 4  # number of turns named in a message
+_MOVED = 4.5  # standard deviations between halves of a rest; by chance in 114 tests: 8e-4
 
 
 class VelocityErrors(NamedTuple):
-    """Length of the level velocity at the end of each rest, (m,) m/s."""
+    """Magnitude of the level velocity error at the end of each rest, (m,) m/s."""
 
     before: Array
     after: Array
 
 
 class PositionDrift(NamedTuple):
-    """Position error of one hour at rest, level, along east and north, m."""
+    """Level position error after one hour at rest, along east and north, m."""
 
     before: Array  # (2,)
     expanded: Array  # (2,) U after calibration
@@ -64,7 +64,7 @@ class PositionDrift(NamedTuple):
 def velocity_errors(
     segments: Segments, sensor: Sensor, c: Array, attitudes: Array, gravity: float, latitude: float
 ) -> VelocityErrors:
-    """Return the velocity errors over each rest, with nominal and with estimated coefficients.
+    """Return the velocity errors after each rest, with nominal and with estimated coefficients.
 
     Parameters
     ----------
@@ -100,14 +100,14 @@ def velocity_errors(
 def position_drift(
     sensor: Sensor, c: Array, covariance: Array, gravity: float, latitude: float
 ) -> PositionDrift:
-    """Return the position error after an hour, without calibration, and U with it.
+    """Return the position error after an hour without calibration, and its U with calibration.
 
     Parameters
     ----------
     sensor : Sensor
         Three accelerometers, then three gyros.
     c, covariance : (p,) and (p, p) arrays
-        Of its coefficients, SI.
+        Estimated coefficients and their covariance, SI.
     gravity, latitude : float
         m/s² and rad.
     """
@@ -131,7 +131,7 @@ def _response(gravity: float, earth: Array) -> Array:
     b = np.zeros((9, 6))
     b[3:6, :3], b[6:, 3:] = level, np.eye(3)
     x = np.zeros((9, 6))
-    for _ in range(round(HOUR / _STEP)):  # fourth order: the motion takes 84 min
+    for _ in range(round(HOUR / _STEP)):  # fourth order; the period of the motion is 84 min
         k = [a @ x + b]
         for share in (0.5, 0.5, 1.0):
             k.append(a @ (x + share * _STEP * k[-1]) + b)
@@ -140,7 +140,7 @@ def _response(gravity: float, earth: Array) -> Array:
 
 
 def remarks(fit: Fit[Any, Any]) -> Remarks:
-    """Return the lag as a condition, and findings on rests."""
+    """Return the lag as a condition, findings on rests, and notes."""
     if not np.all(fit.estimate.converged):
         return Remarks()
     known = StillTable.from_turntable(fit.bench)
@@ -148,7 +148,7 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
     k = estimate.names.index(LAG)
     lag = format_quantity(float(estimate.value[k]), float(estimate.std[k]), "ms")
     track = fit.observations.track
-    assert track is not None  # the estimator refuses other data
+    assert track is not None  # the estimator rejects other data
     segments = segments_of_track(track, fit.observations.labels, sensor)
     z = rest_change_deviations(segments, sensor)
     findings: list[Finding] = []
@@ -170,7 +170,7 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
     drift = position_drift(sensor, estimate.value[:p], estimate.stated_covariance[:p, :p], *place)
     before, after = (float(np.hypot(*one)) for one in drift)
     notes += (
-        "After one hour of navigation at rest, z up, from a true start, the position would be "
+        "After one hour of navigation at rest, z up, from the true state, the position would be "
         f"wrong by {_kilometres(before)} without this calibration, and by up to U = "
         f"{_kilometres(after)} with it (k = 2, without noise and later changes).",
     )
@@ -207,14 +207,14 @@ def _velocity_plot(errors: VelocityErrors) -> Plot:
 
 
 def vertical_turn_messages(attitudes: Array, labels: Sequence[str]) -> tuple[str, ...]:
-    """Return a warning for each body axis with turns about the vertical.
+    """Return a warning for each body axis that turns about the vertical.
 
     Parameters
     ----------
     attitudes : (m, 3, 3) array
         C, body to n, at each rest.
     labels : sequence of m str
-        Of the rests.
+        Labels of the rests.
     """
     before, after = attitudes[:-1], attitudes[1:]
     in_body = log_so3(np.swapaxes(before, -1, -2) @ after)
@@ -232,8 +232,8 @@ def vertical_turn_messages(attitudes: Array, labels: Sequence[str]) -> tuple[str
         rest = f" and {turns.size - _NAMED} more" if turns.size > _NAMED else ""
         found.append(
             f"body axis {axis} turns about the vertical {turns.size} "
-            f"time{'s' * (turns.size > 1)} ({', '.join(names)}{rest}): gravity does not measure "
-            f"such a turn; about level axes it turns by {level:.0f}° in all. Scale factor and "
+            f"time{'s' * (turns.size > 1)} ({', '.join(names)}{rest}): gravity cannot measure "
+            f"such turns. About level axes it turns by {level:.0f}° in total. Scale factor and "
             f"misalignments of the gyro about {axis} need turns about a level axis"
         )
     return tuple(found)

@@ -1,19 +1,19 @@
-"""Rows of rests and turns: residuals, Jacobian and covariance.
+"""Rows for rests and turns: residuals, Jacobian and covariance.
 
-Unknown are the coefficients θ, the lag τ and one attitude C_i of each rest; true attitude is
-exp(ψ_i) C_i. With means over a rest i and navigation through the turn i from C_i at rest::
+The unknowns are the coefficients θ, the lag τ and one attitude C_i per rest; the true attitude is
+exp(ψ_i) C_i. With means over a rest i and navigation through the turn i that starts at C_i::
 
     rest   ȳ_w − y_w(C_iᵀ ω_ie, C_iᵀ g e_up),   ȳ_f − y_f(C_iᵀ g e_up)
     turn   −log(C_i+1 C_predᵀ),   −v_pred
 
-Every row is zero at the truth but for noise: gravity and the Earth's rate are known, the IMU is
-still at rests, and velocity from rest to rest is zero. No angle of a table is used.
+At the true values every row is zero except for noise. Gravity and the Earth's rate are known, the
+IMU is stationary at rests, and the velocity from rest to rest is zero. No table angle is used.
 
-A bias that drifts by d_s in segment s moves the rows by the bias's own columns there, so that drift
-of covariance K between segments adds B K Bᵀ to the covariance of white noise. K is that of the
-sensor's stated noise (`inercal.methods.turntable.drift`): flicker is counted from its mean over the
-run, which the estimated bias includes. Rounding errors act in the same way; those of a gyro that
-does not turn are common to rests and turns.
+A bias that drifts by d_s in segment s changes the rows by the bias's own columns there. Drift with
+covariance K between segments therefore adds B K Bᵀ to the covariance of white noise. K follows from
+the sensor's stated noise (`inercal.methods.turntable.drift`). Flicker is counted relative to its
+mean over the run, which the estimated bias includes. Rounding errors act in the same way; those of
+a gyro that does not turn are common to rests and turns.
 
 Gravity and latitude are parameters with the deviations that the bench states.
 """
@@ -39,21 +39,21 @@ from inercal.physics.frames import exp_so3, left_jacobian, log_so3, skew
 from inercal.physics.motion import Motion
 
 _UP = np.array([0.0, 0.0, 1.0])
-_ROWS = 6  # of each rest and of each turn
+_ROWS = 6  # per rest and per turn
 
 
 @dataclass(frozen=True, eq=False)
 class RestAndTurnRows:
-    """The rows of one recording.
+    """The rows for one recording.
 
     Parameters
     ----------
     segments : Segments
     model : ImuModel
     start : (m, 3, 3) array
-        C of each rest, about which ψ are counted.
+        Reference C at each rest, which ψ is relative to.
     gravity, latitude : float
-        As stated, m/s² and rad.
+        Stated values, m/s² and rad.
     """
 
     segments: Segments
@@ -74,7 +74,7 @@ class RestAndTurnRows:
 
     @property
     def white(self) -> Array:
-        """Noise densities squared with rounding, which is white in motion, (6,) SI²/Hz."""
+        """Squared noise densities with rounding, which is white in motion, (6,) SI²/Hz."""
         errors = self.segments.rounding
         if errors is None:
             return self.model.white
@@ -82,7 +82,7 @@ class RestAndTurnRows:
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """What each row is called: "gx[p1]", "velocity east[p1 to p2]"."""
+        """Names of the rows, such as "gx[p1]" or "velocity east[p1 to p2]"."""
         result: list[str] = []
         turns = (*self.segments.turn_labels, "")
         level = ("east", "north", "up")
@@ -94,12 +94,12 @@ class RestAndTurnRows:
         return tuple(result)
 
     def linearise(self, x: Array) -> tuple[Array, Array]:
-        """Return residuals of 2 m − 1 segments, six each, and derivatives of the model.
+        """Return residuals for 2 m − 1 segments, six each, and derivatives of the model.
 
         Parameters
         ----------
         x : (p + 3 + 3 m,) array
-            Coefficients, lag, gravity, latitude, and ψ of each rest, SI.
+            Coefficients, lag, gravity, latitude, and ψ for each rest, SI.
         """
         p, m, at = self.count, self.rests, self._point(x)
         residual = np.zeros((2 * m - 1, _ROWS))
@@ -145,7 +145,7 @@ class RestAndTurnRows:
         )
 
     def _rest_rows(self, point: "_Point", width: int) -> tuple[Array, Array]:
-        """Return residuals and derivatives of the means at rests."""
+        """Return residuals and derivatives for the means at rests."""
         p, m, sensor = self.count, self.rests, self.model.sensor
         c, _, gravity, latitude, _, attitudes = point
         back = np.swapaxes(attitudes, -1, -2)
@@ -164,7 +164,7 @@ class RestAndTurnRows:
         return self.segments.mean - at.reading, jacobian
 
     def _turn_rows(self, point: "_Point", width: int) -> tuple[Array, Array]:
-        """Return residuals and derivatives of turns: attitude, then velocity."""
+        """Return residuals and derivatives for turns: attitude, then velocity."""
         p, m = self.count, self.rests
         done, columns = self._navigate(point), self._columns
         _, _, gravity, latitude, _, attitudes = point
@@ -180,7 +180,7 @@ class RestAndTurnRows:
         jacobian[:, :3, p + 2] = seconds[:, None] * slope
         jacobian[:, 3:, p + 2] = 0.5 * gravity * seconds[:, None] ** 2 * np.cross(_UP, slope)
         back = exp_so3(-earth * seconds[:, None])
-        # ψ turns back with n, ψ(t) = ψ − t ω_ie × ψ, and its velocity has Coriolis' acceleration.
+        # ψ turns back with n, ψ(t) = ψ − t ω_ie × ψ; its velocity has the Coriolis acceleration.
         turned = gravity * (0.5 * skew(_UP) @ skew(earth) + skew(earth) @ skew(_UP))
         for k in range(m - 1):
             at = p + 3 + 3 * k
@@ -198,11 +198,11 @@ class RestAndTurnRows:
         seconds = self.segments.rest_seconds
         for k in range(m):
             result[2 * k, :, 2 * k] = np.diag(self.white / seconds[k])
-        # Noise turns the predicted attitude as +ψ, which the residual holds, and moves v by −.
+        # Noise turns the predicted attitude by +ψ, which the residual contains, and moves v by −.
         sign = np.repeat([1.0, -1.0], 3)
         for k in range(m - 1):
             result[2 * k + 1, :, 2 * k + 1] = sign[:, None] * done.covariance[k] * sign
-        by = np.zeros((count, _ROWS, _ROWS))  # residuals of each segment by its drifts
+        by = np.zeros((count, _ROWS, _ROWS))  # sensitivity of each segment's residuals to drift
         by[::2] = np.eye(_ROWS)
         by[1::2, 3:, :3] = done.v[:, :, columns.force_bias]
         by[1::2, :3, 3:] = -done.psi[:, :, columns.rate_bias]
@@ -221,7 +221,7 @@ class RestAndTurnRows:
 
 
 class _Point(NamedTuple):
-    """What the parameters x of the rows state, SI."""
+    """The values that the parameters x of the rows stand for, SI."""
 
     c: Array
     lag: float
@@ -232,7 +232,7 @@ class _Point(NamedTuple):
 
 
 class _Columns(NamedTuple):
-    """Places of columns: of x, of the sensitivities, and of the biases in these."""
+    """Indices of columns: in x, in the sensitivities, and for the biases in these."""
 
     rate: list[int]
     force: list[int]

@@ -1,6 +1,6 @@
-"""A recording cut into rests and the turns between them, with what noise and drift each has.
+"""A recording divided into rests and the turns between them, with the noise and drift of each.
 
-A test compares the two halves of each rest: a table that creeps or is knocked fails it.
+A test compares the two halves of each rest; it fails if the table creeps or is knocked.
 """
 
 from dataclasses import dataclass, replace
@@ -20,36 +20,36 @@ from inercal.recordings.segments.reading_steps import reading_steps
 
 HALVES = "halves of the rests"
 MIN_RESTS = 6
-FILTER_NOISE = 0.5  # of a step, that the gyros of a filter have at least: it knows no rounding
-BLOCK_SECONDS = 0.1  # of samples over which sensitivities are summed
+FILTER_NOISE = 0.5  # steps, minimum gyro noise for a filter, which does not model rounding
+BLOCK_SECONDS = 0.1  # duration of the blocks over which sensitivities are summed
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """m rests and the m − 1 turns between them, of one recording.
+    """The m rests and the m − 1 turns between them in one recording.
 
     Parameters
     ----------
     labels : tuple of m str
-        Of the rests.
+        Labels of the rests.
     mean : (m, 6) array
-        Mean reading of each rest, SI, in the order of the sensor's axes.
+        Mean reading in each rest, SI, in the order of the sensor's axes.
     halves : (2, m, 6) array
-        Means of the first and the second half of each rest.
+        Means over the first and the second half of each rest.
     moving : (n, 6) array
-        Readings of all turns, one after the other.
+        Readings in all turns, one after the other.
     first, last : (m − 1,) arrays of int
-        Rows of `moving` of each turn, the last one excluded.
+        First row of `moving` for each turn, and the row after its last one.
     dt : float
-        s, from sample to sample.
+        Sampling interval, s.
     start, stop : (2 m − 1,) arrays
-        s, of rests and turns in their order of time.
+        Start and end of rests and turns in time order, s.
     run : (float, float)
-        Begin and end of the recording, s.
+        Start and end of the recording, s.
     means : bool
-        Whether a sample is the mean of its reading over one period, not the reading at its time.
+        Whether a sample is the mean of the reading over one period, not its instantaneous value.
     rounding : RoundingErrors or None
-        Errors of the means of rests and turns, in their order of time, by coarse steps.
+        Errors that coarse steps cause in the means of rests and turns, in time order.
     """
 
     labels: tuple[str, ...]
@@ -77,18 +77,18 @@ class Segments:
 
     @property
     def block(self) -> int:
-        """Samples in a block of the sensitivities."""
+        """Number of samples in a block of the sensitivities."""
         return max(1, sample_count(BLOCK_SECONDS, self.dt))
 
     @property
     def turn_labels(self) -> tuple[str, ...]:
-        """What each turn is called: "p1 to p2"."""
+        """Names of the turns, such as "p1 to p2"."""
         pairs = zip(self.labels[:-1], self.labels[1:], strict=True)
         return tuple(f"{one} to {other}" for one, other in pairs)
 
 
 def require_imu(sensor: Sensor) -> None:
-    """Refuse a sensor other than three accelerometers, then three gyros.
+    """Raise InputError if the sensor is not three accelerometers followed by three gyros.
 
     Raises
     ------
@@ -104,24 +104,24 @@ def require_imu(sensor: Sensor) -> None:
 def segments_of_track(
     track: Track, labels: tuple[str, ...], sensor: Sensor, least_noise: float = 0.35
 ) -> Segments:
-    """Return the rests and turns of a track whose holds are numbered.
+    """Return the rests and turns of a track in which the holds are numbered.
 
     Parameters
     ----------
     track : Track
-        Of one trial.
+        Track of one trial.
     labels : tuple of m str
-        Of the rests, in their order.
+        Labels of the rests, in order.
     sensor : Sensor
         An IMU: three accelerometers, then three gyros.
     least_noise : float
-        Of the gyros, in steps of their readings. Below the default, what a gyro reads at the ends
-        of its turns is off by its rounding.
+        Minimum gyro noise, in steps of the readings. With less noise, the gyro readings at the ends
+        of turns are wrong because of rounding.
 
     Raises
     ------
     InputError
-        Another sensor, fewer than six rests, or gyros whose steps hide their noise.
+        The sensor is unsuitable, there are fewer than six rests, or coarse gyro steps hide noise.
     """
     require_imu(sensor)
     rests = _rest_ranges(track.hold)
@@ -166,7 +166,7 @@ def segments_of_track(
 def _require_fine_gyros(
     coarse: ReadingSteps, sensor: Sensor, seconds: float, least_noise: float
 ) -> None:
-    """Refuse gyros whose steps hide their noise: rests then show neither bias nor Earth's rate."""
+    """Raise InputError if gyro steps hide the noise: rests then show no bias or Earth's rate."""
     white = np.array([axis.noise.white**2 for axis in sensor.axes])
     rates = np.array([axis.measures == "w" for axis in sensor.axes])
     bad = np.flatnonzero(
@@ -177,8 +177,8 @@ def _require_fine_gyros(
     names = tuple(sensor.axes[k].name for k in bad)
     step = format_quantity(float(coarse.step[bad].max()), 0.0, "°/s")
     raise InputError(
-        f"the readings of {', '.join(names)} step by {step}, and their noise is below "
-        f"{least_noise:g} of a step, so that a rest shows neither their bias nor the Earth's rate; "
+        f"the readings of {', '.join(names)} change in steps of {step}, and their noise is below "
+        f"{least_noise:g} of a step, so a rest shows neither their bias nor the Earth's rate; "
         "record with a finer resolution or in a narrower range, or use method multi_position or "
         "six_position",
         names=names,
@@ -186,7 +186,7 @@ def _require_fine_gyros(
 
 
 def _rounding(reading: Array, rests: Indices, steps: ReadingSteps) -> RoundingErrors | None:
-    """Return the errors of the means of rests and turns."""
+    """Return the errors of the means over rests and turns."""
     if not steps.variance.any():
         return None
     parts = [reading[a:b] for a, b in pairwise(rests.ravel().tolist())]
@@ -196,9 +196,10 @@ def _rounding(reading: Array, rests: Indices, steps: ReadingSteps) -> RoundingEr
 
 
 def shift_forces(segments: Segments, samples: int) -> Segments:
-    """Return the segments with the accelerometers of the turns that many samples earlier.
+    """Return the segments with the accelerometer readings in turns shifted to earlier times.
 
-    A turn begins and ends at rest: its first or last sample stands for those beyond.
+    `samples` is the shift. A turn begins and ends at rest, so its first or last sample replaces the
+    samples beyond its ends.
     """
     if not samples:
         return segments
@@ -211,9 +212,10 @@ def shift_forces(segments: Segments, samples: int) -> Segments:
 
 
 def shift_forces_of_track(track: Track, samples: int) -> Track:
-    """Return a track with its accelerometers, the first three channels, that many samples earlier.
+    """Return a track with its first three channels, the accelerometers, shifted to earlier times.
 
-    It begins and ends at rest: its first or last sample stands for those beyond.
+    `samples` is the shift. The track begins and ends at rest, so its first or last sample replaces
+    the samples beyond its ends.
     """
     if not samples:
         return track
@@ -224,7 +226,7 @@ def shift_forces_of_track(track: Track, samples: int) -> Track:
 
 
 def _rest_ranges(hold: Indices) -> Indices:
-    """Return begin and end of each numbered hold, (m, 2)."""
+    """Return the start and end of each numbered hold, (m, 2)."""
     change = np.flatnonzero(np.diff(hold)) + 1
     edges = np.concatenate([[0], change, [hold.size]])
     return np.array(
@@ -234,7 +236,7 @@ def _rest_ranges(hold: Indices) -> Indices:
 
 
 def rest_change_deviations(segments: Segments, sensor: Sensor) -> Array:
-    """Return the second half's mean minus the first's, over its sd, (m, 6)."""
+    """Return the second half's mean minus the first's, divided by its sd, (m, 6)."""
     noises = [axis.noise for axis in sensor.axes]
     white = np.array([one.white**2 for one in noises])
     result = segments.halves[1] - segments.halves[0]
@@ -252,6 +254,6 @@ def rest_change_deviations(segments: Segments, sensor: Sensor) -> Array:
 
 
 def rest_change_test(segments: Segments, sensor: Sensor) -> ModelTest:
-    """Return the χ² test of all halves."""
+    """Return the χ² test over all halves."""
     z = rest_change_deviations(segments, sensor)
     return ModelTest(HALVES, float((z**2).sum()), z.size)

@@ -1,20 +1,21 @@
-"""A ramp at rest: biases against temperature, with the lag of the temperature sensor.
+"""A temperature ramp at rest: biases against temperature, with the temperature sensor's lag.
 
-The sensor rests while its temperature moves, by a chamber or by itself. Of each axis::
+The sensor is at rest while its temperature changes, in a chamber or by itself. For each axis::
 
     y = a + b(T) + c dT/dt + noise,   T = R + τ dR/dt
 
-b is the polynomial of the coefficients beyond the constant, R what the temperature sensor reads, τ
-its lag, common to all axes, and a a constant: of a gyro the bias and what it senses of the earth's
-rate, of an accelerometer the bias and its part of gravity. The noise is that which [sensor] states;
-generalised least squares weigh blocks of samples by it. A thermometer that reports whole or half
-degrees is followed along the instants at which its reading changes
-(`inercal.methods.temperature_ramp.node_fit`).
+b is the polynomial of the coefficients other than the constant. R is the reading of the temperature
+sensor, and τ its lag, which is common to all axes. The constant a is the bias plus the sensed part
+of the earth's rate for a gyro, or plus the sensed part of gravity for an accelerometer. The noise
+is as [sensor] states, and generalised least squares weight blocks of samples by it. For a
+thermometer that reports whole or half degrees, the temperature is derived from the instants at
+which its reading changes (`inercal.methods.temperature_ramp.node_fit`).
 
-Only biases are found: scale factors need motion. Of an accelerometer that reads the vertical part
-f of gravity the result is b(T) + s(T) f.
+Only biases are estimated, because scale factors need motion. For an accelerometer that reads the
+vertical part f of gravity, the result is b(T) + s(T) f.
 
-Findings and notes state lag, direction, hysteresis and drift, and what accelerometers mix.
+Findings and notes state the lag, the direction, hysteresis and drift, and which effects cannot be
+separated for accelerometers.
 """
 
 from collections.abc import Sequence
@@ -39,12 +40,12 @@ from inercal.recordings import Finding, Observations
 from inercal.recordings.environment import Environment
 from inercal.recordings.environment.soaks import with_temperature_shift
 
-_STRONG = 0.9  # correlation of temperature and time
-_BINS = 20  # of the temperature, in which rising and falling are compared
+_STRONG = 0.9  # correlation between temperature and time
+_BINS = 20  # number of temperature bins in which rising and falling are compared
 
 
 def rest(seconds: float = 3600.0) -> tuple[Hold, ...]:
-    """Return the one rest of a ramp."""
+    """Return the plan for a ramp, which is a single rest."""
     return (Hold("rest", (0.0, 0.0, 1.0), seconds),)
 
 
@@ -62,34 +63,35 @@ def ramp(
     Parameters
     ----------
     observations : Observations
-        One row, with the track of the recording; of one trial.
+        One row, with the track of the recording, from one trial.
     sensor : Sensor
-        With its noise.
+        The sensor with its noise.
     bench : Hand
     steps : sequence of Hold
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
     environment : Environment, optional
-        Lag and its uncertainty, error of the temperature, warm-up.
+        The lag and its uncertainty, the error of the temperature, and the warm-up.
 
     Raises
     ------
     InputError
-        No temperature, no white noise, too short a recording, or a warm-up of a one-way ramp.
+        There is no temperature or white noise, the recording is too short, or a warm-up is stated
+        for a one-way ramp.
     NotObserved
-        A lag that a coarse thermometer does not determine.
+        A coarse thermometer does not determine the lag.
     """
     model = ramp_model(observations, sensor, environment)
     found = environment or Environment("ramp")
     fit = fit_ramp if model.blocks.course is None else fit_along_nodes
-    # Thousands of residuals of blocks have no names of rows that a report could print.
+    # The residuals of thousands of blocks have no row names that a report could print.
     estimate = replace(fit(model, priors, found), residual=np.zeros(0), whitened=np.zeros(0))
     sd = found.temperature_sd or TRUNCATION * model.blocks.step
     return with_temperature_shift(estimate, sensor, sd)
 
 
 class Hysteresis(NamedTuple):
-    """Half of the difference between rising and falling at equal temperatures, by axis, SI."""
+    """Half the difference between rising and falling at equal temperatures, for one axis, SI."""
 
     axis: str
     kelvin: Array
@@ -97,13 +99,13 @@ class Hysteresis(NamedTuple):
 
 
 def hysteresis(model: RampModel, x: Array) -> list[Hysteresis]:
-    """Return the loops of each axis beyond the model; none of a one-way ramp.
+    """Return each axis's hysteresis loop beyond the model; the list is empty for a one-way ramp.
 
     Parameters
     ----------
     model : RampModel
     x : (p,) array
-        Its parameters, SI.
+        The model's parameters, SI.
     """
     blocks, sensor = model.blocks, model.sensor
     if blocks.is_monotonic:
@@ -127,9 +129,9 @@ def hysteresis(model: RampModel, x: Array) -> list[Hysteresis]:
 
 
 def lag_and_rate_correlation(blocks: RampBlocks, slope: Array, whitening: Array) -> float:
-    """Return the correlation of the lag with the term of dT/dt, of one axis.
+    """Return the correlation between the lag and the term of dT/dt on one axis.
 
-    Both are estimated beside a constant and a polynomial of order 3.
+    Both are estimated together with a constant and a polynomial of order 3.
 
     Parameters
     ----------
@@ -147,12 +149,12 @@ def lag_and_rate_correlation(blocks: RampBlocks, slope: Array, whitening: Array)
     sizes = np.linalg.norm(rest, axis=0)
     if not np.all(sizes > 0):
         return -1.0
-    # The covariance of two columns is the inverse of their Gram matrix: the sign is reversed.
+    # The covariance of two columns is the inverse of their Gram matrix, so the sign is reversed.
     return -float(rest[:, 0] @ rest[:, 1] / (sizes[0] * sizes[1]))
 
 
 def remarks(fit: Fit[Any, Any]) -> Remarks:
-    """Return findings, notes and conditions of a ramp."""
+    """Return the findings, notes and conditions for a ramp."""
     model, x = ramp_model(fit.observations, fit.sensor, fit.environment), fit.estimate.value
     if model.blocks.course is not None:
         model = NodeProblem(model).solved(x)
@@ -200,7 +202,7 @@ def _lag_text(lag: float, sd: float) -> str:
 
 
 def _loop_conditions(model: RampModel, x: Array) -> dict[str, str]:
-    """Return the largest half loop of each axis, in words."""
+    """Return the largest half loop of each axis as text."""
     measures = {axis.name: axis.measures for axis in model.sensor.axes}
     found: dict[str, str] = {}
     for one in hysteresis(model, x):
@@ -214,7 +216,7 @@ def _loop_conditions(model: RampModel, x: Array) -> dict[str, str]:
 
 
 def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
-    """Return what the lag is, and what it and the random walk of the bias add."""
+    """Return notes on the lag, and on the errors from the lag and the bias's random walk."""
     blocks, k = model.blocks, model.steepest_axis(x)
     axis = model.sensor.axes[k]
     size, unit = BIAS_UNITS[axis.measures]
@@ -242,22 +244,22 @@ def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
 
 
 def _step_notes(model: RampModel, environment: Environment | None) -> list[str]:
-    """Return what the steps of a coarse thermometer mean for the result."""
+    """Return notes on how the steps of a coarse thermometer affect the result."""
     blocks, notes = model.blocks, list[str]()
     if blocks.course is not None:
         crossings = blocks.course.nodes.crossings
         refreshed = ""
         if crossings.refreshed > 1.5 * float(blocks.seconds / blocks.samples):
-            refreshed = f", which is renewed every {crossings.refreshed:.3g} s"
+            refreshed = f", which is updated every {crossings.refreshed:.3g} s"
         notes.append(
-            f"The thermometer has steps of {blocks.step:.3g} K{refreshed}. Its course is taken "
-            f"from the {crossings.time.size} instants at which its reading changes."
+            f"The thermometer reads in steps of {blocks.step:.3g} K{refreshed}. The temperature is "
+            f"derived from the {crossings.time.size} instants at which its reading changes."
         )
     if environment is None or not environment.temperature_sd:
         notes.append(
             "It is not known whether the thermometer rounds or truncates. If it truncates, all "
             f"temperatures are {blocks.step / 2:.3g} K too low; U includes this. State "
-            "[environment] temperature_sd if it is known."
+            "[environment] temperature_sd if you know it."
         )
     return notes
 
@@ -268,8 +270,8 @@ def _one_way_finding(model: RampModel, x: Array) -> Finding:
     return Finding(
         "warning",
         "one_way",
-        f"the temperature goes one way: b(T) is shifted by b′ Ṫ τ, "
-        f"{model.largest_shift(x, k):.2g} {BIAS_UNITS[axis.measures][1]} a second of lag on "
+        f"the temperature only rises or only falls: b(T) is shifted by b′ Ṫ τ, "
+        f"{model.largest_shift(x, k):.2g} {BIAS_UNITS[axis.measures][1]} per second of lag on "
         f"{axis.name}, unless τ is known; go up and down, or state [environment] lag",
     )
 

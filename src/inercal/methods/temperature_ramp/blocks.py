@@ -1,18 +1,19 @@
 """The samples of a ramp as means over blocks, and the covariance of their noise.
 
-The sensing element is at T = R + τ dR/dt. With block means R_k over L seconds and weights of
-Simpson's rule for readings and temperatures alike,
+The sensing element is at T = R + τ dR/dt. R_k are block means over L seconds, weighted by Simpson's
+rule for both readings and temperatures,
 
     R̄_k = (R_{k−1} + 4 R_k + R_{k+1})/6,    mean of dR/dt = (R_{k+1} − R_{k−1})/(2 L)
 
-both are means of one course with kernels of equal width: the smoothing that the rate needs against
-the noise of the temperature sensor does not bias τ. White noise N, bias instability B and random
-walk K of an axis give the covariance of the weighted means; a constant of each axis is estimated
-beside, which takes the part of the drift that all blocks share.
+so both are means of the same temperature curve with kernels of equal width. The rate must be
+smoothed because of the temperature sensor's noise, and with equal widths this does not bias τ. The
+covariance of the weighted means follows from white noise N, bias instability B and random walk K of
+an axis. A constant per axis is also estimated, which absorbs the drift that all blocks share.
 
-A thermometer that reports whole or half degrees says when it passes a step, and smoothing destroys
-that: there the course is a spline through the crossings, whose nodes are estimated
-(`inercal.methods.temperature_ramp.thermometer_steps`), and blocks are shorter and unweighted.
+A thermometer that reports whole or half degrees shows when the temperature passes a step, and
+smoothing would destroy this information. In that case the temperature curve is a spline through the
+crossings, whose nodes are estimated (`inercal.methods.temperature_ramp.thermometer_steps`), and the
+blocks are shorter and unweighted.
 """
 
 from dataclasses import dataclass, replace
@@ -30,26 +31,26 @@ from inercal.recordings.segments.drift import even_drift_covariance
 from inercal.recordings.segments.reading_steps import reading_steps
 
 SHORTEST_BLOCK = 10.0  # s
-# Noise of the temperature in its rate pulls the lag towards zero: blocks are lengthened, by these
-# factors, until its share is small.
+# Noise in the rate of the temperature biases the lag towards zero, so blocks are lengthened by
+# these factors until the share of the noise is small.
 _LONGER = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
-_NOISE_SHARE = 0.03  # of the squares of the rate beyond a cubic of the temperature
-MOST_BLOCKS = 1000  # the covariance of an axis has the square of it
+_NOISE_SHARE = 0.03  # of the sum of squares of the rate beyond a cubic of the temperature
+MOST_BLOCKS = 1000  # the covariance of an axis has the square of this many elements
 _LEAST_BLOCKS = 30
 _SHORTEST_BLOCK_OF_STEPS = 4.0  # s
 _COARSE_STEP = 0.04  # K
 _LEAST_CROSSINGS = 4
-_LOOKED_AT = 60  # blocks, for the steps of the readings
+_LOOKED_AT = 60  # number of blocks that are examined for steps of the readings
 
 
 class NodeMeans(NamedTuple):
-    """The nodes of a temperature course, and their values in the blocks.
+    """The nodes of a temperature curve, and their effect on the block means.
 
     Parameters
     ----------
     nodes : CourseNodes
     kelvin, rate : (b, k) arrays
-        Means of R and dR/dt over each block per value of a node.
+        Sensitivity of the block means of R and dR/dt to the value of each node.
     """
 
     nodes: thermometer_steps.CourseNodes
@@ -59,25 +60,25 @@ class NodeMeans(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RampBlocks:
-    """Means over each of b blocks of a recording at rest, weighted about inner blocks or plain.
+    """Means over b blocks of a recording at rest, either weighted or plain.
 
     Parameters
     ----------
     time : (b,) array
-        Middle of each block from the first sample, s.
+        Time at the middle of each block, counted from the first sample, s.
     kelvin, rate : (b,) arrays
         Recorded temperature, K, and its time derivative, K/s.
     reading : (b, m) array
-        SI.
+        Mean readings, SI.
     seconds : float
-        Length of a block.
+        Duration of a block, s.
     course : NodeMeans or None
-        Of a coarse thermometer: `kelvin` and `rate` are then those of its nodes
-        before the fit, and the means are plain.
+        Temperature curve of a coarse thermometer. If given, `kelvin` and `rate` follow from its
+        nodes before the fit, and the means are plain.
     samples : int
-        In a block.
+        Number of samples in a block.
     step : float
-        Of a coarse thermometer, K; 0 of a fine one.
+        Step of a coarse thermometer, K; 0 for a fine one.
     """
 
     time: Array
@@ -91,19 +92,19 @@ class RampBlocks:
 
     @classmethod
     def from_track(cls, track: Track) -> "RampBlocks":
-        """Return the blocks of a track of one trial, with a temperature.
+        """Return the blocks for a track of one trial with a temperature.
 
         Raises
         ------
         InputError
-            Fewer than 30 blocks of 10 s.
+            There are fewer than 30 blocks of 10 s.
         """
         duration = float(track.time[-1] - track.time[0])
         shortest = max(SHORTEST_BLOCK, duration / MOST_BLOCKS)
         if duration < (_LEAST_BLOCKS + 2) * shortest:
             raise InputError(
-                f"the recording lasts {duration:.0f} s; a ramp needs "
-                f"{(_LEAST_BLOCKS + 2) * SHORTEST_BLOCK:g} s at least: record longer",
+                f"the recording lasts {duration:.0f} s, but a ramp needs at least "
+                f"{(_LEAST_BLOCKS + 2) * SHORTEST_BLOCK:g} s; record longer",
                 key="[data] file",
             )
         found = cls._of_length(track, shortest)
@@ -134,7 +135,7 @@ class RampBlocks:
 
     @classmethod
     def _along_steps(cls, track: Track, step: float) -> "RampBlocks | None":
-        """Return the blocks of a coarse thermometer; None if it crosses too few steps."""
+        """Return the blocks for a coarse thermometer, or None if it crosses too few steps."""
         assert track.temperature is not None
         time, kelvin = track.time - track.time[0], track.temperature
         period = float(time[-1]) / (time.size - 1)
@@ -161,19 +162,19 @@ class RampBlocks:
     def noise_share(self) -> float:
         """Share of the temperature sensor's noise in the part of the rate that determines the lag.
 
-        The noise is that of third differences of the rate, of which the course has little.
+        The noise follows from third differences of the rate, which real temperatures hardly affect.
         """
         x = (self.kelvin - self.kelvin.mean()) / max(float(np.ptp(self.kelvin)), 1e-9)
         beside = np.linalg.qr(np.stack([x**k for k in range(4)], axis=-1))[0]
         rest = self.rate - beside @ (beside.T @ self.rate)
         changes = np.diff(self.rate, n=3)
-        # Where block means have white noise, third differences of the rate have 14 times the
-        # variance of the rate. The median, .455 of the variance, is of the quiet course.
+        # If block means have white noise, third differences of the rate have 14 times the variance
+        # of the rate. The median, .455 of the variance, is dominated by quiet parts of the curve.
         noise = float(np.median(changes**2)) / 0.455 / 14.0
         return float(rest.size * noise / max(float(rest @ rest), 1e-30))
 
     def noise_covariance(self, noise: Noise) -> Array:
-        """Return the covariance of the weighted means of an axis, (b, b) SI."""
+        """Return the covariance of the weighted means for an axis, (b, b) SI."""
         weighted = self.course is None
         count = self.time.size + 2 * weighted
         blocks = noise.white**2 / self.seconds * np.eye(count)
@@ -191,7 +192,7 @@ class RampBlocks:
         return None if errors is None else errors.covariance
 
     def whitening(self, sensor: Sensor, rounding: Array | None = None) -> list[Array]:
-        """Return L⁻¹ of each axis, (b, b), with the noise's covariance L Lᵀ.
+        """Return L⁻¹ for each axis, (b, b), where L Lᵀ is the covariance of the noise.
 
         Parameters
         ----------
@@ -202,7 +203,7 @@ class RampBlocks:
         Raises
         ------
         InputError
-            An axis without white noise.
+            An axis has no white noise.
         """
         found: dict[tuple[Noise, int], Array] = {}
         keys = [(axis.noise, k * (rounding is not None)) for k, axis in enumerate(sensor.axes)]
@@ -226,17 +227,17 @@ class RampBlocks:
 
     @cached_property
     def rises(self) -> float:
-        """Sum of the rising steps of the temperature, K."""
+        """Sum of the rising temperature steps, K."""
         return float(np.diff(self._course).clip(min=0).sum())
 
     @cached_property
     def falls(self) -> float:
-        """Sum of the falling steps of the temperature, K."""
+        """Sum of the falling temperature steps, K."""
         return float(-np.diff(self._course).clip(max=0).sum())
 
     @cached_property
     def _course(self) -> Array:
-        """The temperature every minute or so, without the noise of its sensor, K."""
+        """The temperature about once per minute, with the noise of its sensor averaged out, K."""
         every = max(1, round(60 / self.seconds))
         every = min(every, self.kelvin.size)
         used = self.kelvin.size // every * every
@@ -244,12 +245,12 @@ class RampBlocks:
 
     @property
     def is_monotonic(self) -> bool:
-        """Whether the temperature hardly comes back."""
+        """Whether the temperature hardly reverses its direction."""
         return min(self.rises, self.falls) < 0.5 * float(np.ptp(self.kelvin))
 
 
 class _Cut(NamedTuple):
-    """How samples are cut into blocks."""
+    """How samples are divided into blocks."""
 
     per_block: int
     number: int
@@ -268,5 +269,5 @@ class _Cut(NamedTuple):
 
 
 def _weighted(blocks: Array) -> Array:
-    """Return the weighted means about the inner blocks, along the first axis."""
+    """Return the weighted means for the inner blocks, along the first axis."""
     return (blocks[:-2] + 4 * blocks[1:-1] + blocks[2:]) / 6

@@ -1,13 +1,14 @@
-"""A ramp along the nodes of a coarse thermometer: the nodes are nuisances of the fit.
+"""A ramp with a coarse thermometer: the nodes of its temperature curve are nuisances of the fit.
 
-At given coefficients and lag the nodes have a least-squares solution of their own. With it, the
-derivatives of all rows are triangularised, the nodes first: what is below their rows is the problem
-of coefficients and lag alone, with the same χ² and the same covariance as the joint one (variable
-projection: Golub and Pereyra 1973, SIAM J. Numer. Anal. 10, 413–432; Kaufman 1975, BIT 15, 49–57).
+At given coefficients and lag the nodes have a least-squares solution. With that solution the
+derivatives of all rows are triangularised, the nodes first. The rows below those of the nodes form
+a problem with only the coefficients and the lag, which has the same χ² and covariance as the joint
+problem (variable projection: Golub and Pereyra 1973, SIAM J. Numer. Anal. 10, 413–432; Kaufman
+1975, BIT 15, 49–57).
 
 Only the first few τ of a warm-up determine the lag, while R leaves its equilibrium. Later R is an
 exponential, and b(R) fits as well as b(T). If χ² without a lag is hardly larger, the nodes have
-followed the noise: then neither the lag nor its uncertainty means anything.
+followed the noise. Then neither the lag nor its uncertainty has a meaning.
 """
 
 from dataclasses import replace
@@ -25,32 +26,32 @@ from inercal.methods.temperature_ramp.thermometer_steps import is_one_exponentia
 from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.recordings.environment import Environment
 
-_ROUNDS = 30  # of the nodes at given coefficients
-_SETTLED = 1e-7  # of a node's standard uncertainty
-_STARTS = (5.0, 40.0)  # s, of the lag
+_ROUNDS = 30  # largest number of iterations for the nodes at given coefficients
+_SETTLED = 1e-7  # relative to a node's standard uncertainty
+_STARTS = (5.0, 40.0)  # s, start values of the lag
 _NO_LAG = 0.5  # s
-LEAST_GAIN = 60.0  # of χ² by a lag; between the good and the bad cases that were simulated
+LEAST_GAIN = 60.0  # decrease of χ² due to a lag; separates good and bad cases in simulations
 
 
 def fit_along_nodes(model: RampModel, priors: Priors, environment: Environment) -> Estimate:
-    """Return the estimate of a ramp with a coarse thermometer.
+    """Return the estimate for a ramp with a coarse thermometer.
 
-    A stated lag with its uncertainty is a prior where the data determine a lag, and is taken as
-    stated where they do not.
+    If the data determine a lag, a stated lag with its uncertainty is a prior. Otherwise the lag is
+    used as stated.
 
     Parameters
     ----------
     model : RampModel
-        With the nodes of the thermometer's course.
+        The model with the nodes of the thermometer's temperature curve.
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
     environment : Environment
 
     Raises
     ------
     NotObserved
-        The lag is not stated and not determined, or a coefficient of the temperature's rate is to
-        be estimated.
+        The lag is neither stated nor determined by the data, or a coefficient of the temperature's
+        rate should be estimated.
     """
     if model.sensor.uses("dTdt") and model.blocks.is_monotonic:
         raise _rate_not_observed(model)
@@ -89,7 +90,7 @@ def _fit(model: RampModel, priors: Priors, environment: Environment, lag: float)
     rows = len(model.names) + 1
     linearise = NodeProblem(model).linearise
     estimate = solve_ramp(model, priors, environment, linearise, rows, lag)
-    # The rows that are left stand for all blocks: nodes have as many values as they have priors.
+    # The remaining rows stand for all blocks: there are as many node values as node priors.
     return replace(
         estimate, dof=estimate.dof + model.blocks.time.size * len(model.sensor.axes) - rows
     )
@@ -99,7 +100,7 @@ def _lag_not_observed(model: RampModel, x: Array, gain: float) -> NotObserved:
     course = model.blocks.course
     assert course is not None
     crossings = course.nodes.crossings
-    one_way = " while the temperature goes one way" if model.blocks.is_monotonic else ""
+    one_way = " while the temperature only rises or only falls" if model.blocks.is_monotonic else ""
     begun = ""
     if is_one_exponential(crossings):
         begun = (
@@ -129,15 +130,15 @@ def _rate_not_observed(model: RampModel) -> NotObserved:
     )
     return NotObserved(
         f"these data do not determine {', '.join(names)}. The thermometer reports steps of "
-        f"{course.nodes.crossings.step:.3g} K while the temperature goes one way; go up and "
-        "down, or leave these coefficients out",
+        f"{course.nodes.crossings.step:.3g} K while the temperature only rises or only falls; go "
+        "up and down, or leave these coefficients out",
         names,
         names=names,
     )
 
 
 class _Rows(NamedTuple):
-    """Whitened residuals, and Jacobians to the parameters and to the nodes."""
+    """Whitened residuals, and their Jacobians for the parameters and for the nodes."""
 
     residual: Array
     jacobian: Array
@@ -154,7 +155,7 @@ class NodeProblem:
     Parameters
     ----------
     model : RampModel
-        Of a coarse thermometer.
+        The model for a coarse thermometer.
     """
 
     def __init__(self, model: RampModel):
@@ -162,7 +163,7 @@ class NodeProblem:
         assert course is not None
         self._model, self._sd = model, course.nodes.sd
         self._shift = np.zeros(self._sd.size)
-        # Of white noise the whitening is diagonal, and the products below are most of the work.
+        # For white noise the whitening is diagonal, and the products below are most of the work.
         diagonals = [np.diag(one) for one in model.whitening]
         self._white = all(
             np.count_nonzero(one) == np.count_nonzero(diagonal)
@@ -171,12 +172,12 @@ class NodeProblem:
         self._diagonals = diagonals
 
     def solved(self, x: Array) -> RampModel:
-        """Return the model with the nodes that fit parameters x."""
+        """Return the model with the nodes that fit best for parameters x."""
         self.linearise(x)
         return self._model._replace(node_shift=self._shift)
 
     def linearise(self, x: Array) -> tuple[Array, Array]:
-        """Return the p + 1 residuals that the nodes leave, and their Jacobian to x."""
+        """Return the p + 1 residuals that remain after the nodes are fitted, and their Jacobian."""
         rows = self._rows(x, self._shift)
         for _ in range(_ROUNDS):
             move = np.linalg.solve(rows.by_node.T @ rows.by_node, rows.by_node.T @ rows.residual)
@@ -196,7 +197,7 @@ class NodeProblem:
         return left[:, -1], left[:, :-1]
 
     def _rows(self, x: Array, shift: Array) -> "_Rows":
-        """Return the rows of readings and nodes at x, with nodes that differ by a shift, K."""
+        """Return the rows for readings and nodes at x, with nodes changed by `shift`, K."""
         model = self._model._replace(node_shift=shift)
         residual, jacobian = model.linearise(x)
         effect = model.node_effect(x)

@@ -1,10 +1,11 @@
-"""Generalised least squares of a ramp: coefficients, constants, and the lag where it is free.
+"""Generalised least squares for a ramp: coefficients, constants, and the lag if it is unknown.
 
-The score tests have as candidates terms of temperature, a drift, and a warm-up. A warm-up exp(−t/τ)
-has an unknown time constant. The one that explains most is searched for, and its derivative to ln τ
-is a component of the candidate too: the test pays for the search by these directions.
+The candidates for score tests are temperature terms, a drift, and a warm-up. A warm-up exp(−t/τ)
+has an unknown time constant. The search takes the one that explains most. The derivative with
+respect to ln τ is also a component of the candidate, so the significance of the test allows for the
+search.
 
-The model gives readings and their derivatives, axis by axis.
+The model computes readings and their derivatives axis by axis.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,31 +36,31 @@ from inercal.recordings import Observations
 from inercal.recordings.environment import Environment
 
 LAG = "lag"
-_LONGEST = 0.5  # of the recording: a slower warm-up is a drift
-_COARSE, _FINE = 16, 9  # time constants that are tried
-WIDEST_LAG = 300.0  # s, standard deviation of a lag that is not stated
+_LONGEST = 0.5  # of the recording's duration; a slower warm-up is a drift
+_COARSE, _FINE = 16, 9  # number of time constants that are tried
+WIDEST_LAG = 300.0  # s, standard deviation of the lag if it is not stated
 _NATURAL = {"f": G0, "w": 1.0}
 
 
 class RampModel(NamedTuple):
-    """The model of one recording.
+    """The model for one recording.
 
     Parameters
     ----------
     blocks : RampBlocks
     sensor : Sensor
-        Its coefficients are biases and terms of temperature.
+        Biases and temperature terms are the only coefficients.
     whitening : list of (b, b) array
-        Of each axis.
+        Whitening matrix for each axis.
     nuisances : tuple of str
-        The constants, "constant[gx]", a warm-up, and the lag where it is estimated.
+        The constants, "constant[gx]", a warm-up, and the lag if it is estimated.
     lag : float
-        s, where it is not estimated.
+        The lag if it is not estimated, s.
     warm_up : float
-        Time constant of a warm-up, s; 0 is none.
+        Time constant of a warm-up, s; 0 means none.
     node_shift : (k,) array or None
-        Of a coarse thermometer: by how much the nodes of its course differ from what they were
-        before the fit, K.
+        For a coarse thermometer: change of the temperature curve's nodes from their values before
+        the fit, K.
     """
 
     blocks: RampBlocks
@@ -76,22 +77,22 @@ class RampModel(NamedTuple):
         return (*self.sensor.coefficients, *self.nuisances)
 
     def lag_of(self, x: Array) -> float:
-        """Return the lag of parameters x, s."""
+        """Return the lag for parameters x, s."""
         return float(x[self.names.index(LAG)]) if LAG in self.nuisances else self.lag
 
     def temperature_offset(self, x: Array) -> Array:
-        """Return ΔT of the sensing element at the blocks, (b,) K."""
+        """Return ΔT of the sensing element in the blocks, (b,) K."""
         kelvin, rate = self._course()
         return kelvin + self.lag_of(x) * rate - self.sensor.reference_temperature
 
     def node_effect(self, x: Array) -> Array:
-        """Return the derivatives of the temperature at the blocks to the nodes, (b, k)."""
+        """Return the sensitivity of the block temperatures to the nodes, (b, k)."""
         course = self.blocks.course
         assert course is not None
         return course.kelvin + self.lag_of(x) * course.rate
 
     def _course(self) -> tuple[Array, Array]:
-        """Return R and dR/dt at the blocks, (b,) K and K/s."""
+        """Return R and dR/dt in the blocks, (b,) K and K/s."""
         blocks, shift = self.blocks, self.node_shift
         if blocks.course is None or shift is None:
             return blocks.kelvin, blocks.rate
@@ -101,16 +102,16 @@ class RampModel(NamedTuple):
         )
 
     def slope(self, x: Array, k: int) -> Array:
-        """Return db/dT of axis k at the blocks, (b,) SI per K."""
+        """Return db/dT for axis k in the blocks, (b,) SI per K."""
         return self._of_axis(x, k)[1]
 
     def largest_shift(self, x: Array, k: int) -> float:
-        """Return the largest shift of the bias of axis k per second of lag, in its unit."""
+        """Return the largest shift of axis k's bias per second of lag, in its unit."""
         size, _ = BIAS_UNITS[self.sensor.axes[k].measures]
         return float(np.abs(self.slope(x, k) * self.blocks.rate).max()) / size
 
     def steepest_axis(self, x: Array) -> int:
-        """Return the axis on which an error of the lag acts most, in units of its noise."""
+        """Return the axis that an error of the lag affects most, relative to its noise."""
         shifts = [
             np.abs(whitening @ (self.slope(x, k) * self.blocks.rate)).max()
             for k, whitening in enumerate(self.whitening)
@@ -118,12 +119,12 @@ class RampModel(NamedTuple):
         return int(np.argmax(shifts))
 
     def residual(self, x: Array) -> Array:
-        """Return the readings less those of the model, (b, m) SI."""
+        """Return the readings minus the model's readings, (b, m) SI."""
         axes = range(len(self.sensor.axes))
         return self.blocks.reading - np.stack([self._of_axis(x, k)[0] @ x for k in axes], axis=-1)
 
     def linearise(self, x: Array) -> tuple[Array, Array]:
-        """Return the whitened residual, (b m,) axis after axis, and its Jacobian."""
+        """Return the whitened residual, (b m,), axis after axis, and its Jacobian."""
         residuals: list[Array] = []
         jacobians: list[Array] = []
         for k, whitening in enumerate(self.whitening):
@@ -135,7 +136,7 @@ class RampModel(NamedTuple):
         return np.concatenate(residuals), np.concatenate(jacobians)
 
     def _of_axis(self, x: Array, k: int) -> tuple[Array, Array]:
-        """Return the derivatives of an axis but to the lag, (b, p), and its db/dT, (b,)."""
+        """Return an axis's Jacobian without the lag, (b, p), and its db/dT, (b,)."""
         blocks, names, axis = self.blocks, self.names, self.sensor.axes[k]
         seen = {"dT": self.temperature_offset(x), "dTdt": self._course()[1]}
         jacobian = np.zeros((blocks.time.size, len(names)))
@@ -157,20 +158,21 @@ class RampModel(NamedTuple):
 def ramp_model(
     observations: Observations, sensor: Sensor, environment: Environment | None
 ) -> RampModel:
-    """Return the model of a recording.
+    """Return the model for a recording.
 
     Parameters
     ----------
     observations : Observations
-        One row, with the track of the recording; of one trial.
+        One row, with the track of the recording, from one trial.
     sensor : Sensor
-        With its noise.
+        The sensor with its noise.
     environment : Environment or None
 
     Raises
     ------
     InputError
-        No temperature, no white noise, too short a recording, or a warm-up of a one-way ramp.
+        There is no temperature or white noise, the recording is too short, or a warm-up is stated
+        for a one-way ramp.
     """
     track = observations.track
     if track is None or track.temperature is None:
@@ -183,8 +185,8 @@ def ramp_model(
     environment = environment or Environment("ramp")
     if environment.warm_up and blocks.is_monotonic:
         raise InputError(
-            "[environment] warm_up: the temperature goes one way, in which a warm-up cannot be "
-            "told from the polynomial; go up and down, or remove warm_up and switch on "
+            "[environment] warm_up: the temperature only rises or only falls, so a warm-up cannot "
+            "be separated from the polynomial; go up and down, or remove warm_up and switch on "
             f"{5 * environment.warm_up:.0f} s before the recording",
             key="[environment] warm_up",
         )
@@ -192,7 +194,7 @@ def ramp_model(
     if environment.warm_up:
         nuisances += [f"warm_up[{name}]" for name in sensor.channels]
     stated = environment.lag
-    # Where the bias is a line, lag and the term of dT/dt are one: with that term the lag is known.
+    # For a linear bias, the lag and the dT/dt term have one effect, so with that term it is known.
     if not sensor.uses("dTdt") and (stated is None or stated.sd > 0):
         nuisances.append(LAG)
     return RampModel(
@@ -206,15 +208,15 @@ def ramp_model(
 
 
 def fit_ramp(model: RampModel, priors: Priors, environment: Environment) -> Estimate:
-    """Return the estimate of a ramp.
+    """Return the estimate for a ramp.
 
     Parameters
     ----------
     model : RampModel
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
     environment : Environment
-        States the lag, or leaves it unknown.
+        The environment, which states the lag or leaves it unknown.
     """
     rows = model.blocks.time.size * len(model.sensor.axes)
     lag = 0.0 if environment.lag is None else environment.lag.value
@@ -238,10 +240,10 @@ def solve_ramp(
     lag: float,
     candidates: Callable[[Array], Sequence[Candidate]] | None = None,
 ) -> Estimate:
-    """Return the estimate by whitened rows that `linearise` gives, started at a lag, s."""
+    """Solve the whitened rows from `linearise`, starting at the given lag, s."""
     names, sensor = model.names, model.sensor
     scale = np.array([*sensor.unit_scale, *(_size(name, sensor) for name in model.nuisances)])
-    # At zero coefficients the lag has no effect: the search starts from the fit at the given lag.
+    # At zero coefficients the lag has no effect, so the search starts from a fit at the given lag.
     start = np.zeros(len(names))
     if LAG in model.nuisances:
         start[-1] = lag
@@ -272,10 +274,10 @@ def _size(name: str, sensor: Sensor) -> float:
 
 
 def _nuisance_priors(model: RampModel, environment: Environment) -> list[Gaussian]:
-    """Return what is known of the constants and of the lag.
+    """Return priors on the constants and on the lag.
 
     The attitude is unknown: a component of the earth's rate is 0 ± Ω/√3 and one of gravity 0 ± g.
-    The bias of an accelerometer is part of the constant and of nothing else.
+    An accelerometer's bias affects only the constant.
     """
     result: list[Gaussian] = []
     for axis in model.sensor.axes:
@@ -289,7 +291,7 @@ def _nuisance_priors(model: RampModel, environment: Environment) -> list[Gaussia
 
 
 def _column(model: RampModel, k: int, values: Array) -> Array:
-    """Return what values of axis k at the blocks, (b,), add to the whitened rows, (b m,)."""
+    """Return the effect of block values (b,) on axis k on the whitened rows, (b m,)."""
     parts = [np.zeros(len(values)) for _ in model.sensor.axes]
     parts[k] = model.whitening[k] @ values
     return np.concatenate(parts)
@@ -303,7 +305,7 @@ def _coefficient_candidates(model: RampModel, x: Array) -> list[Candidate]:
         line = larger.coefficient(full)
         axis, term = CoefficientName(full).parts
         inputs = {c for product in line.basis.products for c in product.components}
-        # With the lag, a term of dT/dt is one thing where the bias is a line.
+        # For a linear bias, a dT/dt term has the same effect as the lag.
         if full in sensor.coefficients or not inputs or not inputs <= set(seen):
             continue
         if "dTdt" in inputs and LAG in model.nuisances:
@@ -317,7 +319,7 @@ def _coefficient_candidates(model: RampModel, x: Array) -> list[Candidate]:
 
 
 def _drift_candidates(model: RampModel) -> list[Candidate]:
-    """Return a drift of each axis, linear in time from the first block to the last."""
+    """Return a candidate for drift, linear in time from the first block to the last."""
     time = model.blocks.time
     shape = (time - time.mean()) / max(float(np.ptp(time)), 1e-300)
     drifts = [
@@ -328,7 +330,7 @@ def _drift_candidates(model: RampModel) -> list[Candidate]:
 
 
 def _warm_up_candidates(model: RampModel, x: Array) -> list[Candidate]:
-    """Return a warm-up of all axes, with the key that lets the method estimate it."""
+    """Return a warm-up of all axes, with the key that makes the method estimate it."""
     if model.warm_up or model.blocks.is_monotonic:
         return []
     residual, jacobian = model.linearise(x)

@@ -1,13 +1,15 @@
 """The steps of a coarse thermometer, and the instants at which its reading crosses between them.
 
-A thermometer that reports whole degrees says little by its readings and much by the instants at
-which they change: there the temperature is half way between two readings. Where the reading flips
-to and fro, its readings on either side are counted between the first flip and the last.
+The readings of a thermometer that reports whole degrees contain little information. The instants at
+which they change contain much more, because the temperature is then half way between two readings.
+If the reading flips to and fro, the readings on either side are counted between the first flip and
+the last.
 
-The course of a coarse thermometer is a spline whose nodes are estimated. R(t) is a natural cubic
-spline through the crossings, both ends of the recording, and free points between crossings. It is
-linear in the values of its nodes, so its means over blocks are too. Each node has a value with a
-standard uncertainty: the free points that of the monotone cubic through crossings and ends.
+The temperature curve of a coarse thermometer is a spline whose nodes are estimated. R(t) is a
+natural cubic spline through the crossings, both ends of the recording, and free points between
+crossings. It is linear in the values of its nodes, and so are its means over blocks. Each node has
+a value with a standard uncertainty. For free points the value is that of the monotone cubic through
+crossings and ends.
 """
 
 from dataclasses import dataclass
@@ -19,39 +21,39 @@ import scipy.interpolate  # pyright: ignore[reportMissingTypeStubs]
 from inercal.basics.arrays import Array, Bools
 from inercal.basics.units import ZERO_CELSIUS
 
-_FREE, _FREE_AT_ENDS = 0.2, 0.4  # spacings of the crossings: standard uncertainty of a free point
+_FREE, _FREE_AT_ENDS = 0.2, 0.4  # standard uncertainty of a free point, in spacings of crossings
 _MOST_FREE_POINTS = 8  # in one interval
 _LONG = 4.0  # times a neighbour: an inner interval with several free points
-# A thermometer that truncates reads half a step less than one that rounds, and nothing in the data
-# tells which it does: 2 standard uncertainties are half a step.
+# A thermometer that truncates reads half a step less than one that rounds, and the data do not
+# show which it does: 2 standard uncertainties are half a step.
 TRUNCATION = 0.25
 _QUIET = 0.1  # steps
 _ONE_EXPONENTIAL = 3.0  # χ² per degree of freedom
 _LEAST_READINGS_A_LEVEL = 4.0  # fewer: the values are noise and rounding of a fine thermometer
 _CLOSEST = 0.5  # K; between boundaries whose crossings are used
-_DIGITS = 6  # of the text of a temperature, at most
-_FLIPS_BELONG_WITHIN = 60.0  # s; flips of a boundary further apart are crossings of their own
-_FLIP_TIME = 2.5  # σ/|Ṙ|: how long a noise σ makes the reading flip
+_DIGITS = 6  # largest number of digits in the text of a temperature
+_FLIPS_BELONG_WITHIN = 60.0  # s; flips of a boundary that are further apart are separate crossings
+_FLIP_TIME = 2.5  # σ/|Ṙ|: how long noise σ makes the reading flip
 
 
 class Crossings(NamedTuple):
-    """Where a thermometer's reading changed from one step to the next, c crossings.
+    """The c instants at which a thermometer's reading changed from one step to the next.
 
     Parameters
     ----------
     step : float
-        Of the thermometer, K.
+        Step of the thermometer, K.
     spacing : float
-        Between the boundaries whose crossings are used, K: steps of a finer thermometer are taken
-        together, because more nodes follow the noise of the readings and bias the lag.
+        Spacing between the boundaries whose crossings are used, K. Steps of a finer thermometer are
+        combined, because more nodes would follow the readings' noise and bias the lag.
     noise : float
         Standard deviation of the thermometer's noise, K.
     refreshed : float
-        Interval at which the reading is renewed, s; that of the samples where nothing is seen.
+        Interval at which the reading is updated, s; the sampling interval if none is detected.
     time : (c,) array
-        s, rising.
+        Times, s, ascending.
     kelvin : (c,) array
-        Half way between two readings.
+        Temperatures half way between two readings, K.
     sd : (c,) array
         Standard uncertainty of the temperature at these times, K.
     """
@@ -71,7 +73,7 @@ class Crossings(NamedTuple):
 
 
 def thermometer_step(kelvin: Array) -> float | None:
-    """Return the step of a thermometer, K; None if its readings are not even steps.
+    """Return a thermometer's step, K, or None if its readings are not multiples of a step.
 
     Parameters
     ----------
@@ -105,14 +107,14 @@ def _text_resolution(values: Array) -> float:
 
 
 def find_crossings(time: Array, kelvin: Array, step: float) -> Crossings:
-    """Return the crossings of a thermometer with steps.
+    """Return the crossings of a thermometer that reads in steps.
 
     Parameters
     ----------
     time, kelvin : (n,) arrays
-        s, K.
+        Times, s, and readings, K.
     step : float
-        K.
+        Step of the thermometer, K.
     """
     period = float(time[-1] - time[0]) / (time.size - 1)
     zero = float(kelvin[0])
@@ -130,7 +132,7 @@ def find_crossings(time: Array, kelvin: Array, step: float) -> Crossings:
     found.sort()
     at, flip_time, flips, between = (np.array(one) for one in zip(*found, strict=True))
     at = at - 0.5 * (refreshed - period)
-    # Steps that were jumped over within one reading are one crossing, half way.
+    # Steps that one reading skips are one crossing, half way.
     jumped = np.unique(at)
     places = np.searchsorted(jumped, at)
     count = np.bincount(places)
@@ -148,7 +150,7 @@ def find_crossings(time: Array, kelvin: Array, step: float) -> Crossings:
 def is_one_exponential(crossings: Crossings) -> bool:
     """Return whether a + b e^{−t/c} goes through all crossings within their uncertainties."""
     if crossings.noise > _QUIET * crossings.step:
-        return False  # nothing is seen of the difference
+        return False  # the difference cannot be detected
     time, weight = crossings.time - crossings.time[0], 1 / crossings.sd
     dof = time.size - 3
     if dof < 1:
@@ -161,7 +163,7 @@ def is_one_exponential(crossings: Crossings) -> bool:
         basis: Array = np.linalg.qr(shape)[0]
         return float(target @ target - np.square(target @ basis).sum())
 
-    low, high = -4.0, 3.0  # of the logarithm of c over the length
+    low, high = -4.0, 3.0  # logarithm of c relative to the length
     least = np.inf
     for _ in range(8):
         grid = np.linspace(low, high, 41)
@@ -172,14 +174,14 @@ def is_one_exponential(crossings: Crossings) -> bool:
 
 
 def _of_boundary(time: Array, above: Bools, period: float) -> list[tuple[float, float, int]]:
-    """Return time, duration of the flips, and number of flips of each crossing of a boundary."""
+    """Return time, duration of flips and number of flips for each crossing of a boundary."""
     flips = np.flatnonzero(np.diff(above)) + 1
     apart = np.flatnonzero(np.diff(time[flips]) > max(_FLIPS_BELONG_WITHIN, 3 * period)) + 1
     found: list[tuple[float, float, int]] = []
     for group in np.split(flips, apart):
         first, last = int(group[0]), int(group[-1])
         if group.size % 2 == 0:
-            continue  # it came back: touched, and not crossed
+            continue  # the reading came back, so the boundary was touched but not crossed
         short_of_it = int((above[first:last] != above[last]).sum())
         begin = 0.5 * float(time[first - 1] + time[first])
         duration = float(time[last] - time[first])
@@ -189,9 +191,9 @@ def _of_boundary(time: Array, above: Bools, period: float) -> list[tuple[float, 
 
 
 def _refresh_interval(changes: Array, period: float) -> float:
-    """Return the longest interval of which all changes are multiples apart, s; 0 if there is none.
+    """Return the longest interval that all changes are multiples of, s; 0 if there is none.
 
-    The changes are seen by samples, so each is late by up to a period.
+    Changes are observed only at samples, so each is late by up to one sample period.
     """
     if changes.size < 8:
         return 0.0
@@ -199,7 +201,7 @@ def _refresh_interval(changes: Array, period: float) -> float:
     longest = float(np.quantile(np.diff(changes), 0.5))
     if longest <= 2 * period:
         return 0.0
-    # An interval that is wrong by this much has drifted by a quarter of a period at the end.
+    # An interval with this error has drifted by a quarter of a period at the end.
     points = int(np.log(longest / (2 * period)) * 4 * since[-1] / period) + 2
     best = 0.0
     for interval in np.array_split(np.geomspace(2 * period, longest, points), points // 4096 + 1):
@@ -207,7 +209,7 @@ def _refresh_interval(changes: Array, period: float) -> float:
         middle = np.angle(phase.mean(axis=1))[:, None]
         off = np.abs(np.angle(phase * np.exp(-1j * middle))) / (2 * np.pi) * interval[:, None]
         fits = off.max(axis=1) <= 0.75 * period
-        # As many changes within so small a part of the interval must not be an accident.
+        # It must not be chance that so many changes lie within so small a part of the interval.
         likely = points * (1.5 * period / interval) ** (since.size - 1)
         fits &= likely < 1e-3
         if fits.any():
@@ -217,14 +219,14 @@ def _refresh_interval(changes: Array, period: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class CourseNodes:
-    """The k nodes of a thermometer's course.
+    """The k nodes of a thermometer's temperature curve.
 
     Parameters
     ----------
     crossings : Crossings
-        What they were found from.
+        The crossings that the nodes were computed from.
     time : (k,) array
-        s, rising.
+        Times, s, ascending.
     kelvin, sd : (k,) arrays
         Values before the fit and their standard uncertainties, K.
     """
@@ -235,12 +237,12 @@ class CourseNodes:
     sd: Array
 
     def means(self, edges: Array) -> tuple[Array, Array]:
-        """Return the means over b blocks of R and dR/dt per value of a node, (b, k) each.
+        """Return the sensitivity of the means of R and dR/dt over b blocks to node values, (b, k).
 
         Parameters
         ----------
         edges : (b + 1,) array
-            Ends of the blocks, s.
+            Boundaries of the blocks, s.
         """
         spline = scipy.interpolate.CubicSpline(self.time, np.eye(self.time.size), bc_type="natural")
         seconds = np.diff(edges)[:, None]
@@ -250,16 +252,16 @@ class CourseNodes:
 
 
 def course_nodes(crossings: Crossings, ends: tuple[float, float], first: float, last: float):
-    """Return the nodes of a course.
+    """Return the nodes of a temperature curve.
 
     Parameters
     ----------
     crossings : Crossings
-        Two or more.
+        Two or more crossings.
     ends : (float, float)
-        Begin and end of the recording, s.
+        Start and end of the recording, s.
     first, last : float
-        Readings there, K.
+        Readings at the start and end, K.
 
     Returns
     -------
@@ -278,7 +280,7 @@ def course_nodes(crossings: Crossings, ends: tuple[float, float], first: float, 
     beyond: list[float] = []
     for k, one in enumerate(length.tolist()):
         at_end = k in (0, length.size - 1)
-        # Between two crossings of one boundary the course turns, anywhere short of the next one.
+        # Between two crossings of one boundary the temperature reverses, before the next boundary.
         turns = not at_end and values[k] == values[k + 1]
         turn = 0.5 * crossings.spacing * float(np.sign(values[k] - values[k - 1])) if turns else 0.0
         neighbours = [float(length[n]) for n in (k - 1, k + 1) if 0 <= n < length.size]

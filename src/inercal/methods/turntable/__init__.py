@@ -1,8 +1,8 @@
-"""What the methods of a turntable share: the model of a triad, and its attitude by the gyros.
+"""Code shared by the turntable methods: the model of a triad, and its attitude from the gyros.
 
 The methods are `turntable_kalman`, `turntable_discrete` and `turntable_trajectory`.
 
-Remarks on a fit name parameters of the turntable that are far from their values in the run file.
+The remarks on a fit name turntable parameters that are far from their values in the run file.
 """
 
 from collections.abc import Mapping
@@ -20,9 +20,9 @@ from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Track
 
-# Standard deviations: of twenty parameters as stated, one run in 800 has one
+# Standard deviations: with twenty correctly stated parameters, one run in 800 has such a deviation
 _MAX_DEVIATION_SD = 4.0
-_MAX_SD_RATIO = 0.8  # of the stated deviation: less than a third of the variance is from the data
+_MAX_SD_RATIO = 0.8  # of the stated deviation; above it, the data give under a third of the weight
 _SOURCE_BIAS_SD = radians(0.004) / 60  # rad/s
 _BENCH_KEYS = {
     "lean_x": "lean", "lean_y": "lean", "square_1": "square", "square_2": "square",
@@ -49,9 +49,9 @@ def remarks(fit: Fit[Turntable, TableStep]) -> Remarks:
 
 
 def source_noise_note(sensor: Sensor, track: Track) -> str:
-    """Return the smallest uncertainty of the gyros' biases that noise allows over the last rest.
+    """Return a note on the smallest gyro bias uncertainty that the noise allows in the last rest.
 
-    The source states 0.004 °/min from 72 s of rest.
+    The source states 0.004 °/min from a rest of 72 s.
     """
     held = track.time[track.hold == track.hold.max()]
     seconds = float(held[-1] - held[0])
@@ -69,14 +69,14 @@ def source_noise_note(sensor: Sensor, track: Track) -> str:
 def stated_value_findings(
     estimate: Estimate, expected: Mapping[str, Parameter]
 ) -> tuple[Finding, ...]:
-    """Return a warning for each parameter of the table that is far from its stated value.
+    """Return a warning for each table parameter that is far from its stated value.
 
     Parameters
     ----------
     estimate : Estimate
-        Without a trial axis.
+        Estimate without a trial axis.
     expected : mapping of str to Parameter
-        The table's parameters by name, as they were stated.
+        The table's parameters by name, with their stated values.
     """
     found: list[Finding] = []
     for name, value, sd in zip(
@@ -85,7 +85,7 @@ def stated_value_findings(
         stated = expected.get(name)
         if stated is None or not stated.sd > 0 or sd > _MAX_SD_RATIO * stated.sd:
             continue
-        # The shift by the data against its standard deviation, without the share of the prior.
+        # The shift due to the data relative to its standard deviation, without the prior's share.
         pull = abs(value - stated.value) / sqrt(stated.sd**2 - sd**2)
         if pull > _MAX_DEVIATION_SD:
             unit = _UNITS.get(stated.unit) or ("″" if abs(value) + stated.sd < 1e-3 else "°")

@@ -1,33 +1,36 @@
-"""Drift of the biases as states of a filter, and the definition of a bias that drifts.
+"""Drift of the biases as states of a filter, and the definition of a drifting bias.
 
-Flicker of bias instability B, S(f) = B²/(2π f), is a sum of Gauss–Markov processes of the times
-τ_k = τ_1 r^(k−1) and variances B² ln r/π, as ∫ 2 τ/(1 + (2π f τ)²) d ln τ = 1/(2 f); both ends
-stand for what is beyond them and have more. Their Allan variance at T (IEEE Std 952, annex C)::
+Flicker with bias instability B, S(f) = B²/(2π f), is modelled as a sum of Gauss–Markov processes
+with times τ_k = τ_1 r^(k−1) and variances B² ln r/π, because ∫ 2 τ/(1 + (2π f τ)²) d ln τ
+= 1/(2 f). Both end processes also represent everything beyond them, so they have larger variances.
+The Allan variance of the sum at T (IEEE Std 952, annex C)::
 
     σ_A²(T) = Σ_k σ_k² (2 x − 3 + 4 e^−x − e^−2x)/x²,  x = T/τ_k
 
-is that of flicker, (2 ln 2/π) B², within 10 % in variance from 1 s to the span. One time per decade
-is enough: four states for each axis from 1 s to 10⁴ s. All runs of up to 10⁴ s (2.8 h) have this
-span, so that a filter during a run, whose duration is not known yet, has the same states as the
-filter of its recording; longer runs get one more for each decade. A random walk is a state that
-does not decay and starts at zero.
+equals that of flicker, (2 ln 2/π) B², within 10 % in variance from 1 s to the span. One time per
+decade is enough: four states for each axis from 1 s to 10⁴ s. All runs of up to 10⁴ s (2.8 h) have
+this span. The filter during a run, whose duration is not known yet, therefore has the same states
+as the filter for its recording. Longer runs get one more state for each decade. A random walk is a
+state that does not decay and starts at zero.
 
-**The bias** is the mean of the bias over the run, from the first to the last sample of its
-recording: flicker has no mean that a run could find. With a filter's constant b and the flicker's
-states D that is b̄ = b + Σ ∫ D dt/T. The integral needs no dense row in Φ: with dD = −D/τ dt + dβ::
+**The bias** is defined as the mean over the run, from the first to the last sample of the
+recording, because flicker has no mean that a run could determine. With a filter's constant b and
+the flicker's states D this is b̄ = b + Σ ∫ D dt/T. The integral needs no dense row in Φ. With
+dD = −D/τ dt + dβ::
 
     ∫ D dt = J − τ D,  dJ = τ dβ,  J begins at τ D
 
-J, one per axis for all its states, is constant except for noise, which is correlated with theirs.
-A random walk, as in simulations, is counted from the run's start. A Gauss–Markov drift with a
-stated correlation time has an ensemble mean: there the bias is this mean, and there is no J.
+There is one J per axis for all its states. J is constant except for noise, which is correlated with
+the noise of the states. A random walk is relative to the start of the run, as in simulations. A
+Gauss–Markov drift with a stated correlation time has an ensemble mean. The bias is then this mean,
+and there is no J.
 
-The covariance of two means is a double integral of that of the drift, C(u) at times u apart::
+The covariance of two means is a double integral of the drift's covariance C(u) at times u apart::
 
     cov = (G(d − a) + G(c − b) − G(d − b) − G(c − a))/((b − a)(d − c)),  G″ = C
 
-over a to b and c to d. Flicker has C = −(B²/π) ln |u| but for a constant, which departures from the
-mean over the run do not have; a walk K has C = K² (t + t′ − |u|)/2.
+over a to b and c to d. Flicker has C = −(B²/π) ln |u| plus a constant, which drops out of
+departures from the mean over the run. A walk K has C = K² (t + t′ − |u|)/2.
 """
 
 from collections.abc import Callable, Sequence
@@ -40,20 +43,20 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.physics.sensors import Noise
 
-MIN_FLICKER_SPAN = 1e4  # s, of the flicker's states at least
-_SHORTEST_TIME, _LONGEST_TIME_SHARE = 0.8, 0.42  # the shortest time, s; the longest, of the span
-# Of B² ln r/π: factor of all variances, and further factor of the two ends; least deviation.
+MIN_FLICKER_SPAN = 1e4  # s, minimum span of the flicker's states
+_SHORTEST_TIME, _LONGEST_TIME_SHARE = 0.8, 0.42  # shortest time, s; longest time over the span
+# Relative to B² ln r/π: factor for all variances, and further factor for the two end processes
 _VARIANCE_FACTOR, _END_VARIANCE_FACTOR = 0.98, 1.17
-_PLACEHOLDER_TIME = 1.0  # s; of a drift of variance zero
+_PLACEHOLDER_TIME = 1.0  # s; for a drift with zero variance
 
 
 class Drift(NamedTuple):
-    """The drift of three biases: of each c components, a sum."""
+    """The drift of three biases; each is the sum of c components."""
 
     times: Array  # (c,) s; infinite for a random walk, the last one
     variance: Array  # (c, 3) SI², stationary; zero for a random walk
-    walk: Array  # (3,) SI²/s, of the random walk
-    mean_over_run: bool  # whether a bias is the mean over the run: there is a J for each axis
+    walk: Array  # (3,) SI²/s, for the random walk
+    mean_over_run: bool  # whether a bias is the mean over the run; if so, each axis has a J
 
     @property
     def size(self) -> int:
@@ -74,7 +77,7 @@ class Drift(NamedTuple):
         return tuple(f"drift[{axis}, {word}]" for word in words for axis in axes)
 
     def covariance(self) -> Array:
-        """Return the covariance of the states where a run begins, (s, s)."""
+        """Return the covariance of the states at the start of a run, (s, s)."""
         c, result = len(self.times), np.zeros((self.size, self.size))
         finite = np.where(np.isinf(self.times), 0.0, self.times)
         for k in range(3):
@@ -87,7 +90,7 @@ class Drift(NamedTuple):
         return result
 
     def running_mean(self, states: Array, elapsed: Array) -> Array:
-        """Return the mean of the flicker from the start, (e, 3), by states (e, s) at e times, s."""
+        """Return the flicker's mean since the start, (e, 3), from states (e, s) at e times, s."""
         if not self.mean_over_run:
             return np.zeros((len(elapsed), 3))
         c = len(self.times)
@@ -98,26 +101,26 @@ class Drift(NamedTuple):
         return np.where(begun, integral / np.where(begun, elapsed[:, None], 1.0), 0.0)
 
     def mean(self, elapsed: float, since: float = 0.0) -> tuple[Array, Array]:
-        """Return the mean of the flicker from the start by the states, and its further variance.
+        """Return the flicker's mean since the start, from the states, and its additional variance.
 
         Parameters
         ----------
         elapsed : float
-            Since the start, s, `since` included.
+            Time since the start, s, including `since`.
         since : float
-            s that passed since the states were predicted.
+            Time since the states were predicted, s.
 
         Returns
         -------
         rows : (3, s) array
-            Mean of each axis by the states.
+            Sensitivity of each axis's mean to the states.
         variance : (3,) array
-            Of the flicker since the states were predicted.
+            Variance of the flicker since the states were predicted.
         """
         c, rows, variance = len(self.times), np.zeros((3, self.size)), np.zeros(3)
         if not self.mean_over_run or elapsed <= 0:
             return rows, variance
-        # Numbers, not arrays: live filters ask for it with each piece of samples.
+        # Numbers instead of arrays, because live filters call this for each piece of samples.
         mean, shape = [0.0] * c, [0.0] * c
         for n, time in enumerate(self.times.tolist()):
             if time != inf:
@@ -132,15 +135,15 @@ class Drift(NamedTuple):
 
 
 def flicker_processes(bias_instability: float, span: float) -> tuple[Array, Array]:
-    """Return times, s, and variances of Gauss–Markov processes whose sum is flicker, (c,) each.
+    """Return times, s, and variances of Gauss–Markov processes that sum to flicker, (c,) each.
 
     Parameters
     ----------
     bias_instability : float
         B, in SI.
     span : float
-        Averaging times from 1 s to this, s, have the Allan deviation of flicker within 7 %; at
-        least 1000 s.
+        The Allan deviation agrees with that of flicker within 7 % for averaging times from 1 s to
+        this, s; at least 1000 s.
     """
     count = ceil(log10(max(span, 1e3)) - 1e-9)
     times = np.geomspace(_SHORTEST_TIME, _LONGEST_TIME_SHARE * max(span, 1e3), count)
@@ -150,20 +153,20 @@ def flicker_processes(bias_instability: float, span: float) -> tuple[Array, Arra
 
 
 def drift_model(noises: Sequence[Noise], run_duration: float, name: str = "sensor") -> Drift:
-    """Return the drift of three biases.
+    """Return the drift model for three biases.
 
     Parameters
     ----------
     noises : sequence of 3 Noise
     run_duration : float
-        Of the run, s; it has no effect below 10⁴ s.
+        Duration of the run, s; it has no effect below 10⁴ s.
     name : str
-        For messages.
+        Name for messages.
 
     Raises
     ------
     InputError
-        Axes with different correlation times.
+        The axes have different correlation times.
     """
     correlation = np.array([one.correlation for one in noises])
     if np.ptp(correlation) > 0:
@@ -192,23 +195,23 @@ def drift_model(noises: Sequence[Noise], run_duration: float, name: str = "senso
 
 
 NO_DRIFT = Drift(np.array([_PLACEHOLDER_TIME]), np.zeros((1, 3)), np.zeros(3), mean_over_run=False)
-"""Of biases that do not drift."""
+"""The drift model for biases that do not drift."""
 
 
 def covariance_of_means(
     noises: Sequence[Noise], start: Array, stop: Array, run: tuple[float, float]
 ) -> Array:
-    """Return the covariance of m drifting biases between means over r spans, (r, r, m).
+    """Return the covariance of the means of m drifting biases over r time spans, (r, r, m).
 
-    Flicker is counted from its mean over the run, a random walk from the run's start.
+    Flicker is relative to its mean over the run, a random walk to the start of the run.
 
     Parameters
     ----------
     noises : sequence of m Noise
     start, stop : (r,) arrays
-        s.
+        Start and end of the spans, s.
     run : (float, float)
-        Begin and end of the run, s.
+        Start and end of the run, s.
     """
     begin, end = run
     a, b = np.append(start, begin), np.append(stop, end)

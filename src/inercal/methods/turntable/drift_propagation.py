@@ -1,4 +1,4 @@
-"""Compiled: the drift of biases carried over time; its equations are in `drift`."""
+"""Compiled propagation of the drift of biases over time; the equations are in `drift`."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from inercal.methods.turntable.drift import Drift
 
 @kernel_step
 def sum_drift_components(x: Array, first: int, components: int, out: Array) -> None:
-    """Write the drift of each bias, the sum of its components, whose states start at `first`."""
+    """Write each bias's drift, the sum of its components; their states start at index `first`."""
     for k in range(3):
         out[k] = 0.0
     for c in range(components):
@@ -26,13 +26,13 @@ def propagate_drift(
     drawn: Array,
     joint: Array,
 ) -> None:
-    """Write diagonals of Φ and Q of the drift over a time; its states begin at `first`.
+    """Write the diagonals of Φ and Q for the drift over a time; its states start at `first`.
 
     `joint`, (c, 3), is the covariance of the noise of each component with that of J, for
     `add_drift_cross_covariance`.
     """
     times, variance, walk, mean_over_run = drift
-    own = first + 3 * times.size  # where J begins
+    own = first + 3 * times.size  # index at which J begins
     for k in range(3):
         total = 0.0
         for c in range(times.size):
@@ -51,7 +51,7 @@ def propagate_drift(
 
 @kernel
 def add_drift_cross_covariance(drift: Drift, first: int, joint: Array, p: Array) -> None:
-    """Add the covariance of the noise of J with that of the components to P, after `predict`."""
+    """Add the covariance between J's noise and the components' noise to P, after `predict`."""
     if not drift.mean_over_run:
         return
     components = drift.times.size

@@ -1,7 +1,7 @@
 """The model of a triad that the turntable methods share, and its prior.
 
-The prior standard deviation of a coefficient is that of `EXPECTED_SIZES`. The data must determine
-it much better (`undecided_directions`), or the result would be the prior.
+The prior standard deviation of a coefficient comes from `EXPECTED_SIZES`. The data must determine
+the coefficient much better (`undecided_directions`), otherwise the result would be the prior.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,10 +33,10 @@ from inercal.recordings import Track
 
 ARCSEC = radians(1 / 3600)
 EPOCH_PERIOD = 0.1  # s between epochs
-# rad. Error of rates taken as linear between samples, without kinks, which are in Q. It also keeps
-# the variance positive where the readback is stated as exact.
+# rad. Error of assuming linear rates between samples, without kinks, which are in Q. It also keeps
+# the variance positive if the readback is stated as exact.
 READBACK_NOISE_FLOOR = 0.1 * ARCSEC
-# Standard deviations before the data, SI; of other terms, per their natural size.
+# Standard deviations before the data, SI; for other terms, relative to their natural size.
 EXPECTED_SIZES: Mapping[str, float] = {
     "bias": radians(1),
     "k0": 30e-3 * G0,
@@ -45,29 +45,29 @@ EXPECTED_SIZES: Mapping[str, float] = {
     "delta_o": 0.02,
     "delta_p": 0.02,
 }
-# Of the natural size: 1000 µg/g², 200 °/h/g; for temperature LARGEST_RELATIVE_SIZE, 1 mg/K
+# Natural sizes: 1000 µg/g², 200 °/h/g; for temperature LARGEST_RELATIVE_SIZE, 1 mg/K
 _DEFAULT_SIZE = 1e-3
-# Of the prior variance: a direction that keeps more is determined by the prior, or partly by it.
+# Share of the prior variance: directions above it are determined, at least partly, by the prior.
 _MAX_DECIDED_SHARE, _MIN_PRIOR_SHARE = 0.25, 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class TriadModel:
-    """The model of three axes of one kind in a filter.
+    """The model for three axes of one kind in a filter.
 
     Parameters
     ----------
     sensor : Sensor
-        Of these axes alone.
+        A sensor with only these axes.
     terms : Terms
     channels : (3,) array of int
-        Their columns in the recording.
+        Indices of their columns in the recording.
     white : (3,) array
-        Variance of the integral of the noise, SI²/s.
+        Variance of the integrated noise, SI²/s.
     drift : Drift
-        Of the biases.
+        Drift of the biases.
     expected_sizes : mapping of str to float
-        Standard deviations before the data by term, as `EXPECTED_SIZES`.
+        Standard deviations before the data by term, in the form of `EXPECTED_SIZES`.
     """
 
     sensor: Sensor
@@ -79,7 +79,7 @@ class TriadModel:
 
 
 def run_duration(track: Track, planned: float | None) -> float:
-    """Return how long a run lasts, s: as planned, or the track's own where no plan is given."""
+    """Return the duration of a run, s: as planned, or that of the track if there is no plan."""
     return float(track.time[-1] - track.time[0]) if planned is None else planned
 
 
@@ -91,12 +91,12 @@ def triad_model(
     bias_drift: bool = True,
     expected_sizes: Mapping[str, float] = EXPECTED_SIZES,
 ) -> TriadModel:
-    """Return the accelerometers ("f") or the gyros ("w") of a sensor in a run of `run_duration` s.
+    """Return the accelerometers ("f") or gyros ("w") of a sensor, for a run of `run_duration` s.
 
     Raises
     ------
     InputError
-        Other than three axes, terms that a filter cannot estimate, or noise that is not stated.
+        There are not three axes, a filter cannot estimate a term, or noise is not stated.
     """
     part = sensor.select_axes("f" if kind == "f" else "w")
     noise = [axis.noise for axis in part.axes]
@@ -131,15 +131,15 @@ def expected_size(part: TriadModel) -> Array:
 
 
 def initial_estimate(part: TriadModel, priors: Priors, coarse: Array) -> tuple[Array, Array]:
-    """Return coefficients and their covariance before the data.
+    """Return the coefficients and their covariance before the data.
 
     Parameters
     ----------
     part : TriadModel
     priors : sequence of Gaussian
-        Those on coefficients of these axes multiply the prior of `expected_size`.
+        Priors on coefficients of these axes are combined with the prior from `expected_size`.
     coarse : (3,) array
-        Mean reading at rest beyond the sensed motion, SI: where the biases start.
+        Mean reading at rest minus the sensed motion, SI, where the biases start.
     """
     names = part.sensor.coefficients
     start = np.zeros(len(names))
@@ -163,22 +163,22 @@ def coarse_bias(bench: Turntable, track: Track, part: TriadModel) -> Array:
     ----------
     bench : Turntable
     track : Track
-        Of one trial.
+        Track of one trial.
     part : TriadModel
 
     Raises
     ------
     InputError
-        No rest of 20 s at the start.
+        There is no rest of at least 20 s at the start.
     """
     resting = track.hold[track.hold >= 0]
     at = np.flatnonzero(track.hold == resting[0]) if resting.size else resting
     run_duration = float(track.time[at[-1]] - track.time[at[0]]) if at.size else 0.0
     if run_duration < MIN_REST_SECONDS:
         raise InputError(
-            f"the run begins with a rest of {run_duration:.3g} s; the filters take the biases' "
-            f"first values from {COARSE_REST_SECONDS:g} s of rest: hold the table still that long "
-            "before its first move",
+            f"the run begins with a rest of {run_duration:.3g} s, but the filters need "
+            f"{COARSE_REST_SECONDS:g} s of rest for the initial values of the biases; hold the "
+            "table still that long before its first move",
             key="hold",
         )
     at = at[track.time[at] <= track.time[at[0]] + COARSE_REST_SECONDS]
@@ -196,7 +196,7 @@ def undecided_directions(part: TriadModel, covariance: Array) -> tuple[NullDirec
     ----------
     part : TriadModel
     covariance : (p, p) array
-        Of the coefficients.
+        Covariance of the coefficients.
     """
     return _directions_by_variance_share(part, covariance, _MAX_DECIDED_SHARE, np.inf)[1]
 
@@ -204,15 +204,15 @@ def undecided_directions(part: TriadModel, covariance: Array) -> tuple[NullDirec
 def prior_dominated_directions(
     part: TriadModel, covariance: Array
 ) -> tuple[float, tuple[NullDirection, ...]]:
-    """Return directions that are determined partly by the assumed sizes, and the largest share.
+    """Return directions that the assumed sizes partly determine, and the largest prior share.
 
-    Arguments as for `undecided_directions`.
+    The arguments are as for `undecided_directions`.
     """
     return _directions_by_variance_share(part, covariance, _MIN_PRIOR_SHARE, _MAX_DECIDED_SHARE)
 
 
 def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
-    """Refuse coefficients that are not determined.
+    """Raise NotObserved if coefficients are not determined.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
 def _directions_by_variance_share(
     part: TriadModel, covariance: Array, above: float, to: float
 ) -> tuple[float, tuple[NullDirection, ...]]:
-    """Return directions whose share of the prior variance is in this range, and the largest."""
+    """Return directions whose share of the prior variance is in a range, and the largest share."""
     sd = expected_size(part)
     share, directions = np.linalg.eigh(covariance / np.outer(sd, sd))
     chosen = (share > above) & (share <= to)
@@ -257,27 +257,28 @@ def _directions_by_variance_share(
 def table_sensitivity(
     seen: Misalignment, table: Sequence[Parameter], skipped: Sequence[str] = ()
 ) -> Array:
-    """Return how φ as it is observed moves with the table's parameters, (e, 3, q), level frame.
+    """Return the sensitivity of the observed φ to the table's parameters, (e, 3, q), level frame.
 
     Parameters
     ----------
     seen : Misalignment
-        At e readbacks.
+        Misalignment at e readbacks.
     table : sequence of q Parameter
-        Columns of those that turn no attitude, or are skipped, are zero.
+        Columns are zero for parameters that do not change the attitude or are skipped.
     skipped : sequence of str
+        Names of parameters to skip.
     """
     names = [one.name for one in seen.parameters]
     result = np.zeros((*seen.by.shape[:-1], len(table)))
     for k, one in enumerate(table):
         if one.name in names and one.name not in skipped:
-            # The true attitude is ahead of the readback's: φ as observed is so much less.
+            # The true attitude is ahead of the readback's, so the observed φ is smaller by this.
             result[..., k] = -seen.by[..., names.index(one.name)]
     return result
 
 
 def gravity_sensitivity(part: TriadModel) -> Array:
-    """Return how the coefficients move with a relative error of gravity, (p,)."""
+    """Return the sensitivity of the coefficients to a relative error of gravity, (p,)."""
     p = len(part.sensor.coefficients)
     by = np.zeros((3, 3, p))
     by[part.terms.axis, :, np.arange(p)] = part.terms.weights[:, part.terms.first :][:, :3]

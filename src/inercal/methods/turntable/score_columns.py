@@ -1,8 +1,8 @@
-"""Columns for score tests of the terms that turntable methods omit, epoch by epoch.
+"""Columns for score tests of terms that the turntable methods omit, computed epoch by epoch.
 
-A column is the effect of one unit of a constant q: the increment of the gyros' attitude error φ or
-of the velocity of accelerometers at rest (d), or the shift of φ as observed by the readback (c), in
-the level frame and with the signs of `strapdown`::
+A column is the effect of one unit of a constant q. The effect is an increment of the gyros'
+attitude error φ or of the velocity of accelerometers at rest (d), or a shift of φ as observed by
+the readback (c), in the level frame and with the signs of `strapdown`::
 
     coefficient    d = −∫ C M e_a φ_q(f, ω) dt    (gyros; accelerometers with +)
     drift          d = −∫ C M e_a (t − t_mid)/T dt: its size is the change over the run; and
@@ -10,8 +10,8 @@ the level frame and with the signs of `strapdown`::
     latitude       d = −∂Ω/∂λ Δt                  azimuth  d = Ω_north Δt about east
     table          c = −B_q                       latency, clock  c = −ω, −ω (t − t₀)
 
-f and ω are those of the readback in the middle of an epoch. A parameter of the table that a method
-estimates with its stated prior is a column too: the test shows a departure beyond the prior.
+f and ω are those of the readback at the middle of an epoch. A table parameter that a method
+estimates with its stated prior also has a column, so the test shows a departure beyond the prior.
 """
 
 from collections.abc import Sequence
@@ -36,17 +36,17 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.coefficient_tables import SI_UNITS, TABLES
 
-# Number of cosines that describe a slow change of a bias over the run: few, because the candidates
-# share the level, and a candidate of many columns takes a large part.
+# Number of cosines that describe a slow change of a bias over the run. There are few, because the
+# candidates share the significance level, and a candidate with many columns takes a large part.
 DRIFT_MODES = 4
-_MIN_HARMONICS = 3  # of each axis, tested at least
-# Groups of coefficients; a track has no rate of the temperature.
+_MIN_HARMONICS = 3  # minimum number tested per axis
+# Groups of coefficients; a track does not contain the rate of the temperature.
 _EXCLUDED_GROUPS = ("arm", "rotation", "temperature_rate")
 
 
 @dataclass(frozen=True)
 class ConstantColumn:
-    """One constant: its name and unit, the largest plausible size, SI, the candidates it is in."""
+    """One constant: name, unit, largest plausible size (SI), and the candidates that contain it."""
 
     name: str
     kind: CandidateKind
@@ -57,7 +57,7 @@ class ConstantColumn:
 
 @dataclass(frozen=True, eq=False)
 class ConstantColumns:
-    """D constants that drive, and B that are observed, at e epochs.
+    """The effects of D driving constants and B observed constants at e epochs.
 
     Parameters
     ----------
@@ -73,26 +73,27 @@ class ConstantColumns:
 
     @property
     def columns(self) -> tuple[ConstantColumn, ...]:
-        """Those that drive, then those that are observed."""
+        """The driving constants, followed by the observed ones."""
         return self.driving_columns + self.observed_columns
 
 
 class ColumnInputs(NamedTuple):
-    """What the columns of a triad are computed from."""
+    """The inputs from which the columns of a triad are computed."""
 
     triad: TriadModel
     bench: Turntable
-    theta: Array  # (p,), coefficients as estimated
+    theta: Array  # (p,), estimated coefficients
     time: Array  # (e,) s
     angles: Array  # (e, k) rad, readback
-    temperature_offset: Array | None  # (e,), as of `sensor_columns`
+    temperature_offset: Array | None  # (e,), as for `sensor_columns`
 
 
 @lru_cache(maxsize=64)
 def sensor_of_omitted_coefficients(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
-    """Return a triad with the coefficients of its tables that are not estimated.
+    """Return a triad with all coefficients of its tables that are not estimated.
 
-    Those of temperature only if it is known and varies, `temperature_varies`.
+    Temperature coefficients are included only if `temperature_varies`: the temperature is known
+    and changes.
     """
     names = tuple(
         full
@@ -112,19 +113,19 @@ def sensor_columns(
     warmth: Array | None = None,
     run: tuple[float, float] | None = None,
 ) -> tuple[tuple[ConstantColumn, ...], Array]:
-    """Return columns of coefficients and of the biases' changes, on readings, (n, 3, D).
+    """Return columns for coefficients and bias changes, as effects on readings, (n, 3, D).
 
     Parameters
     ----------
     part : TriadModel
     motion : Motion
-        (n, 3).
+        Motion of n samples.
     time : (n,) array
-        s.
+        Time of each sample, s.
     warmth : (n,) array, optional
-        Temperature minus the sensor's reference temperature, K, if known and varies.
+        Temperature minus the sensor's reference temperature, K, if it is known and varies.
     run : (float, float), optional
-        First and last time of the run, s, where these are not all of it.
+        First and last time of the run, s, if `time` does not cover all of it.
     """
     larger = sensor_of_omitted_coefficients(part.sensor, temperature_varies=warmth is not None)
     motion = motion if warmth is None else replace(motion, dT=warmth)
@@ -158,31 +159,31 @@ def sensor_columns(
 def gyro_columns(
     epochs: ColumnInputs, first: int = 0, stop: int | None = None
 ) -> tuple[ConstantColumns, Array]:
-    """Return the columns of gyros whose attitude a readback shows, and c before the first one.
+    """Return the columns for gyros with attitude readback, and c before the first epoch.
 
     Parameters
     ----------
     epochs : ColumnInputs
-        Of e + 1 epochs, the first of which is where the run begins.
+        Inputs at e + 1 epochs, the first of which is the start of the run.
     first, stop : int, optional
-        Of the e epochs that follow, those whose columns are computed; by default all.
+        Range within the e epochs that follow, for which columns are computed; by default all.
 
     Returns
     -------
     ConstantColumns
-        Of stop − first epochs.
+        Columns for stop − first epochs.
     c : (3, B) array
-        Of the epoch before them.
+        Values at the epoch before them.
     """
     part, bench, theta, whole, angles, warmth = epochs
     stop = len(whole) - 1 if stop is None else stop
-    # The rate at an epoch depends on the epoch that follows.
+    # The rate at an epoch depends on the next epoch.
     taken, count = slice(first, min(stop + 2, len(whole))), stop - first
     time, angles = whole[taken], angles[taken]
     warmth = None if warmth is None else warmth[taken]
     run = float(whole[1] + whole[0]) / 2, float(whole[-1] + whole[-2]) / 2
     mat, since = reference_attitude(bench, angles), np.diff(time)
-    since = np.where(since > 0, since, np.inf)  # of an epoch where the run begins nothing is asked
+    since = np.where(since > 0, since, np.inf)  # nothing is needed at the epoch where a run begins
     back = np.swapaxes(mat, -1, -2)
     turned = log_so3(mat[1:] @ back[:-1])  # in the level frame
     middle = exp_so3(turned / 2) @ mat[:-1]
@@ -204,7 +205,7 @@ def gyro_columns(
     driven = np.concatenate([-(cm @ readings) * since[:, None, None], of_place], axis=-1)
     places = (_bench_column("azimuth", "rad"), _bench_column("latitude", "rad"))
     observed, by = table_columns(bench, angles, ("lean_x", "lean_y", "azimuth"))
-    # Between two epochs the rate is that of their mean, at one its mean.
+    # Between two epochs the rate is taken at their mean, at a single epoch it is the mean.
     rate[1:-1] = (rate[1:-1] + rate[2:]) / 2
     late = np.stack([-rate, -rate * (time - whole[0])[:, None]], axis=-1)
     seen = np.concatenate([by, late], axis=-1)
@@ -216,16 +217,16 @@ def gyro_columns(
 def accelerometer_columns(
     epochs: ColumnInputs, first: int = 0, stop: int | None = None
 ) -> ConstantColumns:
-    """Return the columns of accelerometers that a table holds, as velocities.
+    """Return the columns for accelerometers that a table holds still, as velocities.
 
-    The first epoch of a hold drives nothing.
+    The first epoch of a hold has no effect.
 
     Parameters
     ----------
     epochs : ColumnInputs
-        Of e epochs.
+        Inputs at e epochs.
     first, stop : int, optional
-        Those whose columns are computed; by default all.
+        Range of epochs for which columns are computed; by default all.
     """
     part, bench, theta, whole, angles, warmth = epochs
     taken = slice(first, stop)
@@ -240,20 +241,20 @@ def accelerometer_columns(
 
 
 def static_mean_columns(epochs: ColumnInputs) -> tuple[tuple[ConstantColumn, ...], Array]:
-    """Return the columns of n means of accelerometers at rest, on readings, (n, 3, c)."""
+    """Return the columns for n means of accelerometers at rest, as readings, (n, 3, c)."""
     part, bench, theta, time, angles, warmth = epochs
     mat = reference_attitude(bench, angles)
     columns, readings = sensor_columns(part, static_motion(bench, mat), time, warmth)
     observed, by = table_columns(bench, angles, ("azimuth",))
     force = np.array([0.0, 0.0, bench.gravity.value])
-    # The true attitude is ahead of the readback's by −c.
+    # The true attitude differs from the readback's by −c.
     turned = np.swapaxes(mat, -1, -2) @ np.cross(force[:, None], -by, axis=-2)
     result = [readings, np.linalg.inv(_inverse_scale_matrix(part, theta)) @ turned]
     return (*columns, *observed), np.concatenate(result, axis=-1)
 
 
 def static_motion(bench: Turntable, mat: Array) -> Motion:
-    """Return the motion that a sensor senses on a table at rest in attitudes (n, 3, 3)."""
+    """Return the motion that a sensor senses on a stationary table in attitudes (n, 3, 3)."""
     back = np.swapaxes(mat, -1, -2)
     return Motion(back @ np.array([0.0, 0.0, bench.gravity.value]), back @ earth_rate(bench))
 
@@ -261,7 +262,7 @@ def static_motion(bench: Turntable, mat: Array) -> Motion:
 def table_columns(
     bench: Turntable, angles: Array, but: Sequence[str]
 ) -> tuple[tuple[ConstantColumn, ...], Array]:
-    """Return the table's parameters except some, and the shift of φ as observed, (n, 3, B)."""
+    """Return table parameters except `but`, and their shifts of the observed φ, (n, 3, B)."""
     count = max(_MIN_HARMONICS, len(bench.harmonics))
     sizes = (*bench.harmonics, *(1.0 for _ in range(count - len(bench.harmonics))))
     seen = linear_misalignment(replace(bench, harmonics=sizes), angles)
@@ -273,12 +274,12 @@ def table_columns(
 def stack_columns(
     parts: Sequence[tuple[Sequence[ConstantColumn], Array]],
 ) -> tuple[tuple[ConstantColumn, ...], Array]:
-    """Return the columns of all parts, and their rows (m, c), those of the parts one by one.
+    """Return the columns of all parts, and their rows (m, c), one part after the other.
 
     Parameters
     ----------
     parts : sequence of (columns, rows)
-        Rows (m, c) each; a column that two have is one.
+        Each part has rows (m, c). A column that two parts share appears once.
     """
     found = {column.name: column for columns, _ in parts for column in columns}
     at = {name: k for k, name in enumerate(found)}
@@ -291,7 +292,7 @@ def stack_columns(
 
 
 def families(bench: Turntable) -> dict[str, tuple[str, ...]]:
-    """Return which of the table's parameters are candidates together, by the candidate's name."""
+    """Return the families of table parameters, by the name of their candidate."""
     found: dict[str, tuple[str, ...]] = {}
     for one in bench.parameters:
         for name in _bench_column(one.name, one.unit).families:
@@ -308,19 +309,19 @@ def candidates(
     ----------
     columns : sequence of c ConstantColumn
     rows : (m, c) array
-        Whitened; where `moved` is given, without the part that the estimate absorbs.
+        Whitened rows; if `moved` is given, without the part that the estimate absorbs.
     moved : (q, c) array or None
-        By how much one unit moves each parameter.
+        Shift of each parameter caused by one unit of each column.
     """
     found: dict[str, list[int]] = {}
     for k, one in enumerate(columns):
         for name in one.families:
             found.setdefault(name, []).append(k)
     result: list[Candidate] = []
-    by_column = np.ascontiguousarray(rows.T)  # whole columns are taken from it
+    by_column = np.ascontiguousarray(rows.T)  # because whole columns are read
     for name, at in found.items():
         if len(at) == 1 and columns[at[0]].families[-1] != name:
-            continue  # what is alone in its family is a candidate by itself
+            continue  # the only member of a family is a candidate by itself
         chosen = [columns[k] for k in at]
         result.append(
             Candidate(
@@ -337,7 +338,7 @@ def candidates(
 
 
 def _bench_column(name: str, unit: str) -> ConstantColumn:
-    """Return a parameter of the bench, with others of its key in a run file and by itself."""
+    """Return a bench parameter's column, tested with the others of its key and separately."""
     wave, axis = ErrorName(name).parts
     if axis and wave[:3] in ("sin", "cos"):
         families = (f"harmonics[{axis}]", f"harmonic {wave[3:]}[{axis}]")
@@ -348,7 +349,7 @@ def _bench_column(name: str, unit: str) -> ConstantColumn:
 
 
 def _inverse_scale_matrix(part: TriadModel, theta: Array) -> Array:
-    """Return M = (N + S)⁻¹ of `strapdown`."""
+    """Return M = (N + S)⁻¹ as in `strapdown`."""
     terms = part.terms
     result = terms.nominal.copy()
     for axis, weights, c in zip(terms.axis, terms.weights, theta, strict=True):

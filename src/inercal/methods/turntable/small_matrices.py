@@ -1,8 +1,8 @@
-"""Compiled: vectors and 3 × 3 matrices, as arrays or as tuples of numbers.
+"""Compiled operations on vectors and 3 × 3 matrices, as arrays or as tuples of numbers.
 
-A `Vector` is a tuple of 3 numbers, a `Matrix` a tuple of 9, row after row: the compiler can keep
-tuples in registers. It must read an array again after each write to another array, since the two
-may overlap. Functions of arrays write the result to their last argument; functions of tuples
+A `Vector` is a tuple of 3 numbers, a `Matrix` a tuple of 9, row after row. The compiler can keep
+tuples in registers. It must read an array again after each write to another array, because the two
+may overlap. Functions for arrays write the result to their last argument; functions for tuples
 return it.
 """
 
@@ -15,7 +15,7 @@ Matrix = tuple[float, float, float, float, float, float, float, float, float]
 
 @kernel_step
 def copy_matrix(matrix: Array, out: Array) -> None:
-    """Write a 3 × 3 matrix; an assignment of slices takes Numba seconds to compile."""
+    """Copy a 3 × 3 matrix; Numba takes seconds to compile an assignment of slices."""
     for i in range(3):
         for j in range(3):
             out[i, j] = matrix[i, j]
@@ -23,7 +23,7 @@ def copy_matrix(matrix: Array, out: Array) -> None:
 
 @kernel_step
 def product(a: Array, b: Array, out: Array) -> None:
-    """Write the product of 3 × 3 matrices; `out` is neither of them."""
+    """Write the product of 3 × 3 matrices; `out` must be neither of them."""
     for i in range(3):
         for j in range(3):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
@@ -67,7 +67,7 @@ def write_row(m: Matrix, out: Array) -> None:
 
 @kernel_value
 def copy_row(of: Array, out: Array) -> None:
-    """Write a row (9,) to another; all is read before any is written."""
+    """Copy a row (9,); all elements are read before any is written."""
     write_row((of[0], of[1], of[2], of[3], of[4], of[5], of[6], of[7], of[8]), out)
 
 

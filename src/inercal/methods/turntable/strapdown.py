@@ -1,7 +1,8 @@
-"""Compiled: propagation of the attitude, and its sensitivity to the sensor's coefficients.
+"""Compiled propagation of the attitude, and its sensitivity to the sensor's coefficients.
 
-Level frame: east, north, up. C takes the body's frame to it, C_est = (I − [φ×]) C. φ, small, is a
-rotation vector; φ(f, ω) of `terms` is called phi. Functions write results to arguments, in place.
+The level frame is east, north, up. C transforms from the body frame to it, and
+C_est = (I − [φ×]) C. The small φ is a rotation vector; φ(f, ω) from `terms` is called phi in the
+code. Functions write their results to arguments, in place.
 """
 
 import numpy as np
@@ -22,18 +23,19 @@ from inercal.methods.turntable.small_matrices import (
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE, Terms
 from inercal.recordings import STAMP_ROUNDING
 
-# A rate taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2 where its slope
-# jumps by a at the share s of a step, the half of Bernoulli's second polynomial: none on average
-# and 1/√720 rms. There three third differences are (1 − s, 2 s − 1, −s) a Δt, of sum zero; where
-# only the second derivative jumps, which leaves a tenth of that, they have one sign. So (a Δt)² is
-# known from their squares less twice that of their sum, which all three windows over them give 1.77
-# times, as the mean over s. It counts beyond the noise, on average 60 variances of a sample.
+# If a rate is modelled as a parabola through three samples and its slope jumps by a at the fraction
+# s of a step, the error is a Δt² (s − s² − 1/6)/2, half of the second Bernoulli polynomial. It is
+# zero on average and 1/√720 rms. At the jump, three third differences are (1 − s, 2 s − 1, −s) a Δt
+# with sum zero. If only the second derivative jumps, the error is a tenth of that, and the
+# differences have one sign. So (a Δt)² follows from their squares minus twice the square of their
+# sum, which the three windows over them give 1.77 times, as the mean over s. It counts only beyond
+# the noise, which is on average 60 variances of a sample.
 PARABOLA_ERROR, PARABOLA_THRESHOLD = (1.77 * 720) ** -0.5, 1000.0
-# Of an angle between samples a cubic leaves so much of s (1 − s) times the difference of both
-# second divided differences; rms over where the acceleration begins, computed.
+# Error of a cubic for an angle between samples, as a factor of s (1 − s) times the difference of
+# both second divided differences; computed rms over the start of the acceleration.
 CUBIC_ERROR = 0.36
 SMALL_ANGLE = 1e-2  # rad, below which series replace sine and cosine
-MAX_STEP_RATIO = 3.0  # steps of time: a sample or two may be lost
+MAX_STEP_RATIO = 3.0  # ratio of time steps: one or two samples may be lost
 
 
 @kernel_value
@@ -118,7 +120,7 @@ def _invert(m: Array, out: Array) -> None:
 
 @kernel_step
 def inverse_scale_matrix(terms: Terms, c: Array, warmth: float, work: Array, out: Array) -> None:
-    """Write M = (N + S)⁻¹, S the part of the coefficients c that is linear in u, or in u ΔT.
+    """Write M = (N + S)⁻¹, where S is the part of c that is linear in u, or in u ΔT.
 
     `work` (3, 3) is overwritten.
     """
@@ -154,21 +156,21 @@ def fill_force_terms(phi: Array, f: Vector) -> None:
 
 
 def used_term_indices(weights: Array) -> Indices:
-    """Return the terms of φ that a triad's coefficients use, and the first: biases drift."""
+    """Return the terms of φ that a triad uses; the first is always used, because biases drift."""
     used = np.any(weights != 0.0, axis=0)
     used[0] = True
     return np.flatnonzero(used)
 
 
 def added_term_indices(used: Indices, first: int) -> Indices:
-    """Return the terms in use, from `first`, that M does not include; M includes u and u ΔT."""
+    """Return the used terms from `first` on that M does not include; M includes u and u ΔT."""
     linear = np.where(used >= TEMPERATURE, used - TEMPERATURE, used)
     return used[(linear < first) | (linear >= first + 3)]
 
 
 @kernel_step
 def sum_reading_terms(terms: Terms, c: Array, drift: Array, used: Indices, by: Array) -> None:
-    """Write the factor of each term of φ in the readings, (BASIS, 3); drift adds to the first."""
+    """Write the factor of each term of φ in the readings, (BASIS, 3); the first includes drift."""
     _, axis, weights, _ = terms
     for t in range(used.size):
         b = used[t]
@@ -180,7 +182,7 @@ def sum_reading_terms(terms: Terms, c: Array, drift: Array, used: Indices, by: A
 
 @kernel_value
 def correct_reading(reading: Vector, m: Matrix, by: Array, phi: Array, added: Indices) -> Vector:
-    """Return u = M (reading − what is added beside the part linear in u, of the terms `added`)."""
+    """Return u = M (reading − the terms `added`, which are not part of the linear term in u)."""
     x, y, z = reading
     for t in range(added.size):
         b = added[t]
@@ -192,10 +194,10 @@ def correct_reading(reading: Vector, m: Matrix, by: Array, phi: Array, added: In
 
 @kernel_value
 def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None:
-    """Add C M φ dt, (BASIS, 9), each matrix row after row."""
+    """Add C M φ dt, (BASIS, 9), to `made`, with each matrix row after row."""
     for t in range(used.size):
         size, row = phi[used[t]] * dt, made[used[t]]
-        # All are read before any is written, so that the compiler adds several at once.
+        # All are read before any is written, so the compiler can add several at once.
         total = (
             row[0] + cm[0] * size, row[1] + cm[1] * size, row[2] + cm[2] * size,
             row[3] + cm[3] * size, row[4] + cm[4] * size, row[5] + cm[5] * size,
@@ -208,9 +210,9 @@ def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made
 def write_transition_columns(
     made: Array, terms: Terms, used: Indices, sign: float, components: int, a: Array
 ) -> None:
-    """Write the columns of coefficients, behind a square, and of the drift; begin a new sum.
+    """Write the columns for coefficients and drift, and begin a new sum.
 
-    Of each bias the drift is the sum of so many components.
+    The columns come after a square block. Each bias's drift is the sum of `components` components.
     """
     (_, axis, weights, _), first = terms, len(a)
     gm = first + axis.size
@@ -233,16 +235,16 @@ def write_transition_columns(
 
 @kernel_step
 def bracketing_rows(times: Array, newest: int, when: float) -> tuple[int, int, float]:
-    """Return the rows of a ring before and after a time, and its share of the step between.
+    """Return the rows of a ring buffer before and after a time, and the fraction of the step.
 
     Parameters
     ----------
     times : (k,) array
-        Of the last k samples.
+        Times of the last k samples.
     newest : int
-        Row of the last one.
+        Row of the latest sample.
     when : float
-        s; beyond what is kept the share is below 0 or above 1.
+        Time, s; outside the stored range the fraction is below 0 or above 1.
     """
     k = times.size
     after, before = newest, (newest - 1) % k
@@ -263,23 +265,24 @@ def interpolate_attitude(
     left: Array,
     work: Array,
 ) -> None:
-    """Write the attitude at a time between kept ones, and the body's rate there in the level frame.
+    """Write the attitude at a time between stored ones, and the body's rate in the level frame.
 
-    A cubic through four attitudes; of three at either end of what is kept a parabola.
+    The attitude comes from a cubic through four attitudes, or from a parabola through three at
+    either end of the stored range.
 
     Parameters
     ----------
     times, past : (k,) and (k, 3, 3) arrays
-        Time and attitude of the last k samples, in a ring.
+        Times and attitudes of the last k samples, in a ring buffer.
     newest : int
-        Row of the last one.
+        Row of the latest sample.
     when : float
-        s; beyond what is kept, and beyond the last one, the rate is constant.
+        Time, s; outside the stored range the rate is constant.
     out : (3, 3) array
     rate, left : (3,) arrays
-        rad/s; and by how much a sudden acceleration may have bent the way, rad.
+        Rate, rad/s, and possible bending of the path by a sudden acceleration, rad.
     work : (3, 3) array
-        Overwritten.
+        Work array.
     """
     k = times.size
     before, after, share = bracketing_rows(times, newest, when)
@@ -317,14 +320,14 @@ def interpolate_attitude(
 
 @kernel_step
 def are_similar_steps(step: float, other: float) -> bool:
-    """Return whether two time steps are of similar length, as a curvature needs."""
+    """Return whether two time steps are of similar length, so that a curvature is meaningful."""
     return 0 < step <= MAX_STEP_RATIO * other and other <= MAX_STEP_RATIO * step
 
 
 def epoch_indices(time: Array, period: float, last: float) -> Indices:
-    """Return the samples at which an epoch is due: a period or more after the one before.
+    """Return the samples at which an epoch is due: at least a period after the one before.
 
-    A period that is short by the rounding of stamps counts as whole.
+    A period that is too short only because of rounded timestamps counts as complete.
     """
     return epoch_indices_in_holds(time, np.zeros(time.size, np.int64), period, last, 0)
 

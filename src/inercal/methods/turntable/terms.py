@@ -1,11 +1,11 @@
-"""A triad's coefficients as data for compiled filters: what each adds to which axis' reading.
+"""A triad's coefficients as data for compiled filters: the effect of each on each axis's reading.
 
 A reading is affine in the coefficients, and its terms are of second degree in the sensed motion::
 
     y = N u + Σ_m c_m e_a(m) (T_m · φ(f, ω)),   φ = (1, f, ω, fx², fy², fz², fx fy, fx fz, fy fz)
 
-with u = f or ω, e_a the axis that coefficient m belongs to. Of a sensor that depends on temperature
-φ also has ΔT times all of these, and ΔT².
+where u is f or ω, and e_a is the axis that coefficient m belongs to. If the sensor depends on
+temperature, φ also contains ΔT times all of these, and ΔT².
 """
 
 from dataclasses import replace
@@ -19,16 +19,16 @@ from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0, Sensor
 
 BASIS = 13
-BIAS, FORCE, RATE, SQUARE = 0, 1, 4, 7  # where 1, f, ω and products of f begin in φ
+BIAS, FORCE, RATE, SQUARE = 0, 1, 4, 7  # indices at which 1, f, ω and products of f begin in φ
 TEMPERATURE = BASIS  # index of ΔT times all of these, before ΔT²
 
 
 class Terms(NamedTuple):
-    """Of three axes and p coefficients."""
+    """The terms for three axes and p coefficients."""
 
     nominal: Array  # N, (3, 3)
     axis: Indices  # a(m), (p,)
-    weights: Array  # T, (p, BASIS), or (p, 2 BASIS + 1) where the sensor depends on temperature
+    weights: Array  # T, (p, BASIS), or (p, 2 BASIS + 1) if the sensor depends on temperature
     first: int  # index of u in φ
 
     @property
@@ -38,17 +38,17 @@ class Terms(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many of φ there are."""
+        """Number of terms in φ."""
         return self.weights.shape[1]
 
     @property
     def has_temperature(self) -> bool:
-        """Whether ΔT is among them."""
+        """Whether terms with ΔT are included."""
         return self.size > BASIS
 
 
 def basis(motion: Motion) -> Array:
-    """Return φ of a motion without ΔT, (n, BASIS)."""
+    """Return φ for a motion, without ΔT, (n, BASIS)."""
     f, w = np.broadcast_arrays(motion.f, motion.w)
     x, y, z = f.T
     one = np.ones_like(x)
@@ -56,12 +56,12 @@ def basis(motion: Motion) -> Array:
 
 
 def terms(sensor: Sensor) -> Terms:
-    """Return the terms of a triad of accelerometers, or of gyros.
+    """Return the terms for a triad of accelerometers or of gyros.
 
     Raises
     ------
     InputError
-        Other than three axes of one kind, another form, or coefficients of other terms, by name.
+        There are not three axes of one kind, or the form or some coefficients are unsuitable.
     """
     kinds = {axis.measures for axis in sensor.axes}
     if len(sensor.axes) != 3 or len(kinds) != 1:

@@ -1,19 +1,21 @@
 """An IMU on a turntable by the traditional procedure, with means at rest and over whole turns.
 
-Accelerometers read gravity in positions; gyros read the earth's rate there and steady rates of
-both signs in rotations. The sum over both signs gives biases and the earth's rate, the difference
-scale and misalignment. The table's errors are nuisances with their stated deviations; the drift of
-biases correlates neighbouring rows (`turntable.drift.covariance_of_means`), and a bias is its mean
-over the run. Accelerometers in rotations are not used: an unstated lever arm would add to them.
+Accelerometers read gravity in fixed positions. Gyros read the earth's rate there, and constant
+rates of both signs in rotations. The sum over both signs gives the biases and the earth's rate, the
+difference gives scale and misalignment. The table's errors are nuisances with their stated
+deviations. The drift of the biases correlates neighbouring rows
+(`turntable.drift.covariance_of_means`), and a bias is its mean over the run. Accelerometer readings
+during rotations are not used, because an unstated lever arm would affect them.
 
-The motion is the mean of what an IMU senses in a position, or over a rotation. The readback's
-attitude C_k at times t_k is off by a small rotation φ_k = B_k β in the level frame::
+The motion is the mean of what an IMU senses in a position or over a rotation. The readback's
+attitude C_k at times t_k is wrong by a small rotation φ_k = B_k β in the level frame::
 
     f̄ = mean Cᵀ(v + v × φ),  v = (0, 0, g)
     ω̄ = mean Cᵀ(Ω + Ω × φ) + Σ log(C_kᵀ C_k+1)/T + Σ Cᵀ (φ_k+1 − φ_k)/T
 
-with means by trapezoids, Ω the earth's rate. Over whole turns harmonics cancel by themselves. A
-readback that is late shifts the sum by its two ends: nothing from rest to rest or at a steady rate.
+with means by the trapezoidal rule and Ω the earth's rate. Harmonics cancel over whole turns. A
+delay of the readback shifts the sum at its two ends. The shift is zero from rest to rest and at a
+constant rate.
 
 Source: IEEE Std 1293 and 1431, multipoint and rate tests; Titterton and Weston, Strapdown Inertial
 Navigation Technology, 2nd edition, chapter 8.
@@ -51,20 +53,20 @@ from inercal.physics.plan import Position, Rotation, TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import STAMP_ROUNDING, Observations, Track
 
-_TURN_POINTS = 361  # points of one turn that is taken from the plan
-_MIN_SAMPLES = 3  # samples of a row
+_TURN_POINTS = 361  # points per turn, if the turn comes from the plan
+_MIN_SAMPLES = 3  # samples per row
 
 
 @dataclass(frozen=True, eq=False)
 class AxisAngles:
-    """How the axes stood or turned in one row.
+    """The table's angles over time in one row.
 
     Parameters
     ----------
     time : (n,) array
-        s; one sample is a position.
+        Times, s; a single sample means a fixed position.
     angles : (..., n, k) array
-        Readback, rad, the outermost axis first.
+        Readback, rad; the outermost axis comes first.
     """
 
     time: Array
@@ -79,13 +81,13 @@ def declared_parameters(bench: Turntable) -> dict[str, Parameter]:
 
 
 def planned_angles(bench: Turntable, steps: TableSteps) -> list[AxisAngles]:
-    """Return the ways that steps ask for; of a rotation one turn at its steady rate.
+    """Return the planned angles; a rotation is represented by one turn at its constant rate.
 
     Parameters
     ----------
     bench : Turntable
     steps : sequence of TableStep
-        In the order they were carried out: a rotation may begin where the step before has ended.
+        Steps in the order of execution: a rotation may begin where the step before ended.
     """
     now = np.zeros(len(bench.axes))
     ways: list[AxisAngles] = []
@@ -104,12 +106,12 @@ def planned_angles(bench: Turntable, steps: TableSteps) -> list[AxisAngles]:
 
 
 def time_mean(values: Array, time: Array) -> Array:
-    """Return the mean of values (..., n, k) over time by trapezoids; of one sample itself."""
+    """Return the time mean of (..., n, k) by the trapezoidal rule; a single sample is unchanged."""
     return _time_weights(time) @ values
 
 
 def _time_weights(time: Array) -> Array:
-    """Return the share of each sample in a mean over time by trapezoids, (n,)."""
+    """Return the weight of each sample in a trapezoidal time mean, (n,)."""
     if len(time) == 1:
         return np.ones(1)
     steps = np.diff(time) / (time[-1] - time[0])
@@ -120,24 +122,24 @@ def _time_weights(time: Array) -> Array:
 
 
 def row_means(bench: Turntable, time: Array, mat: Array, seen: Misalignment) -> MeanMotion:
-    """Return the sensed motion in one row with the bench as its readback says.
+    """Return the sensed motion in one row, assuming that the readback is correct.
 
     Parameters
     ----------
     bench : Turntable
     time : (n,) array
-        s.
+        Times, s.
     mat : (..., n, 3, 3) array
-        Attitude by the readback, body to level.
+        Attitude from the readback, body to level.
     seen : Misalignment
-        What turns it, at the same samples.
+        The parameters that rotate it, at the same samples.
     """
     up, north = earth_rate_up_north(bench.latitude)
     force, earth = np.array([0, 0, bench.gravity.value]), np.array([0, north, up])
     back = np.swapaxes(mat, -1, -2)
     weighted = _time_weights(time)[:, None, None] * back
     mean = weighted.sum(axis=-3)
-    # Means of products of an element of Cᵀ and one of B: (..., 9, 3 q) of n samples.
+    # Means of products of an element of Cᵀ and one of B: (..., 9, 3 q) over n samples.
     products = np.swapaxes(weighted.reshape(*mat.shape[:-2], 9), -1, -2) @ seen.by.reshape(
         *mat.shape[:-2], -1
     )
@@ -171,12 +173,12 @@ def row_means(bench: Turntable, time: Array, mat: Array, seen: Misalignment) -> 
 
 
 def stack_row_means(bench: Turntable, ways: Sequence[AxisAngles]) -> MeanMotion:
-    """Return the motion of all rows, (..., r, 3), with ∂f and ∂ω by the bench's parameters.
+    """Return the motion in all rows, (..., r, 3), and its sensitivity to the bench's parameters.
 
     Raises
     ------
     InputError
-        Angles of another number of axes.
+        The number of axes in the angles is wrong.
     """
     lead = np.broadcast_shapes(*(way.angles.shape[:-2] for way in ways))
     angles = np.concatenate(
@@ -198,7 +200,7 @@ def stack_row_means(bench: Turntable, ways: Sequence[AxisAngles]) -> MeanMotion:
 
 
 def sensed_motion(bench: Turntable, nominal: MeanMotion, q: Mapping[str, Array]) -> MeanMotion:
-    """Return the sensed motion with the bench's parameters at q, to first order in their errors.
+    """Return the sensed motion with bench parameters q, to first order in their errors.
 
     Parameters
     ----------
@@ -206,12 +208,12 @@ def sensed_motion(bench: Turntable, nominal: MeanMotion, q: Mapping[str, Array])
     nominal : MeanMotion
         As for `stack_row_means`.
     q : mapping of str to (...) array
-        Values by name, SI; those missing are as declared.
+        Values by name, SI; missing parameters have their declared values.
     """
     known = declared_parameters(bench)
     f, w, df, dw = nominal.f, nominal.w, nominal.df, nominal.dw
     for name in (one for one in {**df, **dw} if one in q):
-        # The readback is not corrected for its stated delay, so the whole delay is an error.
+        # The readback is not corrected for its stated delay, so the full delay acts as an error.
         off = q[name] - (0.0 if name == "latency" else known[name].value)
         if np.any(off):
             beside = off[..., None, None]
@@ -227,29 +229,29 @@ def least_squares(
     steps: TableSteps,
     priors: Priors = (),
 ) -> Estimate:
-    """Return the coefficients from one row for each position and each rotation.
+    """Return the coefficients, with one row for each position and each rotation.
 
     Parameters
     ----------
     observations : Observations
-        (..., r, m) in SI. With a track, its readback says where the table was in each row and how
-        far it turned; without one, positions are as planned and rotations whole turns at the
-        steady rate.
+        (..., r, m) in SI. If there is a track, its readback states the table's attitude in each row
+        and how far it turned. Otherwise positions are as planned, and rotations are whole turns at
+        the constant rate.
     sensor : Sensor
-        Accelerometers, gyros or both, and the coefficients that are wanted.
+        Accelerometers, gyros or both, with the coefficients to estimate.
     bench : Turntable
     steps : sequence of r Position or Rotation
-        Of the rows, in the order they were carried out.
+        The steps of the rows, in the order of execution.
     priors : sequence of Gaussian
-        On coefficients, from elsewhere.
+        Priors on coefficients, from other measurements.
 
     Raises
     ------
     InputError
-        Steps that are not those of the rows, two of one label, angles of other axes than the
-        table's, or a row without noise.
+        The steps are not those of the rows, two steps have the same label, the angles do not fit
+        the table's axes, or a row has no noise.
     NotObserved
-        Coefficients that these steps do not determine.
+        These steps do not determine some coefficients.
     """
     mean_problem.require_matching_rows(observations, sensor, steps)
     if observations.track is None:
@@ -262,7 +264,7 @@ def least_squares(
         discrete_problem(_with_stated_drift(observations, sensor), sensor, bench, ways, priors)
     )
     require_observed(estimate, sensor, missing=())
-    return replace(estimate, noise_dof=observations.dof)  # of means, although there is a track
+    return replace(estimate, noise_dof=observations.dof)  # for means, although there is a track
 
 
 def discrete_problem(
@@ -272,7 +274,7 @@ def discrete_problem(
     row_angles: Sequence[AxisAngles],
     priors: Priors = (),
 ) -> Problem:
-    """Return the problem of all readings but those of accelerometers in rotations.
+    """Return the problem with all readings except accelerometer readings during rotations.
 
     Parameters
     ----------
@@ -281,9 +283,9 @@ def discrete_problem(
     sensor : Sensor
     bench : Turntable
     row_angles : sequence of r AxisAngles
-        Of the rows.
+        Angles of the rows.
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
     """
     nominal = stack_row_means(bench, row_angles)
     acting = {*nominal.df, *nominal.dw}
@@ -306,10 +308,10 @@ def discrete_problem(
 def _add_readback_noise(
     observations: Observations, sensor: Sensor, bench: Turntable, steps: TableSteps
 ) -> Observations:
-    """Return the observations with the readback's white noise σ in their covariance.
+    """Return the observations with the readback's white noise σ added to their covariance.
 
-    In a position the mean of n readings errs by σ/√n about each axis, which turns gravity; in a
-    rotation over T both ends err by σ, which is √2 σ/T in the mean rate.
+    In a position the mean of n readings has the error σ/√n about each axis, which rotates gravity.
+    In a rotation over T both ends have the error σ, which gives √2 σ/T in the mean rate.
     """
     count, lasting = observations.samples, observations.duration
     turns = np.array([isinstance(step, Rotation) for step in steps])
@@ -322,7 +324,7 @@ def _add_readback_noise(
 
 
 def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observations:
-    """Return the observations with the drift that the sensor states, instead of another."""
+    """Return the observations with the drift that the sensor states in place of any other."""
     noises = [axis.noise for axis in sensor.axes]
     if not any(one.bias_instability or one.random_walk for one in noises):
         return observations
@@ -340,7 +342,7 @@ def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observatio
 def _rows_from_readback(
     observations: Observations, track: Track, steps: TableSteps
 ) -> tuple[Observations, list[AxisAngles]]:
-    """Return the rows' ways by readback, and rotations' means by trapezoids over the same span."""
+    """Return the rows' angles from the readback, and means of rotations over the same span."""
     means, ways = observations.mean.copy(), list[AxisAngles]()
     for r, step in enumerate(steps):
         reach = observations.duration[r] / 2 + STAMP_ROUNDING
@@ -352,7 +354,7 @@ def _rows_from_readback(
                 names=(step.label,),
             )
         if isinstance(step, Rotation):
-            # A label may begin with the first moving sample: the sample before is at rest.
+            # A label may begin with the first moving sample, so the sample before is at rest.
             at = np.arange(max(int(at[0]) - 1, 0), int(at[-1]) + 1)
         time, angles = track.time[at], track.angles[..., at, :]
         if isinstance(step, Position):

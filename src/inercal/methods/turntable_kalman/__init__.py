@@ -1,25 +1,27 @@
-"""An IMU on a turntable, followed by two Kalman filters over one recording.
+"""An IMU on a turntable, with two Kalman filters over one recording.
 
-* `full`: the filters of gyros and accelerometers with the drift of the biases, the delay of the
-  readback and the table's other declared errors as states. R is the stated noise of the readback,
-  so that the innovations test the stated noise and table.
-* `drift`: without right angles and harmonics, with the source's R: 19 and 25 states for 24
-  parameters, and one state each for an azimuth and a readback clock that are not exact.
-* `paper`: the filters of the source, 15 and 18 states; the uncertainties are too small where the
-  table has errors.
+* `full`: the filters for gyros and accelerometers, whose states include the drift of the biases,
+  the delay of the readback and the table's other declared errors. R is the stated noise of the
+  readback, so the innovations test the stated noise and table.
+* `drift`: without right angles and harmonics, and with the source's R. It has 19 and 25 states for
+  24 parameters, and one additional state each for an azimuth and a readback clock that are not
+  exact.
+* `paper`: the filters from the source with 15 and 18 states. Their uncertainties are too small if
+  the table has errors.
 
-Both filters run over the whole recording, that of the accelerometers in the holds, independently of
-each other; a parameter of the table that both estimate is reported with the smaller uncertainty.
-Their coefficients refer to the table's innermost axis frame: 24 in all. `Calibration.in_frame`
-turns them exactly into the 21 of a frame that is tied to the accelerometers.
+Both filters run over the whole recording, independently of each other; that of the accelerometers
+uses only the holds. A table parameter that both estimate is reported with the smaller uncertainty.
+The coefficients refer to the frame of the table's innermost axis: 24 in total.
+`Calibration.in_frame` converts them exactly into the 21 for a frame that is tied to the
+accelerometers.
 
-Both filters also follow a run while its samples come. The estimate equals that of the recording bit
-for bit, whatever the pieces: the same filters take the same steps. The final estimate may have
-larger uncertainties, by the excess of all innovations.
+Both filters can also follow a run live. The estimate equals that of the recording bit for bit,
+however the samples are divided into pieces, because the same filters take the same steps. The final
+estimate may have larger uncertainties because of the excess of all innovations.
 
 Source: Liu, Cui, Zhang and Xu (North University of China), fast calibration of a MIMU on a
-turntable with LabVIEW. The available copy lacks the equations; they are derived from its text.
-Drift, delay and the table's errors as states are additions.
+turntable with LabVIEW. The available copy lacks the equations, so they are derived from its text.
+Drift, delay and the table's errors as states are our additions.
 """
 
 from collections.abc import Mapping
@@ -73,17 +75,17 @@ def sequential(
     sensor : Sensor
     bench : Turntable
     steps : sequence of Position or Rotation
-        They say how long the run will last, without pauses.
+        The planned steps, which determine the duration of the run, without pauses.
     priors : sequence of Gaussian
     rate_hz : float
-        Unused: samples have their times.
+        Unused, because samples have their own times.
     config : FilterConfig, optional
-        In place of the estimator's own.
+        Configuration that replaces the estimator's own.
 
     Raises
     ------
     InputError
-        A prior that joins gyros and accelerometers, or steps that the table cannot follow.
+        A prior combines gyros and accelerometers, or the table cannot carry out the steps.
     """
     run_duration = turntable_path_duration(bench, steps)
     return FilterPair(
@@ -96,7 +98,7 @@ def sequential(
 
 
 class FilterPair:
-    """The filters of the gyros and of the accelerometers, "w" and "f"; see `Sequential`.
+    """The filters for the gyros and the accelerometers, "w" and "f"; see `Sequential`.
 
     Parameters
     ----------
@@ -104,9 +106,9 @@ class FilterPair:
     bench : Turntable
     config : FilterConfig
     priors : sequence of Gaussian
-        Each of gyros or of accelerometers.
+        Priors, each of which is only on gyros or only on accelerometers.
     run_duration : float
-        Of the run as planned, s.
+        Planned duration of the run, s.
     """
 
     def __init__(
@@ -120,11 +122,11 @@ class FilterPair:
         self._sensor, self._bench, self._config = sensor, bench, config
         self._priors, self._run_duration = priors, run_duration
         self._pending_tracks: list[Track] = []
-        self._rest_start = inf  # when the first rest began
+        self._rest_start = inf  # time at which the first rest began
         self._filters: dict[str, _AnyRunningFilter] = {}
 
     def feed(self, track: Track) -> None:
-        """Process the samples that follow.
+        """Process the next samples.
 
         Raises
         ------
@@ -143,7 +145,7 @@ class FilterPair:
             self._pending_tracks = []
 
     def estimate(self) -> Mapping[str, PartialEstimate]:
-        """Return the estimate of each filter; empty before the first rest has lasted 20 s."""
+        """Return the estimate of each filter; empty until the first rest has lasted 20 s."""
         return {kind: _partial_estimate(one) for kind, one in self._filters.items()}
 
     def _begin(self, track: Track) -> None:
@@ -160,7 +162,7 @@ class FilterPair:
 
 
 def _partial_estimate(one: _AnyRunningFilter) -> PartialEstimate:
-    """Return the coefficients, which come first in the estimate of a filter."""
+    """Return the estimate of the coefficients, which come first in the estimate of a filter."""
     names, found = one.filter.triad.sensor.coefficients, one.estimate
     p = len(names)
     return PartialEstimate(
@@ -173,7 +175,7 @@ def _partial_estimate(one: _AnyRunningFilter) -> PartialEstimate:
 
 
 def _remarks(fit: Fit[Any, Any], configs: Mapping[str, FilterConfig] = FILTER_CONFIGS) -> Remarks:
-    """Return the turntable's remarks, and the values in force in the filters as conditions."""
+    """Return the turntable's remarks, with the filters' actual settings as conditions."""
     found = turntable.remarks(fit)
     conditions = filter_conditions(configs[fit.estimator], fit.estimator)
     return found._replace(conditions={**found.conditions, **conditions})
@@ -196,7 +198,7 @@ METHOD = Method(
 
 
 def method_with(config: FilterConfig, estimator: str) -> Method[Any, Any]:
-    """Return the method with another configuration of one estimator, live estimation included."""
+    """Return the method with a different configuration for one estimator, also for live runs."""
     return replace(
         METHOD,
         estimators={**METHOD.estimators, estimator: partial(estimate_by_filters, config=config)},

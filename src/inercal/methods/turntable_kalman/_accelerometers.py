@@ -1,14 +1,14 @@
-"""Compiled: the accelerometers' filter, sample by sample; the tests have its dense oracle.
+"""Compiled filter for the accelerometers, sample by sample; tests compare it with a plain version.
 
-States: δV (3), φ (3), p coefficients, drift of the biases (`turntable.drift`), q of the table's
-parameters, and, where there are two more, the error of each hold's angles about east and north.
+States: δV (3), φ (3), p coefficients, drift of the biases (`turntable.drift`), q table parameters,
+and, if there are two more, the error of each hold's angles about east and north.
 
-The attitude of a table at rest is constant, including the earth's turn, so the gyros are not used:
-their errors would be taken for tilt. The specific force is known too, g along the vertical of that
-attitude. Coefficients are multiplied by it and not by the corrected reading: the product of its
-error with those of the coefficients is of second order and made a filter with a small variance of
-the velocity diverge. As that force is constant, each reading counts in one step: the noise of a
-trapezoid would be in two.
+The attitude of a stationary table is constant, including the earth's rotation. The gyros are
+therefore not used, because their errors would be mistaken for tilt. The specific force is also
+known: g along the vertical of that attitude. Coefficients are multiplied by this known force
+instead of the corrected reading. The product of the reading's error with those of the coefficients
+is of second order, and it made a filter with a small velocity variance diverge. Because that force
+is constant, each reading counts in one step, whereas the noise of a trapezoid would be in two.
 """
 
 from typing import NamedTuple
@@ -52,23 +52,23 @@ from inercal.methods.turntable_kalman._filter_steps import (
 
 
 class VelocityReadback(NamedTuple):
-    """At e samples, ascending; the first of each hold is among them."""
+    """The readback at e samples, ascending, which include the first sample of each hold."""
 
     epochs: Indices  # (e,)
     attitude: Array  # (e, 3, 3)
-    # (e, 2, 2), the horizontal directions, level frame, about which its noise is independent
+    # (e, 2, 2), horizontal directions, level frame, about which its noise is independent
     directions: Array
-    table_sensitivity: Array  # (e, 2, q), ∂(φ as observed about them)/∂(the table's parameters)
+    table_sensitivity: Array  # (e, 2, q), ∂(observed φ about them)/∂(the table's parameters)
     hold_variance: Array  # (e, 2) rad², variance of a hold's angles about east and north
-    noise: Array  # (e, 2) rad², of the readback's noise about the directions
+    noise: Array  # (e, 2) rad², variance of the readback's noise about the directions
 
 
 class VelocitySettings(NamedTuple):
-    """Variances that are not in the model of the triad."""
+    """Variances that the model of the triad does not contain."""
 
-    velocity_variance: float  # of velocity at rest, (m/s)²
-    hold_attitude_variance: float  # of φ where a hold begins, rad²
-    gate: float  # standard deviations beyond which an innovation of the readback is rejected
+    velocity_variance: float  # of the velocity at rest, (m/s)²
+    hold_attitude_variance: float  # of φ at the start of a hold, rad²
+    gate: float  # standard deviations above which a readback innovation is rejected
 
 
 class VelocityState(NamedTuple):
@@ -79,12 +79,12 @@ class VelocityState(NamedTuple):
     x: Array  # (n,)
     p: Array  # (n, n)
     sensitivity_integral: Array  # (size of φ, 9), Σ C M φ Δt since the epoch before
-    time: Array  # (3,) s, of the sample and of the epoch before, and of the start
+    time: Array  # (3,) s, of the sample before, the epoch before, and the start
     velocity: Array  # (3,) m/s
-    hold: Indices  # (1,), number of the sample's before
-    rejections: Indices  # (2,), readbacks rejected in a row, and in all
+    hold: Indices  # (1,), index of the hold of the sample before
+    rejections: Indices  # (2,), readbacks rejected in a row, and in total
     nis: float = 0.0
-    dof: int = 0  # of NIS, the coefficients taken as known
+    dof: int = 0  # of NIS, if the coefficients are treated as known
 
 
 @kernel
@@ -98,7 +98,7 @@ def run_accelerometer_filter(
     steps: FilterSteps,
     history: Array,
 ) -> float:
-    """Run the accelerometers' filter over a piece of a recording; return the sum of NIS so far.
+    """Run the accelerometer filter over a piece of a recording and return the sum of NIS so far.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def run_accelerometer_filter(
     state : VelocityState
         Its arrays are changed in place.
     work : KernelWorkspace
-        Overwritten.
+        Work arrays, which are overwritten.
     steps : FilterSteps
         Written at each epoch.
     history : (e, 6 + 2 n) array
@@ -119,10 +119,10 @@ def run_accelerometer_filter(
     update_workspace(work, model.terms, theta)
     _write_rest_force(model.gravity, state.c, work)
     z, innovation, variance = work.z, work.innovation, work.variance
-    # A literal 0 would have the loop over samples compiled a second time, for itself.
+    # A literal 0 would cause the loop over samples to be compiled a second time.
     total, first, epochs = state.nis, int(np.int64(0)), readback.epochs.size
-    # One call for the samples to each epoch and those after the last: the compiler takes each call
-    # for itself.
+    # One call for the samples up to each epoch and for those after the last, because the compiler
+    # compiles each call separately.
     for e in range(epochs + 1):
         end = readback.epochs[e] + 1 if e < epochs else samples.time.size
         _propagate_velocity(first, end, samples, model, state, work)
@@ -176,7 +176,7 @@ def run_accelerometer_filter(
 
 @kernel_piece
 def _write_rest_force(gravity: float, c: Array, work: KernelWorkspace) -> None:
-    """Write φ of the force that is sensed at rest, and C M: both stay until the next epoch."""
+    """Write φ for the force sensed at rest, and C M; both are constant until the next epoch."""
     fill_force_terms(work.phi, (gravity * c[2, 0], gravity * c[2, 1], gravity * c[2, 2]))
     write_row(times_matrix(matrix(c), matrix(work.m)), work.cm)
 
@@ -190,7 +190,7 @@ def _propagate_velocity(
     state: VelocityState,
     work: KernelWorkspace,
 ) -> None:
-    """Carry the velocity over a hold's samples, and sum up what drives it."""
+    """Propagate the velocity over a hold's samples, and sum its sensitivities."""
     time, forces, hold, warmth = samples
     terms, theta, warmed = model.terms, state.theta, warmth.size > 0
     used, m, by, phi = work.used_terms, work.m, work.reading_terms, work.phi
@@ -227,14 +227,14 @@ def _begin_hold(
     state: VelocityState,
     to: Transition,
 ) -> None:
-    """Begin a hold: attitude from the table, velocity zero.
+    """Start a hold, with the attitude from the table and zero velocity.
 
-    Φ and Q keep the coefficients and the table's parameters, and propagate the drift; the states of
-    the hold start anew.
+    Φ and Q keep the coefficients and the table's parameters, and propagate the drift. The states of
+    the hold are initialised again.
     """
     _a, keep, driven, drawn, joint = to
     gm = 6 + state.theta.size
-    own = gm + model.size + readback.table_sensitivity.shape[2]  # where a hold's own error begins
+    own = gm + model.size + readback.table_sensitivity.shape[2]  # index of a hold's own error
     _clear(to)
     for k in range(3):
         driven[k, k] = settings.velocity_variance
@@ -258,7 +258,7 @@ def _begin_hold(
 
 @kernel_step
 def _clear(to: Transition) -> None:
-    """Write Φ of constants, but zero where it is dense, and no noise."""
+    """Write Φ for constants, with zeros where it is dense, and no noise."""
     a, keep, driven, drawn, _joint = to
     for k in range(len(a)):
         for j in range(keep.size):
@@ -273,7 +273,7 @@ def _clear(to: Transition) -> None:
 def _transition(
     model: KernelModel, state: VelocityState, work: KernelWorkspace, to: Transition
 ) -> None:
-    """Write Φ and Q since the epoch before; begin a new epoch."""
+    """Write Φ and Q since the epoch before, and start a new epoch."""
     a, keep, driven, drawn, joint = to
     terms, gravity = model.terms, model.gravity
     since = state.time[0] - state.time[1]
@@ -288,7 +288,7 @@ def _transition(
     propagate_drift(model.drift, since, gm, keep, drawn, joint)
     for s in range(gm, gm + model.size):
         state.x[s] *= keep[s]
-    # (0, 0, g) × φ. −[ω_ie×] is in neither: the velocity is relative to a table at rest.
+    # (0, 0, g) × φ. −[ω_ie×] is in neither, because the velocity is relative to a table at rest.
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 
 
@@ -326,7 +326,7 @@ def _update_by_readback(
 
 @kernel_piece
 def _feed_back(state: VelocityState, turn: Array) -> None:
-    """Correct velocity and attitude, and take in the coefficients."""
+    """Correct the velocity and attitude, and update the coefficients."""
     x, theta, velocity = state.x, state.theta, state.velocity
     for k in range(3):
         velocity[k] -= x[k]

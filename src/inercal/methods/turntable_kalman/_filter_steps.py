@@ -1,10 +1,10 @@
-"""Compiled: the arguments of both filters' kernels, and the steps that they share.
+"""Compiled steps that both filters share, and the arguments of their kernels.
 
-Kernels change arrays in place, so that a recording may be processed in pieces.
+Kernels change arrays in place, so a recording may be processed in pieces.
 
-Each kernel has its own loop over epochs. A common loop would take the filter's steps as functions,
-and Numba caches no kernel that has functions among its arguments: each process would compile it
-again. A loop in Python over compiled steps would cost several calls of 10 µs per epoch of 30 µs.
+Each kernel has its own loop over epochs. A common loop would need the filter's steps as function
+arguments, and Numba does not cache kernels with such arguments, so each process would compile it
+again. A Python loop over compiled steps would cost several calls of 10 µs per epoch of 30 µs.
 """
 
 from typing import NamedTuple
@@ -19,80 +19,80 @@ from inercal.methods.turntable.drift_propagation import add_drift_cross_covarian
 from inercal.methods.turntable.strapdown import inverse_scale_matrix, sum_reading_terms
 from inercal.methods.turntable.terms import BIAS, Terms
 
-# Standard deviations of an epoch's innovation. Chance exceeds it in one of 900 epochs, which costs
-# nothing; an error of five must not be used where the noise hides part of it.
+# Standard deviations of an epoch's innovation. By chance one in 900 epochs exceeds it, which costs
+# nothing. An error of five must not be used if noise hides part of it.
 INNOVATION_GATE = 4.0
 MAX_REJECTIONS = 3  # in a row
 
 
 class FilterSamples(NamedTuple):
-    """Of n samples."""
+    """The samples of a piece of a recording; n of them."""
 
     time: Array  # (n,) s
     reading: Array  # (n, 3), m/s² or rad/s
-    hold: Indices  # (n,), number of the hold; negative while the table moves
-    temperature_offset: Array  # (n,) K, ΔT; (0,) of a sensor that does not depend on it
+    hold: Indices  # (n,), index of the hold; negative while the table moves
+    temperature_offset: Array  # (n,) K, ΔT; (0,) if the sensor does not depend on it
 
 
 class KernelModel(NamedTuple):
-    """The model of three axes at a place."""
+    """The model of three axes at the location of the bench."""
 
     terms: Terms
-    white: Array  # (3,), variance of the integral of the noise, SI²/s
+    white: Array  # (3,), variance of the integrated noise, SI²/s
     drift: Drift  # of the biases
-    size: int  # of the drift's states
+    size: int  # number of drift states
     earth: Array  # (3,) rad/s, level frame
     gravity: float  # m/s²
 
 
 class Transition(NamedTuple):
-    """From one epoch to the next: Φ and Q as `kalman.predict` takes them."""
+    """Φ and Q from one epoch to the next, in the form that `kalman.predict` uses."""
 
     a: Array
     keep: Array
     driven: Array
     drawn: Array
-    joint: Array  # (components, 3), covariance of the drift's noise with that of J
+    joint: Array  # (components, 3), covariance between the drift's noise and that of J
 
 
 class KernelWorkspace(NamedTuple):
-    """Arrays for intermediate results of a kernel, which allocates nothing."""
+    """Arrays for intermediate results of a kernel, which allocates no memory."""
 
     used_terms: Indices  # the terms of φ that the coefficients use
-    added_terms: Indices  # those of them that M does not hold
+    added_terms: Indices  # those that M does not include
     biases: Indices  # the coefficients that are biases
     m: Array  # M, (3, 3)
     reading_terms: Array  # factor of each term of φ in the readings, (size of φ, 3)
-    phi: Array  # φ of the last step, (size of φ,)
-    cm: Array  # C M in its middle, row after row, (9,)
-    half: Array  # C in its middle, (3, 3)
+    phi: Array  # φ in the last step, (size of φ,)
+    cm: Array  # C M at the middle of the step, row after row, (9,)
+    half: Array  # C at the middle of the step, (3, 3)
     turn: Array  # rotation vectors, (3,)
-    rate: Array  # of the body in the level frame, (3,)
-    fed: Array  # drift that readings are corrected by, (3,)
-    square: Array  # any, (3, 3)
-    driven: Array  # as of `Transition`, (k, k), (n,) and (c, 3)
+    rate: Array  # rate of the body in the level frame, (3,)
+    fed: Array  # drift that readings are corrected for, (3,)
+    square: Array  # temporary, (3, 3)
+    driven: Array  # as in `Transition`, (k, k), (n,) and (c, 3)
     drawn: Array
     joint: Array
     moved: Array  # (k, n)
     z: Array  # observations, (m,)
     innovation: Array  # (m,)
-    variance: Array  # of the observations, (m,)
-    ph: Array  # any, (n,)
-    x: Array  # an estimate that is tried, (n,), and its covariance, (n, n)
+    variance: Array  # variances of the observations, (m,)
+    ph: Array  # temporary, (n,)
+    x: Array  # a trial estimate, (n,), and its covariance, (n, n)
     p: Array
-    total: Array  # Σ C M φ Δt of the last epoch, (size of φ, 9)
-    other: Array  # attitude a little earlier or later, (3, 3)
-    either: Array  # any, (3, 3)
-    mean_rows: Indices  # states that a bias as the mean depends on, (components + 2,)
-    mean_weights: Array  # and how
+    total: Array  # Σ C M φ Δt in the last epoch, (size of φ, 9)
+    other: Array  # attitude slightly earlier or later, (3, 3)
+    either: Array  # temporary, (3, 3)
+    mean_rows: Indices  # states that the mean of a bias depends on, (components + 2,)
+    mean_weights: Array  # weights of these states
 
 
 def allocate_workspace(
     model: KernelModel, indices: tuple[Indices, Indices, Indices], n: int, k: int, m: int
 ) -> KernelWorkspace:
-    """Return the workspace for n states, k before the coefficients, and m observations.
+    """Return a workspace for n states, k before the coefficients, and m observations.
 
-    `indices` are the first three fields.
+    `indices` contains the first three fields.
     """
     size, components = model.terms.size, len(model.drift.times)
     phi = np.zeros(size)
@@ -110,14 +110,14 @@ def allocate_workspace(
 
 @kernel_piece
 def update_workspace(work: KernelWorkspace, terms: Terms, theta: Array) -> None:
-    """Write M and the factors of φ by the present estimates."""
+    """Write M and the factors of φ for the current estimates."""
     inverse_scale_matrix(terms, theta, 0.0, work.square, work.m)
     sum_reading_terms(terms, theta, work.fed, work.used_terms, work.reading_terms)
 
 
 @kernel_piece
 def predict_covariance(drift: Drift, first: int, to: Transition, moved: Array, p: Array) -> None:
-    """Carry a covariance to the next epoch, in place; the drift's states begin at `first`."""
+    """Propagate a covariance to the next epoch, in place; drift states start at index `first`."""
     predict(p, to.a, to.keep, to.driven, to.drawn, moved)
     add_drift_cross_covariance(drift, first, to.joint, p)
 
@@ -134,39 +134,39 @@ def is_rejected(
     gain: Array,
     off: Array,
 ) -> bool:
-    """Tell whether observations are rejected, νᵀ S⁻¹ ν > gate² with S = H P Hᵀ + R; count them.
+    """Return whether observations are rejected, νᵀ S⁻¹ ν > gate² with S = H P Hᵀ + R.
 
-    After `MAX_REJECTIONS` in a row the next ones are taken: what differs for longer is no false
-    reading, and the NIS is to show it.
+    Rejections are counted. After `MAX_REJECTIONS` in a row the next observations are accepted,
+    because a lasting difference is not a false reading, and the NIS should show it.
 
     Parameters
     ----------
     innovation : (m,) array
-        ν.
+        Innovation ν.
     h : (m, n) array
     p : (n, n) array
     variance : (m,) array
-        Diagonal of R; it may be negative where S is not.
+        Diagonal of R; it may be negative if S is not.
     gate : float
-        Standard deviations; infinite if nothing is rejected.
+        Standard deviations; infinite if nothing should be rejected.
     rejections : (2,) array of int
-        In a row, and in all; changed in place.
+        Number in a row, and in total; changed in place.
     trial, gain, off : (n, n), (n,) and (n,) arrays
-        Overwritten.
+        Work arrays, which are overwritten.
     """
     m, n, most = innovation.size, p.shape[0], gate * gate
     distance = 0.0
     for k in range(m):
         far = innovation[k] * innovation[k]
         distance += far / variance[k] if variance[k] > 0 else np.inf
-    # S is no less than R, and costs m n² to know.
+    # S is at least R, and computing S costs m n² operations.
     if distance > most:
         for i in range(n):
             off[i] = 0.0
             for j in range(n):
                 trial[i, j] = p[i, j]
         distance = 0.0
-        for k in range(m):  # the square of each innovation that those before do not tell
+        for k in range(m):  # square of the part of each innovation that is independent of others
             left, s = update(off, trial, h[k], innovation[k], variance[k], gain)
             distance += left * left / s
     if distance <= most or rejections[0] >= MAX_REJECTIONS:
@@ -197,19 +197,19 @@ def write_estimate(
     p: Array,
     out: Array,
 ) -> None:
-    """Write estimates and their variances; a bias that drifts as the mean over the run so far.
+    """Write estimates and variances; a drifting bias is written as its mean over the run so far.
 
     Parameters
     ----------
     model : KernelModel
     work : KernelWorkspace
     elapsed : float
-        s since the start.
+        Time since the start, s.
     theta : (p,) array
-        Coefficients, to which the state adds.
+        Coefficients that the state is added to.
     x, p : (n,) and (n, n) arrays
     out : (m + 1 + 2 n,) array
-        Values, then variances, are written after the first m + 1.
+        Values, then variances, are written after the first m + 1 elements.
     """
     n, count, before, first = x.size, theta.size, len(work.driven), work.z.size + 1
     for s in range(n):
@@ -239,14 +239,14 @@ def _write_mean_biases(
     by: Array,
     out: Array,
 ) -> None:
-    """Add the mean of the drift to biases, and write their variances."""
+    """Add the mean drift to the biases, and write their variances."""
     n, components = x.size, times.size
     for b in range(biases.size):
         s = biases[b]
         own, axis, weight = before + s, axes[s], weights[s, BIAS]
         at[0], by[0] = own, 1.0
         for c in range(components + 1):
-            # Each component's mean by itself, then J
+            # The mean of each component, then J
             mean = 1.0 if c == components else -times[c]
             mean = 0.0 if np.isinf(mean) else mean / elapsed
             at[1 + c], by[1 + c] = before + count + 3 * c + axis, mean / weight

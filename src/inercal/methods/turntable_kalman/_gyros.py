@@ -1,8 +1,8 @@
-"""Compiled: the gyros' filter, sample by sample; the tests have its dense oracle.
+"""Compiled filter for the gyros, sample by sample; the tests compare it with a plain version.
 
-Rates are parabolas through the last three samples, with the second-order term of coning (Miller
-1983, J. Guidance 6(4), 287–291). States: φ (3), p coefficients, drift of the biases
-(`turntable.drift`), q of the table's parameters. `_readback` has the observation of φ.
+Rates are parabolas through the last three samples, with the second-order coning term (Miller 1983,
+J. Guidance 6(4), 287–291). States: φ (3), p coefficients, drift of the biases (`turntable.drift`),
+q table parameters. `_readback` contains the observation of φ.
 """
 
 import numpy as np
@@ -71,7 +71,7 @@ def run_gyro_filter(
     steps: FilterSteps,
     history: Array,
 ) -> float:
-    """Run the gyros' filter over a piece of a recording; return the sum of NIS so far.
+    """Run the gyro filter over a piece of a recording and return the sum of NIS so far.
 
     Parameters
     ----------
@@ -79,25 +79,25 @@ def run_gyro_filter(
     state : AttitudeState
         Its arrays are changed in place.
     work : KernelWorkspace
-        Overwritten.
+        Work arrays, which are overwritten.
     steps : FilterSteps
         Written at each epoch.
     history : (e, 4 + 2 n) array
-        Written at each epoch: innovations (3), NIS, the estimates (x with the coefficients
-        in their place, φ zero) and their variances; a bias that drifts as the mean so far.
+        Written at each epoch: innovations (3), NIS, the estimates (x with the coefficients in their
+        place and φ zero) and their variances; a drifting bias is its mean so far.
     """
     x, p, theta, fed = state.x, state.p, state.theta, work.fed
     n, gm, components = x.size, 3 + theta.size, model.drift.times.size
     for k in range(3):
         fed[k] = 0.0
     if settings.feedback:
-        sum_drift_components(x, gm, components, fed)  # what readings are corrected by
+        sum_drift_components(x, gm, components, fed)  # drift that readings are corrected for
     update_workspace(work, model.terms, theta)
     z, spread, innovation = work.z, work.variance, work.innovation
-    # A literal 0 would have the loop over samples compiled a second time, for itself.
+    # A literal 0 would cause the loop over samples to be compiled a second time.
     total, first, epochs = state.nis, int(np.int64(0)), readback.epochs.size
-    # One call for the samples to each epoch and those after the last: the compiler takes each call
-    # for itself.
+    # One call for the samples up to each epoch and for those after the last, because the compiler
+    # compiles each call separately.
     for e in range(epochs + 1):
         end = readback.epochs[e] + 1 if e < epochs else samples.time.size
         _propagate_attitude(first, end, samples, model, settings, state, work)
@@ -138,7 +138,7 @@ def run_gyro_filter(
                 nis += off * off / s
         seen[3] = nis
         total += nis
-        # Rows of the ring that are written again before the next readback need no care.
+        # Rows of the ring that are rewritten before the next readback can be ignored.
         following = readback.epochs[e + 1] + 1 if e + 1 < epochs else samples.time.size
         lasts = following - end < state.times.size
         if lasts:
@@ -164,7 +164,7 @@ def _propagate_attitude(
     state: AttitudeState,
     work: KernelWorkspace,
 ) -> None:
-    """Carry the attitude over samples, and sum up what drives φ."""
+    """Propagate the attitude over samples, and sum the sensitivities of φ."""
     time, rates, hold, warmth = samples
     terms, theta = model.terms, state.theta
     used, m, by, phi = work.used_terms, work.m, work.reading_terms, work.phi
@@ -211,9 +211,9 @@ def _propagate_attitude(
             beyond[1] * dt + coning[1] * square,
             beyond[2] * dt + coning[2] * square,
         )
-        # About an axis at rest the sensed rate is the earth's. The reading is not used here: its
-        # noise correlates with the angle's random walk, and the filter would estimate a scale
-        # factor from the correlation.
+        # About a stationary axis the sensed rate is the earth's. The reading is not used here,
+        # because its noise correlates with the angle's random walk, and the filter would estimate a
+        # scale factor from the correlation.
         rests, scale = hold[i] >= 0, dt / REST_RATE_VARIANCES
         still = rests or beyond[0] * beyond[0] * scale < white[0]
         phi[RATE] = around[0] if still else u[0]
@@ -231,7 +231,7 @@ def _propagate_attitude(
         now, step, newest = time[i], dt, (newest + 1) % times.size
         older, newer = newer, reading
         if i < end - times.size:
-            continue  # its row is written again before a readback
+            continue  # its row is rewritten before a readback
         times[newest] = now
         write_matrix(c, past[newest])
         for t in range(used.size):
@@ -251,11 +251,11 @@ def _propagate_attitude(
 def _parabola_mean(
     now: Vector, before: Vector, earlier: Vector, dt: float, step: float
 ) -> tuple[Vector, Vector]:
-    """Return the mean over the last step of the parabola through three rates, and how it bends.
+    """Return the last step's mean of the parabola through three rates, and its curvature.
 
     `dt` and `step` are the last step and the one before, s.
     """
-    # Divisions cost more than all else here.
+    # Divisions are the most expensive operations here.
     per_step, per_two, per_last = 0.0, 0.0, 0.0
     if are_similar_steps(dt, step):
         per_step, per_two, per_last = 1 / dt, 2 / (dt + step), 1 / step
@@ -273,7 +273,7 @@ def _parabola_mean(
 
 @kernel_value
 def _kink_variance(a: Vector, b: Vector, c: Vector, dt: float, white: Array) -> float:
-    """Return the variance of the angle where an acceleration began or ended in a step, rad².
+    """Return the variance of the angle if an acceleration began or ended in a step, rad².
 
     a, b and c are the last third differences, rad/s.
     """
@@ -298,7 +298,7 @@ def _transition(
     work: KernelWorkspace,
     to: Transition,
 ) -> None:
-    """Write Φ and Q since the epoch before; begin a new epoch."""
+    """Write Φ and Q since the epoch before, and start a new epoch."""
     earth, terms, bent, result = (
         model.earth, model.terms, state.acceleration_variance[0], state.sensitivity_integral,
     )  # fmt: skip
@@ -324,13 +324,13 @@ def _transition(
     a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
     a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
     if settings.timing_states[2] >= 0:
-        # The level frame is the table's: turned clockwise, the earth's rate has a part to the west.
+        # The level frame is the table's. If it is turned clockwise, earth rate has a part to west.
         a[0, settings.timing_states[2]] = earth[1] * since
 
 
 @kernel_piece
 def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array, moved: Array) -> None:
-    """Propagate φ with the estimated azimuth: the attitude is propagated with the stated one."""
+    """Propagate φ with the estimated azimuth, because the attitude uses the stated one."""
     azimuth = settings.timing_states[2]
     if azimuth < 0:
         return
@@ -344,7 +344,7 @@ def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array, mov
 
 @kernel_step
 def _propagate_error(x: Array, a: Array, moved: Array) -> None:
-    """Propagate φ where it is not fed back."""
+    """Propagate φ if it is not fed back."""
     for k in range(3):
         moved[k] = x[k]
         for s in range(x.size):

@@ -1,15 +1,17 @@
-"""Compiled: the observation of the gyros' attitude by a readback, at the time of the readback.
+"""Compiled observation of the gyros' attitude by a readback, at the time of the readback.
 
 A readback is compared with the attitude at its time t′. The error there is
 
     φ(t′) = φ(t) + G dθ,  G = ∫ C M φ(f, ω) dt from t′ to t
 
-G is stored for the samples that a readback may refer to; feedback at t turns their attitudes too.
+G is stored for the samples that a readback may refer to. Feedback at t also corrects the attitudes
+stored for these samples.
 
-A reading's noise counts once in the sum of all steps, but parts of it are in the attitude at t′ and
-others come later: two neighbouring increments have the covariance γ σ², σ² the variance of a
-sample's angle. So has a random walk that is observed with noise of the variance −γ σ², which is
-added to that of the readback; the sum may be negative, the variance of an innovation is not.
+A reading's noise counts once in the sum of all steps. However, parts of it are in the attitude at
+t′ and other parts come later. Two neighbouring increments have the covariance γ σ², where σ² is the
+variance of a sample's angle. A random walk that is observed with noise of the variance −γ σ² has
+the same covariance, so this variance is added to that of the readback. The sum may be negative, but
+the variance of an innovation is not.
 """
 
 from typing import NamedTuple
@@ -33,33 +35,33 @@ from inercal.methods.turntable_kalman._filter_steps import (
     Transition,
 )
 
-MAX_LINEAR_DELAY = 1e-4  # s: over it the angle is linear within 0.04″, even at 1000 °/s²
-MAX_ITERATIONS, DELAY_TOLERANCE = 10, 1e-6  # of a delay, s
-REST_RATE_VARIANCES = 20.0  # variances of a sample, within which a rate is noise
+MAX_LINEAR_DELAY = 1e-4  # s: within it the angle is linear to 0.04″, even at 1000 °/s²
+MAX_ITERATIONS, DELAY_TOLERANCE = 10, 1e-6  # for the delay; tolerance in s
+REST_RATE_VARIANCES = 20.0  # variances of a sample; a smaller rate counts as noise
 
 
 class AttitudeReadback(NamedTuple):
-    """At e samples, ascending."""
+    """The readback at e samples, ascending."""
 
     epochs: Indices  # (e,)
-    age: Array  # (e,) s, how much older than the sample it is by its stamp
+    age: Array  # (e,) s, how much older than the sample the readback is, by its timestamp
     attitude: Array  # (e, 3, 3)
-    table_sensitivity: Array  # (e, 3, q), ∂(φ as observed)/∂(the table's parameters)
+    table_sensitivity: Array  # (e, 3, q), ∂(observed φ)/∂(the table's parameters)
     variance: Array  # (e,) rad², of the attitude
 
 
 class AttitudeSettings(NamedTuple):
     """Parameters of the comparison of readback and attitude."""
 
-    gate: float  # standard deviations beyond which an innovation is rejected
+    gate: float  # standard deviations above which an innovation is rejected
     alignment_variance: float  # of φ at an alignment, rad²
-    gap: float  # s, a step of time beyond which the attitude is taken from readback anew
+    gap: float  # s, time step above which the attitude is taken from the readback again
     timing_states: (
         Indices  # (3,), indices of latency, clock and azimuth among the states; -1 if no state
     )
-    delay: float  # s, latency where it is not a state
+    delay: float  # s, latency if it is not a state
     feedback: bool  # whether estimates are fed back
-    azimuth: float  # rad, the azimuth of the model's earth rate
+    azimuth: float  # rad, azimuth of the earth's rate in the model
 
 
 class AttitudeState(NamedTuple):
@@ -70,35 +72,35 @@ class AttitudeState(NamedTuple):
     x: Array  # (n,)
     p: Array  # (n, n)
     sensitivity_integral: Array  # (size of φ, 9), Σ C M φ Δt since the epoch before
-    # (5,) s: of the sample and of the epoch before, where the clock began, the step that led to the
-    # sample before, and where the last gap ended
+    # (5,) s: times of the sample before and the epoch before, start of the clock, step before the
+    # sample before, and end of the last gap
     time: Array
-    # (5, 3), of the last two samples, the newer first, how they bent, rad/s³, and the last two
-    # third differences
+    # (5, 3), readings of the last two samples, the newer first, their curvature, rad/s³, and the
+    # last two third differences
     rates: Array
     acceleration_variance: (
-        Array  # (1,) rad², variance of φ by sudden accelerations since the epoch before
+        Array  # (1,) rad², variance of φ due to sudden accelerations since the epoch before
     )
     alignment_due: Bools  # (1,), whether an alignment is due
-    rejections: Indices  # (2,), readbacks rejected in a row, and in all
-    # (k,), (k, 3, 3) and (k, size of φ, 9), a ring: attitude of the last samples, and −G from
+    rejections: Indices  # (2,), readbacks rejected in a row, and in total
+    # (k,), (k, 3, 3) and (k, size of φ, 9), ring buffer: attitude at the last samples, and −G since
     # the epoch before
     times: Array
     attitudes: Array
     sensitivity_integrals: Array
-    newest_row: Indices  # (1,), their row of the sample before
-    # Time and readback of the last samples, where the readback waits for the IMU; or time, rates
-    # and hold of samples that wait for their readback.
+    newest_row: Indices  # (1,), row of the sample before in the ring buffer
+    # Time and readback of the last samples, if the readback waits for the IMU; or time, rates and
+    # hold of samples that wait for their readback.
     pending_samples: Array
     nis: float = 0.0
-    dof: int = 0  # of NIS, the coefficients taken as known
+    dof: int = 0  # of NIS, if the coefficients are treated as known
 
 
 class ReadbackTerms(NamedTuple):
     """A readback minus the attitude, z = h x + noise."""
 
     z: Array  # (3,) rad
-    extra_variance: Array  # (3,) rad², variance beside that of the readback
+    extra_variance: Array  # (3,) rad², variance in addition to that of the readback
     h: Array  # (3, n)
 
 
@@ -106,7 +108,7 @@ class ReadbackTerms(NamedTuple):
 def _readback_time(
     age: float, settings: AttitudeSettings, time: Array, x: Array, p: Array
 ) -> tuple[float, float]:
-    """Return when a readback was taken, by the sensor's clock, s, and the variance of that."""
+    """Return the time of a readback by the sensor's clock, s, and the variance of that time."""
     late = settings.timing_states
     lasting = time[0] - time[2]
     delay, variance = settings.delay, 0.0
@@ -133,7 +135,7 @@ def align(
 ) -> None:
     """Take the attitude from the first readback after a gap.
 
-    φ, Φ and Q of φ start anew; all other states stay.
+    φ, and its parts of Φ and Q, are initialised again; all other states are kept.
     """
     when, variance = _readback_time(readback.age[e], settings, state.time, state.x, state.p)
     if when < state.time[4]:
@@ -146,7 +148,7 @@ def align(
     spread = settings.alignment_variance
     for k in range(3):
         spread += rate[k] * rate[k] * variance
-    # All attitudes since then turn by the same rotation.
+    # All attitudes since then are corrected by the same rotation.
     for i in range(3):
         for j in range(3):
             onto[i, j] = 0.0
@@ -177,8 +179,8 @@ def update_by_readback(
 ) -> None:
     """Write the readback minus the attitude at its time, linearised at the most probable value.
 
-    Where the delay is uncertain, z = h x is iterated at the estimated delay. Source: Bell and
-    Cathey 1993, IEEE TAC 38(2), 294–297: Gauss–Newton.
+    If the delay is uncertain, z = h x is iterated at the estimated delay by the Gauss–Newton
+    method. Source: Bell and Cathey 1993, IEEE TAC 38(2), 294–297.
     """
     z, spread, h = seen
     x, p = state.x, state.p
@@ -215,7 +217,7 @@ def _linearise(
 ) -> None:
     """Write the readback minus the attitude at its time, linearised at x with covariance p.
 
-    Its variance is larger where the rate changes. `when` is the time and `variance` its variance.
+    Its variance is larger if the rate changes. `when` is the time and `variance` its variance.
     """
     (z, spread, h), late, beside = seen, settings.timing_states, readback.table_sensitivity
     times, past, sums, newest = (
@@ -226,11 +228,11 @@ def _linearise(
         work.fed,
     )  # fmt: skip
     total, gm, lasting = work.total, 3 + axis.size, state.time[0] - state.time[2]
-    own, components = gm + model.size, model.drift.times.size  # where the table's begin
+    own, components = gm + model.size, model.drift.times.size  # index of the first table parameter
     interpolate_attitude(times, past, newest, when, then, rate, turn, work.square)
     for k in range(3):
         spread[k] = turn[k] * turn[k]
-    # The noise of rates at rest is no motion: the filter would estimate a delay from it.
+    # The noise of rates at rest is not motion; the filter would estimate a delay from it.
     noise = max(model.white[0], model.white[1], model.white[2])
     for k in range(3):
         if rate[k] * rate[k] * state.time[3] < REST_RATE_VARIANCES * noise:
@@ -272,7 +274,7 @@ def _linearise(
 
 @kernel_step
 def _neighbour_share(x: float) -> float:
-    """Return γ at a share x of a step: of parabolas at samples, and a cubic between them."""
+    """Return γ at a fraction x of a step, for parabolas at samples and a cubic between them."""
     u = min(max(x, 0.0), 1.0)
     u *= 1 - u
     return (22 + u * (58 / 3 + u * (224 / 9 + u * 137 / 18))) / 144
@@ -288,10 +290,10 @@ def _add_delay_curvature(
     variance: float,
     spread: Array,
 ) -> None:
-    """Add the mean squares of terms of second order in an uncertain delay.
+    """Add the mean squares of second-order terms in an uncertain delay.
 
-    For α δτ²/2 this is 3/4 (α σ²)²; for δω δτ, with the error of the rate by the coefficients, at
-    most 3 σ² var(ω).
+    For α δτ²/2 this is 3/4 (α σ²)². For δω δτ, with the rate error due to the coefficients, it is
+    at most 3 σ² var(ω).
     """
     sd, times, newest, either = np.sqrt(variance), state.times, state.newest_row[0], work.either
     for side in range(2):
@@ -321,7 +323,7 @@ def _add_delay_curvature(
 
 @kernel_piece
 def begin_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
-    """Let the sums of the ring count from this epoch on: −G."""
+    """Make the sums in the ring buffer, −G, start at this epoch."""
     sums, total, used = (
         state.sensitivity_integrals,
         work.total,
@@ -336,15 +338,15 @@ def begin_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
 
 @kernel_piece
 def feed_back(model: KernelModel, state: AttitudeState, work: KernelWorkspace, lasts: bool) -> None:
-    """Turn the attitude by φ, and add the corrections of the coefficients.
+    """Rotate the attitude by φ, and add the corrections to the coefficients.
 
-    `lasts`: turn the past attitudes of the ring too.
+    If `lasts`, the earlier attitudes in the ring buffer are rotated too.
     """
     x, theta, past, sums, turn = (
         state.x, state.theta, state.attitudes, state.sensitivity_integrals, work.turn,
     )  # fmt: skip
     axis, weights, used = model.terms.axis, model.terms.weights, work.used_terms
-    by = work.reading_terms  # what each of φ adds to readings anew
+    by = work.reading_terms  # recomputed factors of φ in the readings
     sum_drift_components(x, 3 + axis.size, model.drift.times.size, turn)
     for i in range(used.size):
         for j in range(3):

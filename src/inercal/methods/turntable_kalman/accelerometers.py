@@ -1,11 +1,11 @@
-"""The accelerometers' filter: the velocity at rest is zero, and the table gives the vertical.
+"""The accelerometer filter: the velocity at rest is zero, and the table gives the vertical.
 
 States: δV (3), φ (3), coefficients, drift of the biases (`turntable.drift`), and errors of the
-table's attitude: lean of the base, right angles and harmonics of the readback; or the lean and,
-anew at each hold, an error of its angles (2) instead of the others. At every hold the attitude is
-taken from the table and is constant; the velocity is set to zero and integrated. Estimates are fed
-back at every epoch. The source integrates the attitude by the gyros: their errors, above all
-their sensitivity to g, are then taken for tilt.
+table's attitude. These errors are either lean of the base, right angles and harmonics of the
+readback, or the lean and an error of the angles in each hold (2). At every hold the attitude comes
+from the table and is constant. The velocity is set to zero and then integrated. Estimates are fed
+back at every epoch. The source integrates the attitude with the gyros instead, so their errors,
+mainly their sensitivity to g, are mistaken for tilt.
 """
 
 from collections.abc import Mapping
@@ -32,17 +32,17 @@ from inercal.methods.turntable_kalman.filtered_track import FilterPiece
 from inercal.physics.sensors import Sensor
 from inercal.recordings import AngleQuality, Track
 
-# m/s, how far velocity at rest is known to be zero: far below the noise of any accelerometer, so
-# that innovations are as large as stated
+# m/s, uncertainty of the zero velocity at rest: far below the noise of any accelerometer, so that
+# innovations are as large as stated
 REST_VELOCITY_SD = 1e-7
-HOLD_ALIGNMENT_SD = 5e-4  # rad, sd of φ where a hold begins
-_LEAST_NOISE = 1e-2  # of the readback's: an axis that is vertical within it turns no direction
-_BASE_PARAMETERS = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
+HOLD_ALIGNMENT_SD = 5e-4  # rad, sd of φ at the start of a hold
+_LEAST_NOISE = 1e-2  # of the readback's: an axis that is this close to vertical turns no direction
+_BASE_PARAMETERS = ("lean_x", "lean_y")  # of the base; other errors of a hold belong to the hold
 
 
 @dataclass(frozen=True, eq=False)
 class AccelerometerFilter(Filter[VelocityState]):
-    """The filter of one sensor on one table.
+    """The filter for one sensor on one table.
 
     Parameters
     ----------
@@ -51,12 +51,12 @@ class AccelerometerFilter(Filter[VelocityState]):
     hold_errors : bool
         Whether the error of each hold's angles is a state.
     readback_sd : float or None
-        Standard deviation of the attitude by readback within a hold, rad; None is the bench's noise
-        about each axis of the table.
+        Standard deviation of the attitude from the readback within a hold, rad. None means the
+        bench's noise about each axis of the table.
     velocity_sd : float
         Standard deviation of the velocity at rest, m/s.
     alignment_sd : float
-        Standard deviation of φ where a hold begins, rad.
+        Standard deviation of φ at the start of a hold, rad.
     """
 
     hold_errors: bool
@@ -86,7 +86,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         expected_sizes: Mapping[str, float] = model.EXPECTED_SIZES,
         alignment_sd: float = HOLD_ALIGNMENT_SD,
     ) -> "AccelerometerFilter":
-        """Return the filter, with first values from the rest that a track begins with.
+        """Return the filter, with initial values from the rest at the start of a track.
 
         Parameters
         ----------
@@ -95,21 +95,20 @@ class AccelerometerFilter(Filter[VelocityState]):
         bias_drift : bool
             Whether biases drift.
         table : "whole", "lean" or "exact"
-            Which of the table's errors are states: all; the base's lean and an error of each hold;
-            none.
+            Which errors of the table are states: all; the base's lean and an error per hold; none.
         readback_sd, velocity_sd : float
-            rad, m/s; None is the bench's noise.
+            Standard deviations, rad and m/s; None means the bench's noise.
         run_duration : float, optional
-            As planned, s; None is the track's.
+            Planned duration, s; None means that of the track.
         epoch, alignment_sd : float
-            s, rad; as of the class.
+            s, rad; as for the class.
         expected_sizes : mapping of str to float
-            Standard deviations of the coefficients before the data, as `model.EXPECTED_SIZES`.
+            Standard deviations of the coefficients before the data, like `model.EXPECTED_SIZES`.
 
         Raises
         ------
         InputError
-            A sensor that the filter does not support, or no rest at the start.
+            The filter does not support the sensor, or there is no rest at the start.
         """
         part = model.triad_model(
             sensor,
@@ -138,18 +137,18 @@ class AccelerometerFilter(Filter[VelocityState]):
 
     @property
     def hold_states(self) -> tuple[str, ...]:
-        """Names of the error of each hold's angles."""
+        """Names of the states for the error of each hold's angles."""
         return ("hold_x", "hold_y") if self.hold_errors else ()
 
     @property
     def tested_components(self) -> int:
-        """How many components of an epoch are tested."""
-        # With a readback that is stated as exact, the floor of its noise is arbitrary: no test.
+        """Number of components that are tested per epoch."""
+        # If the readback is stated as exact, the floor of its noise is arbitrary and not tested.
         return 3 if self.readback_sd is None and self.bench.white == 0 else self.rows
 
     @cached_property
     def shared_covariance(self) -> Array:
-        """Part of the coefficients' covariance that no innovation shows, (p, p): gravity's."""
+        """The coefficients' covariance due to gravity, (p, p), which no innovation shows."""
         g = self.bench.gravity
         along = model.gravity_sensitivity(self.triad) * g.sd / g.value
         return np.outer(along, along)
@@ -172,7 +171,7 @@ class AccelerometerFilter(Filter[VelocityState]):
     def advance(
         self, state: VelocityState, track: Track, wanted: Array | None = None
     ) -> tuple[VelocityState, FilterPiece]:
-        """Return as `Filter.advance`."""
+        """Process a piece of a track; see `Filter.advance`."""
         # An epoch waits for the first sample with usable angles; see `GyroFilter.advance`.
         usable = np.where(np.isfinite(track.angle_variance(1.0)), track.hold, -1)
         epochs = strapdown.epoch_indices_in_holds(
@@ -181,7 +180,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         readback = self._readback(epochs, track)
         here = track.hold[epochs]
         begins = here != np.concatenate([state.hold, here[:-1]])
-        # Without noise a readback tests nothing.
+        # A readback without noise tests nothing.
         least = self._least_readback_noise
         tested = np.count_nonzero(readback.noise > least, axis=1)
         steps, history = self.allocate_steps(epochs.size, wanted)
@@ -201,10 +200,10 @@ class AccelerometerFilter(Filter[VelocityState]):
         return self.count_dof(state, nis, piece, 3 + tested, int(tested[begins].sum())), piece
 
     def _readback(self, epochs: Indices, track: Track) -> VelocityReadback:
-        """Return the readback at the epochs (e,) of a track as the kernel takes it."""
+        """Return the readback at the epochs (e,) of a track, in the form that the kernel needs."""
         angles = track.angles[epochs]
         e, q = len(angles), len(self.table)
-        if not e:  # as long as the table moves
+        if not e:  # while the table moves
             shapes = (e, 3, 3), (e, 2, 2), (e, 2, q), (e, 2), (e, 2)
             return VelocityReadback(epochs, *(np.zeros(shape) for shape in shapes))
         seen = linear_misalignment(self.bench, angles)
@@ -214,7 +213,7 @@ class AccelerometerFilter(Filter[VelocityState]):
             epochs,
             reference_attitude(self.bench, angles),
             directions,
-            # Of one layout whatever e is: a kernel is compiled for each.
+            # The memory layout must not depend on e, because a kernel is compiled for each layout.
             np.ascontiguousarray(directions @ table_sensitivity(seen, self.table)[:, :2]),
             self._hold_variance(angles),
             noise,
@@ -225,9 +224,9 @@ class AccelerometerFilter(Filter[VelocityState]):
         return self._readback_noise(angles, None)[0]
 
     def _hold_variance(self, angles: Array) -> Array:
-        """Return the variance of the error of a hold's angles about east and north, (e, 2)."""
+        """Return the variance of a hold's angle error about east and north, (e, 2)."""
         if not self.hold_errors:
-            return np.zeros((len(angles), 2))  # no state of its own
+            return np.zeros((len(angles), 2))  # not a separate state
         seen = linear_misalignment(self.bench, angles)
         variance = np.array(
             [0.0 if q.name in (*_BASE_PARAMETERS, "azimuth") else q.sd**2 for q in seen.parameters]
@@ -241,12 +240,12 @@ class AccelerometerFilter(Filter[VelocityState]):
     def _readback_noise(self, angles: Array, quality: AngleQuality | None) -> tuple[Array, Array]:
         """Return the principal directions of the readback's noise, (e, 2, 2), and its variances.
 
-        The noise is about the table's axes, of which two may have one horizontal direction.
+        The noise is about the table's axes, two of which may have the same horizontal direction.
         """
         if self.readback_sd is not None:
             level = np.tile(np.eye(2), (len(angles), 1, 1))
             return level, np.full((len(angles), 2), self.readback_sd**2)
-        # Sine and cosine of a harmonic turn about an axis as noise does; their squares add up to 1.
+        # Sine and cosine of a harmonic rotate about an axis like noise; their squares add up to 1.
         seen = linear_misalignment(self._bench_with_harmonic, angles)
         waves = [k for k, q in enumerate(seen.parameters) if q.name.startswith(("sin1", "cos1"))]
         east, north = np.moveaxis(seen.by[..., :2, waves], 1, 0)
@@ -266,7 +265,7 @@ class AccelerometerFilter(Filter[VelocityState]):
 
     @property
     def _least_readback_noise(self) -> float:
-        """Least variance of the readback, rad²; the filter needs noise in every direction."""
+        """Minimum variance of the readback, rad²; the filter needs noise in every direction."""
         if self.readback_sd is not None:
             return 0.0
         return (_LEAST_NOISE * self.bench.white or model.READBACK_NOISE_FLOOR) ** 2

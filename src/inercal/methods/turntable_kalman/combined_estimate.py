@@ -1,4 +1,4 @@
-"""Both filters over one track, and their combined estimate."""
+"""Runs both filters over one track and combines their estimates."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,7 +28,7 @@ from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
-# Rejections a component, five times those of chance: of three components one epoch in 900 has one.
+# Rejections per component, five times those by chance: with three components one epoch in 900.
 _CHANCE_REJECTIONS = 2e-3
 
 
@@ -42,20 +42,20 @@ def run_filter(
     *,
     smooth: bool = False,
 ) -> filter_tests.FilterResult:
-    """Run the filter of the gyros ("w") or of the accelerometers ("f") over one trial's track.
+    """Run the gyro filter ("w") or the accelerometer filter ("f") over one trial's track.
 
-    `smooth`: smooth the states that vary with time, and keep the data of the tests.
+    With `smooth`, smooth the states that vary with time and keep the data for the tests.
     """
     result = config.filter(kind, sensor, bench, track, priors)
     run = result.begin(track)
     filtered = run.follow(track)
     course, found, checked = filtered.history, run.estimate, None
-    # The assumed sizes of coefficients are far above them: as many innovations only give these.
+    # The assumed sizes of coefficients are far above them, so that many innovations only fix these.
     own = set(result.triad.sensor.coefficients)
     learned = len(own) - sum(len(one.names) for one in priors if own.issuperset(one.names))
     if smooth:
         checked = filter_tests.innovation_test_data(result, filtered, found)
-        # Only a report shows it, and it takes another pass over the track.
+        # Only a report shows it, and it needs another pass over the track.
         smoothing = LazyValue(lambda: filtered.smoothed(result.time_varying_states))
         course = replace(course, smoothing=smoothing)
     return filter_tests.FilterResult(
@@ -75,28 +75,28 @@ def estimate_by_filters(
     *,
     config: FilterConfig,
 ) -> Estimate:
-    """Return the estimate of both filters, one trial after the other.
+    """Return the estimate from both filters, one trial after the other.
 
     Parameters
     ----------
     observations : Observations
-        With the track that the filters follow.
+        Observations with the track that the filters process.
     sensor : Sensor
-        Triads of gyros and of accelerometers, or one of them.
+        Triads of gyros and of accelerometers, or only one of them.
     bench : Turntable
     steps : sequence of Position or Rotation
-        Unused: the readback gives the motion.
+        Unused, because the motion comes from the readback.
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
     config : FilterConfig
 
     Raises
     ------
     InputError
-        No track, no rest at its start, a sensor that the filters do not take, a prior that joins
-        gyros and accelerometers, or an epoch that is no multiple of the time between samples.
+        There is no track or no rest at its start, the filters do not support the sensor, a prior
+        combines gyros and accelerometers, or an epoch is not a whole number of samples.
     NotObserved
-        Directions that the run does not determine.
+        The run does not determine some directions.
     """
     if observations.track is None:
         raise InputError(
@@ -109,7 +109,7 @@ def estimate_by_filters(
     lead = track.reading.shape[:-2]
     require_whole_epoch(config.epoch, sampling_step(track))
     trials = [
-        # Of several trials only the first has a smoothed course and tests.
+        # With several trials only the first has a smoothed time course and tests.
         [
             run_filter(kind, sensor, bench, track.trial(*k), config, priors, smooth=not any(k))
             for kind in FILTER_KINDS
@@ -127,7 +127,7 @@ def estimate_by_filters(
         for one in trials[0]
     ]
     result = [_combine_filters(names, trial, own) for trial in trials]
-    # An R above the noise makes the tests of means less powerful but not wrong.
+    # If R is larger than the noise, tests of means are less powerful but not wrong.
     checked = [one.test_data for one in trials[0] if one.test_data]
     q, p = len(names), len(sensor.coefficients)
     value = np.array([one[0] for one in result]).reshape(*lead, q)
@@ -166,10 +166,10 @@ def estimate_by_filters(
 def _table_sensitivities(
     names: tuple[str, ...], parts: Sequence[filter_tests.FilterResult], bench: Turntable
 ) -> dict[str, Array]:
-    """Return the sensitivity of the coefficients to the table's stated values, (q,) by parameter.
+    """Return the coefficients' sensitivity to the table's stated values, (q,) by parameter.
 
-    Each filter estimates the table separately, and so gives its part of every column. Gravity is
-    no state: it is a factor on the accelerometers' readings.
+    Each filter estimates the table separately and so gives its part of every column. Gravity is not
+    a state; it is a factor on the accelerometers' readings.
     """
     declared, moved = bench.acting_parameters(), dict[str, Array]()
     for one in parts:
@@ -187,12 +187,12 @@ def _table_sensitivities(
 
 
 def split_priors(sensor: Sensor, priors: Priors) -> list[Gaussian]:
-    """Return priors by triad: each filter has its own.
+    """Return the priors of each triad separately, because each filter has its own.
 
     Raises
     ------
     InputError
-        One that correlates both.
+        A prior correlates both triads.
     """
     own = [sensor.select_axes(kind).coefficients for kind in ("f", "w")]
     result: list[Gaussian] = []
@@ -237,7 +237,7 @@ def _notes(
 
 
 def _prior_share_note(one: filter_tests.FilterResult) -> str:
-    """Return a note on directions that the assumed sizes of coefficients determine in part."""
+    """Return a note on directions that the assumed sizes of coefficients partly determine."""
     p = len(one.triad.sensor.coefficients)
     share, found = model.prior_dominated_directions(one.triad, one.covariance[:p, :p])
     if not found:
@@ -250,10 +250,10 @@ def _prior_share_note(one: filter_tests.FilterResult) -> str:
 
 
 def _owners(parts: Sequence[filter_tests.FilterResult]) -> dict[str, filter_tests.FilterResult]:
-    """Return, by parameter of the table, the filter with the smaller variance.
+    """Return the filter with the smaller variance for each parameter of the table.
 
-    Each filter has its own correlations: a value of one with the correlations of the other would
-    give no valid covariance.
+    Each filter has its own correlations. The value of one filter with the correlations of the other
+    would not give a valid covariance.
     """
     found: dict[str, tuple[float, filter_tests.FilterResult]] = {}
     for one in parts:
@@ -266,7 +266,7 @@ def _owners(parts: Sequence[filter_tests.FilterResult]) -> dict[str, filter_test
 
 
 def _table_states(one: filter_tests.FilterResult) -> list[str]:
-    """Return the states that are parameters of the table for the whole run."""
+    """Return the states that are constant table parameters for the whole run."""
     return [
         name for name in one.names if "." not in name and not name.startswith(("drift[", "hold_"))
     ]
@@ -277,7 +277,7 @@ def _combine_filters(
 ) -> tuple[Array, Array, float]:
     """Return value and covariance in the order of `names`, and the sum of NIS.
 
-    The filters are taken as independent; `own` are the names that each of them gives.
+    The filters are treated as independent; `own` contains the names that each of them estimates.
     """
     value, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
     for one, taken in zip(parts, own, strict=True):
@@ -286,7 +286,7 @@ def _combine_filters(
         value[at] = one.value[k]
         ratio, first = filter_tests.variance_inflation(one), at[: len(one.shared_covariance)]
         covariance[np.ix_(at, at)] = ratio * one.covariance[np.ix_(k, k)]
-        # Innovations do not test gravity, whose error is in none of them.
+        # Innovations do not test gravity, because they do not contain its error.
         covariance[np.ix_(first, first)] -= (ratio - 1) * one.shared_covariance
     return value, covariance, sum(one.nis for one in parts)
 

@@ -1,9 +1,9 @@
-"""The base of both filters: states of a triad and its table, over the samples of a track in pieces.
+"""The base of both filters: states of a triad and its table, for tracks processed in pieces.
 
-The states are those of the attitude, and of the velocity of accelerometers, then the coefficients,
-the drift of the biases (`turntable.drift`), the table's parameters, and those of each hold.
+The states are the attitude error, the velocity for accelerometers, the coefficients, the drift of
+the biases (`turntable.drift`), the table's parameters, and the states of each hold, in this order.
 """
-# SciPy has no stubs.
+# SciPy has no type stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
 from abc import ABC, abstractmethod
@@ -46,16 +46,16 @@ TILT = ("phi_e", "phi_n", "phi_u")
 
 
 class FilterEstimate(NamedTuple):
-    """The present estimate of a filter: its states from the coefficients on."""
+    """The current estimate of a filter: all states from the coefficients on."""
 
     value: Array  # (s,)
     covariance: Array  # (s, s)
-    shared_covariance: Array  # (p, p), of the coefficients by gravity, which no innovation shows
+    shared_covariance: Array  # (p, p), of the coefficients due to gravity; no innovation shows it
 
 
 @dataclass(frozen=True, eq=False)
 class Filter(ABC, Generic[S]):
-    """The filter of one triad on one table.
+    """The filter for one triad on one table.
 
     Parameters
     ----------
@@ -64,11 +64,12 @@ class Filter(ABC, Generic[S]):
     prior : (p, p) array
         Covariance of the coefficients before the data.
     initial_values : (p,) array
-        Coefficients before the data.
+        Values of the coefficients before the data.
     table : tuple of q Parameter
-        Of the states after the drift.
+        Table parameters that are states after the drift.
     epoch : float
-        Time between epochs, s: the covariance is propagated and observations are used once in it.
+        Time between epochs, s. Once per epoch the covariance is propagated and observations are
+        used.
     """
 
     triad: TriadModel
@@ -81,11 +82,11 @@ class Filter(ABC, Generic[S]):
     name: ClassVar[str]
     unit: ClassVar[str]  # of the first three innovations
     leading_states: ClassVar[tuple[str, ...]]  # states before the coefficients
-    rows: ClassVar[int]  # observations of an epoch
+    rows: ClassVar[int]  # number of observations per epoch
 
     @property
     def hold_states(self) -> tuple[str, ...]:
-        """Names of the states of each hold."""
+        """Names of the states that belong to each hold."""
         return ()
 
     @cached_property
@@ -97,12 +98,12 @@ class Filter(ABC, Generic[S]):
 
     @property
     def _drift(self) -> tuple[str, ...]:
-        """Names of the states of the biases' drift."""
+        """Names of the drift states of the biases."""
         return self.triad.drift.names([axis.name for axis in self.triad.sensor.axes])
 
     @property
     def bias_drift(self) -> tuple[str, ...]:
-        """Names of the biases' drift as it is drawn, one an axis; none without drift."""
+        """Names of the biases' drift in plots, one per axis; empty without drift."""
         axes = self.triad.sensor.axes if self.triad.drift.varies else ()
         return tuple(f"drift[{axis.name}]" for axis in axes)
 
@@ -113,7 +114,7 @@ class Filter(ABC, Generic[S]):
 
     @property
     def tested_components(self) -> int:
-        """How many components of an epoch are tested."""
+        """Number of components that are tested per epoch."""
         return self.rows
 
     @cached_property
@@ -130,15 +131,15 @@ class Filter(ABC, Generic[S]):
         return RunningFilter(self, self.start(track))
 
     def step(self, state: S, track: Track, smooth: Sequence[str] = ()) -> tuple[S, FilterHistory]:
-        """Return the state after the samples of a track, and the course through them.
+        """Return the state after the samples of a track, and its history over them.
 
         Parameters
         ----------
         state : State
         track : Track
-            The samples that follow.
+            The next samples.
         smooth : sequence of str
-            States whose course is smoothed by all of the track, as `time_varying_states`.
+            States that are smoothed over the whole track, from `time_varying_states`.
         """
         made = self.follow(state, track)
         course = made.history
@@ -147,12 +148,12 @@ class Filter(ABC, Generic[S]):
         return made.state, course
 
     def follow(self, state: S, track: Track) -> FilteredTrack[S]:
-        """Return the filter after the samples of a track, and a record of its steps."""
+        """Process the samples of a track, and return the filter with a record of its steps."""
         return filter_track(self, state, track)
 
     @abstractmethod
     def advance(self, state: S, track: Track, wanted: Array | None = None) -> tuple[S, FilterPiece]:
-        """Return the state after the samples of a piece of a track, and a record of the steps.
+        """Process a piece of a track, and return the state and a record of the steps.
 
         Parameters
         ----------
@@ -160,11 +161,11 @@ class Filter(ABC, Generic[S]):
             Its arrays are changed in place.
         track : Track
         wanted : (r, n) array, optional
-            The steps of each epoch are kept, with these sums of states.
+            If given, the steps of each epoch are stored, with these sums of states.
         """
 
     def estimate(self, state: S) -> FilterEstimate:
-        """Return the present estimate, with biases as means over the run so far."""
+        """Return the current estimate, with biases as means over the run so far."""
         at, p = len(self.leading_states), len(self.initial_values)
         value, covariance = state.x[at:].copy(), state.p[at:, at:].copy()
         value[:p] += state.theta
@@ -177,9 +178,9 @@ class Filter(ABC, Generic[S]):
     def _refer_biases_to_mean(
         self, value: Array, covariance: Array, elapsed: float, since: float
     ) -> None:
-        """Make biases means over the run, in place, in an estimate from the coefficients on.
+        """Convert biases to means over the run, in place, in an estimate from the coefficients on.
 
-        As by `mean_bias_transform`; only the rows of biases change.
+        The conversion is that of `mean_bias_transform`; only the rows of biases change.
         """
         terms, biases = self.triad.terms, self._term_indices[2]
         first = len(self.initial_values)
@@ -195,7 +196,7 @@ class Filter(ABC, Generic[S]):
         covariance[biases, biases] += beyond[axis] / weight**2
 
     def mean_bias_transform(self, elapsed: float, since: float = 0.0) -> tuple[Array, Array]:
-        """Return how biases as means over the run depend on the states, and their further variance.
+        """Return the dependence of mean biases on the states, and their additional variance.
 
         Parameters
         ----------
@@ -205,9 +206,9 @@ class Filter(ABC, Generic[S]):
         Returns
         -------
         by : (n, n) array
-            What each state adds to each coefficient beyond itself.
+            Effect of each state on each coefficient, beyond the coefficient itself.
         variance : (n,) array
-            Of the drift since the states were predicted.
+            Variance of the drift since the states were predicted.
         """
         part, n, at = self.triad, len(self.states), len(self.leading_states)
         by, variance = np.zeros((n, n)), np.zeros(n)
@@ -222,8 +223,8 @@ class Filter(ABC, Generic[S]):
     def covariance(self, before: float) -> Array:
         """Return the prior covariance of the states, (n, n).
 
-        `before` is the variance of the states before the coefficients. Those of each hold are set
-        where the hold begins.
+        `before` is the variance of the states before the coefficients. The variance of the states
+        that belong to a hold is set at the start of the hold.
         """
         return np.asarray(
             block_diag(
@@ -237,16 +238,16 @@ class Filter(ABC, Generic[S]):
 
     @staticmethod
     def innovation_gate(track: Track) -> float:
-        """Return how many standard deviations an innovation may have; infinite if any.
+        """Return the largest accepted innovation, in standard deviations, or infinity for no gate.
 
-        A gate is for readings of a table that may have a false digit. In a recording whose every
-        sample has an angle of its own the checks of reading find such.
+        A gate is for table readings that may contain a false digit. If every sample of a recording
+        has its own angle, the checks during reading find such errors.
         """
         return np.inf if track.angle_quality is None else INNOVATION_GATE
 
     @cached_property
     def kernel_model(self) -> KernelModel:
-        """The model of the triad at its place, in the form for a kernel."""
+        """The model of the triad at its location, in the form that a kernel needs."""
         part, bench = self.triad, self.bench
         return KernelModel(
             part.terms,
@@ -258,26 +259,26 @@ class Filter(ABC, Generic[S]):
         )
 
     def workspace(self) -> KernelWorkspace:
-        """Return arrays for a kernel to work with."""
+        """Return work arrays for a kernel."""
         n, k = len(self.states), len(self.leading_states)
         return allocate_workspace(self.kernel_model, self._term_indices, n, k, self.rows)
 
     @cached_property
     def _term_indices(self) -> tuple[Indices, Indices, Indices]:
-        """The indices that a workspace begins with."""
+        """The indices that are the first fields of a workspace."""
         terms = self.triad.terms
         used = strapdown.used_term_indices(terms.weights)
         return used, strapdown.added_term_indices(used, terms.first), np.flatnonzero(terms.bias)
 
     def samples(self, track: Track) -> FilterSamples:
-        """Return the samples of a track in the form for a kernel."""
+        """Return the samples of a track in the form that a kernel needs."""
         reading = np.ascontiguousarray(track.reading[:, self.triad.channels])
         depends = self.triad.terms.has_temperature
         warmth = temperature.sample_offsets(track, self.triad.sensor) if depends else _NONE
         return FilterSamples(track.time, reading, track.hold, warmth)
 
     def allocate_steps(self, epochs: int, wanted: Array | None) -> tuple[FilterSteps, Array]:
-        """Return arrays for a kernel's steps and for its history; `wanted` as for `advance`."""
+        """Return arrays for a kernel's steps and history; `wanted` is as for `advance`."""
         n, kept = len(self.states), 1 if wanted is None else epochs
         sums = np.zeros((0, n)) if wanted is None else wanted
         steps = allocate_steps(kept, n, len(self.leading_states), self.rows, sums)
@@ -295,7 +296,7 @@ class Filter(ABC, Generic[S]):
         return wanted
 
     def _write_bias_weights(self, name: str, row: Array) -> None:
-        """Write the weights of the states in a bias: its constant and components of its drift."""
+        """Write the weights of the states in a bias: its constant and its drift components."""
         terms, at = self.triad.terms, len(self.leading_states)
         i = [axis.name for axis in self.triad.sensor.axes].index(name[len("drift[") : -1])
         row[at + len(self.initial_values) + i + 3 * np.arange(len(self.triad.drift.times))] = 1.0
@@ -303,7 +304,7 @@ class Filter(ABC, Generic[S]):
             row[at + m] = terms.weights[m, BIAS]
 
     def count_dof(self, state: S, nis: float, made: FilterPiece, tested: Indices, free: int) -> S:
-        """Return a state with the sum of NIS and its degrees of freedom after a piece.
+        """Return a state with the sum of NIS and its degrees of freedom, updated after a piece.
 
         Parameters
         ----------
@@ -311,10 +312,10 @@ class Filter(ABC, Generic[S]):
         nis : float
         made : FilterPiece
         tested : (e,) array of int
-            Components of each epoch that are tested where it has innovations.
+            Number of tested components in each epoch that has innovations.
         free : int
-            Of these, those that only give φ after it was taken from the readback: they are small
-            beside the variance that φ begins with.
+            How many of these only determine φ after it was taken from the readback. They are small
+            compared with the initial variance of φ.
         """
         taken = made.history[:, self.rows] > 0
         return state._replace(nis=nis, dof=state.dof + int(tested[taken].sum()) - free)
@@ -322,13 +323,13 @@ class Filter(ABC, Generic[S]):
 
 @dataclass
 class RunningFilter(Generic[S]):
-    """A filter and its present state."""
+    """A filter together with its current state."""
 
     filter: Filter[S]
     state: S
 
     def step(self, track: Track) -> None:
-        """Take in the samples that follow."""
+        """Process the next samples."""
         self.state = self.filter.advance(self.state, track)[0]
 
     def follow(self, track: Track) -> FilteredTrack[S]:
@@ -339,18 +340,18 @@ class RunningFilter(Generic[S]):
 
     @property
     def estimate(self) -> FilterEstimate:
-        """The present estimate."""
+        """The current estimate."""
         return self.filter.estimate(self.state)
 
     @property
     def rejections(self) -> int:
-        """How many readbacks were rejected so far, as their innovations were beyond the gate."""
+        """Number of readbacks rejected so far because their innovations exceeded the gate."""
         return int(self.state.rejections[1])
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom of NIS so far: components of innovations but those that give φ.
+        """Degrees of freedom of NIS so far: innovation components except those that determine φ.
 
-        The coefficients are taken as known.
+        The coefficients are treated as known.
         """
         return max(self.state.dof, 0)

@@ -1,6 +1,6 @@
 """The configuration of the two filters for each estimator: their states, P₀, R and epoch.
 
-Q is no part of it: it follows from the sensor's noise.
+Q is not part of it, because it follows from the sensor's noise.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ FilterKind = Literal["w", "f"]
 FILTER_KINDS: tuple[FilterKind, ...] = ("w", "f")  # gyros, accelerometers
 TableStates = Literal["whole", "lean", "exact"]
 _SOURCE_VELOCITY_SD = 1e-3  # m/s
-# Terms of the coefficients that a name of `FilterConfig.initial` stands for, by filter
+# Coefficient terms that a name in `FilterConfig.initial` stands for, by filter
 INITIAL_TERMS: Mapping[str, tuple[FilterKind, tuple[str, ...]]] = {
     "gyro_bias": ("w", ("bias",)),
     "gyro_scale": ("w", ("scale",)),
@@ -39,8 +39,8 @@ INITIAL_TERMS: Mapping[str, tuple[FilterKind, tuple[str, ...]]] = {
 }
 ATTITUDE = "attitude"  # φ, in both filters
 _ALIGNMENT_SD: Mapping[FilterKind, float] = {"w": ALIGNMENT_SD, "f": HOLD_ALIGNMENT_SD}
-_MAX_EPOCH_REMAINDER = 0.05  # of a sample: rates are not known better
-_DISTURBED_STEP = 1.5  # medians: a longer step of time has samples lost
+_MAX_EPOCH_REMAINDER = 0.05  # of a sample; sampling rates are not known better
+_DISTURBED_STEP = 1.5  # medians; in a longer time step, samples were lost
 
 
 class FilterConfig(NamedTuple):
@@ -51,20 +51,20 @@ class FilterConfig(NamedTuple):
     bias_drift : bool
         Whether biases drift.
     table_states : "whole", "lean" or "exact"
-        Which of the table's errors are states. Gyros: all; latency, clock and azimuth; none.
+        Which errors of the table are states. Gyros: all; latency, clock and azimuth; none.
         Accelerometers: all; the base's lean and an error of each hold's angles; none.
     attitude_sd : tuple of 2 float or None
-        Standard deviation of the attitude by readback in each filter, gyros first, rad; None is
-        that of the bench.
+        Standard deviation of the attitude from the readback in each filter, gyros first, rad; None
+        means that of the bench.
     velocity_sd : float
         Standard deviation of the velocity at rest, m/s.
     source_values : frozenset of str
-        Which of "readback_sd" and "velocity_sd" are the source's: they are not the noise.
+        Which of "readback_sd" and "velocity_sd" are from the source and differ from the noise.
     epoch : float
         Time between epochs, s.
     initial : mapping of str to float
-        Standard deviations before the data, SI, by `INITIAL_TERMS` and `ATTITUDE`; what is absent
-        is as `model.EXPECTED_SIZES` and as the filters have it.
+        Standard deviations before the data, SI, by `INITIAL_TERMS` and `ATTITUDE`. Missing values
+        are those of `model.EXPECTED_SIZES` and of the filters.
     """
 
     bias_drift: bool
@@ -76,7 +76,7 @@ class FilterConfig(NamedTuple):
     initial: Mapping[str, float] = MappingProxyType({})
 
     def readback_sd(self, bench: Turntable) -> tuple[float, float | None]:
-        """Return the readback's standard deviation in the two filters, rad; gyros first."""
+        """Return the readback's standard deviation in the two filters, gyros first, rad."""
         return self.attitude_sd or (max(bench.white, model.READBACK_NOISE_FLOOR), None)
 
     def expected_sizes(self, kind: FilterKind) -> Mapping[str, float]:
@@ -98,9 +98,10 @@ class FilterConfig(NamedTuple):
         priors: Priors = (),
         run_duration: float | None = None,
     ) -> GyroFilter | AccelerometerFilter:
-        """Return the filter of the gyros ("w") or of the accelerometers ("f").
+        """Return the gyro filter ("w") or the accelerometer filter ("f").
 
-        Arguments and errors as for `GyroFilter.from_track` and `AccelerometerFilter.from_track`.
+        The arguments and errors are as for `GyroFilter.from_track` and
+        `AccelerometerFilter.from_track`.
         """
         gyros, accelerometers = self.readback_sd(bench)
         sizes = self.expected_sizes(kind)
@@ -120,7 +121,7 @@ class FilterConfig(NamedTuple):
         )  # fmt: skip
 
     def untested_reason(self, kind: FilterKind) -> str:
-        """Return why the innovations do not test noise and table; empty if they do."""
+        """Return why the innovations do not test noise and table; empty if they do test them."""
         if "readback_sd" in self.source_values and self.attitude_sd is not None:
             sd = self.attitude_sd[FILTER_KINDS.index(kind)] / ARCSEC
             return f"the source's R, {sd:.3g}″, is not the noise of the readback"
@@ -130,7 +131,7 @@ class FilterConfig(NamedTuple):
         return ""
 
     def describe(self) -> dict[str, str]:
-        """Return the value in force of each key of [method.filter], as text with units."""
+        """Return the actual value of each key in [method.filter], as text with units."""
         sd = None if self.attitude_sd is None else [f"{x / ARCSEC:.6g}" for x in self.attitude_sd]
         sizes = {kind: self.expected_sizes(kind) for kind in FILTER_KINDS}
         start = {name: sizes[kind][terms[0]] for name, (kind, terms) in INITIAL_TERMS.items()}
@@ -155,7 +156,7 @@ class FilterConfig(NamedTuple):
         }
 
     def describe_changes(self, estimator: str) -> str:
-        """Return the values that are not an estimator's own, with these; empty if none is."""
+        """Describe the values that differ from the estimator's defaults; empty if none does."""
         own = FILTER_CONFIGS[estimator].describe()
         return "; ".join(
             f"{key} {text} (default {own[key]})"
@@ -165,7 +166,7 @@ class FilterConfig(NamedTuple):
 
 
 def _both(texts: Sequence[str]) -> str:
-    """Return the numbers of both filters, gyros first, as one where they are equal."""
+    """Return the numbers for both filters as text, gyros first, or one number if they are equal."""
     return " and ".join(dict.fromkeys(texts))
 
 
@@ -180,19 +181,19 @@ FILTER_CONFIGS: Mapping[str, FilterConfig] = {
 
 
 def filter_conditions(config: FilterConfig, estimator: str) -> dict[str, str]:
-    """Return the values in force, and those that are not the estimator's own, as conditions."""
+    """Return the actual values, and those that differ from the defaults, as conditions."""
     found = {"filter": "; ".join(f"{key} {text}" for key, text in config.describe().items())}
     changed = config.describe_changes(estimator)
     return found | ({"filter keys changed": changed} if changed else {})
 
 
 def require_whole_epoch(epoch: float, step: float) -> None:
-    """Refuse an epoch, other than the default, that is no multiple of the time between samples.
+    """Raise InputError if an epoch other than the default is not a whole number of samples.
 
     Parameters
     ----------
     epoch, step : float
-        s.
+        Duration of an epoch, and time between samples, s.
 
     Raises
     ------
@@ -209,6 +210,6 @@ def require_whole_epoch(epoch: float, step: float) -> None:
 
 
 def sampling_step(track: Track) -> float:
-    """Return the mean time between samples, s, where none is lost."""
+    """Return the mean time between samples, s, over steps in which no sample was lost."""
     steps = np.diff(track.time)
     return float(np.mean(steps[steps < _DISTURBED_STEP * np.median(steps)]))

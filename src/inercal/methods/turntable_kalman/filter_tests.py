@@ -1,12 +1,12 @@
-"""Tests of both filters' models: innovations by step, and scores of constants without a state.
+"""Tests of both filters' models: innovations by step, and score tests of constants without a state.
 
-The normalised innovations squared (NIS) are χ² if R is the noise, with as many degrees of freedom
-as components, less those that only give states of which nothing is known before (Bar-Shalom, Li and
-Kirubarajan 2001, Estimation with Applications to Tracking and Navigation, section 5.4). The
-source's R is not the noise, and NIS with it is no test.
+If R is the noise, the normalised innovations squared (NIS) follow χ². The degrees of freedom are
+the number of components minus those that only determine initially unknown states (Bar-Shalom, Li
+and Kirubarajan 2001, Estimation with Applications to Tracking and Navigation, section 5.4). The
+source's R is not the noise, so NIS with it is not a test.
 """
 
-# SciPy has no stubs.
+# SciPy has no type stubs.
 # pyright: reportMissingTypeStubs=false
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -41,18 +41,18 @@ from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.recordings import Observations, Track
 
 _CONFIDENCE_LEVEL = 0.95
-# Of the expected NIS: noise is seldom known to 5 %, and a small overstatement is harmless
+# Relative to the expected NIS: noise is seldom known to 5 %, and a small overstatement is harmless
 _MIN_NIS_RATIO = 0.9
 _TIME_PARAMETERS = ("latency", "clock")
-_MAX_LATENCY_DEVIATION = 3.0  # standard deviations of the latency as stated
+_MAX_LATENCY_DEVIATION = 3.0  # stated standard deviations of the latency
 
 
 class InnovationTestData(NamedTuple):
-    """The data for the tests of one filter's innovations."""
+    """The data for testing one filter's innovations."""
 
     name: str
     time: Array  # (e,) s
-    standardised_innovations: Array  # (e, m), over their standard deviations; NaN where none
+    standardised_innovations: Array  # (e, m), divided by their standard deviations; NaN if none
     states: tuple[str, ...]
     columns: tuple[ConstantColumn, ...]
     sums: OmittedSums | None  # of the columns
@@ -63,7 +63,7 @@ def innovation_test_data(
     filtered: FilteredTrack[AttitudeState] | FilteredTrack[VelocityState],
     found: FilterEstimate,
 ) -> InnovationTestData:
-    """Return the data for the tests of a filter; `found` is its estimate at the end of the run."""
+    """Return the data for testing a filter; `found` is its estimate at the end of the run."""
     track, time = filtered.track, filtered.history.time
     theta = found.value[: len(made.initial_values)]
     # Driving constants act on gyros from the start of the run.
@@ -99,7 +99,7 @@ def _pieces_with_columns(
     at: ColumnInputs,
     standard: Array,
 ) -> Iterator[tuple[FilterSteps, Array, Array]]:
-    """Yield steps and columns of each piece, and write the standardised innovations."""
+    """Yield the steps and columns of each piece, and write the standardised innovations."""
     first = 0
     for piece in filtered.pieces():
         stop = first + piece.time.size
@@ -124,7 +124,7 @@ def _columns(
 
 
 def _initial_sensitivity(made: GyroFilter | AccelerometerFilter, some: ConstantColumns) -> Array:
-    """Return U of the columns at the start, (n, c); columns that are states act by the state."""
+    """Return U for the columns at the start, (n, c); columns that are states act as states."""
     known = [one.name for one in made.table]
     start = np.zeros((len(made.states), len(some.columns)))
     for k, one in enumerate(some.columns):
@@ -136,7 +136,7 @@ def _initial_sensitivity(made: GyroFilter | AccelerometerFilter, some: ConstantC
 def _without_effects_of_states(
     made: GyroFilter | AccelerometerFilter, some: ConstantColumns
 ) -> ConstantColumns:
-    """Return the columns with zero effects where a column is a state, which acts by itself."""
+    """Return the columns, with zero effects for columns that already act as a state."""
     known = [one.name for one in made.table]
     driving = np.array([one.name not in known for one in some.driving_columns])
     observed = np.array([one.name not in known for one in some.observed_columns])
@@ -150,10 +150,11 @@ def _without_effects_of_states(
 def _sums_for_time_states(
     made: GyroFilter, found: FilterEstimate, some: tuple[ConstantColumn, ...], sums: OmittedSums
 ) -> OmittedSums:
-    """Return the sums with those of latency and clock, where they are states, from their estimates.
+    """Return the sums with those of latency and clock, if they are states, from their estimates.
 
-    The recursion is of first order, but an uncertain delay is not, until it is estimated. For a
-    constant with the prior N(μ, P₀) and the estimate x̂ of variance P the sums are known::
+    The recursion is of first order, which does not suffice for an uncertain delay until it is
+    estimated. For a constant with the prior N(μ, P₀) and the estimate x̂ with variance P the sums
+    are known::
 
         G = (P₀ − P)/P₀²        b = (x̂ − μ)/P₀        −U = −P e/P₀
 
@@ -177,18 +178,18 @@ def _sums_for_time_states(
     if "latency" in known and "clock" not in known:
         k, late = names.index("clock"), names.index("latency")
         if product[late] ** 2 > _MAX_LATENCY_DEVIATION**2 * gram[late, late]:
-            # After a delay far from its stated value the data do not test the clock.
+            # If the delay is far from its stated value, the data do not test the clock.
             gram[k], gram[:, k], product[k] = 0.0, 0.0, 0.0
     return OmittedSums(gram, product, moved)
 
 
 def _angles(track: Track, time: Array) -> Array:
-    """Return the readback at times of samples, (e, k)."""
+    """Return the readback at the times of samples, (e, k)."""
     return track.angles[np.searchsorted(track.time, time)]
 
 
 def innovation_tests(one: InnovationTestData, observations: Observations) -> tuple[ModelTest, ...]:
-    """Return the tests of one filter's innovations by step of the run."""
+    """Return the tests of one filter's innovations for each step of the run."""
     group = epoch_groups(one.time, observations.time, observations.duration)
     z = group_innovations(one.standardised_innovations[:, :3], group)
     return mean_and_whiteness_tests(
@@ -204,16 +205,16 @@ def score_omissions(
     names: Sequence[str],
     owners: Sequence[Sequence[str]],
 ) -> ScoreTestSet:
-    """Return the scores of constants without a state, by both filters together.
+    """Return score tests of constants without a state, from both filters together.
 
     Parameters
     ----------
     parts : sequence of InnovationTestData
     bench : Turntable
     names : sequence of q str
-        The parameters whose shift is wanted.
+        The parameters whose shift is requested.
     owners : sequence of sequence of str
-        Which of them each filter estimates.
+        Parameters that each filter estimates.
     """
     found: dict[str, ConstantColumn] = {}
     for one in parts:
@@ -246,22 +247,23 @@ def score_omissions(
 def _joint_sums(
     each: Sequence[tuple[Array, Array]], shared: Sequence[int], prior: Array
 ) -> tuple[Array, Array]:
-    """Return CᵀV⁻¹C and CᵀV⁻¹r of the columns C and the innovations r of both filters.
+    """Return CᵀV⁻¹C and CᵀV⁻¹r for the columns C and the innovations r of both filters.
 
-    An error of the table with the prior covariance P₀ that is a state of both is in the innovations
-    of both, whose covariance is V = I + W M Wᵀ, with its columns W = diag(A₁, A₂) in each filter
-    and M = [[0, P₀], [P₀, 0]]. By Woodbury's identity the sums with V⁻¹ follow from those of each::
+    A table error with the prior covariance P₀ that is a state of both filters affects the
+    innovations of both. Their covariance is V = I + W M Wᵀ, where W = diag(A₁, A₂) contains the
+    error's columns in each filter and M = [[0, P₀], [P₀, 0]]. By Woodbury's identity the sums with
+    V⁻¹ follow from those for each filter::
 
         CᵀV⁻¹C = CᵀC − CᵀW (M⁻¹ + WᵀW)⁻¹ WᵀC
 
     Parameters
     ----------
     each : sequence of (gram, product)
-        (c, c) and (c,) of each filter.
+        (c, c) and (c,) for each filter.
     shared : sequence of q int
-        Columns that are states of both.
+        Columns that are states of both filters.
     prior : (q, q) array
-        P₀.
+        Covariance P₀.
     """
     gram, product = (np.sum([one[k] for one in each], axis=0) for k in range(2))
     q = len(shared)
@@ -278,7 +280,7 @@ def _joint_sums(
 
 
 class FilterResult(NamedTuple):
-    """The result of one filter over one track; coefficients come first."""
+    """The result of one filter for one track; coefficients come first."""
 
     triad: TriadModel
     names: tuple[str, ...]
@@ -286,30 +288,30 @@ class FilterResult(NamedTuple):
     covariance: Array
     course: FilterHistory
     nis: float  # sum over its components
-    dof: int  # of its NIS, where noise and table are as stated
+    dof: int  # of its NIS, if noise and table are as stated
     unit: str
-    untested_reason: str  # why NIS is no test of noise and table; empty where it is
-    shared_covariance: Array  # (p, p), the part by gravity, which changes no innovation
-    test_data: InnovationTestData | None = None  # where its steps were kept
-    rejections: int = 0  # readbacks beyond the gate
+    untested_reason: str  # why NIS does not test noise and table; empty if it does
+    shared_covariance: Array  # (p, p), the part due to gravity, which changes no innovation
+    test_data: InnovationTestData | None = None  # if the steps were stored
+    rejections: int = 0  # number of readbacks beyond the gate
 
     @property
     def sd(self) -> float:
-        """Standard deviation of the first three innovations by the filter's model."""
+        """Standard deviation of the first three innovations according to the filter's model."""
         z = self.course.innovation[self.course.nis > 0, :3]
         ratio = self.nis / max(self.dof, 1)
         return float(np.sqrt(np.mean(z**2) / ratio)) if z.size and ratio else 1.0
 
 
 def variance_inflation(one: FilterResult) -> float:
-    """Return the factor by which the innovations enlarge variances."""
+    """Return the factor by which the innovations increase the variances."""
     if one.dof <= 0 or one.nis <= chdtri(one.dof, 1 - _CONFIDENCE_LEVEL):
         return 1.0
     return one.nis / one.dof
 
 
 def residual_group(one: FilterResult, observations: Observations) -> ResidualGroup:
-    """Return the mean innovations of each step of the run."""
+    """Return the mean innovations in each step of the run."""
     kept = one.course.nis > 0
     time, z = one.course.time[kept], one.course.innovation[kept, :3]
     labels: list[str] = []
@@ -339,16 +341,16 @@ def residual_group(one: FilterResult, observations: Observations) -> ResidualGro
 
 
 def describe_innovations(one: FilterResult) -> str:
-    """Return a sentence on the agreement of the innovations with the stated noise and table."""
+    """Describe in a sentence whether the innovations agree with the stated noise and table."""
     mean = one.nis / max(one.dof, 1)
     text = f"{one.course.name}: the innovations' NIS per degree of freedom is {mean:.2f}"
     if variance_inflation(one) > 1:
-        return f"{text}, above its 95 % bound: all variances are multiplied by it"
+        return f"{text}, above its 95 % bound, so all variances are multiplied by it"
     if one.untested_reason:
-        return f"{text}; it is no test of noise and table: {one.untested_reason}"
+        return f"{text}; this does not test noise and table, because {one.untested_reason}"
     if one.nis < _MIN_NIS_RATIO * chdtri(max(one.dof, 1), _CONFIDENCE_LEVEL):
         return (
-            f"{text}, below 1: noise or table are better than stated, and the uncertainties are "
+            f"{text}, below 1: noise or table are better than stated, so the uncertainties are "
             "too large"
         )
-    return f"{text}: consistent with noise and table as stated"
+    return f"{text}: consistent with the stated noise and table"

@@ -1,8 +1,9 @@
-"""A filter over a track in pieces of bounded memory, and the smoother back over them.
+"""A filter for a track processed in pieces of limited memory, and the smoother over them.
 
-The state before each piece is kept. What a filter did in a piece, 5 to 8 kB an epoch, is computed
-again from there where it is wanted: forward for the tests, backward for the smoother. A filter over
-pieces takes the same steps to the last bit. Kernels change the state of a filter in place.
+The state before each piece is stored. The record of a piece, 5 to 8 kB per epoch, is recomputed
+from this state when it is needed: forward for the tests, backward for the smoother. A filter that
+processes pieces takes exactly the same steps, to the last bit. Kernels change the state of a
+filter in place.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,12 +19,12 @@ from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.recordings import Track
 
-_SCALAR_FIELDS = ("nis", "dof")  # of a state; all else is an array
+_SCALAR_FIELDS = ("nis", "dof")  # of a state; all other fields are arrays
 S = TypeVar("S", _accelerometers.VelocityState, _readback.AttitudeState)
 
 
 def copy_state(state: S) -> S:
-    """Return a state of its own, which a kernel may change in place."""
+    """Return a copy of a state, which a kernel may change in place."""
     arrays: dict[str, Array] = {k: v for k, v in state._asdict().items() if k not in _SCALAR_FIELDS}
     return state._replace(**{name: array.copy() for name, array in arrays.items()})
 
@@ -31,17 +32,17 @@ def copy_state(state: S) -> S:
 if TYPE_CHECKING:
     from inercal.methods.turntable_kalman.filter import Filter
 
-# Of a piece, at most. The memory of a piece is that of its epochs, at a high rate of its samples;
-# the states before the pieces take 30 kB each.
+# Limits for a piece. Its memory is that of its epochs, or at a high rate that of its samples. The
+# states before the pieces take 30 kB each.
 PIECE_EPOCHS, PIECE_SAMPLES = 1024, 1 << 16
-MAX_SHOWN_EPOCHS = 20_000  # of estimates over time: many times what a figure can show
+MAX_SHOWN_EPOCHS = 20_000  # number of estimates over time, many times what a figure can show
 
 
 class FilterPiece(NamedTuple):
-    """What a filter did over a piece of a track of e epochs."""
+    """A filter's record for a piece of a track with e epochs."""
 
-    time: Array  # (e,) s, of the epochs
-    steps: FilterSteps  # of each epoch, or of the last one
+    time: Array  # (e,) s, times of the epochs
+    steps: FilterSteps  # for each epoch, or only for the last one
     # (e, m + 1 + 2 n): innovations, NIS, estimates and variances
     history: Array
 
@@ -55,11 +56,11 @@ class FilteredTrack(Generic[S]):
     filter : Filter
     track : Track
     starts : list of int
-        The first sample of each piece.
+        Index of the first sample of each piece.
     before : list of S
         The state before each piece.
     state : S
-        After the last piece.
+        The state after the last piece.
     history : FilterHistory
     """
 
@@ -71,7 +72,7 @@ class FilteredTrack(Generic[S]):
     history: FilterHistory
 
     def pieces(self) -> Iterator[FilterPiece]:
-        """Yield the record of each piece, with the steps of each epoch."""
+        """Yield the record for each piece, with the steps of each epoch."""
         none = np.zeros((0, len(self.filter.states)))
         for k in range(len(self.starts)):
             yield self._repeat(k, none)
@@ -82,15 +83,15 @@ class FilteredTrack(Generic[S]):
         return self.filter.advance(copy_state(self.before[k]), part, wanted)[1]
 
     def smoothed(self, names: Sequence[str]) -> SmoothedStates:
-        """Return the course of states that vary with time, smoothed by all of the track.
+        """Return the time course of varying states, smoothed over the whole track.
 
-        With flicker a bias is the mean so far, as in the result; its smoothed drift is the
+        With flicker a bias is the mean so far, as in the result. Its smoothed drift is the
         departure from the mean over all epochs.
 
         Parameters
         ----------
         names : sequence of str
-            As `Filter.time_varying_states`.
+            Names from `Filter.time_varying_states`.
         """
         course, p = self.history, self.state.p
         wanted = self.filter.state_sums(names)
@@ -116,7 +117,7 @@ class FilteredTrack(Generic[S]):
         return SmoothedStates(tuple(names), value, np.sqrt(np.maximum(spread, 0.0)))
 
     def _weights_at_the_end(self, names: Sequence[str], wanted: Array, elapsed: Array) -> Array:
-        """Return the weights of the states at the end that each sum is a difference from."""
+        """Return the weights of the final states that each sum is a difference from."""
         part, against = self.filter, np.zeros(wanted.shape)
         if part.triad.drift.mean_over_run and elapsed.size:
             at = len(part.leading_states)
@@ -129,7 +130,7 @@ class FilteredTrack(Generic[S]):
         return against
 
     def _without_mean(self, history: Array, elapsed: Array) -> Array:
-        """Return the estimates of k rows of a history, a bias without the mean of its drift."""
+        """Return the estimates in k rows of a history, with biases without their mean drift."""
         part, n, m = self.filter, len(self.filter.states), self.filter.rows
         value, drift = history[:, m + 1 : m + 1 + n].copy(), part.triad.drift
         if drift.mean_over_run and elapsed.size:
@@ -145,21 +146,21 @@ class FilteredTrack(Generic[S]):
 def filter_track(
     filter_: "Filter[S]", state: S, track: Track, piece: int | None = None
 ) -> FilteredTrack[S]:
-    """Return a filter after the samples of a track, with a record of its steps.
+    """Process the samples of a track, and return the filter with a record of its steps.
 
     Parameters
     ----------
     filter_ : Filter
     state : S
-        Before them; it stays.
+        State before the samples, which is not changed.
     track : Track
     piece : int, optional
-        Samples of each piece.
+        Number of samples per piece.
     """
     n, epoch = track.time.size, filter_.epoch
     seconds = float(track.time[-1] - track.time[0]) if n else 0.0
     if piece is None:
-        samples = max(round(epoch * n / seconds), 1) if seconds else 1  # of an epoch
+        samples = max(round(epoch * n / seconds), 1) if seconds else 1  # per epoch
         piece = min(PIECE_EPOCHS * samples, PIECE_SAMPLES)
     starts = list(range(0, n, max(piece, 1))) or [0]
     stride = max(-int(-seconds // (epoch * MAX_SHOWN_EPOCHS)), 1)
@@ -168,7 +169,7 @@ def filter_track(
     times: list[Array] = []
     tested: list[Array] = []  # (e, m + 1), innovations and NIS
     kept: list[Array] = []  # estimates and variances
-    shown: list[int] = []  # of every so many epochs, and of the last
+    shown: list[int] = []  # indices of regularly spaced epochs, and of the last
     last, count = np.zeros((0, 0)), 0
     for start, stop in zip(starts, [*starts[1:], n], strict=True):
         before.append(state)
@@ -185,7 +186,7 @@ def filter_track(
         shown.append(count - 1)
         kept.append(last)
     found, seen = np.concatenate(kept), np.concatenate(tested)
-    # Only the smoothed course has the states before the coefficients.
+    # Only the smoothed time course contains the states before the coefficients.
     history = FilterHistory(
         filter_.name, tuple(names[k:]), np.concatenate(times),
         found[:, k : len(names)].copy(), np.sqrt(found[:, len(names) + k :]),

@@ -1,12 +1,12 @@
-"""The gyros' filter: the attitude by the gyros against the attitude by the table's readback.
+"""The gyro filter: the attitude from the gyros against the attitude from the table's readback.
 
 States: φ (3), coefficients, drift of the biases (`turntable.drift`), and errors of the table's
 attitude (latency, clock, right angles, harmonics of the readback). The attitude is integrated from
-the corrected rates and compared with the readback at every epoch; estimates are fed back.
+the corrected rates and compared with the readback at every epoch. Estimates are fed back.
 
-A readback may be ahead of the IMU or behind it: the earlier one waits for the other, so that each
-readback is compared with an attitude between samples, at most 8 standard deviations of the latency
-old.
+A readback may be earlier or later than the IMU sample. The earlier of the two waits for the other,
+so each readback is compared with an attitude between samples. The age of that attitude is at most 8
+standard deviations of the latency.
 """
 
 from collections.abc import Mapping
@@ -38,35 +38,35 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import STAMP_ROUNDING, Track
 
 _LATENCY_COVERAGE = 4.0  # standard deviations
-# s; a more uncertain delay is not of first order while the table accelerates.
+# s; the effect of a more uncertain delay is not of first order while the table accelerates.
 _MAX_LATENCY_SPAN = 0.1
-# Samples of the ring beyond those: two at either end for a cubic, and uneven steps
+# Additional samples in the ring buffer: two at either end for a cubic, and uneven steps
 _SPARE_SAMPLES = 8
-_DURATION_FACTOR, _PAUSE_ALLOWANCE = 2.0, 600.0  # of the planned duration, and s, for pauses
+_DURATION_FACTOR, _PAUSE_ALLOWANCE = 2.0, 600.0  # factor on the planned duration, and s, for pauses
 _TIMING_PARAMETERS = ("latency", "clock", "azimuth")
-ALIGNMENT_SD = 60 * ARCSEC  # sd of φ where the attitude is taken from the table
+ALIGNMENT_SD = 60 * ARCSEC  # sd of φ when the attitude is taken from the table
 
 
 @dataclass(frozen=True, eq=False)
 class GyroFilter(Filter[AttitudeState]):
-    """The filter of one sensor on one table.
+    """The filter for one sensor on one table.
 
     Parameters
     ----------
     triad, bench, prior, initial_values, table
         As for `Filter`.
     readback_sd : float
-        Standard deviation of the attitude by readback, rad.
+        Standard deviation of the attitude from the readback, rad.
     lag : int
         Number of samples by which the readback waits for the IMU; if negative, the IMU waits.
     buffer_size : int
-        Samples whose attitudes are kept.
+        Number of samples whose attitudes are stored.
     feedback : bool
         Whether estimates are fed back to the integration.
     compare_while_turning : bool
-        Whether attitudes are compared while the table turns too.
+        Whether attitudes are also compared while the table turns.
     alignment_sd : float
-        Standard deviation of φ where the attitude is taken from the table, rad.
+        Standard deviation of φ when the attitude is taken from the table, rad.
     """
 
     readback_sd: float
@@ -97,33 +97,33 @@ class GyroFilter(Filter[AttitudeState]):
         expected_sizes: Mapping[str, float] = model.EXPECTED_SIZES,
         alignment_sd: float = ALIGNMENT_SD,
     ) -> "GyroFilter":
-        """Return the filter, with the biases' first values from the rest that a track begins with.
+        """Return the filter, with initial biases from the rest at the start of a track.
 
         Parameters
         ----------
         sensor : Sensor
         bench : Turntable
         track : Track
-            Of one trial; its first 20 s are enough.
+            Track of one trial; its first 20 s are enough.
         priors : sequence of Gaussian
         bias_drift : bool
             Whether biases drift.
         table : "whole", "lean" or "exact"
-            Which of the table's errors are states: all; latency, clock and azimuth; none.
+            Which errors of the table are states: all; latency, clock and azimuth; none.
         readback_sd : float
-            rad. 4″ cover the readback's noise and the error of rates taken as linear between
-            samples at 100 Hz.
+            Standard deviation, rad. 4″ cover the readback's noise and the error of assuming linear
+            rates between samples at 100 Hz.
         run_duration : float, optional
-            s that the run takes as planned; pauses come on top. None is the track's.
+            Planned duration of the run without pauses, s; None means that of the track.
         epoch, alignment_sd : float
-            s, rad; as of the class.
+            s, rad; as for the class.
         expected_sizes : mapping of str to float
-            Standard deviations of the coefficients before the data, as `model.EXPECTED_SIZES`.
+            Standard deviations of the coefficients before the data, like `model.EXPECTED_SIZES`.
 
         Raises
         ------
         InputError
-            A sensor that the filter does not support, no rest at the start, or a latency that is
+            The filter does not support the sensor, there is no rest at the start, or the latency is
             too uncertain.
         """
         part = model.triad_model(
@@ -139,7 +139,7 @@ class GyroFilter(Filter[AttitudeState]):
         wanted = [q for q in loose if q.name in _TIMING_PARAMETERS and timing]
         if table == "whole":
             seen = linear_misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
-            # A lean turns all attitudes equally: φ at the start includes it.
+            # A lean turns all attitudes equally, so φ at the start includes it.
             known = ("lean_x", "lean_y", *_TIMING_PARAMETERS)
             wanted += [q for q in seen if q.sd > 0 and q.name not in known]
         lag, kept = _buffer_lengths(bench, track, bench.latency.sd if timing else 0.0, run_duration)
@@ -185,13 +185,13 @@ class GyroFilter(Filter[AttitudeState]):
     def advance(
         self, state: AttitudeState, track: Track, wanted: Array | None = None
     ) -> tuple[AttitudeState, FilterPiece]:
-        """Return as `Filter.advance`."""
+        """Process a piece of a track; see `Filter.advance`."""
         samples, (stamps, variance, angles), tail = self._pair_readback(
             state.pending_samples, track
         )
-        # A copy: a view would keep the piece. In one memory layout, for one compiled kernel.
+        # A copy, because a view would keep the piece. One memory layout needs one compiled kernel.
         after = state._replace(pending_samples=tail.copy())
-        # An epoch waits for the first sample with usable angles, so that pieces of any length have
+        # An epoch waits for the first sample with usable angles, so that pieces of any length give
         # the same epochs.
         usable = np.where(np.isfinite(variance), 0, -1)
         epochs = strapdown.epoch_indices_in_holds(
@@ -220,7 +220,7 @@ class GyroFilter(Filter[AttitudeState]):
             history,
         )
         piece = FilterPiece(samples.time[epochs], steps, history)
-        # An epoch without innovations takes the attitude from the readback, unless it rejects it.
+        # An epoch without innovations takes the attitude from the readback, unless rejected.
         anew = int(np.count_nonzero(history[:, self.rows] == 0) - after.rejections[1]) + rejected
         tested = np.full(epochs.size, self.rows)
         return self.count_dof(after, nis, piece, tested, self.rows * anew), piece
@@ -228,9 +228,9 @@ class GyroFilter(Filter[AttitudeState]):
     def _readback(
         self, epochs: Indices, age: Array, angles: Array, variance: Array
     ) -> AttitudeReadback:
-        """Return the readback at epochs (e,) of samples as the kernel takes it."""
+        """Return the readback at epochs (e,) of samples, in the form that the kernel needs."""
         e, q = epochs.size, len(self.table)
-        if not e:  # of most pieces of a live recording
+        if not e:  # for most pieces of a live recording
             shapes = (e, 3, 3), (e, 3, q), (e,)
             return AttitudeReadback(epochs, age, *(np.zeros(shape) for shape in shapes))
         angles = np.ascontiguousarray(angles[epochs])
@@ -243,16 +243,16 @@ class GyroFilter(Filter[AttitudeState]):
         )
 
     def _angle_variance(self, track: Track) -> Array:
-        """Return the variance of the attitude by readback at each sample, (n,) rad²."""
+        """Return the variance of the attitude from the readback at each sample, (n,) rad²."""
         return track.angle_variance(self.readback_sd**2)
 
     def _pair_readback(
         self, tail: Array, track: Track
     ) -> tuple[FilterSamples, tuple[Array, Array, Array], Array]:
-        """Return samples, the readback of each, and those that wait.
+        """Return samples, the readback of each, and those that must wait.
 
-        A readback is a stamp, a variance, and angles: (n,), (n,), (n, k). `tail` are the samples or
-        readbacks that waited before.
+        A readback consists of a timestamp, a variance, and angles: (n,), (n,), (n, k). `tail`
+        contains the samples or readbacks that waited before.
         """
         samples, lag, variance = self.samples(track), self.lag, self._angle_variance(track)
         if not lag:
@@ -291,9 +291,9 @@ def _buffer_lengths(
     bench : Turntable
     track : Track
     sd : float
-        Of the latency, s.
+        Standard deviation of the latency, s.
     run_duration : float or None
-        Of the run as planned, s; None is the track's own.
+        Planned duration of the run, s; None means that of the track.
     """
     late, step = bench.latency.value, float(np.median(np.diff(track.time)))
     most = (

@@ -1,11 +1,11 @@
 """An IMU on a turntable by generalised least squares over a complete recording.
 
-The gyros propagate the attitude from one readback to the next, ten times a second; accelerometers
-read gravity in holds. Coefficients and the table's errors, timing included, are estimated together
-by Gauss–Newton steps on whitened residuals: a Kalman filter with the noise of gyros, accelerometers
-and readback and the drift of biases (`turntable.drift`) whitens the residual and every column of
-the Jacobian exactly. For normal noise no unbiased estimate is better (Cramér–Rao); tests compare
-the filters of `turntable_kalman` with it.
+The gyros propagate the attitude from one readback to the next, ten times a second. The
+accelerometers read gravity in holds. Coefficients and the table's errors, including timing, are
+estimated together by Gauss–Newton steps on whitened residuals. A Kalman filter with the noise of
+gyros, accelerometers and readback and the drift of biases (`turntable.drift`) whitens the residual
+and every column of the Jacobian exactly. For normal noise no unbiased estimate is better
+(Cramér–Rao); tests compare the filters of `turntable_kalman` with it.
 
 Source: Aitken 1935, Proc. R. Soc. Edinburgh 55, 42–48 (generalised least squares); Kailath 1968,
 IEEE TAC 13, 646–655 (innovations).
@@ -38,7 +38,7 @@ from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
-# Whitening depends on the coefficients and sums many increments: a smaller fall of χ² is rounding.
+# Whitening depends on the coefficients and sums many increments; smaller decreases are rounding.
 _ROUNDING = 1e-7
 
 
@@ -54,21 +54,21 @@ def trajectory(
     Parameters
     ----------
     observations : Observations
-        With the track of samples; its rows are not used.
+        Observations with the track of samples; the rows are not used.
     sensor : Sensor
-        Triads of gyros, of accelerometers or of both, with their noise stated.
+        Triads of gyros, of accelerometers or of both, with stated noise.
     bench : Turntable
     steps : sequence of Position or Rotation
-        Unused: the readback gives the motion.
+        Unused, because the motion comes from the readback.
     priors : sequence of Gaussian
-        On coefficients.
+        Priors on coefficients.
 
     Raises
     ------
     InputError
-        No track, no rest for accelerometers, or a sensor that the method does not support.
+        There is no track, no rest for accelerometers, or the method does not support the sensor.
     NotObserved
-        Directions that the run does not determine.
+        The run does not determine some directions.
     """
     if observations.track is None:
         raise InputError(
@@ -81,7 +81,7 @@ def trajectory(
     spans = np.column_stack([observations.time, observations.duration])
     return stack_estimates(
         [
-            # Of several trials only the first is tested.
+            # With several trials only the first is tested.
             solve_trial(sensor, bench, track.trial(*k), priors, steps=None if any(k) else spans)
             for k in np.ndindex(*lead)
         ],
@@ -97,18 +97,18 @@ def solve_trial(
     epochs: Indices | None = None,
     steps: Array | None = None,
 ) -> Estimate:
-    """Return the estimate of one trial.
+    """Return the estimate from one trial.
 
     Parameters
     ----------
     sensor, bench, priors
         As for `trajectory`.
     track : Track
-        Of one trial.
+        Track of one trial.
     epochs : (e,) array of int, optional
-        Samples at which the readback is compared with the gyros; None is ten times a second.
+        Samples at which the readback is compared with the gyros; None means ten times a second.
     steps : (r, 2) array, optional
-        Middle and duration of each step of the run, s, whose mean residuals are tested.
+        Midpoint and duration of each step of the run, s; mean residuals are tested per step.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def solve_trial(
     parts = tuple(_row_sets(sensor, bench, track, epochs))
     requested = trajectory_problem(sensor, bench, parts, priors)
     estimate = solve(requested)
-    # The assumed sizes of coefficients are far above them, and no rows of data; nor are lost ones.
+    # The assumed sizes of coefficients are far above them and are not data; nor are lost rows.
     lost = sum(part.lost_rows for part in parts) + len(sensor.coefficients)
     estimate = replace(estimate, dof=estimate.dof - lost)
     if steps is not None:
@@ -137,7 +137,7 @@ def trajectory_problem(
     parts: Sequence[RotationRows | StaticRows],
     priors: Priors = (),
 ) -> Problem:
-    """Return the problem of whitened residuals of one trial.
+    """Return the problem with the whitened residuals of one trial.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def trajectory_problem(
     parts : sequence of RotationRows or StaticRows
         The residuals of gyros and accelerometers.
     priors : sequence of Gaussian
-        On coefficients, in addition to those of `model.EXPECTED_SIZES`.
+        Priors on coefficients, in addition to those from `model.EXPECTED_SIZES`.
     """
     loose = {one.name: one for one in parameters(bench)}
     p, q = len(sensor.coefficients), len(loose)
@@ -178,7 +178,7 @@ def trajectory_problem(
             whole, drift, _ = part.whiten(x[at], nuisances, beside)
             end = whole.shape[1] - len(columns)
             for k, one in enumerate(columns):
-                if one.name in loose:  # as it was estimated, but for its prior
+                if one.name in loose:  # as estimated, but without its prior
                     same = end - q + list(loose).index(one.name)
                     whole[:, end + k], drift[:, end + k] = whole[:, same], drift[:, same]
             found.append((columns, whole[:, end:]))
@@ -187,7 +187,7 @@ def trajectory_problem(
             by[:, p:] -= mean[:, end - q : end]
             drifts.append((columns, mean[:, end:]))
         columns, rows = score_columns.stack_columns(found)
-        # Stacked rows: each part moves its own coefficients.
+        # Stacked rows: each part affects only its own coefficients.
         moved = score_columns.stack_columns(drifts)[1].reshape(len(parts), p + q, -1).sum(axis=0)
         # `with_mean_biases` adds the mean drift to the estimate and to these shifts afterwards.
         before = np.asarray(np.linalg.solve(by, moved), dtype=float)
@@ -210,14 +210,14 @@ def trajectory_problem(
 def with_mean_biases(
     estimate: Estimate, sensor: Sensor, bench: Turntable, parts: Sequence[RotationRows | StaticRows]
 ) -> Estimate:
-    """Return the estimate of one trial with biases as means over the run (`turntable.drift`).
+    """Return the estimate from one trial with biases as means over the run (`turntable.drift`).
 
-    The drift is estimated from the residuals, and depends on the parameters as they do.
+    The drift is estimated from the residuals, and depends on the parameters in the same way.
 
     Parameters
     ----------
     estimate : Estimate
-        Of `trajectory_problem`.
+        Estimate from `trajectory_problem`.
     sensor, bench, parts
         As for `trajectory_problem`.
     """
@@ -249,7 +249,7 @@ def with_mean_biases(
 def _mean_drift_by_coefficient(
     part: RotationRows | StaticRows, at: Indices, drift: Array, count: int
 ) -> Array:
-    """Return what the mean drift of each bias, (3, m), adds to it, (count, m)."""
+    """Return the effect of each bias's mean drift, (3, m), on that bias, (count, m)."""
     t, result = part.triad.terms, np.zeros((count, drift.shape[1]))
     biases = np.flatnonzero(t.bias)
     axis, weight = t.axis[biases], t.weights[biases, BIAS]
@@ -260,7 +260,7 @@ def _mean_drift_by_coefficient(
 def _tests(
     estimate: Estimate, jacobian: Array, parts: Sequence[RotationRows | StaticRows], steps: Array
 ) -> tuple[ModelTest, ...]:
-    """Return the tests of mean residuals in each step, of gyros and of accelerometers."""
+    """Return the tests of mean residuals per step, for gyros and for accelerometers."""
     result: list[ModelTest] = []
     first = 0
     for part in parts:
@@ -303,7 +303,7 @@ def _coefficient_indices(part: RotationRows | StaticRows, sensor: Sensor) -> Ind
 
 
 def stack_estimates(estimates: Sequence[Estimate], lead: tuple[int, ...]) -> Estimate:
-    """Return the estimates of trials as one, with leading axes of trials."""
+    """Return the estimates from several trials as one, with leading axes for the trials."""
     if not lead:
         return estimates[0]
 

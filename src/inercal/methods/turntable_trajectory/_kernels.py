@@ -1,23 +1,25 @@
-"""Compiled: attitude from one readback to the next, and the whitening of the differences.
+"""Compiled propagation of the attitude between readbacks, and whitening of the differences.
 
-Level frame and signs as in `inercal.methods.turntable.strapdown`.
+The level frame and signs are those of `inercal.methods.turntable.strapdown`.
 
-Between samples a rate bends: the angle of a step is that of a parabola, not of a trapezoid. A
-trapezoid misses −Δt² (α₁ − α₀)/12 of an angle while the acceleration α is not zero: as much at the
-start of a turn as at its end, with the other sign, which is what a scale factor does. With the
-second derivative ω″ in the middle of a step the angle to a share x of it is, but for Δt⁴ ω‴::
+A rate is curved between samples, so the angle of a step is computed from a parabola instead of a
+trapezoid. A trapezoid misses −Δt² (α₁ − α₀)/12 of an angle while the acceleration α is not zero.
+The errors at the start and end of a turn are equal with opposite signs, which acts like a scale
+factor. With the second derivative ω″ at the middle of a step the angle to a fraction x of it is, up
+to terms with Δt⁴ ω‴::
 
     Δt (ω₀ x + (ω₁ − ω₀) x²/2 − ω″ Δt² (x²/4 − x³/6))
 
-ω″ is the mean of those of the parabolas through the step and the sample before, and after.
+ω″ is the mean over two parabolas: through the step and the sample before it, and through the step
+and the sample after it.
 
-A reading counts once in the sum of all steps, but its parts are in two neighbouring
-increments where an epoch ends between them: with u = x (1 − x) their covariance is γ(u) σ²,
-`neighbour_share`, σ² the variance of a sample's angle. So is that of a random walk that is observed
-with noise of the variance −γ σ², which is how filters take account of it.
+A reading counts once in the sum of all steps, but it is divided between two neighbouring increments
+if an epoch ends between them. With u = x (1 − x) their covariance is γ(u) σ² (`neighbour_share`),
+where σ² is the variance of a sample's angle. A random walk that is observed with noise of the
+variance −γ σ² has the same covariance, so filters use such noise to account for it.
 """
 
-# Numba's decorator has no types.
+# Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
 import numpy as np
 
@@ -41,26 +43,26 @@ from inercal.methods.turntable.terms import RATE, SQUARE, TEMPERATURE, Terms
 
 
 def rate_bends(time: Array, rates: Array, white: Array) -> tuple[Array, Array]:
-    """Return ω″ in each step and the variance of its angle by sudden accelerations.
+    """Return ω″ in each step, and the variance of the step's angle due to sudden accelerations.
 
     Parameters
     ----------
     time : (n,) array
-        s.
+        Time of each sample, s.
     rates : (n, 3) array
         Readings, rad/s.
     white : (3,) array
-        Variance of the integral of each gyro's noise, rad²/s.
+        Variance of the integrated noise of each gyro, rad²/s.
 
     Returns
     -------
     bends : (n, 3) array
-        rad/s³, of the step that leads to each sample; zero where steps are too unequal.
+        rad/s³, for the step that ends at each sample; zero if steps are too unequal.
     kinks : (n,) array
-        rad², of each of the three angles.
+        rad², for each of the three angles.
     """
     step = np.diff(time, prepend=time[0])[:, None]
-    # Of the parabola through each sample and the two before it
+    # For the parabola through each sample and the two before it
     own, known = np.zeros_like(rates), np.zeros(step.shape, dtype=bool)
     last, before = step[2:], step[1:-1]
     known[2:] = (before > 0) & (last <= MAX_STEP_RATIO * before) & (before <= MAX_STEP_RATIO * last)
@@ -80,7 +82,7 @@ def rate_bends(time: Array, rates: Array, white: Array) -> tuple[Array, Array]:
 
 @kernel_step
 def neighbour_share(x: float) -> float:
-    """Return γ, by how much of a sample's variance increments correlate that meet at x."""
+    """Return γ, the covariance of increments that meet at x, relative to a sample's variance."""
     u = x * (1 - x)
     return 47 / 288 + u * u * (u / 36 - 5 / 16)
 
@@ -105,7 +107,7 @@ def increments(
     driven: Array,
     shared: Array,
 ) -> None:
-    """Propagate the table's attitude from each readback to the next; write the differences.
+    """Propagate the table's attitude from each readback to the next, and write the differences.
 
     Parameters
     ----------
@@ -113,30 +115,30 @@ def increments(
     rates : (n, 3) array
         Readings, rad/s.
     bends, kinks : (n, 3) and (n,) arrays
-        Of `rate_bends`.
+        As returned by `rate_bends`.
     when : (e + 1,) array
-        Times of the readbacks by the sensor's clock, ascending, not beyond the samples.
+        Times of the readbacks by the sensor's clock, ascending, within the range of the samples.
     reference : (e + 1, 3, 3) array
-        Attitude by readback there.
+        Attitude from the readback at these times.
     terms : Terms
     theta : (p,) array
         Coefficients.
     earth : (3,) array
-        Its rate in the level frame, rad/s.
+        Earth's rate in the level frame, rad/s.
     gravity : float
         m/s².
     noise : (3,) array
         Variance of each gyro's angle, rad²/s.
     warmth : (n,) array
-        ΔT, K; (0,) of a sensor that does not depend on it.
+        ΔT, K; (0,) if the sensor does not depend on it.
     apart_by : (e, 3) array
-        Written: the rotation from the gyros' to the readback's attitude, level frame, rad.
+        Output: the rotation from the gyros' to the readback's attitude, level frame, rad.
     columns, drifting : (e, 3, p) and (e, 3, 3) arrays
-        Written: its derivatives by coefficients and biases.
+        Output: its sensitivity to coefficients and biases.
     driven : (e, 3, 3) array
-        Written: its covariance by the gyros' noise, rad².
+        Output: its covariance due to the gyros' noise, rad².
     shared : (e + 1, 3, 3) array
-        Written: that of the increments that meet at each readback, rad².
+        Output: covariance of the two increments that meet at each readback, rad².
     """
     _, axis, weights, _ = terms
     count, size_of_phi, warmed = axis.size, weights.shape[1], warmth.size > 0
@@ -156,7 +158,7 @@ def increments(
             until = min(time[i], stop)
             dt, first, last = until - now, (now - time[i - 1]) / step, (until - time[i - 1]) / step
             middle, part = 0.5 * (first + last), last - first
-            # The mean of x (1 − x)/2 from the first to the last share x of the step
+            # The mean of x (1 − x)/2 from the first to the last fraction x of the step
             bend = middle * (1 - middle) / 2 * step * step - part * dt * step / 24
             cone = part * dt * dt / 12
             fill_force_terms(phi, (gravity * c[2, 0], gravity * c[2, 1], gravity * c[2, 2]))
@@ -219,7 +221,7 @@ def increments(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _copy_rows(rows: Array, out: Array) -> None:
-    """Write rows to the first of `out`, number by number as `copy_matrix` does."""
+    """Copy rows to the first rows of `out`, number by number as `copy_matrix` does."""
     for k in range(rows.shape[0]):
         for j in range(rows.shape[1]):
             out[k, j] = rows[k, j]
@@ -227,7 +229,7 @@ def _copy_rows(rows: Array, out: Array) -> None:
 
 @kernel_step
 def _scale_rows(x: Array, size: Array) -> None:
-    """Multiply each row of x by its size."""
+    """Multiply each row of x by its own factor."""
     for i in range(x.shape[0]):
         if size[i] != 1.0:
             for m in range(x.shape[1]):
@@ -248,34 +250,34 @@ def whiten(
 ) -> tuple[Array, Array]:
     """Whiten sums of increments with readback noise, a random walk of φ and drift, in place.
 
-    With φ_k+1 = E φ_k + D_k γ + w and z_k = φ_k − v_k, the innovations of a Kalman filter of φ and
-    the drift γ, each divided by the root of its covariance, are independent: so are those of any
-    column of the Jacobian that goes through the same filter (Kailath 1968, IEEE TAC 13, 646–655).
+    With φ_k+1 = E φ_k + D_k γ + w and z_k = φ_k − v_k, a Kalman filter estimates φ and the drift γ.
+    Its innovations, each divided by the square root of its covariance, are independent. The same
+    filter whitens the columns of the Jacobian (Kailath 1968, IEEE TAC 13, 646–655).
 
     Parameters
     ----------
     since : (e,) array
-        Time of each increment, s.
+        Duration of each increment, s.
     rows : (e, 3, m) array
-        Increments of the residual and of columns, rad: replaced.
+        Increments of the residual and of the columns, rad; replaced by whitened ones.
     drifting, driven : (e, 3, 3) arrays
         As for `increments`.
     readback : (e + 1, 3, 3) array
-        Covariance of the attitude by readback, less what neighbouring increments share
-        (`rate_bends`), rad².
+        Covariance of the attitude from the readback, minus the covariance that neighbouring
+        increments share (`rate_bends`), rad².
     drift : Drift
-        Of the biases, of s states.
+        Drift of the biases, with s states.
     start : (s, s) array
-        Their covariance at the start.
+        Covariance of the drift states at the start.
     earth : (3,) array
-        rad/s.
+        Earth's rate, rad/s.
     lost : (e,) array of bool
-        Which increments contain a gap: the attitude starts anew after them.
+        Whether each increment contains a gap, after which the attitude is initialised again.
 
     Returns
     -------
     x : (s, m) array
-        States of the drift at the end, of the residual and of columns.
+        Final states of the drift, for the residual and for the columns.
     p : (s, s) array
         Their covariance.
     """
@@ -295,7 +297,7 @@ def whiten(
             for c in range(components):
                 for j in range(3):
                     a[k, 3 + 3 * c + j] = drifting[e, k, j]
-        # −[ω_ie×] of φ.
+        # −[ω_ie×] for φ.
         a[0, 1], a[0, 2], a[1, 2] = earth[2] * dt, -earth[1] * dt, earth[0] * dt
         a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
         np.dot(a, x, before)
@@ -305,7 +307,7 @@ def whiten(
         predict(p, a, keep, driven[e], drawn, moved)
         add_drift_cross_covariance(drift, 3, joint, p)
         if lost[e]:
-            # φ starts anew; the drift continues.
+            # φ is initialised again; the drift continues.
             total[:], x[:3], rows[e] = 0.0, 0.0, 0.0
             p[:3, :], p[:, :3] = 0.0, 0.0
             copy_matrix(readback[e + 1], p[:3, :3])
@@ -335,20 +337,20 @@ def whiten(
 def whiten_independent_axes(
     time: Array, rows: Array, white: Array, drift: Drift, start: Array, begun: float
 ) -> tuple[Array, Array]:
-    """Whiten means of axes that drift each by itself, in place.
+    """Whiten means from axes that drift independently, in place.
 
     Parameters
     ----------
     time : (e,) array
-        s, of their middles.
+        Midpoint of each mean, s.
     rows : (e, 3, m) array
-        Residual and columns, replaced.
+        Residual and columns; replaced by whitened ones.
     white : (e, 3) array
-        Variance of the noise of each.
+        Variance of the noise in each mean.
     drift, start
         As for `whiten`.
     begun : float
-        When the run began, s.
+        Start of the run, s.
 
     Returns
     -------

@@ -1,16 +1,16 @@
-"""Whitened residuals and Jacobians of a recording: gyros throughout, accelerometers at rest.
+"""Whitened residuals and Jacobians for a recording: gyros throughout, accelerometers at rest.
 
-From one epoch to the next the gyros propagate the readback's attitude C_k. The difference of the
-next readback is, with e_k = B_k β the error of the readback (the true attitude is exp [e_k×] C_k)
-and v_k its noise, in the level frame, E the earth's turn within an epoch::
+From one epoch to the next the gyros propagate the readback's attitude C_k. The error of the
+readback is e_k = B_k β (the true attitude is exp [e_k×] C_k), and its noise is v_k, in the level
+frame. E is the earth's rotation within an epoch. The difference at the next readback is::
 
     d_k+1 = −(e + v)_k+1 + E (e + v)_k − C M (∫ dε + dS ω + drift + noise)
 
-In the sums z_k+1 = E z_k + d_k+1 the noise of the gyros is a random walk of φ and that of the
-readback is white: `_kernels.whiten` decorrelates them. Each epoch starts from the table's attitude,
-so that terms of second order arise only within one epoch. It lasts from when one readback was taken
-to when the next one was, between samples of the gyros (`rate_bends`): interpolated angles would
-have another noise, and would err where the table accelerates.
+In the sums z_k+1 = E z_k + d_k+1 the noise of the gyros is a random walk of φ and the noise of the
+readback is white; `_kernels.whiten` decorrelates them. Each epoch starts from the table's attitude,
+so terms of second order arise only within one epoch. An epoch lasts from the time of one readback
+to the time of the next, between samples of the gyros (`rate_bends`). Interpolated angles would have
+different noise, and would be wrong while the table accelerates.
 """
 
 from collections.abc import Mapping
@@ -36,29 +36,29 @@ from inercal.physics.frames import log_so3, skew
 from inercal.physics.motion import Motion
 from inercal.recordings import STAMP_ROUNDING, Track
 
-_AVERAGING_TIME = 1.0  # s of rest that make one mean
+_AVERAGING_TIME = 1.0  # s of rest per mean
 
 
 def parameters(bench: Turntable) -> tuple[Parameter, ...]:
-    """Return the bench's parameters that are not exact and that affect a recording."""
+    """Return the bench's parameters that are uncertain and affect a recording."""
     return tuple(q for q in bench.parameters if q.sd > 0 and not q.name.startswith("lever_"))
 
 
 @dataclass(frozen=True, eq=False)
 class RotationRows:
-    """The gyros of one trial against the readback.
+    """The gyros in one trial compared with the readback.
 
     Parameters
     ----------
     triad : TriadModel
     bench : Turntable
     table : tuple of q Parameter
-        Nuisances, in the order of columns.
+        Nuisances, in the order of the columns.
     track : Track
     epochs : (e + 1,) array of int
         Samples at which the readback is taken.
     by : (e + 1, 3, q) array
-        How each nuisance turns the attitude there, rad, level frame; those of time are zero.
+        Rotation of the attitude by each nuisance, rad, level frame; zero for timing nuisances.
     """
 
     triad: model.TriadModel
@@ -73,12 +73,12 @@ class RotationRows:
     def from_track(
         cls, part: model.TriadModel, bench: Turntable, track: Track, epochs: Indices | None = None
     ) -> "RotationRows":
-        """Return the rows of one trial; epochs are ten a second unless they are given.
+        """Return the rows for one trial; by default there are ten epochs per second.
 
         Raises
         ------
         InputError
-            A track of less than two epochs.
+            The track is shorter than two epochs.
         """
         if epochs is None:
             usable = np.flatnonzero(np.isfinite(track.angle_variance(1.0)))
@@ -92,14 +92,14 @@ class RotationRows:
                 f"{model.EPOCH_PERIOD:g} s; record longer"
             )
         table = parameters(bench)
-        # φ as it is observed falls as the true attitude gets ahead of the readback.
+        # The observed φ decreases as the true attitude gets ahead of the readback.
         by = -model.table_sensitivity(linear_misalignment(bench, track.angles[epochs]), table)
         return cls(part, bench, table, track, epochs, by)
 
     def whiten(
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array, Array]:
-        """Return whitened residual and Jacobian, (3 e, 1 + p + q + c), and the estimated drift.
+        """Return the whitened residual and Jacobian, (3 e, 1 + p + q + c), and estimated drift.
 
         The drift is the mean of each bias over the run, for the residual and for each column,
         (3, 1 + p + q + c), with its covariance, (3, 3).
@@ -111,13 +111,13 @@ class RotationRows:
         q : mapping of str to float
             The bench's parameters by name, SI.
         beside : (e, 3, c) array, optional
-            Further columns, not whitened; see `omitted_columns`.
+            Additional columns that are not whitened; see `omitted_columns`.
         """
         track, n = self.track, self.epochs.size - 1
         time = track.time[self.epochs]
         known = {one.name: one.value for one in self.bench.parameters} | dict(q)
         when = time - known["latency"] - known["clock"] * (time - track.time[0])
-        # The table rests where a recording begins and ends.
+        # The table is at rest at the start and end of a recording.
         when = np.clip(when, track.time[0], track.time[-1])
         earth, p = earth_rate(self.bench), len(theta)
         end = 1 + p + len(self.table)
@@ -139,11 +139,11 @@ class RotationRows:
             result[:, :, end:] = beside
         result[:, :, 0] = rotation_error
         for k, one in enumerate(self.table):
-            if one.name not in ("latency", "clock"):  # the reference has those in it
+            if one.name not in ("latency", "clock"):  # the reference includes these
                 result[:, :, 0] -= result[:, :, 1 + p + k] * (q[one.name] - one.value)
         drift, variance = self.triad.drift, track.angle_variance(self.bench.white**2)
         lost = self._increments_across_gaps(when)
-        # Beside a gap no sample belongs to two increments that are used.
+        # Next to a gap no sample belongs to two increments that are used.
         shared[:-1][lost] = shared[1:][lost] = 0.0
         readback = variance[self.epochs, None, None] * np.eye(3) - shared
         x, covariance = _kernels.whiten(
@@ -156,7 +156,7 @@ class RotationRows:
 
     @property
     def _elapsed(self) -> tuple[float, float]:
-        """Return how long the track is, and its part after the last epoch, s."""
+        """Return the duration of the track, and of its part after the last epoch, s."""
         end = float(self.track.time[-1])
         return end - float(self.track.time[0]), end - float(self.track.time[self.epochs[-1]])
 
@@ -170,7 +170,7 @@ class RotationRows:
         seen = np.concatenate([first[None], found.observed_effects])
         since = np.diff(time)[:, None, None]
         within = skew(earth_rate(self.bench)) @ seen[:-1] * since
-        # φ is constant but for the earth's turn.
+        # φ is constant except for the earth's rotation.
         result = [found.driving_effects, seen[1:] - seen[:-1] + within]
         return found.columns, np.concatenate(result, axis=-1)
 
@@ -181,7 +181,7 @@ class RotationRows:
 
     @property
     def lost_rows(self) -> int:
-        """How many rows are zero: increments contain a gap."""
+        """Number of rows that are zero because their increments contain a gap."""
         time = self.track.time
         return 3 * int(np.count_nonzero(self._increments_across_gaps(time[self.epochs])))
 
@@ -203,17 +203,17 @@ class RotationRows:
 
     @cached_property
     def _bends(self) -> tuple[Array, Array]:
-        """What the increments take of `rate_bends`."""
+        """The results of `rate_bends` that the increments need."""
         return rate_bends(self.track.time, self._rates, self.triad.white)
 
     @cached_property
     def _attitude(self) -> Array:
-        """The attitude by the readback, (e + 1, 3, 3)."""
+        """The attitude from the readback, (e + 1, 3, 3)."""
         return reference_attitude(self.bench, self.track.angles[self.epochs])
 
     @cached_property
     def _sensitivity_at_readbacks(self) -> Array:
-        """How all nuisances turn the attitude, those of time by the table's rate there."""
+        """Rotation of the attitude by all nuisances, for timing through the table's rate."""
         names = [one.name for one in self.table]
         if not {"latency", "clock"} & set(names):
             return self.by
@@ -232,32 +232,32 @@ class RotationRows:
 
 @dataclass(frozen=True, eq=False)
 class StaticRows:
-    """The accelerometers of one trial in its holds, means of about a second.
+    """The accelerometers in one trial during holds, as means over about a second.
 
     Parameters
     ----------
     triad : TriadModel
     bench : Turntable
     table : tuple of q Parameter
-        Nuisances, in the order of columns.
+        Nuisances, in the order of the columns.
     time_span : (float, float)
-        Begin and end of the track, s.
+        Start and end of the track, s.
     time : (e,) array
-        Of the middle of each mean, s.
+        Midpoint of each mean, s.
     reading : (e, 3) array
-        m/s².
+        Mean readings, m/s².
     white : (e, 3) array
-        Variance of each, (m/s²)².
+        Variance of each mean, (m/s²)².
     sensed_force : (e, 3) array
-        By readback and declared gravity, m/s².
+        Force from readback and declared gravity, m/s².
     by : (e, 3, q) array
-        How it moves with each nuisance.
+        Sensitivity of this force to each nuisance.
     angles : (e, k) array
         Readback, rad.
     temperature_offset : (e,) array or None
-        Temperature minus the sensor's reference temperature, K, where it was recorded.
+        Temperature minus the sensor's reference temperature, K, if it was recorded.
     temperature_varies : bool
-        Whether it varies.
+        Whether the temperature changes.
     """
 
     triad: model.TriadModel
@@ -282,12 +282,12 @@ class StaticRows:
 
     @classmethod
     def from_track(cls, part: model.TriadModel, bench: Turntable, track: Track) -> "StaticRows":
-        """Return the rows of one trial.
+        """Return the rows for one trial.
 
         Raises
         ------
         InputError
-            A track without holds.
+            The track has no holds.
         """
         if not (track.hold >= 0).any():
             raise InputError(
@@ -323,7 +323,7 @@ class StaticRows:
         run = float(track.time[0]), float(track.time[-1])
         warmth = track.temperature_offset(part.sensor.reference_temperature)
         if warmth is None:
-            temperature.sample_offsets(track, part.sensor)  # refuses coefficients that need one
+            temperature.sample_offsets(track, part.sensor)  # rejects coefficients that need one
         else:
             warmth = np.add.reduceat(warmth[at], starts) / count[:, 0]
         return cls(

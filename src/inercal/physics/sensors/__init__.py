@@ -1,4 +1,4 @@
-"""Sensors: coefficient tables, exact forward model, inverse and noise."""
+"""Sensor models: coefficient tables, exact forward model, inverse model and noise."""
 
 from inercal.physics.sensors.axis import Axis, Readout
 from inercal.physics.sensors.axis_model import Form

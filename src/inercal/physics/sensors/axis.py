@@ -1,4 +1,4 @@
-"""A measuring axis: its direction, its readout, and the motion along it."""
+"""A measuring axis: its name, directions, readout and noise."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,18 +13,18 @@ from inercal.physics.sensors.noise import Noise
 
 @dataclass(frozen=True)
 class Readout:
-    """Readout of an axis: output = offset + scale · (reading in SI).
+    """The readout of an axis: output = offset + scale · (reading in SI units).
 
     Parameters
     ----------
     scale : float
         Nominal scale factor, output units per m/s² or per rad/s.
     offset : float
-        Output at zero, output units.
+        Output at zero reading, in output units.
     unit : str
         Name of the output unit.
     full_scale : float or None
-        Largest magnitude of output − offset within the range of the axis, output units.
+        Largest magnitude of output − offset within the measuring range, in output units.
     """
 
     scale: float = 1.0
@@ -54,7 +54,7 @@ class Axis:
     i, p : tuple of 3 floats
         Nominal input and pendulous axes, orthogonal unit vectors in the sensor's frame; O = I × P.
     readout, noise
-        Conversion of its reading to output, and the noise of the reading.
+        Conversion from reading to output, and noise of the reading.
     """
 
     name: str
@@ -75,5 +75,5 @@ class Axis:
 
     @cached_property
     def frame(self) -> Array:
-        """Rows I, P, O in the sensor's frame, (3, 3)."""
+        """The directions I, P and O in the sensor's frame, as rows, (3, 3)."""
         return np.array([self.i, self.p, np.cross(self.i, self.p)])

@@ -25,11 +25,11 @@ from inercal.physics.sensors.coefficient_tables import ErrorTerm
 Form = Literal["reference", "tilted"]
 MOTION_COMPONENTS = ("fi", "fp", "fo", "wi", "wp", "wo")
 ARMS = ("arm_i", "arm_p", "arm_o")
-ALONG = {"f": "fi", "w": "wi"}  # what an axis reads when it has no errors
+ALONG = {"f": "fi", "w": "wi"}  # the reading of an axis without errors
 
 
 class AxisResponse(NamedTuple):
-    """Readings and derivatives of k axes, all (..., n, k); derivatives of zero are absent."""
+    """Readings and derivatives of k axes, all (..., n, k); zero derivatives are omitted."""
 
     reading: Array
     coefficient_derivatives: dict[str, Array]
@@ -46,7 +46,7 @@ def axis_response(
     *,
     design: bool,
 ) -> AxisResponse:
-    """Return the readings of k axes of one kind and, if wanted, their derivatives.
+    """Return the readings of k axes of one kind and, if requested, their derivatives.
 
     Parameters
     ----------
@@ -54,15 +54,15 @@ def axis_response(
     lines : sequence of ErrorTerm
         The terms of the model.
     values : mapping of str to (..., 1, k) array
-        Their coefficients in SI by short name.
+        Coefficients of the terms, SI, by short name.
     seen : mapping of str to (..., n, k) array
-        Components of the motion along each axis's I, P and O, by name; those that do not act may
-        be missing.
+        Components of the motion along I, P and O of each axis, by name; components without effect
+        may be missing.
     form : "reference" or "tilted"
     by : sequence of str
-        Components by which the reading is differentiated.
+        Components with respect to which the reading is differentiated.
     design : bool
-        Whether it is differentiated by the coefficients.
+        Whether derivatives with respect to the coefficients are also computed.
     """
     along = ALONG[measures]
     geometry = _tilted_axis_response(values, seen, along) if form == "tilted" else None
@@ -101,7 +101,7 @@ def axis_response(
             motion_derivatives[name] = total
     if geometry is None or not motion_derivatives:
         return AxisResponse(reading, coefficient_derivatives, motion_derivatives)
-    # Chain rule through the rotated axis: the terms of `along` are functions of a(δ, r, f, ω).
+    # Apply the chain rule to the rotated axis: the terms in `along` depend on a(δ, r, f, ω).
     outer = motion_derivatives.pop(along)
     for name, inner in geometry.motion_derivatives.items():
         if name in by:
@@ -116,7 +116,7 @@ def axis_response(
 def _tilted_axis_response(
     values: Mapping[str, Array], seen: Mapping[str, Array], along: str
 ) -> AxisResponse:
-    """Return the force or rate along the rotated, displaced axis, a, and its derivatives."""
+    """Return the force or rate a along the rotated, displaced axis, with its derivatives."""
     tan_o = np.tan(values.get("delta_o", np.zeros(1)))
     tan_p = np.tan(values.get("delta_p", np.zeros(1)))
     norm = np.sqrt(1 + tan_o**2 + tan_p**2)

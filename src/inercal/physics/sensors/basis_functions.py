@@ -1,8 +1,8 @@
-"""Basis functions as data: sums of products of the components of motion at an axis.
+"""Basis functions as data: sums of products of the motion components at an axis.
 
-The components are those along its input (I), pendulous (P) and output (O) axes. A basis function is
-written as text, `"fi fp"`, `"-wp wp - wo wo"`, `"0.5 si fi"`: this declaration gives its value, its
-exact derivatives and its formula in a report.
+The components are those along the input (I), pendulous (P) and output (O) axes. A basis function is
+written as text, such as `"fi fp"`, `"-wp wp - wo wo"` or `"0.5 si fi"`. Its value, its exact
+derivatives and its formula in a report are all derived from this text.
 """
 
 from collections.abc import Mapping
@@ -11,27 +11,27 @@ from functools import cached_property
 
 from inercal.basics.arrays import Array
 
-# specific force, rate and its derivative along I, P, O; signs of fi and wi; temperature difference
-# and rate of the temperature
+# specific force, angular rate and its derivative along I, P, O; signs of fi and wi; temperature
+# difference and temperature rate
 COMPONENTS = ("fi", "fp", "fo", "wi", "wp", "wo", "ai", "ap", "ao", "si", "swi", "dT", "dTdt")
 
 
 @dataclass(frozen=True)
 class Product:
-    """A number times components of the motion: `Product(-1.0, ("wp", "wp"))` is −ω_P²."""
+    """A number times motion components: `Product(-1.0, ("wp", "wp"))` is −ω_P²."""
 
     factor: float
     components: tuple[str, ...]
 
     def value(self, seen: Mapping[str, Array]) -> Array | float:
-        """Return the product, broadcast over the arrays of `seen`."""
+        """Return the value of the product, broadcast over the arrays in `seen`."""
         result: Array | float = self.factor
         for name in self.components:
             result = result * seen[name]
         return result
 
     def derivative(self, name: str) -> "Product | None":
-        """Return the derivative to component `name`, None where it is zero."""
+        """Return the derivative with respect to component `name`, or None if it is zero."""
         power = self.components.count(name)
         if power == 0:
             return None
@@ -42,12 +42,12 @@ class Product:
 
 @dataclass(frozen=True)
 class Basis:
-    """A sum of products, parsed from text.
+    """A basis function, parsed from text into a sum of products.
 
     Raises
     ------
     ValueError
-        A word of the text is neither a number nor one of `COMPONENTS`.
+        A word in the text is neither a number nor one of `COMPONENTS`.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class Basis:
 
     @cached_property
     def products(self) -> tuple[Product, ...]:
-        """The products of the sum."""
+        """The products that are added."""
         products: list[Product] = []
         for part in self.text.replace("- ", "+ -").split("+ "):
             factor = 1.0
@@ -75,16 +75,16 @@ class Basis:
         return tuple(products)
 
     def value(self, seen: Mapping[str, Array]) -> Array | float:
-        """Return the basis function at the motion `seen`."""
+        """Return the value of the basis function for the motion components `seen`."""
         return sum(product.value(seen) for product in self.products)
 
     def derivative(self, name: str) -> tuple[Product, ...]:
-        """Return the products of the derivative to one component; empty where it is zero."""
+        """Return the products of the derivative with respect to a component; empty if zero."""
         return self._derivatives.get(name, ())
 
     @cached_property
     def _derivatives(self) -> Mapping[str, tuple[Product, ...]]:
-        """Those that are not zero: a fit asks for them at each evaluation."""
+        """The nonzero derivatives, cached because a fit needs them at each evaluation."""
         return {
             name: tuple(d for one in self.products if (d := one.derivative(name)) is not None)
             for name in self._components
@@ -95,9 +95,9 @@ class Basis:
         return frozenset(name for product in self.products for name in product.components)
 
     def uses(self, *names: str) -> bool:
-        """Return whether any of the components appears."""
+        """Return whether any of the given components appears."""
         return not self._components.isdisjoint(names)
 
     def degree(self, *names: str) -> int:
-        """Return the highest number of factors among `names` in one product."""
+        """Return the largest number of factors from `names` in any product."""
         return max(sum(c in names for c in product.components) for product in self.products)

@@ -1,4 +1,4 @@
-"""Common sensors: a single accelerometer, a pair, a triad, an IMU, a redundant cluster."""
+"""Constructors for common sensors: single axis, pair, triad, IMU and redundant cluster."""
 
 from collections.abc import Sequence
 
@@ -25,7 +25,7 @@ def triad(
     readout: Readout = Readout(),
     noise: Noise = Noise(),
 ) -> Sensor:
-    """Return three orthogonal axes named `prefix` + x, y, z, without coefficients.
+    """Return a sensor with three orthogonal axes named `prefix` + x, y, z, without coefficients.
 
     >>> triad().with_coefficients("bias", "z.k2").coefficients
     ('x.k0', 'y.k0', 'z.k0', 'z.k2')
@@ -41,25 +41,25 @@ def imu(
     accelerometer: tuple[Readout, Noise] = (Readout(), Noise()),
     gyro: tuple[Readout, Noise] = (Readout(), Noise()),
 ) -> Sensor:
-    """Return an accelerometer triad ax, ay, az and a gyro triad gx, gy, gz."""
+    """Return an IMU with accelerometers ax, ay, az and gyros gx, gy, gz."""
     accelerometers = triad(name, "f", "a", *accelerometer).axes
     return Sensor(name, accelerometers + triad(name, "w", "g", *gyro).axes)
 
 
 def single(name: str = "accelerometer", measures: Measures = "f") -> Sensor:
-    """Return a single axis "i" with I along x and P along y."""
+    """Return a sensor with a single axis "i", with I along x and P along y."""
     return Sensor(name, (Axis("i", measures, *CYCLIC_AXES["x"]),))
 
 
 def pair(name: str = "pair") -> Sensor:
-    """Return two orthogonal accelerometers, a along x and b along y."""
+    """Return a pair of orthogonal accelerometers, a along x and b along y."""
     return Sensor(name, (Axis("a", "f", *CYCLIC_AXES["x"]), Axis("b", "f", *CYCLIC_AXES["y"])))
 
 
 def cluster(name: str, input_axes: Sequence[Sequence[float]], measures: Measures = "f"):
-    """Return a redundant cluster: an axis s1, s2, … along each row of `input_axes`, (m, 3).
+    """Return a redundant cluster with axes s1, s2, … along the rows of `input_axes`, (m, 3).
 
-    P is the horizontal direction orthogonal to I (y where I is along z).
+    P is the horizontal direction orthogonal to I, or y if I is along z.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Coefficients chosen by full name, short name or group."""
+"""Selection of coefficients by full name, short name or group."""
 
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -12,7 +12,7 @@ from inercal.physics.sensors.coefficient_tables import TABLES
 
 
 def select_coefficients(axes: Sequence[Axis], chosen: Sequence[str]) -> tuple[str, ...]:
-    """Return full coefficient names, axis by axis in the order of the tables.
+    """Return the full names of the selected coefficients, axis by axis in table order.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def select_coefficients(axes: Sequence[Axis], chosen: Sequence[str]) -> tuple[st
     Raises
     ------
     InputError
-        A word names no coefficient of these axes; the message lists the known names.
+        A word matches no coefficient of these axes; the message lists the known names.
     """
     return _select_coefficients(tuple(axes), tuple(chosen))
 
@@ -51,7 +51,7 @@ def _select_coefficients(axes: tuple[Axis, ...], chosen: tuple[str, ...]) -> tup
 
 
 def _expand_word(axes: Sequence[Axis], k: int, word: str) -> list[str]:
-    """Return the short names of axis k that `word` selects."""
+    """Return the short names that `word` selects on axis k."""
     table = TABLES[axes[k].measures]
     if word == "nonorthogonality":
         return _nonorthogonality(axes, k)
@@ -59,9 +59,9 @@ def _expand_word(axes: Sequence[Axis], k: int, word: str) -> list[str]:
 
 
 def _nonorthogonality(axes: Sequence[Axis], k: int) -> list[str]:
-    """Return the misalignments of axis k towards the axes of its kind before it.
+    """Return the misalignments of axis k towards the preceding axes of its kind.
 
-    With these alone the matrix of a triad is lower triangular: the frame is then that of the sensor
+    With only these, the matrix of a triad is lower triangular. The frame is then the sensor's own
     (x along the first input axis, y in the plane of the first two), without mounting angles.
     """
     _, pendulous, output = axes[k].frame

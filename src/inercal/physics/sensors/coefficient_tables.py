@@ -1,4 +1,4 @@
-"""The error models, a coefficient in each line.
+"""The error models as tables with one coefficient per line.
 
 The reading y of an axis, divided by its nominal scale, is the quantity along its input axis I plus
 each coefficient times its basis function::
@@ -6,13 +6,13 @@ each coefficient times its basis function::
     accelerometer   y = f_I + Σ c φ(f, ω, dω/dt, ΔT, dT/dt)  m/s²
     gyro            y = ω_I + Σ c φ(f, ω, ΔT, dT/dt)          rad/s
 
-P is the pendulous axis and O the output axis of an axis, O = I × P. `k1` is the departure of
-the scale factor from nominal (0 is nominal). Signs of the misalignments as in IEEE Std 1293:
-`delta_o` rotates I about O and adds +f_P; `delta_p` rotates I about P and adds −f_O.
+P is the pendulous axis and O the output axis, O = I × P. `k1` is the deviation of the scale factor
+from nominal (0 is nominal). The misalignments have the signs of IEEE Std 1293: `delta_o` rotates I
+about O and adds +f_P; `delta_p` rotates I about P and adds −f_O.
 
 Sources: accelerometer, the model equation of IEEE Std 1293-2018 (clause 8 of its Part I: K0, K0′,
-K1, K1′, Koq, K2, K3, δo, δp, Kip, Kio, Kpo, Kpp, Koo, Kspin, Kang.acc); gyro, IEEE Std 952 and
-1431 for bias, scale factor and sensitivity to acceleration and its square. Arms are the parts of
+K1, K1′, Koq, K2, K3, δo, δp, Kip, Kio, Kpo, Kpp, Koo, Kspin, Kang.acc); gyro, IEEE Std 952 and 1431
+for bias, scale factor and sensitivity to acceleration and its square. Arms are the components of
 the lever r in f + dω/dt × r + ω × (ω × r).
 """
 
@@ -25,11 +25,11 @@ G0 = 9.80665  # m/s², exact (CGPM 1901)
 _UG, _PPM, _ARCSEC, _MM = 1e-6 * G0, 1e-6, pi / 648_000, 1e-3
 _DEG_PER_H = pi / 180 / 3600
 _FORCE = ("fi", "fp", "fo")
-# Groups of the terms that need many soaks, and of those that need a ramp.
+# Groups of terms that need many temperature soaks, and groups that need a temperature ramp.
 _ORDER, _RATE = "temperature_order", "temperature_rate"
-LARGEST_RELATIVE_SIZE = 0.1  # of the natural size: larger coefficients are implausible
-TEMPERATURE_SPAN = 100.0  # K from the reference temperature, at which natural sizes are defined
-TEMPERATURE_RATE = 10 / 60  # K/s, at which natural sizes are defined
+LARGEST_RELATIVE_SIZE = 0.1  # multiple of the natural size: larger coefficients are implausible
+TEMPERATURE_SPAN = 100.0  # difference from the reference temperature for natural sizes, K
+TEMPERATURE_RATE = 10 / 60  # temperature rate for natural sizes, K/s
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class ErrorTerm:
 
     @property
     def largest(self) -> float:
-        """The largest plausible size, SI."""
+        """The largest plausible magnitude, SI."""
         return LARGEST_RELATIVE_SIZE * self.unit_scale
 
     @property
@@ -59,7 +59,7 @@ class ErrorTerm:
 
     @property
     def without_temperature(self) -> tuple[Product, ...]:
-        """The products of the basis function without ΔT; equal for terms of one quantity."""
+        """The basis function's products without ΔT; equal for terms of the same quantity."""
         return tuple(
             Product(one.factor, tuple(c for c in one.components if c != "dT"))
             for one in self.basis.products
@@ -67,7 +67,7 @@ class ErrorTerm:
 
 
 def _table(measures: float, *lines: tuple[str, str, str, float, str, str, str]):
-    """Return the coefficients; `measures` is the SI size of one natural unit of the reading."""
+    """Return the table of terms; `measures` is the SI size of one natural unit of the reading."""
     table: list[ErrorTerm] = []
     for name, symbol, unit, si, text, group, meaning in lines:
         basis = Basis(text)
@@ -169,7 +169,7 @@ GYRO: tuple[ErrorTerm, ...] = _table(
     ),
 )
 
-SI_UNITS = {  # of the units as printed
+SI_UNITS = {  # SI sizes of the printed units
     "µg": "m/s²",
     "ppm": "1",
     "″": "rad",
@@ -197,6 +197,6 @@ SI_UNITS = {  # of the units as printed
     "°/h/(K/min)": "(rad/s)/(K/s)",
 }
 TABLES = {"f": ACCELEROMETER, "w": GYRO}
-# SI size and name of the unit of a bias, by kind of axis.
+# SI size and name of the bias unit, by kind of axis.
 BIAS_UNITS = {kind: (table[0].si, table[0].unit) for kind, table in TABLES.items()}
 GROUPS = tuple(dict.fromkeys(c.group for table in TABLES.values() for c in table))

@@ -1,4 +1,4 @@
-"""Coefficients in words: "g-sensitivity of the x gyro along P (gx.g_p)"."""
+"""Describe coefficients in words: "g-sensitivity of the x gyro along P (gx.g_p)"."""
 
 import re
 from collections.abc import Sequence
@@ -28,23 +28,23 @@ _TRIAD_NAME = re.compile(r"[agw]?([xyz])")
 
 
 def axis_words(sensor: Sensor, name: str) -> str:
-    """Return an axis in words: "the x gyro", "accelerometer b"."""
+    """Describe an axis in words: "the x gyro", "accelerometer b"."""
     kind = next(QUANTITIES[axis.measures].sensor for axis in sensor.axes if axis.name == name)
     letter = _TRIAD_NAME.fullmatch(name)
     return f"the {letter[1]} {kind}" if letter else f"{kind} {name}"
 
 
 def coefficient_words(sensor: Sensor, word: str, components: Sequence[str] = ()) -> str:
-    """Return what a key means, with the key in brackets.
+    """Return the meaning of a coefficient's key in words, followed by the key in brackets.
 
     Parameters
     ----------
     sensor : Sensor
-        Its axes; the coefficients need not be estimated.
+        The sensor that has the axes; the coefficients need not be estimated.
     word : str
-        A full name, or a term or a group of several axes: "gx.g_p", "k2", "g".
+        A full name, a term, or a group for several axes: "gx.g_p", "k2", "g".
     components : sequence of str
-        Full names of the coefficients that it stands for; by default the word itself.
+        Full names of the coefficients that the word stands for; by default the word itself.
     """
     names = [CoefficientName(one) for one in components or (word,)]
     axes = dict.fromkeys(one.axis for one in names)

@@ -1,7 +1,8 @@
-"""From readings back to the sensed motion, by Newton's method on the exact model.
+"""Compute the sensed motion from readings by Newton's method on the exact model.
 
-Accelerometers and gyros are solved together; more than three axes of a kind by least squares. An
-affine model needs a single matrix; other models iterate, in chunks of bounded memory.
+Accelerometers and gyros are solved together; more than three axes of one kind are solved by least
+squares. An affine model needs only one matrix; other models iterate over chunks of samples, so that
+memory stays bounded.
 """
 
 import numpy as np
@@ -13,9 +14,9 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import three_axes
 from inercal.physics.sensors.sensor import Sensor
 
-_CHUNK = 1 << 16  # samples at a time: the slopes of a chunk fit the cache's outer levels
+_CHUNK = 1 << 16  # samples per chunk, so that a chunk's slopes fit in the outer cache levels
 _MAX_STEPS = 40
-_SETTLED = 1e-9  # of a step, relative to the motion: the error left is of the order of its square
+_SETTLED = 1e-9  # step size relative to the motion; the remaining error is about its square
 _SINGULAR_TEXT = (
     "with these coefficients the readings do not depend on the motion in some direction"
 )
@@ -33,35 +34,37 @@ def inverse(
     dTdt: Array | float = 0.0,
     refuse: bool = True,
 ) -> Motion:
-    """Return the motion whose reading is `y`.
+    """Return the motion that produces the readings `y`.
 
     Parameters
     ----------
     sensor : Sensor
     y : (..., n, m) array
-        Readings in SI (after the nominal readout).
+        Readings in SI units (after the nominal readout).
     c : (..., p) array
-        Coefficients in SI, the order of `sensor.coefficients`.
+        Coefficients in SI units, in the order of `sensor.coefficients`.
     f, w : (..., n, 3) arrays, optional
-        Motion that the sensor does not measure. With fewer than three independent input axes of a
-        kind, the components across them are taken from here; those along them are ignored. For a
-        sensor without gyros ω, and without accelerometers f, is zero by default.
+        Motion that the sensor does not measure. If there are fewer than three independent input
+        axes of a kind, the components perpendicular to them are taken from here, and those along
+        them are ignored. By default ω is zero for a sensor without gyros, and f is zero for a
+        sensor without accelerometers.
     dw : (..., n, 3) array, optional
-        Angular acceleration, rad/s², where lever arms are modelled.
+        Angular acceleration, rad/s², needed if lever arms are modelled.
     dT : (..., n) array or float
-        Temperature minus reference, K.
+        Temperature minus the reference temperature, K.
     dTdt : (..., n) array or float
         Its time derivative, K/s.
     refuse : bool
-        Whether to refuse readings beyond the fold of the model; otherwise they give NaN, as an
-        optimiser needs.
+        Whether to raise an error for readings beyond the model's fold; otherwise they give NaN,
+        which an optimiser needs.
 
     Raises
     ------
     InputError
-        One or two input axes of a kind, without the components across them.
+        There are only one or two input axes of a kind, and the components perpendicular to them are
+        missing.
     NotInvertible
-        A reading is beyond the fold of the model.
+        A reading is beyond the model's fold, where no unique motion exists.
     """
     basis = _observed_directions(sensor)
     for measures, given in (("f", f), ("w", w)):
@@ -69,8 +72,8 @@ def inverse(
         if 0 < rank < 3 and given is None:
             raise InputError(
                 f"sensor {sensor.name} has {rank} independent input axis directions for "
-                f"{QUANTITIES[measures].name}: "
-                f"pass the components across them as {measures}, or zeros if there are none",
+                f"{QUANTITIES[measures].name}: pass the components perpendicular to them as "
+                f"{measures}, or zeros if there are none",
                 key=measures,
             )
     shape = (*y.shape[:-1], 3)
@@ -101,7 +104,7 @@ def _rank(sensor: Sensor, measures: str) -> int:
 
 
 def _observed_directions(sensor: Sensor) -> Array:
-    """Return an orthonormal basis, (6, k), of the (f, ω) that the input axes measure."""
+    """Return an orthonormal basis, (6, k), for the part of (f, ω) that the input axes measure."""
     columns: list[Array] = []
     for offset, measures in ((0, "f"), (3, "w")):
         rank = _rank(sensor, measures)
@@ -115,12 +118,12 @@ def _observed_directions(sensor: Sensor) -> Array:
 
 
 def _motion(sensed: Array, rates: Array, thermal: tuple[Array, ...]) -> Motion:
-    """Return the motion with ΔT and dT/dt, `thermal`."""
+    """Return the motion with the temperature difference and rate given in `thermal`."""
     return Motion(sensed[..., :3], sensed[..., 3:], rates, *thermal)
 
 
 def _solve(slope: Array, right: Array) -> Array:
-    """Return the step; least squares where there are more axes than unknowns."""
+    """Return the Newton step, by least squares if there are more axes than unknowns."""
     if slope.shape[-2] > slope.shape[-1]:
         transposed = np.swapaxes(slope, -1, -2)
         slope, right = transposed @ slope, (transposed @ right[..., None])[..., 0]
@@ -155,7 +158,7 @@ def _newton(
     first: int,
     refuse: bool,
 ) -> Array:
-    """Return (f, ω), (..., n, 6), of a chunk that begins at sample `first`."""
+    """Return (f, ω), (..., n, 6), for a chunk that starts at sample `first`."""
     origin = _motion(across, rates, thermal)
     reading, slope = sensor.reading_and_slope(origin, c)
     at_origin = slope @ basis
@@ -171,7 +174,7 @@ def _newton(
         if settled.all():
             break
     # A bias asymmetry leaves a gap at zero: no motion gives a reading inside it, and the steps
-    # alternate between both sides. Zero, between them, is the nearest motion.
+    # alternate between its two sides. Zero motion, which lies between them, is the nearest.
     alternating = (
         (np.abs(step) > _SETTLED * size)
         & (np.abs(step) <= _asymmetry_gap(sensor, c))
@@ -198,7 +201,7 @@ def _newton(
 
 
 def _asymmetry_gap(sensor: Sensor, c: Array) -> Array | float:
-    """Return a bound of the gap that bias asymmetries leave at zero, (..., 1, 1), SI."""
+    """Return an upper bound for the gap that bias asymmetries leave at zero, (..., 1, 1), SI."""
     jumps = [c[..., k] for k, n in enumerate(sensor.coefficients) if n.endswith(".k0_prime")]
     return 2 * np.abs(np.stack(jumps, -1)).max(-1)[..., None, None] if jumps else 0.0
 

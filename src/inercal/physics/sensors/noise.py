@@ -1,14 +1,14 @@
-"""Random errors of an axis, as its Allan deviation shows them.
+"""The random errors of an axis, described by its Allan deviation.
 
-Symbols and the two-sided spectra of IEEE Std 952, annex B::
+Symbols and two-sided spectra follow IEEE Std 952, annex B::
 
     white            N    S(f) = N²             mean over T has sd N/√T
     bias instability B    S(f) = B²/(2π f)      Allan floor √(2 ln2/π) B = 0.664 B
     random walk      K    S(f) = (K/(2π f))²    increments over dt have variance K² dt
     quantisation     step the output is rounded to a multiple of it
 
-With a correlation time τ the bias drift is not flicker but a Gauss–Markov process of sd B, which
-many filters and papers assume: S(f) = 2 B² τ/(1 + (2π f τ)²).
+With a correlation time τ, the bias drift is a Gauss–Markov process with standard deviation B
+instead of flicker noise. Many filters and papers assume this: S(f) = 2 B² τ/(1 + (2π f τ)²).
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -23,7 +23,7 @@ from inercal.basics.errors import InputError
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise coefficients of one axis, in SI.
+    """The noise coefficients of one axis, in SI units.
 
     Parameters
     ----------
@@ -34,14 +34,15 @@ class Noise:
     random_walk : float
         K, m/s²/√s or rad/s/√s.
     quantisation : float
-        Step of the reading, m/s² or rad/s; 0 is none.
+        Quantisation step of the reading, m/s² or rad/s; 0 means none.
     correlation : float
-        τ of a Gauss–Markov drift of sd B, s; 0 is flicker.
+        Correlation time τ of a Gauss–Markov drift with standard deviation B, s; 0 means flicker
+        noise.
 
     Raises
     ------
     InputError
-        A value that is negative or not finite.
+        A value is negative or not finite.
     """
 
     white: float = 0.0
@@ -58,11 +59,11 @@ class Noise:
                 )
 
     def rounded(self, rate_hz: float) -> "Noise":
-        """Return the noise with the rounding of samples to steps as white noise, q²/12 each."""
+        """Return the noise with rounding to steps q added as white noise (q²/12 per sample)."""
         return replace(self, white=np.hypot(self.white, self.quantisation / (12 * rate_hz) ** 0.5))
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], rate_hz: float) -> Array:
-        """Return noise in SI, samples at `rate_hz` along the last axis, without quantisation."""
+        """Return simulated noise in SI, sampled at `rate_hz` along the last axis, not quantised."""
         dt = 1.0 / rate_hz
         noise = np.zeros(shape)
         if self.white:
@@ -74,20 +75,21 @@ class Noise:
                 noise += self.bias_instability * _flicker(rng, shape)
         if self.random_walk:
             steps = rng.standard_normal(shape)
-            steps[..., 0] = 0.0  # the walk starts from the bias to be estimated
+            steps[..., 0] = 0.0  # the walk starts at the bias that is estimated
             noise += self.random_walk * dt**0.5 * np.cumsum(steps, axis=-1)
         return noise
 
     def quantise(self, reading: Array) -> Array:
-        """Return the reading, SI, rounded to the quantisation step."""
+        """Return the readings, SI, rounded to the quantisation step."""
         if not self.quantisation:
             return reading
         return np.round(reading / self.quantisation) * self.quantisation
 
 
 def _markov(rng: np.random.Generator, shape: tuple[int, ...], step: float) -> Array:
-    """Return a unit Gauss–Markov process, stationary from the start; step in correlation times."""
-    # The import takes 1.6 s, with all of SciPy's statistics, and few simulations need it.
+    """Return a unit Gauss–Markov process, stationary from the start; `step` is Δt/τ."""
+    # Imported here because the import takes 1.6 s (it loads scipy.stats) and few simulations need
+    # it.
     from scipy.signal import lfilter
 
     factor = np.exp(-step)
@@ -97,11 +99,11 @@ def _markov(rng: np.random.Generator, shape: tuple[int, ...], step: float) -> Ar
 
 
 def _flicker(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    """Return unit flicker noise, S(f) = 1/(2π f), by shaping white noise in frequency.
+    """Return unit flicker noise, S(f) = 1/(2π f), by filtering white noise in the frequency domain.
 
-    The noise is generated with twice the length, and half of it is returned: the transform is
-    periodic, the noise is not. It has no frequency below the inverse of that length: a constant is
-    the bias, not its instability.
+    The noise is generated with twice the length, and half of it is returned, because the transform
+    is periodic and the noise is not. It contains no frequency below the inverse of that length: a
+    constant offset belongs to the bias, not to its instability.
     """
     n = 2 * shape[-1]
     spectrum = np.fft.rfft(rng.standard_normal((*shape[:-1], n)), axis=-1)

@@ -1,7 +1,8 @@
-"""A sensor: named axes, the coefficients that describe their errors, and the exact forward model.
+"""The sensor: named axes, the coefficients that describe their errors, and the exact model.
 
-`coefficient_tables` has the terms, `axis_model` the response of an axis; a sensor joins its axes.
-All functions broadcast over leading axes of trials: motion `(..., n, 3)`, coefficients `(..., p)`.
+`coefficient_tables` defines the terms and `axis_model` the response of an axis; a sensor combines
+its axes. All functions broadcast over leading dimensions for trials: motion `(..., n, 3)`,
+coefficients `(..., p)`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,28 +34,29 @@ class Linearisation(NamedTuple):
 
 @dataclass(frozen=True)
 class Sensor:
-    """Named axes and the chosen coefficients; `coefficients` fixes the order of every vector.
+    """Named axes and the selected coefficients; `coefficients` defines the order of all vectors.
 
     Parameters
     ----------
     name : str
-        The laboratory's name of the sensor.
+        The laboratory's name for the sensor.
     axes : tuple of Axis
-        Accelerometers and gyros, in the order of the recording's channels.
+        Accelerometers and gyros, in the order of the channels in the recording.
     coefficients : tuple of str
         Full names, "ax.k0"; see `with_coefficients`.
     form : "reference" or "tilted"
-        Axis along which nonlinear terms act (see `inercal.physics.sensors.axis_model`).
+        The form of the model, which decides along which axis nonlinear terms act (see
+        `inercal.physics.sensors.axis_model`).
     reference_temperature : float
-        K; the model's ΔT is counted from it.
+        Temperature at which the model's ΔT is zero, K.
     frame : "mount" or "symmetric"
-        Frame of the misalignments: that of the mounting, or the frame in which their matrix is
+        Frame of the misalignments: the mounting frame, or the frame in which their matrix is
         symmetric, for observations that do not determine a rotation.
 
     Raises
     ------
     InputError
-        Two axes of one name, or an unknown coefficient.
+        Two axes have the same name, or a coefficient is unknown.
     """
 
     name: str
@@ -69,8 +71,8 @@ class Sensor:
         names = [axis.name for axis in self.axes]
         if len(set(names)) != len(names):
             raise InputError(
-                f"sensor {self.name}: two axes of {', '.join(names)} have one name; give each its "
-                "own",
+                f"sensor {self.name}: two of the axes {', '.join(names)} have the same name; give "
+                "each axis its own name",
                 names=tuple(names),
             )
         terms = {
@@ -92,28 +94,29 @@ class Sensor:
         object.__setattr__(self, "_terms", chosen)
 
     def with_coefficients(self, *chosen: str) -> "Sensor":
-        """Return the sensor with coefficients chosen by name, group or axis.
+        """Return a copy of the sensor with coefficients selected by name, group or axis.
 
-        `"bias"`, `"scale"`, `"misalignment"`, `"nonorthogonality"`, … choose for all axes,
-        `"k2"` a coefficient for all axes that have it, `"x.k2"` or `"x.bias"` for a single axis.
+        `"bias"`, `"scale"`, `"misalignment"`, `"nonorthogonality"`, … select a group for all axes.
+        `"k2"` selects a coefficient for all axes that have it, and `"x.k2"` or `"x.bias"` selects
+        for a single axis.
         """
         return replace(self, coefficients=select_coefficients(self.axes, chosen))
 
     def select_axes(self, measures: Measures) -> "Sensor":
-        """Return the sensor's accelerometers or its gyros alone, with their coefficients."""
+        """Return a sensor with only the accelerometers or gyros, and their coefficients."""
         axes = tuple(a for a in self.axes if a.measures == measures)
         kept = {a.name for a in axes}
         names = tuple(c for c in self.coefficients if CoefficientName(c).axis in kept)
         return replace(self, axes=axes, coefficients=names)
 
     def rounded(self, rate_hz: float) -> "Sensor":
-        """Return the sensor with the rounding of its samples in their white noise."""
+        """Return a copy of the sensor whose white noise includes the rounding of the samples."""
         axes = (replace(axis, noise=axis.noise.rounded(rate_hz)) for axis in self.axes)
         return replace(self, axes=tuple(axes))
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the axes."""
+        """Names of the axes, which are the channel names."""
         return tuple(axis.name for axis in self.axes)
 
     def coefficient(self, full: str) -> ErrorTerm:
@@ -122,33 +125,33 @@ class Sensor:
 
     @cached_property
     def unit_scale(self) -> Array:
-        """Natural size of each coefficient, SI, (p,): its effect is 1 g or 1 rad/s at 1 g, 1 rad/s.
+        """Size of each coefficient, SI, (p,), that causes 1 g or 1 rad/s at 1 g and 1 rad/s.
 
-        For coefficients of temperature the effect is that at 100 K from the reference temperature,
+        For temperature coefficients, the effect is the one at 100 K from the reference temperature
         and at 10 K/min.
         """
         return np.array([self.coefficient(name).unit_scale for name in self.coefficients])
 
     @cached_property
     def affine(self) -> bool:
-        """Whether readings are affine in f and ω, and depend on nothing else."""
+        """Whether the readings are affine in f and ω and depend on nothing else."""
         table = [term.basis for term in self._terms.values()]
         linear = all(basis.degree(*MOTION_COMPONENTS) <= 1 for basis in table)
         others = self.uses("si", "swi", "dT", "dTdt", "ai", "ap", "ao")
         return linear and not others and (self.form == "reference" or self.coefficients == ())
 
     def uses(self, *components: str) -> bool:
-        """Return whether any chosen coefficient acts on one of the components of the motion."""
+        """Return whether any of the coefficients depends on one of the given motion components."""
         return any(term.basis.uses(*components) for term in self._terms.values())
 
     def to_si(self, output: Array) -> Array:
-        """Return nominal readings in SI, (..., n, m), from output units."""
+        """Convert output units to nominal readings in SI, (..., n, m)."""
         reading = output - self._readout("offset")
-        reading /= self._readout("scale")  # in place: a recording is long
+        reading /= self._readout("scale")  # in place, because recordings are long
         return reading
 
     def to_output(self, reading: Array) -> Array:
-        """Return output units from readings in SI, (..., n, m)."""
+        """Convert readings in SI, (..., n, m), to output units."""
         return self._readout("offset") + self._readout("scale") * reading
 
     def _readout(self, what: str) -> Array:
@@ -156,7 +159,7 @@ class Sensor:
 
     @cached_property
     def _groups(self) -> tuple[SimilarAxes, ...]:
-        """The axes, those of one kind with the same terms together."""
+        """The axes, grouped by kind and by set of terms."""
         by_axis: dict[str, list[ErrorTerm]] = {axis.name: [] for axis in self.axes}
         for full, term in self._terms.items():
             by_axis[CoefficientName(full).axis].append(term)
@@ -197,9 +200,9 @@ class Sensor:
         return reading
 
     def reading_and_slope(self, motion: Motion, c: Array) -> tuple[Array, Array]:
-        """Return the reading, (..., n, m), and its `slope`, (..., n or 1, m, 6), in one pass.
+        """Return the readings, (..., n, m), and their `slope`, (..., n or 1, m, 6), in one pass.
 
-        Where the design is not wanted, this takes less time than `linearise`.
+        This is faster than `linearise` if the design is not needed.
         """
         if self.affine:
             one = self._linearise_affine(motion, c)
@@ -217,18 +220,18 @@ class Sensor:
         return slope
 
     def design(self, motion: Motion, c: Array) -> Array:
-        """Return d(reading)/d(coefficient) at `c`, (..., n, m, p); exact."""
+        """Return the exact derivatives d(reading)/d(coefficient) at `c`, (..., n, m, p)."""
         return self.linearise(motion, c).design
 
     def slope(self, motion: Motion, c: Array) -> Array:
         """Return d(reading)/d(f, ω) at the motion, (..., n, m, 6), in the sensor's frame.
 
-        The axis of samples has length 1 where the slope is the same for all of them.
+        The sample dimension has length 1 if the slope is the same for all samples.
         """
         return self.reading_and_slope(motion, c)[1]
 
     def linearise(self, motion: Motion, c: Array) -> Linearisation:
-        """Return the reading, (..., n, m), with `design` and `slope`, in one pass."""
+        """Return the readings, (..., n, m), with `design` and `slope`, in one pass."""
         if self.affine:
             return self._linearise_affine(motion, c)
         responses = [
@@ -243,7 +246,7 @@ class Sensor:
         return Linearisation(reading, design, self._slope(responses, reading.shape))
 
     def _linearise_affine(self, motion: Motion, c: Array) -> Linearisation:
-        """Return the same from two products of matrices: y = (A₀ + Σ c B) (f, ω, 1)."""
+        """Linearise an affine sensor with two matrix products: y = (A₀ + Σ c B) (f, ω, 1)."""
         nominal, change = self._affine_maps
         shape = np.broadcast_shapes(motion.f.shape, motion.w.shape)
         sensed = np.ones((*shape[:-1], 7))
@@ -258,7 +261,7 @@ class Sensor:
 
     @cached_property
     def _affine_maps(self) -> tuple[Array, Array]:
-        """A₀, (m, 7), and B, (p, m, 7), of an affine sensor."""
+        """The matrices A₀, (m, 7), and B, (p, m, 7), of an affine sensor."""
         p = len(self.coefficients)
         sensed = np.concatenate([np.eye(6), np.zeros((1, 6))])
         motion = Motion(sensed[:, :3], sensed[:, 3:])

@@ -1,6 +1,6 @@
-"""Axes of one kind with the same terms, whose readings are computed together.
+"""Groups of axes of one kind with the same terms, whose readings are computed together.
 
-The axes stand in the last axis of every array: `(..., n, k)` for k of them.
+The last dimension of every array runs over the sensor axes: `(..., n, k)` for k axes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,18 +20,18 @@ _VECTORS = ("f", "w", "a")
 
 @dataclass(frozen=True, eq=False)
 class SimilarAxes:
-    """k axes of one kind with the same terms.
+    """A group of k axes of one kind with the same terms.
 
     Parameters
     ----------
     measures : "f" or "w"
     members : (k,) array of int
-        Their places among the axes of the sensor.
+        Their indices among the axes of the sensor.
     frames : (k, 3, 3) array
-        Rows I, P, O of each axis in the sensor's frame.
+        Directions I, P and O of each axis, as rows, in the sensor's frame.
     terms : tuple of ErrorTerm
     columns : mapping of str to (k,) array of int
-        Places of each term's coefficients among those of the sensor, by short name.
+        Indices of each term's coefficients among those of the sensor, by short name.
     """
 
     measures: Measures
@@ -43,19 +43,19 @@ class SimilarAxes:
     def response(
         self, motion: Motion, c: Array, form: Form, by: Sequence[str], *, design: bool = False
     ) -> AxisResponse:
-        """Return the readings, (..., n, k), and their derivatives.
+        """Return the readings, (..., n, k), and the requested derivatives.
 
         Parameters
         ----------
         motion : Motion
-            (..., n, 3).
+            Motion with vectors (..., n, 3).
         c : (..., p) array
             Coefficients of the sensor, SI.
         form : "reference" or "tilted"
         by : sequence of str
-            Components of the motion by which the reading is differentiated.
+            Components of the motion with respect to which the reading is differentiated.
         design : bool
-            Whether it is differentiated by the coefficients.
+            Whether derivatives with respect to the coefficients are also computed.
         """
         values = {name: c[..., None, at] for name, at in self.columns.items()}
         seen = self._motion_components(motion, form)
@@ -75,7 +75,7 @@ class SimilarAxes:
                 along = (vectors @ rotated).reshape(*vectors.shape[:-1], -1, 3)
                 seen |= {letter + axis: along[..., k] for k, axis in enumerate("ipo")}
         along = ALONG[self.measures]
-        # The shape of the reading is that of the whole motion, whatever of it acts.
+        # The reading has the shape of the whole motion, even if only part of the motion acts.
         if seen[along].shape[:-1] != lead:
             seen[along] = np.broadcast_to(seen[along], (*lead, len(self.members)))
         for sign, component in (("si", "fi"), ("swi", "wi")):
@@ -92,9 +92,9 @@ class SimilarAxes:
         return arms or any(term.basis.uses(*names) for term in self.terms)
 
     def add_slope(self, response: AxisResponse, slope: Array) -> None:
-        """Write the slope of the readings to f and ω into (..., n, m, 6) of all m axes."""
+        """Write the slopes with respect to f and ω into the array of all m axes, (..., n, m, 6)."""
         for first, letter in ((0, "f"), (3, "w")):
-            # The axes I, P, O of each axis of the sensor, weighted by the derivatives.
+            # The directions I, P and O of each sensor axis, weighted by the derivatives.
             total = None
             for place, axis in enumerate("ipo"):
                 column = response.motion_derivatives.get(letter + axis)

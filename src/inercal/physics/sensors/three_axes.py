@@ -1,13 +1,13 @@
-"""Closed forms for the slopes of three axes, (..., 3, 3), by cofactors.
+"""Closed-form linear algebra for 3 × 3 matrices, (..., 3, 3), with cofactors.
 
-For many small matrices LAPACK costs more in its calls than in the arithmetic.
+For many small matrices, LAPACK spends more time on call overhead than on arithmetic.
 """
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 
-# Row and column of the next index in the cycle 0, 1, 2, and of the one after it.
+# The next index in the cycle 0, 1, 2, and the index after it.
 _ROW, _COLUMN = np.indices((3, 3))
 _ROW_1, _ROW_2 = (_ROW + 1) % 3, (_ROW + 2) % 3
 _COLUMN_1, _COLUMN_2 = (_COLUMN + 1) % 3, (_COLUMN + 2) % 3
@@ -32,7 +32,7 @@ def determinant(matrix: Array) -> Array:
 
 
 def solve(matrix: Array, right: Array) -> Array:
-    """Return x of matrix (..., 3, 3) · x = right (..., 3); not finite where it is singular."""
+    """Solve matrix (..., 3, 3) · x = right (..., 3); x is not finite if the matrix is singular."""
     cofactors, size = _cofactors(matrix)
     b = np.moveaxis(right, -1, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -41,7 +41,7 @@ def solve(matrix: Array, right: Array) -> Array:
 
 
 def invert(matrix: Array) -> Array:
-    """Return the inverse, (..., 3, 3); not finite where the matrix is singular."""
+    """Return the inverse, (..., 3, 3), which is not finite where the matrix is singular."""
     cofactors, size = _cofactors(matrix)
     with np.errstate(divide="ignore", invalid="ignore"):
         cofactors /= size

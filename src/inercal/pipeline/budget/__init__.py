@@ -1,7 +1,7 @@
 """The error budget: the contribution of each imperfection to each coefficient.
 
-A budget is for an estimator as configured, on a bench as stated: an estimator that estimates an
-error with a prior removes a part of it, or spreads it over other coefficients.
+A budget is valid for an estimator as configured and a bench as stated. An estimator that estimates
+an error with a prior removes a part of this error, or spreads it over other coefficients.
 """
 
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ from inercal.pipeline.budget.virtual_experiment import Experiment
 
 @dataclass(frozen=True, eq=False)
 class BudgetDeviations:
-    """Standard deviations of the estimates, (p,) SI each.
+    """Standard deviations of the estimates, each (p,) in SI units.
 
     Parameters
     ----------
     first_order : (p,) array
-        By derivatives; of a total, the root of the sum of squares.
+        Standard deviations from derivatives; a total is the root of the sum of squares.
     monte_carlo : (p,) array
-        By drawing.
+        Standard deviations from random draws.
     error : (p,) array
         Standard error of `monte_carlo`.
     """
@@ -45,23 +45,23 @@ class BudgetDeviations:
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """The contributions of all imperfections to p coefficients.
+    """An error budget: the contributions of all imperfections to p coefficients.
 
     Parameters
     ----------
     experiment : Experiment
     trials, seed : int
-        Of the Monte Carlo.
+        Number of trials and seed of the Monte Carlo simulation.
     contributions : dict of Imperfection to BudgetDeviations
-        Each imperfection alone.
+        Contribution of each imperfection.
     total : BudgetDeviations
-        All together.
+        Contribution of all imperfections together.
     bias : (p,) array
-        Mean of the estimates with all together, minus the truth, SI.
+        Mean of the estimates with all imperfections minus the true values, SI.
     stated : (p,) array
-        Standard uncertainties that the estimator states itself, SI.
+        Standard uncertainties that the estimator itself states, SI.
     shifts : tuple of Shift
-        By known effects that are left uncorrected.
+        Shifts due to known effects that are left uncorrected.
     """
 
     experiment: Experiment
@@ -74,7 +74,7 @@ class Budget:
     shifts: tuple[Shift, ...]
 
     def sorted_contributions(self, coefficient: int) -> list[tuple[Imperfection, BudgetDeviations]]:
-        """Return the imperfections with their contribution to one coefficient, largest first."""
+        """Return the imperfections with their contributions to one coefficient, largest first."""
         return sorted(
             self.contributions.items(), key=lambda line: -float(line[1].monte_carlo[coefficient])
         )
@@ -88,29 +88,32 @@ def budget(
     progress: ProgressCallback | None = None,
     executor: Executor | None = None,
 ) -> Budget:
-    """Compute the budget of an experiment.
+    """Compute the error budget of an experiment.
 
     Parameters
     ----------
     experiment : Experiment
     trials : int
-        Of the Monte Carlo, for each imperfection alone and for all together; the deviations
-        have a relative standard error of 1/√(2 trials).
+        Number of Monte Carlo trials for each imperfection and for all of them together; the
+        deviations have a relative standard error of 1/√(2 trials).
     seed : int
-        Equal seeds give equal budgets.
+        Seed of the random numbers; equal seeds give equal budgets.
     progress : callable, optional
-        Called with the number of trials done, and of all trials.
+        Called with the number of finished trials and the total number of trials.
     executor : Executor, optional
-        Where trials are computed; by default in this process. The budget is the same.
+        Executor for the trials; by default they run in this process. The budget does not depend on
+        it.
 
     Raises
     ------
     InercalError
-        Fewer than two trials, an estimator that refuses the plan or does not converge.
+        If there are fewer than two trials, or if the estimator refuses the plan or does not
+        converge.
     """
     if trials < 2:
         raise InputError(
-            f"{trials} trials have no standard deviation: use 2 trials or more, such as 1000",
+            f"no standard deviation can be computed from {trials} trials: use at least 2, such as "
+            "1000",
             key="trials",
         )
     linear = first_order_contributions(experiment)

@@ -1,15 +1,17 @@
-"""The contribution of each imperfection to each coefficient, and the shifts by known effects.
+"""The contribution of each imperfection to each coefficient, and shifts due to known effects.
 
-First order (GUM, JCGM 100:2008, 5.1): c_k = ∂E/∂z_k by central differences over one standard
-deviation, so that an effect that is lost in rounding there is none; the draws of one imperfection
-are added in squares, and so are the imperfections. Monte Carlo (GUM Supplement 1, JCGM 101:2008,
-clause 7): each imperfection is drawn alone, then all together; the same draws serve both.
+First order (GUM, JCGM 100:2008, 5.1): c_k = ∂E/∂z_k is computed by central differences over one
+standard deviation. An effect that vanishes in rounding over this step counts as zero. The draws of
+one imperfection are combined in quadrature, and so are the imperfections. Monte Carlo (GUM
+Supplement 1, JCGM 101:2008, clause 7): each imperfection is drawn by itself, then all together, and
+both use the same draws.
 
 The two differ where an estimate depends nonlinearly on an error, or where errors interact.
 
-A known effect that is left uncorrected shifts an estimate. Either the bench corrects for it,
-such as earth's rate: the readings contain it, and the estimator is given a bench without it. Or the
-sensor has a coefficient that is not estimated, such as a lever arm: the readings contain it.
+A known effect that is left uncorrected shifts an estimate. There are two kinds. The bench may
+correct for the effect, such as earth's rate: then the readings contain it, and the estimator gets
+a bench without it. Or the sensor may have a coefficient that is not estimated, such as a lever arm:
+then the readings contain it.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,7 +34,7 @@ ALL_IMPERFECTIONS = "together"
 
 
 def first_order_contributions(experiment: Experiment) -> dict[str, Array]:
-    """Return the contribution of each imperfection by name, (p,) SI standard deviations."""
+    """Return the contribution of each imperfection by name, as standard deviations (p,), SI."""
     n, z = experiment.size, experiment.expansion_point
     shifted = np.concatenate([z + np.eye(n), z - np.eye(n)])
     estimates = np.concatenate([experiment(shifted[k : k + BATCH]) for k in range(0, 2 * n, BATCH)])
@@ -50,9 +52,9 @@ def monte_carlo_estimates(
     progress: ProgressCallback | None = None,
     executor: Executor | None = None,
 ) -> dict[str, Array]:
-    """Return the estimates, (trials, p) SI, by the name of the only imperfection that is drawn.
+    """Return the estimates, (trials, p) SI, by the name of the imperfection that was drawn.
 
-    Those with all of them drawn are `ALL_IMPERFECTIONS`.
+    The name `ALL_IMPERFECTIONS` gives the estimates with all imperfections drawn together.
 
     Parameters
     ----------
@@ -60,12 +62,12 @@ def monte_carlo_estimates(
     trials : int
     seed : int
     progress : callable, optional
-        Called with the number of trials done, and of all trials.
+        Called with the number of finished trials and the total number of trials.
     executor : Executor, optional
-        Where trials are computed; by default in this process.
+        Executor for the trials; by default they run in this process.
     """
     names = list(experiment.draw_columns)
-    # Without other imperfections the noise alone is all of them.
+    # If the noise is the only imperfection, it is the same as all of them.
     runs = [ImperfectionTrials(experiment, name) for name in names]
     if names != [NOISE]:
         runs.append(ImperfectionTrials(experiment, ALL_IMPERFECTIONS))
@@ -75,13 +77,13 @@ def monte_carlo_estimates(
 
 @dataclass(frozen=True, eq=False)
 class ImperfectionTrials:
-    """Estimates with one imperfection drawn, or `ALL_IMPERFECTIONS`; of equal draws of all."""
+    """Trials in which one imperfection, or `ALL_IMPERFECTIONS`, is drawn at random."""
 
     experiment: Experiment
     name: str
 
     def __call__(self, rng: np.random.Generator, count: int) -> dict[str, Array]:
-        """Return the estimates of so many trials, (count, p) SI, by the name."""
+        """Return the estimates of `count` trials, (count, p) SI, by the imperfection's name."""
         z = rng.standard_normal((count, self.experiment.size))
         if self.name == ALL_IMPERFECTIONS:
             return {self.name: self.experiment(z)}
@@ -92,10 +94,10 @@ class ImperfectionTrials:
 
 
 def sample_deviation(estimates: Array) -> tuple[Array, Array]:
-    """Return the standard deviation of (trials, p) and its standard error, (p,) each.
+    """Return the standard deviation of estimates (trials, p) and its standard error, (p,) each.
 
-    The error is that of any distribution with a fourth moment, √(m₄ − s⁴ (n−3)/(n−1)) / (2 s √n);
-    of a normal one it is s / √(2n).
+    The standard error is valid for any distribution with a fourth moment,
+    √(m₄ − s⁴ (n−3)/(n−1)) / (2 s √n); for a normal distribution it is s / √(2n).
     """
     n = len(estimates)
     sd = np.std(estimates, axis=0, ddof=1)
@@ -111,7 +113,7 @@ def root_sum_of_squares(parts: Sequence[Array]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Shift:
-    """The shift of the estimates by a known effect that is left uncorrected.
+    """The shift of the estimates due to a known effect that is left uncorrected.
 
     Parameters
     ----------
@@ -119,7 +121,7 @@ class Shift:
     value : str
         Size of the effect as printed.
     shift : (p,) array
-        Of the estimates, SI.
+        Shift of each estimate, SI.
     """
 
     name: str
@@ -128,7 +130,7 @@ class Shift:
 
 
 def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
-    """Return the shifts by each known effect, then by all together where there are several."""
+    """Return the shift due to each known effect and, if there are several, due to all together."""
     bench, own, z = experiment.bench, experiment.sensor.coefficients, experiment.expansion_point
     # The mean over a draw of the noise and its mirror image cancels first-order noise.
     readings, priors = experiment.simulated_readings(np.stack([z, -z]))
@@ -162,13 +164,13 @@ def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
 
 
 def _effect_value(stated: Measured | float | None) -> float:
-    """Return the value of a field; zero for an unknown value, which is no known effect."""
+    """Return the value of a field; zero if it is unknown, because it is not a known effect."""
     if stated is None:
         return 0.0
     return stated.value if isinstance(stated, Measured) else stated
 
 
 def _effect_reaches_sensor(experiment: Experiment, effect: Effect) -> bool:
-    """Return whether the sensor measures the effect: only gyros measure earth rate in a hand."""
+    """Return whether the sensor measures the effect; by hand, only gyros measure earth's rate."""
     gyros = any(axis.measures == "w" for axis in experiment.sensor.axes)
     return gyros or not effect.affects_rates

@@ -1,4 +1,4 @@
-"""From a run file to the virtual experiment of its budget. Its data are not read."""
+"""Build the virtual experiment for a budget from a run file, without reading its data."""
 
 from collections.abc import Mapping
 
@@ -22,26 +22,27 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
     ----------
     run : Run
     free_attitudes : bool
-        Whether the method may estimate the attitudes, from means.
+        Whether the method may estimate the attitudes from means.
 
-    The noise of a mean is its stated deviation ([data.sd]), else the white noise of the axis over
-    the step. A coefficient with a prior and no [sensor.truth] truly has the value of the prior.
+    The noise of a mean is its stated deviation ([data.sd]) or, if none is stated, the white noise
+    of the axis averaged over the step. The true value of a coefficient with a prior but without
+    [sensor.truth] is the value of the prior.
 
     Raises
     ------
     InputError
-        A method without a plan of attitudes, or no noise.
+        If the method has no plan of attitudes, or no noise is stated.
     """
     if run.method.unknown_attitudes and not free_attitudes:
         raise InputError(
-            f"{run.path}: a budget needs a plan with attitudes; method {run.method.name} estimates "
-            "attitudes from the recording; use inercal plan, which simulates a recording",
+            f"{run.path}: a budget needs a plan with attitudes, but method {run.method.name} "
+            "estimates attitudes from the recording; use inercal plan, which simulates a recording",
             file=run.path,
             key="[method] name",
         )
     if run.kind.rows_of_table and run.data.kind == "means" and not run.has_plan_keys:
         raise InputError(
-            f"{run.path}: a budget needs a plan, and the run file names a table: state [method] "
+            f"{run.path}: a budget needs a plan, but the run file names a table: state [method] "
             "attitudes, rates or turns",
             file=run.path,
             key="[method]",
@@ -88,8 +89,8 @@ def _mean_variance(stated: Mapping[str, float], axis: Axis, seconds: float) -> f
         )
     if not seconds:
         raise InputError(
-            "the plan states no duration of its steps, which white noise needs; state [method] "
-            "seconds",
+            "the plan does not state how long its steps take, which is needed for white noise; "
+            "state [method] seconds",
             key="[method] seconds",
         )
     return axis.noise.white**2 / seconds

@@ -1,7 +1,8 @@
 """The imperfections of a calibration: errors of the bench, noise of the readings, and priors.
 
-Each imperfection is a number of independent draws. One that a bench declares for every position,
-turn or dwell, or about every axis, is one line of a budget: its draws are added in squares.
+Each imperfection consists of independent draws. If a bench declares an imperfection for every
+position, turn or dwell, or about every axis, it is one line of the budget, and its draws are
+combined in quadrature.
 """
 
 import re
@@ -18,11 +19,11 @@ from inercal.estimation import Gaussian
 from inercal.physics.sensors import G0, Sensor
 
 NOISE = "noise"
-_COPY_SUFFIX = re.compile(r"(_[abxyz]|_?\d)?(\[.*\])?$")  # of a name: the axis, the step
+_COPY_SUFFIX = re.compile(r"(_[abxyz]|_?\d)?(\[.*\])?$")  # axis and step at the end of a name
 _AXIS_SUFFIX = re.compile(
     r" about [xyz]$|, (toward the centre|along)$"
-)  # of a meaning: which of them
-_PARAMETER_TITLES = {  # names of parameters that are not words already
+)  # the part of a meaning that says which of several parameters it is
+_PARAMETER_TITLES = {  # titles of parameters whose names are not plain words
     "g": "gravity",
     "mount": "mounting",
     "index": "indexing",
@@ -59,14 +60,14 @@ class Imperfection:
     Parameters
     ----------
     name : str
-        One or two words.
+        Name in one or two words.
     meaning : str
-        One line for a report.
+        Description in one line, for a report.
     stated : str
-        Its standard deviation as printed.
+        Standard deviation as printed.
     draws : tuple of str
-        Names of its independent draws: parameters of the bench by full name, readings
-        ("x[p01_r1]"), or coefficients.
+        Names of the independent draws: full names of bench parameters, readings ("x[p01_r1]"), or
+        coefficients.
     """
 
     name: str
@@ -76,12 +77,12 @@ class Imperfection:
 
 
 def bench_imperfections(declared: Mapping[str, Parameter]) -> list[Imperfection]:
-    """Return the imperfections of a bench, without those that are stated as exact.
+    """Return the imperfections of a bench, except those that are stated as exact.
 
     Parameters
     ----------
     declared : mapping of str to Parameter
-        By full name such as "index_x[p07]".
+        Bench parameters by full name, such as "index_x[p07]".
     """
     groups: dict[str, list[str]] = {}
     for name, parameter in declared.items():
@@ -100,13 +101,13 @@ def bench_imperfections(declared: Mapping[str, Parameter]) -> list[Imperfection]
 
 
 def noise_imperfection(sensor: Sensor, labels: Sequence[str], noise: Array) -> Imperfection:
-    """Return the noise of the readings.
+    """Return the noise of the readings as an imperfection.
 
     Parameters
     ----------
     sensor : Sensor
     labels : sequence of r str
-        Of the rows.
+        Labels of the rows.
     noise : (r, m, m) array
         Covariance of the readings of each row, SI.
     """
@@ -121,7 +122,7 @@ def noise_imperfection(sensor: Sensor, labels: Sequence[str], noise: Array) -> I
 
 
 def prior_imperfection(sensor: Sensor, prior: Gaussian) -> Imperfection:
-    """Return the uncertainty of a prior on coefficients."""
+    """Return the uncertainty of a prior on coefficients as an imperfection."""
     names = ", ".join(prior.names)
     sd = np.sqrt(np.diagonal(prior.covariance)).tolist()
     lines = [sensor.coefficient(name) for name in prior.names]
@@ -130,7 +131,7 @@ def prior_imperfection(sensor: Sensor, prior: Gaussian) -> Imperfection:
 
 
 def format_deviations(deviations: Sequence[float], unit: str) -> str:
-    """Return one standard deviation, or the range of several, in a unit of a readable size.
+    """Return a standard deviation, or the range of several, as text in a convenient unit.
 
     Examples
     --------

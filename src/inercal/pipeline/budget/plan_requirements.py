@@ -1,4 +1,4 @@
-"""Requirements of a budget on a plan: each step is one mean reading of known motion."""
+"""Check that a plan suits a budget: each step must be one mean reading at a known motion."""
 
 from collections.abc import Sequence
 
@@ -9,13 +9,13 @@ from inercal.physics.plan import Spin, Step
 
 
 def require_budget_plan(bench: Bench, steps: Sequence[Step]) -> MeanBench:
-    """Return the bench; refuse a plan that does not determine the motion of the sensor.
+    """Return the bench, and refuse a plan that does not determine the motion of the sensor.
 
     Raises
     ------
     InputError
-        No steps, steps of another bench, unknown attitudes on the arm, or a refusal by the kind of
-        bench.
+        If there are no steps, if the steps are for another bench, if attitudes on the arm are
+        unknown, or if the kind of bench refuses the plan.
     """
     kind = kind_for_bench(bench)
     if steps and not all(isinstance(step, kind.steps) for step in steps):
@@ -28,16 +28,16 @@ def require_budget_plan(bench: Bench, steps: Sequence[Step]) -> MeanBench:
         raise InputError(reason)
     if not isinstance(bench, MeanBench):
         raise InputError(
-            f"a bench of kind {kind.name} has no mean readings, which a budget needs; use another "
-            "bench",
+            f"a budget needs mean readings, which a bench of kind {kind.name} does not provide; "
+            "use another bench",
             key="[bench] kind",
         )
     if not steps:
         raise InputError("a budget needs a plan with steps; add steps", key="steps")
     if any(isinstance(step, Spin) and step.attitude is None for step in steps):
         raise InputError(
-            "a budget needs a plan with attitudes, and a table of means states no attitudes; state "
-            "[method] attitudes and rates",
+            "a budget needs a plan with attitudes, but a table of means does not state attitudes; "
+            "state [method] attitudes and rates",
             key="[method] attitudes",
         )
     return bench

@@ -1,14 +1,14 @@
 """A calibration as a function of all imperfections.
 
-The estimator is a black box. All imperfections together are a vector z of independent standard
-normal numbers, and the calibration is one function of it::
+The estimator is treated as a black box. All imperfections together form a vector z of independent
+standard normal numbers, and the calibration is a function of this vector::
 
     z  ->  errors of the bench, noise of the readings, errors of the priors
        ->  readings = forward(motion(bench's errors), truth) + noise
        ->  estimate(readings; the bench as stated, with its priors)  =  E(z)
 
-Its derivative at a point is the budget to first order (GUM 5.1), its spread when z is drawn that
-by Monte Carlo (GUM Supplement 1, JCGM 101:2008).
+Its derivative at a point gives the budget to first order (GUM 5.1). Its spread for random z gives
+the Monte Carlo budget (GUM Supplement 1, JCGM 101:2008).
 """
 
 from collections.abc import Callable, Mapping
@@ -39,30 +39,32 @@ Estimator = Callable[..., Estimate]  # observations, sensor, bench, steps, prior
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """A sensor on a bench, a plan, and an estimator.
+    """A virtual experiment: a sensor on a bench, with a plan and an estimator.
 
     Parameters
     ----------
     sensor : Sensor
-        With the p coefficients that are estimated.
+        Sensor with the p coefficients that are estimated.
     bench : MeanBench
-        As stated to the estimator; its errors are drawn with the deviations it states.
+        Bench as stated to the estimator; its errors are drawn with its stated deviations.
     steps : tuple of r Step
-        The plan.
+        Steps of the plan.
     estimator : callable
-        From observations, sensor, bench, steps and priors to an estimate.
+        Function that returns an estimate from observations, sensor, bench, steps and priors.
     noise : (r, m, m) array
         Covariance of the mean readings of each step, SI, positive definite.
     priors : tuple of Gaussian
-        On coefficients, from elsewhere: their means are drawn about the truth.
+        Independent prior knowledge of coefficients; its means are drawn about the true values.
     truth : mapping of str to float
-        Coefficients by full name, SI; those missing are zero. Those that are not estimated are
-        known effects, and play no part here (see `inercal.pipeline.budget.contributions`).
+        True coefficients by full name, SI; missing ones are zero. Coefficients that are not
+        estimated are known effects and are not used here (see
+        `inercal.pipeline.budget.contributions`).
 
     Raises
     ------
     InputError
-        A plan without attitudes, or of another bench; noise that is not positive definite.
+        If the plan has no attitudes or is for another bench, or if the noise is not positive
+        definite.
     """
 
     sensor: Sensor
@@ -81,12 +83,12 @@ class Experiment:
         variance = np.diagonal(self.noise, axis1=-2, axis2=-1)
         if not (np.isfinite(self.noise).all() and (variance > 0).all()):
             raise InputError(
-                "the noise of the readings must be finite and positive for a budget", key="noise"
+                "the noise of the readings must be finite and positive in a budget", key="noise"
             )
 
     @cached_property
     def true_values(self) -> Array:
-        """True values of the estimated coefficients, (p,) SI."""
+        """True values of the estimated coefficients, (p,), SI."""
         return self._true_coefficients(self.sensor.coefficients)
 
     def _true_coefficients(self, names: tuple[str, ...]) -> Array:
@@ -94,12 +96,12 @@ class Experiment:
 
     @cached_property
     def bench_parameters(self) -> dict[str, Parameter]:
-        """The bench's parameters by full name, those that are exact included."""
+        """The bench parameters by full name, including exact ones."""
         return dict(self.bench.nuisances(self.steps, self.sensor))
 
     @cached_property
     def imperfections(self) -> tuple[Imperfection, ...]:
-        """The lines of the budget; z holds their draws one after the other."""
+        """The lines of the budget, in the order of their draws in z."""
         labels = [step.label for step in self.steps]
         noise = noise_imperfection(self.sensor, labels, self.noise)
         return (*bench_imperfections(self.bench_parameters), *self._prior_imperfections, noise)
@@ -110,32 +112,32 @@ class Experiment:
 
     @cached_property
     def draw_columns(self) -> dict[str, slice]:
-        """Where z holds the draws of each imperfection, by its name."""
+        """The slice of z that contains the draws of each imperfection, by name."""
         ends = np.cumsum([0, *(len(one.draws) for one in self.imperfections)]).tolist()
         names = [one.name for one in self.imperfections]
         return {name: slice(*ends[k : k + 2]) for k, name in enumerate(names)}
 
     @property
     def size(self) -> int:
-        """Length of z."""
+        """Number of elements of z."""
         return sum(len(one.draws) for one in self.imperfections)
 
     def __call__(self, z: Array) -> Array:
-        """Return E(z), the estimates (n, p) of n trials, z (n, size).
+        """Return the estimates E(z), (n, p), of n trials for z, (n, size).
 
         Raises
         ------
         InputError
-            The estimator did not converge, or refused the readings.
+            If the estimator does not converge, or refuses the readings.
         """
         return self.estimates(*self.simulated_readings(z))
 
     @cached_property
     def expansion_point(self) -> Array:
-        """Return the point of expansion, (size,): no errors of the bench, one draw of the noise.
+        """The point of expansion, (size,), without bench errors and with one draw of the noise.
 
-        Without noise an estimator that weighs by residuals, or ends by their size, would see only
-        rounding errors.
+        Without noise, an estimator that uses residuals for its weights or its stopping rule would
+        see only rounding errors.
         """
         z = np.zeros(self.size)
         noise = self.draw_columns[NOISE]
@@ -143,7 +145,7 @@ class Experiment:
         return z
 
     def simulated_readings(self, z: Array) -> tuple[Array, tuple[Gaussian, ...]]:
-        """Return readings, (n, r, m) SI, and the priors with their means as drawn, (n, k)."""
+        """Return simulated readings, (n, r, m) SI, and priors with their drawn means, (n, k)."""
         loose = [name for name, parameter in self.bench_parameters.items() if parameter.sd > 0]
         q = {name: np.array(parameter.value) for name, parameter in self.bench_parameters.items()}
         drawn = {name: one for one in self.imperfections for name in one.draws if name in q}
@@ -168,7 +170,7 @@ class Experiment:
 
     @cached_property
     def _joint_draws(self) -> tuple[list[str], Array]:
-        """The qualified parameters that are drawn, and the root of their covariance."""
+        """The qualified parameters that are drawn, and the Cholesky root of their covariance."""
         known: QualifiedParameters = getattr(self.bench, "qualified", NOT_QUALIFIED)
         declared = self.bench_parameters
         names = [
@@ -180,14 +182,14 @@ class Experiment:
         return names, np.asarray(np.linalg.cholesky(covariance), dtype=float)
 
     def readings(self, q: Mapping[str, Array], coefficients: tuple[str, ...]) -> Array:
-        """Return readings without noise, (..., r, m) SI.
+        """Return the readings without noise, (..., r, m) SI.
 
         Parameters
         ----------
         q : mapping of str to (...) array
-            The bench's parameters by full name.
+            Bench parameters by full name.
         coefficients : tuple of str
-            Those that the sensor truly has, with the values of `truth`.
+            Coefficients of the simulated sensor; their values are those in `truth`.
         """
         sensor = replace(self.sensor, coefficients=coefficients)
         result = self.bench.mean_motion(self.steps, q).motion
@@ -197,15 +199,15 @@ class Experiment:
     def estimates(
         self, readings: Array, priors: tuple[Gaussian, ...], bench: MeanBench | None = None
     ) -> Array:
-        """Return the coefficients estimated from readings (n, r, m), (n, p) SI.
+        """Return the coefficients, (n, p) SI, estimated from readings (n, r, m).
 
         Parameters
         ----------
         readings : (n, r, m) array
         priors : tuple of Gaussian
-            Means (n, k).
+            Priors with means (n, k).
         bench : MeanBench, optional
-            As stated to the estimator, where it is not the one that made the readings.
+            Bench as stated to the estimator, if it differs from the bench of the readings.
         """
         if self._accepts_trials:
             found = self._run_estimator(readings, priors, bench)
@@ -226,7 +228,7 @@ class Experiment:
 
     @cached_property
     def _accepts_trials(self) -> bool:
-        """Whether the estimator takes many tables at once; closed formulas take one."""
+        """Whether the estimator accepts many tables at once; closed formulas accept only one."""
         readings, priors = self.simulated_readings(self.expansion_point[None])
         try:
             self._run_estimator(readings, priors)
@@ -235,7 +237,7 @@ class Experiment:
         return True
 
     def stated(self) -> Array:
-        """Return the standard uncertainties that the estimator states itself, (p,) SI."""
+        """Return the standard uncertainties, (p,) SI, that the estimator itself states."""
         variance = np.diagonal(self.estimate().covariance)
         return np.sqrt(variance[: len(self.sensor.coefficients)])
 
@@ -245,16 +247,16 @@ class Experiment:
         Raises
         ------
         InputError
-            The estimator refused the readings.
+            If the estimator refuses the readings.
         NotObserved
-            Coefficients that the plan leaves open.
+            If the plan does not determine all coefficients.
         """
         readings, priors = self.simulated_readings(self.expansion_point[None])
         single = tuple(replace(g, mean=g.mean[0]) for g in priors)
         return self._run_estimator(readings[0], single)
 
     def observations(self, readings: Array) -> Observations:
-        """Return readings, (..., r, m) SI, as observations for the estimator."""
+        """Return the readings, (..., r, m) SI, as observations for the estimator."""
         r = len(self.steps)
         return Observations(
             labels=tuple(step.label for step in self.steps),

@@ -1,7 +1,8 @@
-"""A calibration with all that it came from, in one file, and computed again from it.
+"""Bundle a calibration with all its input files, and reproduce it from the bundle.
 
-A bundle is a ZIP file: the run file and the files that it names as they lie beside each other, the
-calibration file, and `manifest.json` with versions, machine and the SHA-256 of every file.
+A bundle is a ZIP file. It contains the run file, the files that the run file names with their
+relative paths, the calibration file, and `manifest.json` with versions, machine and the SHA-256 of
+every file.
 """
 
 import json
@@ -28,25 +29,26 @@ from inercal.runfile import read
 SCHEMA = "inercal/bundle/1"
 MANIFEST = "manifest.json"
 TOLERANCE = 1e-3
-"""The largest difference of a value or of u, in u, of a calibration that is reproduced."""
+"""Largest difference of a value or of its u, in u, at which a calibration counts as reproduced."""
 _LARGEST_MANIFEST = 10_000_000  # bytes
-_FIRST_DAY = (1980, 1, 1, 0, 0, 0)  # of ZIP: equal files give equal bundles
+_FIRST_DAY = (1980, 1, 1, 0, 0, 0)  # the earliest ZIP date: equal files give equal bundles
 
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """A calibration of a bundle, and what the same data give here.
+    """The calibration from a bundle, and the result of the same data on this machine.
 
     Parameters
     ----------
     stored : Calibration
-        That of the bundle.
+        Calibration stored in the bundle.
     outcome : Outcome
-        What was computed here.
+        Result computed on this machine.
     made_with, here : mapping of str to str
         Versions and machine of the bundle, and of this computation.
     difference : float
-        Largest difference of a value or its u, in stored u; inf where the coefficients differ.
+        Largest difference of a value or its u, in stored u; inf if the lists of coefficients
+        differ.
     """
 
     stored: Calibration
@@ -57,20 +59,20 @@ class Reproduction:
 
     @property
     def reproduced(self) -> bool:
-        """Whether no coefficient differs by more than `TOLERANCE` u, and the verdict is equal."""
+        """Whether all coefficients agree within `TOLERANCE` u and the verdict is the same."""
         stored = self.stored.verdict
         equal = stored is None or stored.grade == self.outcome.verdict.grade
         return equal and self.difference <= TOLERANCE
 
 
 def write_bundle(run_file: Path, calibration_file: Path, target: Path) -> list[str]:
-    """Write a bundle, completely or not at all; return the names in it.
+    """Write a bundle atomically, and return the names of the files in it.
 
     Raises
     ------
     InputError
-        The calibration is of another run file or another recording, the run file names a file
-        outside its folder, or a file cannot be read.
+        If the calibration is from another run file or recording, if the run file names a file
+        outside its folder, or if a file cannot be read.
     """
     run = read(run_file)
     calibration = load(calibration_file)
@@ -119,17 +121,18 @@ def write_bundle(run_file: Path, calibration_file: Path, target: Path) -> list[s
 
 
 def is_bundle(path: Path) -> bool:
-    """Return whether a path is a ZIP file."""
+    """Return whether a file is a ZIP file."""
     return path.is_file() and is_zipfile(path)
 
 
 def reproduce_bundle(path: Path) -> Reproduction:
-    """Compute the calibration of a bundle again, in a folder that is removed.
+    """Compute the calibration in a bundle again, in a temporary folder.
 
     Raises
     ------
     InputError
-        Not a bundle, damaged or changed, or its run cannot be calibrated here.
+        If the file is not a bundle, is damaged or was changed, or if its run cannot be calibrated
+        on this machine.
     """
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -146,10 +149,10 @@ def reproduce_bundle(path: Path) -> Reproduction:
 
 
 def _extract(path: Path, folder: Path) -> dict[str, Any]:
-    """Write the files of a bundle into a folder; return its manifest.
+    """Extract the files of a bundle into a folder, and return its manifest.
 
-    Only files of the manifest are written, under plain relative names, with the bytes and the
-    SHA-256 that it states.
+    Only files listed in the manifest are written, under plain relative names, and only if their
+    size and SHA-256 match.
     """
     try:
         with refuse_damage(path, "a bundle", "bundle it again"), ZipFile(path) as archive:
@@ -203,7 +206,8 @@ def _manifest(archive: ZipFile, path: Path) -> dict[str, Any]:
         parts = PurePosixPath(name).parts
         if name.startswith("/") or ".." in parts or "\\" in name or ":" in name or not parts:
             raise InputError(
-                f"{path}: the bundle names {name!r}, which is outside it; it is not used",
+                f"{path}: the bundle names {name!r}, which is outside the bundle, so the bundle is "
+                "not used",
                 file=path,
                 names=(name,),
             )

@@ -1,4 +1,4 @@
-"""Worksheets: the uncertainties that a plan will give, and what its operator does."""
+"""Worksheets: the expected uncertainties of a plan, and the steps for its operator."""
 
 from inercal.pipeline.design.plan_rehearsal import RehearsalResult, default_run_file, rehearse_plan
 

@@ -1,7 +1,7 @@
-"""Expected uncertainties: those that the run's estimator states for its own plan.
+"""Expected uncertainties: the uncertainties that a run's estimator states for its plan.
 
-The readings are simulated by the bench as declared, with the noise and the priors as stated
-(`inercal.pipeline.budget.virtual_experiment`); the run's data are not read.
+The readings are simulated for the declared bench, with the stated noise and priors
+(`inercal.pipeline.budget.virtual_experiment`). The data of the run are not read.
 """
 
 from collections.abc import Mapping
@@ -24,9 +24,9 @@ class ExpectedUncertainty:
     ----------
     name, meaning : str
     unit : str
-        As printed.
+        Unit as printed.
     size : float
-        SI size of the unit.
+        Size of the unit in SI units.
     std : float
         Standard uncertainty, SI.
     """
@@ -39,21 +39,21 @@ class ExpectedUncertainty:
 
 
 def estimate_of_plan(run: Run, rows: str) -> Estimate:
-    """Return the estimate of the run's estimator from simulated readings of its plan.
+    """Run the estimator of a run on simulated readings of its plan, and return the estimate.
 
     Parameters
     ----------
     run : Run
-        Of a method with known attitudes, or of means.
+        Run with a method with known attitudes, or with means.
     rows : str
-        Name of the rows of the plan, "positions" or "states".
+        Word for the rows of the plan, "positions" or "states".
 
     Raises
     ------
     InputError
-        No noise, or no result for this plan.
+        If no noise is stated, or the estimator has no result for this plan.
     NotObserved
-        Coefficients that the plan leaves open.
+        If the plan does not determine all coefficients.
     """
     experiment = experiment_from_run(run, free_attitudes=run.data.kind == "means")
     try:
@@ -73,7 +73,7 @@ def estimate_of_plan(run: Run, rows: str) -> Estimate:
 
 
 def estimated_uncertainties(estimate: Estimate, sensor: Sensor) -> tuple[ExpectedUncertainty, ...]:
-    """Return the uncertainty of each coefficient of the sensor."""
+    """Return the expected uncertainty of each coefficient of the sensor."""
     # Not scaled by residuals: the scatter of one draw of the noise does not depend on the plan.
     std = np.sqrt(np.diagonal(estimate.covariance)[: len(sensor.coefficients)])
     return coefficient_uncertainties(
@@ -84,7 +84,7 @@ def estimated_uncertainties(estimate: Estimate, sensor: Sensor) -> tuple[Expecte
 def coefficient_uncertainties(
     sensor: Sensor, std: Mapping[str, float]
 ) -> tuple[ExpectedUncertainty, ...]:
-    """Return each coefficient of the sensor with its standard uncertainty, given by name, SI."""
+    """Combine the coefficients of the sensor with standard uncertainties given by name, SI."""
     lines = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
     return tuple(
         ExpectedUncertainty(name, line.meaning, line.unit, line.si, std[name])

@@ -1,9 +1,10 @@
-"""A better path for a calibration by navigation, within the table's limits and a time.
+"""Search a better turntable path for a calibration by navigation, within a given time.
 
-A path is a chain of quarter turns about level axes of a three-axis table: the middle axis is level,
-and the inner one with the middle axis at 0° or 180°. From the named path, extended or cut to the
-time with rests of several lengths, one turn after the other is exchanged by chance; a change is
-kept where the mean of ln u of the coefficients falls (D-optimality without the correlations).
+A path is a sequence of quarter turns about level axes of a three-axis table, within its limits. The
+middle axis is always level; the inner axis is level when the middle axis is at 0° or 180°. The
+search starts from the named path, which is extended or shortened to the given time, with rests of
+several lengths. It then replaces turns at random, and keeps a change if the mean of ln u of the
+coefficients decreases (D-optimality without the correlations).
 
 Source: Fedorov 1972, Theory of Optimal Experiments (exchange algorithm).
 """
@@ -24,26 +25,26 @@ from inercal.runfile import Run
 
 _REST_SECONDS = (20.0, 30.0, 40.0, 60.0)
 _LEAST_RESTS = 9
-_RATE = 10.0  # Hz, of the samples that plans are judged by
+_RATE = 10.0  # Hz, sampling rate for judging plans
 _QUARTERS = 4
 _MIDDLE, _INNER = 1, 2
 
 Turn = tuple[int, int]
-"""The axis, and +1 or −1 quarter turn."""
+"""The axis, and the direction of the quarter turn: +1 or −1."""
 
 
 @dataclass(frozen=True)
 class FoundPath:
-    """The best path of a search.
+    """The best path that a search found.
 
     Parameters
     ----------
     steps : tuple of Position
     ratio : float
-        Geometric mean over the coefficients of u by this path over u by that of the run file; zero
-        if that one leaves coefficients open.
+        Ratio of u with this path to u with the path of the run file, as the geometric mean over the
+        coefficients; zero if the path of the run file does not determine all coefficients.
     tried : int
-        How many paths were judged.
+        Number of paths that were judged.
     """
 
     steps: tuple[Position, ...]
@@ -54,16 +55,16 @@ class FoundPath:
 def search_path(
     run: Run, seconds: float, trials: int, seed: int, progress: Callable[[int], None]
 ) -> FoundPath:
-    """Return a path of at most that duration.
+    """Search the best path that takes at most the given time.
 
     Parameters
     ----------
     run : Run
-        By a method that uses no angle of the table.
+        Run with a method that does not use the table's angles.
     seconds : float
-        Duration of the path with its turns.
+        Duration of the path including its turns.
     trials : int
-        Paths to judge.
+        Number of paths to judge.
     seed : int
     progress : callable
         Called with the number of judged paths.
@@ -71,15 +72,16 @@ def search_path(
     Raises
     ------
     InputError
-        Another method, a table without three axes, or a time that is too short.
+        If the run has another method, if the table does not have three axes, or if the time is too
+        short.
     NotObserved
-        Coefficients that no path tried determines.
+        If none of the paths determines all coefficients.
     """
     bench = require_turntable(run)
     if not run.method.without_angles or len(bench.names) != len("xyz"):
         raise InputError(
-            f"--optimise: method {run.method.name} on a table of axes {bench.axes}; a path can be "
-            "optimised for systematic on a three-axis table",
+            f"--optimise: method {run.method.name} on a table with axes {bench.axes}: only paths "
+            "for method systematic on a three-axis table can be optimised",
             key="--optimise",
         )
     rng = np.random.default_rng(seed)
@@ -92,7 +94,7 @@ def search_path(
     if not found:
         raise InputError(
             f"--optimise: {seconds:.0f} s is too short for {_LEAST_RESTS} rests of "
-            f"{_REST_SECONDS[0]:g} s with their turns; give more",
+            f"{_REST_SECONDS[0]:g} s with their turns; give more time",
             key="--optimise",
         )
     best, rest, turns = min(found, key=lambda one: one[0])
@@ -114,7 +116,7 @@ def search_path(
 
 
 def _cost(run: Run, steps: Sequence[TableStep]) -> float:
-    """Return the mean of ln u of the coefficients; infinite of a path that leaves some open."""
+    """Return the mean of ln u; infinite if the path does not determine all coefficients."""
     try:
         expected, _ = path_uncertainties(run, steps, _RATE)
     except (InputError, NotObserved):
@@ -123,7 +125,7 @@ def _cost(run: Run, steps: Sequence[TableStep]) -> float:
 
 
 def _longest(bench: Turntable, rest: float, seconds: float) -> list[Turn] | None:
-    """Return the turns of the named path, repeated to the time; None if there are too few."""
+    """Return the turns of the named path, repeated to fill the time; None if there are too few."""
     named = _turns_of(systematic_path(rest))
     turns = list(named)
     while turntable_path_duration(bench, _steps(turns, rest)) <= seconds:
@@ -145,7 +147,7 @@ def _turns_of(steps: Sequence[TableStep]) -> list[Turn]:
 
 
 def _legal(turns: Sequence[Turn]) -> list[Turn]:
-    """Return turns that keep both axes within 0° to 270°, and the axis of each turn level."""
+    """Adjust turns so that both axes stay within 0° to 270° and each turn has a level axis."""
     at, result = {_MIDDLE: 0, _INNER: 0}, list[Turn]()
     for wanted, way in turns:
         axis = _MIDDLE if at[_MIDDLE] % 2 else wanted
@@ -156,7 +158,7 @@ def _legal(turns: Sequence[Turn]) -> list[Turn]:
 
 
 def _exchanged(turns: Sequence[Turn], rng: np.random.Generator) -> list[Turn]:
-    """Return turns of which one or two are drawn anew."""
+    """Return the turns after replacing one or two of them at random."""
     result = list(turns)
     for k in rng.integers(len(result), size=rng.integers(1, 3)).tolist():
         result[k] = (int(rng.choice([_MIDDLE, _INNER])), int(rng.choice([-1, 1])))
@@ -173,7 +175,7 @@ def _steps(turns: Sequence[Turn], rest: float) -> tuple[Position, ...]:
 
 
 def path_table(steps: Sequence[Position], names: Sequence[str]) -> str:
-    """Return a path of positions as the text of a file that [method] `path` takes."""
+    """Return a path of positions as the text of a file for [method] `path`."""
     head = ["label", "kind", *(f"{name} [°]" for name in names), "seconds [s]"]
     rows = [
         [one.label, "position", *(f"{np.degrees(a):.10g}" for a in one.angles), f"{one.seconds:g}"]

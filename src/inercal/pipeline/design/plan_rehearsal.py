@@ -1,4 +1,4 @@
-"""Expected uncertainties of a plan by hand, from simulations of the plan."""
+"""Expected uncertainties of a hand-held plan, from simulations of the plan."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -31,17 +31,17 @@ _SETTLING = 0.25  # s
 
 @dataclass(frozen=True, eq=False)
 class RehearsalResult:
-    """A plan and its expected uncertainties.
+    """A rehearsed plan with its expected uncertainties.
 
     Parameters
     ----------
     steps : tuple of Step
     sensor : Sensor
-        With the coefficients that are estimated.
+        Sensor with the coefficients that are estimated.
     std : (p,) array
-        Expected standard uncertainties, SI: the median over rehearsals.
+        Expected standard uncertainties, SI, as the median over the rehearsals.
     seconds : float
-        Of the complete plan with its moves.
+        Duration of the complete plan including its moves.
     """
 
     steps: tuple[Step, ...]
@@ -51,32 +51,33 @@ class RehearsalResult:
 
 
 def default_run_file() -> Path:
-    """Return the packaged run file of a usual MEMS IMU in the hand."""
+    """Return the packaged run file for a typical MEMS IMU calibrated by hand."""
     return Path(str(files("inercal") / "hand_held.toml"))
 
 
 def rehearse_plan(
     run: Run, sessions: int = SESSIONS, executor: Executor | None = None
 ) -> RehearsalResult:
-    """Simulate the run's plan, and return the uncertainties that its estimator states.
+    """Simulate the plan of a run, and return the uncertainties that its estimator states.
 
     Parameters
     ----------
     run : Run
-        Of a method with free attitudes; only its sensor's noise and its bench matter.
+        Run with a method with unknown attitudes; only the noise of its sensor and its bench matter.
     sessions : int
-        Simulations; their median is robust against one that a χ² enlarges by chance.
+        Number of simulations; their median is robust against a single large χ² by chance.
     executor : Executor, optional
-        Where the simulations run; by default in this process. The result is the same.
+        Executor for the simulations; by default they run in this process. The result does not
+        depend on it.
 
     Raises
     ------
     InputError
-        No noise of the sensor, no rate, or a method with known attitudes.
+        If the sensor's noise or the rate is not stated, or if the method has known attitudes.
     """
     if not run.method.unknown_attitudes:
         raise InputError(
-            f"the plan of method {run.method.name} is fixed; use multi_position",
+            f"the plan of method {run.method.name} is fixed; use method multi_position",
             key="[method] name",
         )
     refuse_temperature_terms_in_plan(run.sensor)
@@ -106,7 +107,7 @@ def rehearse_plan(
 
 
 class _Session(NamedTuple):
-    """Standard uncertainties, (p,) SI, by one simulation, and its duration, s."""
+    """Standard uncertainties, (p,) SI, from one simulation, and its duration, s."""
 
     std: Array
     seconds: float
@@ -114,7 +115,7 @@ class _Session(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Rehearsal:
-    """One simulation of a plan and its calibration; other processes take it without the run."""
+    """One simulation of a plan and its calibration, which can be sent to another process."""
 
     simulate: Simulate[Any]
     bench: Any
@@ -155,7 +156,7 @@ class _Rehearsal:
 
 
 def _trimmed_marks(recording: Recording) -> tuple[Mark, ...]:
-    # The hand is steady some time after it arrives and before it leaves.
+    # The hand is only steady some time after it arrives and until some time before it leaves.
     trim = round(_SETTLING * recording.rate_hz)
     return tuple(
         replace(mark, start=mark.start + trim, stop=mark.stop - trim)

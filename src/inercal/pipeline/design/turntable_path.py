@@ -1,8 +1,8 @@
-"""The path of a turntable before a run: its steps, duration and expected uncertainties.
+"""The planned path of a turntable: its steps, duration and expected uncertainties.
 
-The covariance of an estimate does not depend on the noise that is drawn, and hardly on the sensor:
-the method's own estimator processes the path as an ideal sensor records it on an ideal table, with
-noise and table as stated.
+The covariance of an estimate does not depend on the random noise, and hardly on the sensor.
+Therefore the method's own estimator processes the path as an ideal sensor would record it on an
+ideal table, with the stated noise and the stated uncertainties of the table.
 """
 
 from collections.abc import Sequence
@@ -31,32 +31,32 @@ from inercal.recordings import Observations, Track
 from inercal.runfile import Run
 
 
-# Expected uncertainties of a path for a method that uses no angle of the table.
+# Expected uncertainties of a path for a method that does not use the table's angles.
 #
-# A sensor without errors but for its white noise records the path on an ideal table; the method
-# finds the rests in its gyros.
+# A sensor that has no errors except white noise records the path on an ideal table; the method
+# finds the rests in its gyro readings.
 def still_table_uncertainties(
     run: Run, bench: Turntable, track: Track
 ) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
-    """Return the expected uncertainties, and warnings of turns about the vertical.
+    """Return the expected uncertainties, and warnings about turns about the vertical.
 
     Parameters
     ----------
     run : Run
     bench : Turntable
-        Ideal.
+        Ideal turntable.
     track : Track
-        Of the whole path.
+        Track of the whole path.
 
     Raises
     ------
     InputError
-        A path without rests.
+        If the path has no rests.
     NotObserved
-        Coefficients that the path leaves open.
+        If the path does not determine all coefficients.
     """
     noises = [axis.noise.white for axis in run.sensor.axes]
-    # Readings without noise stay at one value in a rest, as those of coarse steps do.
+    # Without noise the readings would be constant in a rest, like those of a coarse converter.
     drawn = np.random.default_rng(0).standard_normal(track.reading.shape)
     root_rate = (track.time.size / max(float(np.ptp(track.time)), 1e-9)) ** 0.5
     track = replace(track, reading=track.reading + root_rate * np.array(noises) * drawn)
@@ -88,18 +88,18 @@ def still_table_uncertainties(
 
 
 _RATE = 100.0  # Hz
-_OPEN = 0.2  # of the expected size of a coefficient before the run
-_SETTLING = 0.25  # s at the begin of each hold
+_OPEN = 0.2  # fraction of the expected size; above, a coefficient counts as not determined
+_SETTLING = 0.25  # s at the beginning of each hold
 
 
 @dataclass(frozen=True, eq=False)
 class PathStep:
-    """A step of a path.
+    """One step of a turntable path.
 
     Parameters
     ----------
     number : int
-        From 1.
+        Number of the step, starting at 1.
     step : Position or Rotation
     move : float
         Duration of the move to the step, s.
@@ -115,18 +115,19 @@ class PathStep:
 
 @dataclass(frozen=True, eq=False)
 class PathSheet:
-    """Steps of a path and its expected uncertainties.
+    """The steps of a path and its expected uncertainties.
 
     Parameters
     ----------
     run : Run
     rows : tuple of PathStep
     expected : tuple of ExpectedUncertainty
-        Of each coefficient; NaN where the path does not improve the first guess.
+        Expected uncertainty of each coefficient; NaN where the path does not improve the first
+        guess.
     undecided : tuple of str
-        Directions of the coefficients that the path does not determine, in words.
+        Descriptions of the directions of the coefficients that the path does not determine.
     warnings : tuple of str
-        Of turns that the method does not see.
+        Warnings about turns that the method cannot observe.
     """
 
     run: Run
@@ -137,20 +138,21 @@ class PathSheet:
 
     @property
     def seconds(self) -> float:
-        """Duration of the path with its moves."""
+        """Duration of the path including its moves."""
         return sum(row.move + row.seconds for row in self.rows)
 
 
 def turntable_path_sheet(run: Run) -> PathSheet:
-    """Return the steps and expected uncertainties of a run on a turntable. Its data are not read.
+    """Return the steps and expected uncertainties of a turntable run without reading its data.
 
     Raises
     ------
     InputError
-        A run on another bench, no noise, a path that the table cannot follow, or no rest of 20 s
-        at its start.
+        If the run is on another bench, if no noise is stated, if the table cannot follow the path,
+        or if the path does not start with a rest of 20 s.
     NotObserved
-        Directions that the path does not determine; those of filters are in the sheet instead.
+        If the path does not determine all directions; for filters they are listed in the sheet
+        instead.
     """
     bench = require_turntable(run)
     steps = run.table_steps
@@ -175,23 +177,23 @@ def turntable_path_sheet(run: Run) -> PathSheet:
 def path_uncertainties(
     run: Run, steps: Sequence[TableStep], rate_hz: float
 ) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
-    """Return the expected uncertainties of a path whose angles are not used, and its warnings.
+    """Return expected uncertainties and warnings for a method that does not use table angles.
 
     Parameters
     ----------
     run : Run
-        By a method that uses no angle of the table.
+        Run with a method that does not use the table's angles.
     steps : sequence of Position or Rotation
-        In place of the run's own.
+        Steps of the path, which replace those of the run.
     rate_hz : float
-        Of the samples.
+        Sampling rate.
 
     Raises
     ------
     InputError
-        A path that the table cannot follow, or without rests.
+        If the table cannot follow the path, or the path has no rests.
     NotObserved
-        Coefficients that the path leaves open.
+        If the path does not determine all coefficients.
     """
     bench = require_turntable(run)
     track = ideal_track(run, bench, path_profile(bench, steps), steps, rate_hz)
@@ -205,14 +207,14 @@ def ideal_track(
     steps: Sequence[TableStep],
     rate_hz: float | None = None,
 ) -> Track:
-    """Return the track of an ideal sensor on an ideal table, at a rate or at the run's own.
+    """Return the track of an ideal sensor on an ideal table, at the given or the run's rate.
 
     Parameters
     ----------
     run : Run
     bench : Turntable
     way : PathProfile
-        Through the steps.
+        Profile of the path through the steps.
     steps : sequence of Position or Rotation
     rate_hz : float, optional
     """
@@ -231,7 +233,7 @@ def ideal_track(
 
 
 def _section_steps(way: PathProfile, steps: Sequence[TableStep]) -> list[TableStep | None]:
-    """Return the step of each section of the way; None of a move between steps."""
+    """Return the step of each section of the path; None for a move between steps."""
     following = iter(steps)
     return [next(following) if label else None for label in way.labels]
 
@@ -253,7 +255,7 @@ def _path_steps(way: PathProfile, steps: Sequence[TableStep]) -> tuple[PathStep,
 def _filter_uncertainties(
     run: Run, bench: Turntable, track: Track
 ) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
-    """Return expected uncertainties by the filters, and the directions that are not determined."""
+    """Return expected uncertainties from the filters, and directions that are not determined."""
     way = run.filter or combined_estimate.FILTER_CONFIGS[run.estimator]
     found: dict[str, float] = {}
     undecided: list[str] = []
@@ -263,7 +265,7 @@ def _filter_uncertainties(
         p = len(names)
         covariance = filtered.covariance[:p, :p]
         std = np.sqrt(np.diagonal(covariance))
-        # A coefficient that is hardly better than its first guess is no result.
+        # A coefficient that is hardly better known than before the run does not count as a result.
         std = np.where(std < _OPEN * model.expected_size(filtered.triad), std, np.nan)
         found |= dict(zip(names, std.tolist(), strict=True))
         undecided += [free.words for free in model.undecided_directions(filtered.triad, covariance)]
@@ -273,7 +275,7 @@ def _filter_uncertainties(
 def _estimator_uncertainties(
     run: Run, bench: Turntable, track: Track, sections: Sequence[TableStep | None], way: PathProfile
 ) -> tuple[ExpectedUncertainty, ...]:
-    """Return expected uncertainties by an estimator of all sections at once."""
+    """Return expected uncertainties from an estimator that uses all sections at once."""
     spans = [
         (step, float(start), float(stop))
         for step, start, stop in zip(sections, np.append(0.0, way.ends), way.ends, strict=False)

@@ -1,4 +1,4 @@
-"""The worksheet of a run: steps for the operator, the table to fill, expected uncertainties."""
+"""The worksheet of a run: operator steps, a table to fill in, and expected uncertainties."""
 
 import csv
 from collections import Counter
@@ -21,16 +21,17 @@ from inercal.runfile import Run
 
 @dataclass(frozen=True, eq=False)
 class Worksheet:
-    """Steps for the operator, and expected uncertainties.
+    """A worksheet with the steps for the operator and the expected uncertainties.
 
     Parameters
     ----------
     run : Run
     sheet : Sheet
     expected : tuple of ExpectedUncertainty
-        Of each coefficient.
+        Expected uncertainty of each coefficient.
     together : tuple of ExpectedUncertainty
-        Of sums that are determined far better than their terms, if the sheet lists sums.
+        Expected uncertainties of sums that are determined far better than their terms, if the sheet
+        lists sums.
     """
 
     run: Run
@@ -40,12 +41,12 @@ class Worksheet:
 
 
 def run_sheet(run: Run) -> Sheet:
-    """Return the steps for the operator of a run.
+    """Return the sheet with the steps for the operator of a run.
 
     Raises
     ------
     InputError
-        A bench whose plans are fixed, or a plan that it cannot carry out.
+        If the bench has fixed plans, or cannot carry out the plan.
     """
     if run.kind.sheet is None:
         raise InputError(
@@ -61,14 +62,14 @@ def run_sheet(run: Run) -> Sheet:
 
 
 def build_worksheet(run: Run) -> Worksheet:
-    """Return the worksheet of a run. Its data are not read.
+    """Return the worksheet of a run without reading its data.
 
     Raises
     ------
     InputError
-        A bench whose plans are fixed, a plan that it cannot carry out, or no noise.
+        If the bench has fixed plans or cannot carry out the plan, or if no noise is stated.
     NotObserved
-        Coefficients that the plan does not determine.
+        If the plan does not determine all coefficients.
     """
     sheet = run_sheet(run)
     estimate = estimate_of_plan(run, run.kind.words.rows)
@@ -77,33 +78,33 @@ def build_worksheet(run: Run) -> Worksheet:
 
 
 def worksheet_csv(made: Worksheet) -> str:
-    """Return the table to be filled, CSV: settings are filled in, readings are empty.
+    """Return the table to fill in as CSV, with the settings filled in and the readings empty.
 
-    The filled table is the [data] file of a run with kind = "means".
+    The completed table serves as the [data] file of a run with kind = "means".
 
     Raises
     ------
     InputError
-        A column that is given by its number or for two quantities, or a run whose means in a table
-        would not suffice.
+        If a column is given by its number or is used for two quantities, or if the run needs more
+        than means in a table.
     """
     return rows_as_csv(table_rows(made.run, made.sheet))
 
 
 def rows_as_csv(rows: Iterable[Sequence[str]]) -> str:
-    """Return rows of cells as CSV."""
+    """Return rows of cells as CSV text."""
     text = StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
 
 
 def table_rows(run: Run, sheet: Sheet) -> list[list[str]]:
-    """Return the header and the rows of the table to be filled, cells to be filled empty.
+    """Return the header and the rows of the table to fill in; cells to fill in are empty.
 
     Raises
     ------
     InputError
-        As of `worksheet_csv`.
+        As `worksheet_csv`.
     """
     if sheet.table_error is not None:
         raise sheet.table_error
@@ -111,7 +112,7 @@ def table_rows(run: Run, sheet: Sheet) -> list[list[str]]:
     for column in columns:
         if isinstance(column, int):
             raise InputError(
-                f"{run.path}: [data] gives column {column} by its number; a worksheet needs "
+                f"{run.path}: [data] gives column {column} by its number, but a worksheet needs "
                 "names: replace the number by a name",
                 file=run.path,
                 key="[data]",

@@ -1,6 +1,7 @@
-"""A run file drafted from a recording: columns, units, rate, sections, and the methods that fit.
+"""Draft a run file from a recording: columns, units, rate, sections and suitable methods.
 
-Every choice is a line of the run file with its reason; what only the user knows is asked for.
+Every choice becomes a line of the run file together with its reason. The draft asks for values that
+only the user knows.
 """
 
 from collections.abc import Mapping, Sequence
@@ -54,9 +55,9 @@ from inercal.pipeline.drafts.stated_keys import (
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.read import detect_reader, read_table
 
-_AUTO_REASON = 'adds the coefficients that the tests ask for; a list, such as ["g"], fixes them'
+_AUTO_REASON = 'adds the coefficients that the tests point to; a list, such as ["g"], fixes them'
 _WORST = "unreliable"
-_MOST_TEXTS = 4  # columns
+_MOST_TEXTS = 4  # columns of text
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
 
@@ -67,20 +68,20 @@ class Draft:
     Parameters
     ----------
     path : Path
-        Where it is to be written.
+        Path at which the run file is to be written.
     entries : tuple of DraftKey
-        Its keys, [method] included where a method fits.
+        Keys of the run file, including [method] if a method fits.
     trials : tuple of MethodTrial
-        The methods that may fit, and what became of them.
+        Methods that may fit, with the result of trying each.
     facts : tuple of str
-        What was seen, in a line each.
+        Observed facts about the recording, one line each.
     roles : ColumnRoles
     rests : QuietMeans or None
-        Of a recording.
+        Rests in a recording; None for a table of means.
     time : (n,) array or None
-        s, of a recording.
+        Times in a recording, s.
     readings : mapping of str to (n, k) array
-        Of each triad, in output units.
+        Readings of each triad, in output units.
     """
 
     path: Path
@@ -94,21 +95,21 @@ class Draft:
 
     @property
     def questions(self) -> tuple[DraftKey, ...]:
-        """The keys that only the user knows, without a unit that follows from another answer."""
+        """The keys that only the user knows, except a unit that follows from another answer."""
         found = [entry for entry in self.entries if entry.value == UNKNOWN]
         rate = [entry for entry in found if entry.key == "rate"]
         return tuple(rate or found)
 
     @property
     def method(self) -> MethodTrial | None:
-        """The method that is proposed; None where none fits."""
+        """The proposed method; None if no method fits."""
         works = [trial for trial in self.trials if trial.outcome is not None]
         works.sort(key=lambda one: one.outcome is not None and one.outcome.verdict.grade == _WORST)
         return next(iter(works or (self.trials if self.questions else ())), None)
 
     @property
     def text(self) -> str:
-        """The run file."""
+        """The text of the run file."""
         head = (
             "Drafted by inercal init. Every line gives its reason; change what is wrong.",
             "",
@@ -124,21 +125,21 @@ class Draft:
 def draft_run_file(
     logs: Sequence[Path], path: Path, stated: Mapping[str, str] | None = None
 ) -> Draft:
-    """Return the run file that fits a recording, or two: accelerometers, then gyros.
+    """Draft the run file for a recording, or for two: accelerometers first, then gyros.
 
     Parameters
     ----------
     logs : sequence of Path
-        One or two files, of any format that is read.
+        One or two files, in any readable format.
     path : Path
-        Of the run file.
+        Path of the run file.
     stated : mapping of str to str, optional
-        Values that the user states, by key: "data.rate", "bench.gravity".
+        Values that the user states, by key, such as "data.rate" or "bench.gravity".
 
     Raises
     ------
     InputError
-        A file cannot be read, has no columns of a sensor, or no method fits its columns.
+        If a file cannot be read or has no sensor columns, or if no method fits its columns.
     """
     stated = dict(stated or {})
     values = stated_values(stated)
@@ -208,7 +209,7 @@ def draft_run_file(
 
 
 def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, str]) -> None:
-    """Refuse a stated value for which every method was refused: its fault alone is the reason."""
+    """Refuse a stated value if it is the only reason why every method was refused."""
     keys = {trial.key for trial in trials}
     for key in stated:
         section, _, name = key.rpartition(".")
@@ -223,7 +224,7 @@ def _without_key(trial: MethodTrial) -> str:
 def _recognise(
     logs: Sequence[Path], values: Mapping[str, Any]
 ) -> tuple[Table, Table | None, ColumnRoles]:
-    """Return the table, that of the gyros where it is another, and the roles of their columns."""
+    """Return the table, the gyros' table if it is a separate file, and the column roles."""
     table = _read(logs[0], values)
     stated = stated_columns(values, table, second_file=len(logs) > 1)
     alone = len(logs) == 1
@@ -249,12 +250,12 @@ def _recognise(
 
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
-    """Return the methods that may fit; refuse columns without accelerometers, or of no method."""
+    """Return the methods that may fit, and refuse columns that suit no method."""
     if {"axis", "arm_rate"} <= roles.single.keys() and roles.triads:
         raise InputError(
-            f"{log}: columns {roles.single['axis']} and {roles.single['arm_rate']} fit method "
-            "rates_and_poses, but only you can state the errors of its table: start from its "
-            "example, examples/rate_platform",
+            f"{log}: columns {roles.single['axis']} and {roles.single['arm_rate']} suit method "
+            "rates_and_poses, but only you can state the errors of the rate table: start from the "
+            "example in examples/rate_platform",
             file=log,
             names=("rates_and_poses",),
         )
@@ -264,14 +265,15 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     if not candidates:
         raise InputError(
             f"{log}: no method fits {len(roles.triads['accelerometer'])} accelerometer columns "
-            f"with {', '.join(roles.single) or 'nothing'} besides; see inercal show {log}",
+            f"together with these other columns: {', '.join(roles.single) or 'none'}; see "
+            f"inercal show {log}",
             file=log,
         )
     return candidates
 
 
 def _read(log: Path, values: Mapping[str, Any]) -> Table:
-    """Return a table, with the columns as text that begin with numbers or nothing and are text."""
+    """Read a table; a column that contains text is text even if it begins with numbers."""
     stated = {key: values.get(f"data.{key}") for key in detect_reader(log).keys}
     options = {key: value for key, value in stated.items() if value is not None}
     text: list[str] = []
@@ -292,8 +294,8 @@ def _second_table(
         return None
     if len(logs) > 2:
         raise InputError(
-            f"{len(logs)} files: give one recording, or one file with the accelerometers and "
-            "one with the gyros",
+            f"{len(logs)} files were given: give one recording, or one file with the "
+            "accelerometers and one with the gyros",
             names=tuple(map(str, logs)),
         )
     second = _read(logs[1], values)
@@ -301,8 +303,8 @@ def _second_table(
     found = recognise_columns(second, stated=stated_gyros(values, second)).triads
     if "gyro" not in found or "gyro" in roles.triads or rows != others:
         raise InputError(
-            f"{logs[1]} is not the gyros' file for {logs[0]}: it has {others} rows, not {rows}, "
-            "or no gyros that the first file lacks; draft a run file for each",
+            f"{logs[1]} is not the gyros' file for {logs[0]}: it has {others} rows instead of "
+            f"{rows}, or the first file already contains the gyros; draft a run file for each",
             file=logs[1],
         )
     return second
@@ -315,10 +317,10 @@ def _with_scatter(
     folder: Path,
     deviation: float,
 ) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...]]:
-    """Return entries and trials with the deviation of means by which χ² agrees with its dof."""
+    """Return entries and trials with the deviation of means that makes χ² equal to its dof."""
     reason = (
-        "by which the fit has the χ² that it should have, so that the fit cannot be judged: state "
-        "the scatter of your means instead"
+        "chosen so that χ² fits, so χ² says nothing about the model: state the measured scatter of "
+        "your means to get a real test"
     )
     given, before = (entries, trials), np.inf
     for _ in range(_SCATTER_ROUNDS):
@@ -329,7 +331,7 @@ def _with_scatter(
         if abs(ratio - 1) < _SCATTER_AGREES:
             return entries, trials
         if abs(np.log(ratio)) > 0.7 * before:
-            break  # the bench's errors explain the residuals whatever the scatter
+            break  # the errors of the bench explain the residuals for any scatter
         before = abs(np.log(ratio))
         deviation *= ratio
         entries = (*entries[:-1], deviation_key(deviation, reason))
@@ -338,7 +340,7 @@ def _with_scatter(
 
 
 def _named_columns(values: Mapping[str, Any], roles: ColumnRoles) -> dict[str, Any]:
-    """Return the stated values without the triads that the roles hold, by the columns' names.
+    """Return the stated values without the columns that are already in the roles.
 
     A triad with a reversed axis keeps its signs.
     """
@@ -354,7 +356,7 @@ def _named_columns(values: Mapping[str, Any], roles: ColumnRoles) -> dict[str, A
 
 
 def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tuple[DraftKey, ...]:
-    """Return the entries with the values that the user states, which may be new keys."""
+    """Return the entries with the values that the user states, which may add new keys."""
     known = {f"{entry.section}.{entry.key}": entry for entry in entries}
     for key, value in stated.items():
         section, _, name = key.rpartition(".")

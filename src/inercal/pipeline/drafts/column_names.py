@@ -1,10 +1,10 @@
-"""What the columns of a recording hold by their names, as common loggers write them.
+"""Recognise the columns of a recording by the names that common loggers use.
 
-Names of Arduino sketches for the MPU-6050 ("AcX", "GyX", "Tmp", "millis"), of phyphox
+The names are those of Arduino sketches for the MPU-6050 ("AcX", "GyX", "Tmp", "millis"), phyphox
 ("Acceleration x (m/s^2)"), Sensor Logger and SensorLog ("seconds_elapsed",
 "accelerometerAccelerationX(G)"), Android ("accelerometer_x", "GYROSCOPE X (rad/s)"), Xsens
 ("Acc_X", "Gyr_X", "PacketCounter"), LSM and ICM examples ("XL_X", "Accel_X_mg") and exports of
-ROS ("field.angular_velocity.x"). Case is ignored.
+ROS ("field.angular_velocity.x"). Upper and lower case are not distinguished.
 """
 
 import re
@@ -21,7 +21,7 @@ _STEMS = {
     ),
 }
 _WITHOUT_GRAVITY = re.compile(r"(\w*_)?(linear|lin|user|free)_?acc\w*")
-_NO_SENSOR = re.compile(  # triads that are neither accelerometers nor gyros
+_NO_SENSOR = re.compile(  # names of triads that are neither accelerometers nor gyros
     r"(\w*_)?(mag\w*|[mhb]_?[xyz]|roll|pitch|yaw|azimuth|heading|euler\w*|quat\w*|q[0-3wxyz]|gravity\w*"
     r"|(linear|user|free)_?acc\w*|orientation\w*|lat\w*|lon\w*|alt\w*|press\w*|hum\w*|gps\w*)"
 )
@@ -45,7 +45,7 @@ NAMES = {
 }
 """Names of single columns by role."""
 
-_UNITS = (  # in a column's name, as text or in brackets: the unit, of which kind
+_UNITS = (  # units in a column's name, as text or in brackets, with their kind
     (re.compile(r"m_?/?s_?(\^?2|²|2)\b|m_s2|mps2"), "m/s²"),
     (re.compile(r"\[(mg)\]|\(mg\)|_mg\b"), "mg"),
     (re.compile(r"\[g\]|\(g\)|_g\b"), "g"),
@@ -64,17 +64,17 @@ _TIME_UNITS = (
 
 
 def column_unit(name: str) -> str | None:
-    """Return the unit that a column's name states."""
+    """Return the unit that a column's name states, if any."""
     return next((unit for pattern, unit in _UNITS if pattern.search(name.lower())), None)
 
 
 def time_unit(name: str) -> str | None:
-    """Return the unit of time that a column's name states."""
+    """Return the unit of time that a column's name states, if any."""
     return next((unit for pattern, unit in _TIME_UNITS if pattern.search(name.lower())), None)
 
 
 def role_of_name(name: str) -> str | None:
-    """Return the role that a single column has by its name.
+    """Return the role of a single column, judged by its name.
 
     >>> role_of_name("millis"), role_of_name("Tmp"), role_of_name("volume")
     ('time', 'temperature', None)
@@ -84,12 +84,12 @@ def role_of_name(name: str) -> str | None:
 
 
 def is_other_quantity(name: str) -> bool:
-    """Return whether a name states a quantity that neither accelerometers nor gyros read."""
+    """Return whether a name states a quantity that neither accelerometers nor gyros measure."""
     return _NO_SENSOR.fullmatch(_words(name)) is not None
 
 
 def in_axis_order(names: Sequence[str]) -> tuple[str, ...]:
-    """Return three columns in the order of the axes that their names end in, else as they are.
+    """Sort three columns by the axes at the end of their names, if the names have axes.
 
     >>> in_axis_order(("z", "y", "x"))
     ('x', 'y', 'z')
@@ -103,7 +103,7 @@ def in_axis_order(names: Sequence[str]) -> tuple[str, ...]:
 def named_triads(
     names: Sequence[str], reasons: dict[str, str], units: dict[str, str]
 ) -> dict[str, tuple[str, ...]]:
-    """Return accelerometers and gyros by names that differ in their axis alone."""
+    """Find the accelerometers and gyros by names that differ only in their axis."""
     groups: dict[str, dict[int, str]] = {}
     for name in names:
         stem, axis = _stem_and_axis(_words(name))
@@ -125,7 +125,7 @@ def named_triads(
 def _groups_of_kind(
     groups: Mapping[str, Mapping[int, str]], pattern: re.Pattern[str]
 ) -> list[Mapping[int, str]]:
-    """Return the complete triads of a kind; those that gravity was taken from come last."""
+    """Return the complete triads of a kind; triads with gravity removed come last."""
     complete = [
         (stem, found)
         for stem, found in groups.items()
@@ -136,13 +136,13 @@ def _groups_of_kind(
 
 
 def _ends_with(stem: str, pattern: re.Pattern[str]) -> bool:
-    """Return whether a name, or its last words, match a pattern."""
+    """Return whether a name, or its last words, matches a pattern."""
     words = stem.split("_")
     return any(pattern.fullmatch("_".join(words[k:])) for k in range(len(words)))
 
 
 def _words(name: str) -> str:
-    """Return a name in lower case, words by "_", without units in brackets."""
+    """Return a name in lower case, with words joined by "_" and without units in brackets."""
     name = re.sub(r"\(.*?\)|\[[^\]]*[^\d\]][^\]]*\]", "", name)  # "[0]" stays
     name = re.sub(r"[ωΩ]", "w", name)
     name = re.sub(r"([a-z])([A-Z])|([A-Z])(?=[A-Z][a-z])", r"\1\3_\2", name)
@@ -150,7 +150,7 @@ def _words(name: str) -> str:
 
 
 def _stem_and_axis(words: str) -> tuple[str, int | None]:
-    """Return a name without its axis, and the axis: ("acc", 0) of "acc_x", "accx" and "ax"."""
+    """Split a name into its stem and axis: ("acc", 0) for "acc_x", "accx" and "ax"."""
     head, _, last = words.rpartition("_")
     if head and last in _AXIS_ENDS:
         return head, _AXIS_ENDS[last]

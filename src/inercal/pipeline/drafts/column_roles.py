@@ -1,4 +1,4 @@
-"""What the columns of a recording hold: as stated, by names or by values, else refused."""
+"""Find the roles of a recording's columns from statements, names or values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,33 +28,33 @@ from inercal.pipeline.drafts.column_values import (
 from inercal.recordings.io.column_table import Table, shorten
 
 NO_GYROS = "no gyros"
-"""Key of the reason why columns that look like gyros are not used."""
+"""Key for the reason why columns that look like gyros are not used."""
 
 _TABLE = ("outer", "middle", "inner")
 _ATTITUDE = ("psi", "theta")
 _TRIADS = ("accelerometer", "gyro")
-_LOGS = ("ulog", "dataflash", "rosbag")  # formats of samples in SI units
+_LOGS = ("ulog", "dataflash", "rosbag")  # formats that contain samples in SI units
 _SI = {"accelerometer": "m/s²", "gyro": "rad/s"}
 
 
 @dataclass(frozen=True)
 class ColumnRoles:
-    """Which columns hold what.
+    """The roles of the columns of a recording.
 
     Parameters
     ----------
     triads : mapping of "accelerometer" or "gyro" to tuple of str
-        Columns by axis.
+        Columns of each triad, by axis.
     single : mapping of str to str
-        Column by role: "time", "label", "temperature", "arm_rate", "angle", ….
+        Column for each role: "time", "label", "temperature", "arm_rate", "angle", ….
     table, attitude : tuple of str
-        Columns of a turntable's angles, outermost first, and of ψ and θ on a centrifuge.
+        Columns with a turntable's angles, outermost first, and with ψ and θ on a centrifuge.
     reasons : mapping of str to str
-        By role, how it was recognised.
+        How each role was recognised.
     units : mapping of str to str
-        By role, the unit that the column's name states.
+        Unit stated in the column's name, for each role.
     means : bool
-        Whether the rows are means, not samples.
+        Whether the rows are means instead of samples.
     """
 
     triads: Mapping[str, tuple[str, ...]]
@@ -75,9 +75,9 @@ def recognise_columns(
     ----------
     table : Table
     reader : str
-        Some formats state units, and hold samples alone.
+        Name of the reader; some formats state units and contain only samples.
     stated : mapping of str to tuple of str, optional
-        Columns by role that the user states.
+        Columns that the user states, by role.
     """
     stated = stated or {}
     taken = {name for columns in stated.values() for name in columns}
@@ -125,7 +125,7 @@ def recognise_columns(
 
 
 def _named_columns(names: Sequence[str], table: Table, reasons: dict[str, str]) -> dict[str, str]:
-    """Return the column of each further role by its name, and a clock by its values."""
+    """Return the column of each further role, recognised by name; a clock must also increase."""
     single: dict[str, str] = {}
     for name in names:
         role = role_of_name(name)
@@ -142,10 +142,10 @@ def _judge_unnamed(
     single: dict[str, str],
     reasons: dict[str, str],
 ) -> None:
-    """Add triads and the clock of a table without header, by what their values do."""
+    """Add the triads and the clock of a table without a header, recognised by their values."""
     first = free[0] if free else None
     if "time" not in single and first and grows(table, first) and has_even_steps(table, first):
-        single["time"], reasons["time"] = free.pop(0), "it grows by steps of one length"
+        single["time"], reasons["time"] = free.pop(0), "it increases in equal steps"
     known = set(triads)
     _judge_unknown(table, free, triads, single, reasons)
     if "accelerometer" not in triads and not known:
@@ -159,11 +159,11 @@ def _judge_unknown(
     single: dict[str, str],
     reasons: dict[str, str],
 ) -> None:
-    """Add the clock and the triads of a recording that names do not tell."""
+    """Add the clock and the triads that cannot be recognised by name."""
     if next(iter(table.columns.values())).size < FEWEST_SAMPLES:
         return
     if "time" not in single and (clock := clock_by_values(table, free)) is not None:
-        single["time"], reasons["time"] = clock, "it grows by steps of one length"
+        single["time"], reasons["time"] = clock, "it increases in equal steps"
     free = [
         n
         for n in free
@@ -189,16 +189,16 @@ _MOST_LISTED = 12
 
 
 class UnknownAccelerometers(InputError):
-    """No columns of accelerometers are recognised; the user may state them.
+    """An error because no accelerometer columns were recognised; the user may state them.
 
-    `columns` are the columns of numbers, in the file's order.
+    `columns` lists the columns of numbers in the order of the file.
     """
 
     columns: tuple[str, ...] = ()
 
 
 def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> UnknownAccelerometers:
-    """Return the refusal of a recording, with its columns and how to state those of a triad."""
+    """Return the error for a recording, with its columns and how to state those of a triad."""
     numbers = tuple(n for n in table.names if table.columns[n].dtype.kind != "U")
     used = {*roles.single.values(), *(c for triad in roles.triads.values() for c in triad)}
     free = [name for name in numbers if name not in used]
@@ -208,8 +208,8 @@ def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> Unkno
     listed = ", ".join(map(shorten, table.names[:_MOST_LISTED]))
     error = UnknownAccelerometers(
         f"{log}: neither names nor values show which columns are the accelerometers;{only} the "
-        f"columns are {listed}{', …' * (len(table.names) > _MOST_LISTED)}. State those of x, y "
-        f"and z, as in --set data.accelerometer='{dumps(given, ensure_ascii=False)}'",
+        f"columns are {listed}{', …' * (len(table.names) > _MOST_LISTED)}. State the columns for "
+        f"x, y and z, as in --set data.accelerometer='{dumps(given, ensure_ascii=False)}'",
         file=log,
         names=table.names[:_MOST_LISTED],
     )

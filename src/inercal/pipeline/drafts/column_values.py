@@ -1,9 +1,10 @@
-"""What the columns of a recording hold by their values, where names do not tell.
+"""Recognise the columns of a recording by their values, if their names do not help.
 
-Accelerometers at rest read gravity: from attitude to attitude their readings differ, and lie on a
-sphere. Gyros read the same in all attitudes, and between two attitudes they turn as gravity does.
+Accelerometers at rest measure gravity: their readings differ from attitude to attitude and lie on a
+sphere. Gyros at rest read the same in all attitudes, and between two attitudes their rotation
+agrees with that of gravity.
 
-Rows without a finite number are left out meanwhile, then refused by name.
+Rows without a finite number are ignored here; later they are refused with the name of their column.
 """
 
 from collections.abc import Iterable, Sequence
@@ -32,21 +33,21 @@ from inercal.recordings.io.time_stamps import is_iso_time
 from inercal.recordings.segments.gravity_turns import name_columns
 
 FEWEST_SAMPLES = 500
-"""Of a recording; fewer rows are means."""
+"""Fewest rows of a recording; a table with fewer rows contains means."""
 
 _AXES = 3
 _NAMES = ("ax", "ay", "az", "gx", "gy", "gz")
-_MOVED = 20.0  # of the scatter at rest: the range of a gyro between rests
-_EVEN_STEPS = 0.5  # of the median step: largest 90 % deviation of steps of a clock
-_WINDOW = 50  # samples of a rest
+_MOVED = 20.0  # least range of a gyro between rests, in units of its scatter at rest
+_EVEN_STEPS = 0.5  # largest 90 % deviation of a clock's steps, as a fraction of the median step
+_WINDOW = 50  # samples in a window of a rest
 _FEWEST_RESTS = 4
 _MOST_MISFIT = 0.1  # of the radius: bias and scale errors of a plain MEMS sensor
-_AS_GOOD = 4.0  # times the least misfit: accelerometers stand before magnetometers
-_SPREAD = 0.25  # of the range in motion
+_AS_GOOD = 4.0  # times the least misfit, because accelerometers come before magnetometers
+_SPREAD = 0.25  # fraction of the range in motion
 
 
 def grows(table: Table, name: str) -> bool:
-    """Return whether a column may be a clock: dates, or numbers that never go back far."""
+    """Return whether a column may be a clock: dates, or numbers that never go back by much."""
     column = table.columns[name]
     if column.dtype.kind == "U":
         return column.size > 0 and is_iso_time(str(column[0]))
@@ -55,13 +56,13 @@ def grows(table: Table, name: str) -> bool:
 
 
 def never_falls(table: Table, name: str) -> bool:
-    """Return whether a column of numbers only grows, as times and counters do."""
+    """Return whether a column of numbers never decreases, like times and counters."""
     steps = np.diff(table.columns[name].astype(np.float64))
     return steps.size > 0 and bool(np.all(steps >= 0)) and bool(np.any(steps > 0))
 
 
 def has_even_steps(table: Table, name: str | None) -> bool:
-    """Return whether a column of times has steps of one length, as of samples."""
+    """Return whether a column of times has equal steps, like samples at a constant rate."""
     if name is None:
         return False
     column = table.columns[name]
@@ -75,7 +76,7 @@ def has_even_steps(table: Table, name: str | None) -> bool:
 
 
 def clock_by_values(table: Table, names: Sequence[str]) -> str | None:
-    """Return the column of a recording that grows by steps of one length."""
+    """Return the column of a recording that increases in equal steps, if there is one."""
     if not names or table.columns[names[0]].size < FEWEST_SAMPLES:
         return None
     return next((n for n in names if never_falls(table, n) and has_even_steps(table, n)), None)
@@ -99,10 +100,10 @@ def accelerometers_by_values(table: Table, names: Sequence[str]) -> tuple[str, .
 def gyros_by_values(
     table: Table, names: Sequence[str], accelerometers: Sequence[str], *, need_turns: bool
 ) -> tuple[str, ...] | None:
-    """Return the three neighbouring columns that turn between rests as gravity does.
+    """Return three neighbouring columns whose rotation between rests agrees with gravity.
 
-    Without turns that show it, and if not `need_turns`, those that motion moves most, of columns
-    that read the same in all attitudes.
+    If no turns show this and `need_turns` is false, return the columns that respond most to motion
+    among those that read the same in all attitudes.
     """
     force = _stacked(table, accelerometers)
     found: list[tuple[float, tuple[str, ...]]] = []
@@ -127,7 +128,7 @@ def gyros_by_values(
 
 
 def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Sequence[str]) -> str:
-    """Return why columns that read the same in all attitudes are no gyros; "" where none do."""
+    """Return why columns that look like gyros are not used; empty if there are no such columns."""
     force = _stacked(table, accelerometers)
     triples = _neighbours(table, names)
     if not triples and len(names) == _AXES - 1 and _moves_alike(table, names, force):
@@ -152,7 +153,7 @@ def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Seq
 
 
 def _moves_alike(table: Table, names: Sequence[str], force: Array) -> bool:
-    """Return whether columns read the same at all rests, and all of them move between."""
+    """Return whether columns read the same at all rests and all of them change in between."""
     data = _stacked(table, names)
     spans = find_quiet_sections(np.hstack([force, data]), _WINDOW)
     reach = _reach(data)
@@ -165,7 +166,7 @@ def _moves_alike(table: Table, names: Sequence[str], force: Array) -> bool:
 def aligned_triads(
     table: Table, names: Sequence[str], reasons: dict[str, str]
 ) -> dict[str, tuple[str, ...]]:
-    """Return the triads among the first six columns, by whether readings at rest differ."""
+    """Tell the triads among the first six columns apart by whether their rest readings differ."""
     triples = [tuple(names[k : k + 3]) for k in range(0, len(names) - len(names) % 3, 3)][:2]
     found = [(columns, _varies_between_rests(table, columns)) for columns in triples]
     if len(found) == 1:
@@ -181,7 +182,7 @@ def aligned_triads(
 
 
 def value_reason(kind: str) -> str:
-    """Return by what a triad is recognised."""
+    """Return the reason by which a triad is recognised."""
     return (
         "their readings at rest change with the attitude"
         if kind == "accelerometer"
@@ -190,7 +191,7 @@ def value_reason(kind: str) -> str:
 
 
 def _neighbours(table: Table, names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the triples of columns that stand side by side in the file."""
+    """Return all triples of columns that are side by side in the file."""
     place = {name: k for k, name in enumerate(table.names)}
     triples = (tuple(names[k : k + _AXES]) for k in range(len(names) - _AXES + 1))
     return [one for one in triples if place[one[-1]] - place[one[0]] == _AXES - 1]
@@ -201,19 +202,19 @@ def _stacked(table: Table, names: Sequence[str]) -> Array:
 
 
 def _reach(data: Array) -> float:
-    """Return the largest range of the columns without outliers."""
+    """Return the largest range of any column, without outliers."""
     return float(np.ptp(np.quantile(data, (0.001, 0.999), axis=0), axis=0).max())
 
 
 def _motion(data: Array, spans: Indices) -> float:
-    """Return the range of a triple's quietest column, of its scatter at rest."""
+    """Return the smallest ratio of range to scatter at rest among the columns."""
     still = np.median([data[a:b].std(axis=0) for a, b in spans], axis=0)
     reach = np.ptp(np.quantile(data, (0.001, 0.999), axis=0), axis=0)
     return float(np.min(reach / np.maximum(still, 1e-12 + 1e-3 * reach)))
 
 
 def _varies_between_rests(table: Table, columns: Sequence[str]) -> bool:
-    """Return whether the readings of quiet blocks differ by far more than within a block."""
+    """Return whether readings differ far more between quiet blocks than within a block."""
     data = _stacked(table, columns)
     block = max(20, len(data) // 1000)
     blocks = data[: len(data) // block * block].reshape(-1, block, len(columns))
@@ -225,17 +226,17 @@ def _varies_between_rests(table: Table, columns: Sequence[str]) -> bool:
     return bool(spread > _SPREAD * _reach(data))
 
 
-_MOSTLY = 0.5  # of the rows: a column of another rate, or of nothing, has fewer numbers
+_MOSTLY = 0.5  # fraction of rows; a column with another rate, or an empty one, has fewer numbers
 
 
 def finite_rows(table: Table, names: Iterable[str] | None = None) -> Table:
-    """Return a recording's table with the rows alone that hold numbers.
+    """Return a recording's table with only the rows that contain numbers.
 
     Parameters
     ----------
     table : Table
     names : iterable of str, optional
-        Columns that must hold numbers; without, those of numbers that do so in most rows.
+        Columns that must contain numbers; by default, the columns that do so in most rows.
     """
     count = next(iter(table.columns.values())).size
     if count < FEWEST_SAMPLES:
@@ -254,12 +255,12 @@ def finite_rows(table: Table, names: Iterable[str] | None = None) -> Table:
 
 
 def require_finite_rows(log: Path, table: Table, names: Sequence[str]) -> None:
-    """Refuse a table whose columns of a sensor, or of time, hold rows without numbers.
+    """Refuse a table if its sensor or time columns have rows without numbers.
 
     Raises
     ------
     InputError
-        It names the first row and the file's own column.
+        If there are such rows; the message names the first row and its column in the file.
     """
     if names and table.columns[names[0]].size < FEWEST_SAMPLES:
         for name in names:
@@ -276,7 +277,7 @@ def require_finite_rows(log: Path, table: Table, names: Sequence[str]) -> None:
     name = next(name for name, bad in found if bad[first])
     raise InputError(
         f"{log}: {format_count(count, 'row')} with a number that is missing, not finite or too "
-        f"large, the first {name} at "
+        f"large; the first is {name} at "
         f"{table.place(first)}: remove them, or state --set data.nonfinite=drop",
         file=log,
         key="data.nonfinite",

@@ -15,14 +15,14 @@ class DraftKey:
     Parameters
     ----------
     section : str
-        "sensor.accelerometer".
+        Name of the section, such as "sensor.accelerometer".
     key : str
     value : object
-        As TOML holds it; `UNKNOWN` where only the user knows it.
+        Value as in TOML; `UNKNOWN` if only the user knows it.
     reason : str
-        How it was chosen, for the comment beside it.
+        Reason for the value, for the comment beside it.
     ask : str
-        What to ask the user; empty where there is no need.
+        Question for the user; empty if there is no need to ask.
     """
 
     section: str
@@ -33,12 +33,12 @@ class DraftKey:
 
     @property
     def name(self) -> str:
-        """The key with its section, as in messages."""
+        """The key with its section, as it appears in messages."""
         return f"[{self.section}] {self.key}"
 
 
 def as_sections(entries: tuple[DraftKey, ...]) -> dict[str, Any]:
-    """Return the sections of the run file, nested as TOML reads them."""
+    """Return the sections of the run file, nested as a TOML parser returns them."""
     content: dict[str, Any] = {}
     for entry in entries:
         place = content
@@ -49,13 +49,13 @@ def as_sections(entries: tuple[DraftKey, ...]) -> dict[str, Any]:
 
 
 def run_file_text(entries: tuple[DraftKey, ...], head: tuple[str, ...]) -> str:
-    """Return the commented run file.
+    """Return the text of the run file with comments.
 
     Parameters
     ----------
     entries : tuple of DraftKey
     head : tuple of str
-        Lines of the comment at the top.
+        Lines for the comment at the top.
     """
     lines = [f"# {line}".rstrip() for line in head]
     for section, found in _by_section(entries).items():
@@ -79,7 +79,7 @@ def _one_line(text: str) -> str:
 
 
 def _toml(value: object) -> str:
-    """Return a value as TOML: text, number, true or false, or a list of these."""
+    """Return a value as TOML text; it may be text, a number, true, false, or a list of these."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):

@@ -1,4 +1,4 @@
-"""The keys of each section of a drafted run file, from what the columns of a recording show."""
+"""Draft the keys of each run-file section from the columns of a recording."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -31,24 +31,24 @@ from inercal.recordings.io.time_stamps import times_from_origin
 from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
 _ANYWHERE = "9.80 m/s² ± 0.02 m/s²"
-_WINDOW = 0.5  # s, in which a rest is quiet
-_WINDOW_SAMPLES = 50  # the same where the rate is not known
+_WINDOW = 0.5  # s, window in which a rest must be quiet
+_WINDOW_SAMPLES = 50  # the same window if the rate is not known
 _TIME_UNITS = ("s", "ms", "µs", "ns")
-_RATES = (1.0, 20e3)  # Hz, of IMUs
+_RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs
 _RATE_UNITS = {"rpm": "rpm", "omega_over_pi": "0.5 rev/s"}
 _ARM_DEVIATION = 1e-2
 _MOST_LISTED = 12  # columns in a line
-_MEAN_DEVIATION = 1e-4  # of gravity: of means whose scatter nobody stated
+_MEAN_DEVIATION = 1e-4  # in gravity, for means without a stated scatter
 
 
 def clock_keys(
     table: Table, roles: ColumnRoles, stated: Mapping[str, str]
 ) -> tuple[Array | None, tuple[DraftKey, ...]]:
-    """Return the times, s, where they are known, and the keys of the clock."""
+    """Return the times in s, if they are known, and the keys for the clock."""
     if roles.means:
         return None, ()
     name = roles.single.get("time")
-    ask = 'the rate of the samples, such as "100 Hz"'
+    ask = 'the sampling rate, such as "100 Hz"'
     count = next(iter(table.columns.values())).size
     rate = stated.get("data.rate")
     hertz = None if rate is None else si_value(rate, "Hz", "[data] rate")
@@ -78,7 +78,7 @@ def clock_keys(
 
 
 def suggest_rate(clock: tuple[DraftKey, ...], gyro: GuessedReadout | None) -> tuple[DraftKey, ...]:
-    """Return the keys of the clock, with the rate that turns suggest in the question for it."""
+    """Return the keys for the clock; the question for the rate mentions what the turns suggest."""
     if gyro is None or not gyro.rate_hz:
         return clock
     text = f"; the turns between rests suggest about {gyro.rate_hz:.3g} Hz"
@@ -88,7 +88,7 @@ def suggest_rate(clock: tuple[DraftKey, ...], gyro: GuessedReadout | None) -> tu
 def find_rest_means(
     table: Table, roles: ColumnRoles, readings: Mapping[str, Array], time: Array | None
 ) -> tuple[QuietMeans, tuple[tuple[int, int], ...]]:
-    """Return the rests, and the marked sections that move, where a column marks sections."""
+    """Return the rests and, if a column marks sections, the marked sections with motion."""
     data = np.hstack([readings[kind] for kind in readings])
     if "label" in roles.single and "time" in roles.single:
         labels = table.columns[roles.single["label"]]
@@ -119,7 +119,7 @@ def guess_readouts(
     time: Array | None,
     radius: float | None,
 ) -> tuple[dict[str, GuessedReadout], float | None]:
-    """Return the readout of each triad, and the radius of an arm, m, where it is known."""
+    """Guess the readout of each triad and, if possible, the radius of an arm in m."""
     force, stated = readings["accelerometer"], roles.units.get("accelerometer")
     if "arm_rate" in roles.single:
         name = roles.single["arm_rate"]
@@ -159,7 +159,7 @@ def noise_keys(
     rests: QuietMeans | None,
     time: Array | None,
 ) -> dict[str, tuple[DraftKey, ...]]:
-    """Return the noise densities, which filters need."""
+    """Return the keys for the noise densities, which filters need."""
     if rests is None or time is None:
         return {}
     dt = float(np.median(np.diff(time)))
@@ -174,7 +174,7 @@ def noise_keys(
 
 
 def bench_keys(bench: str, radius: float | None) -> tuple[DraftKey, ...]:
-    """Return the keys of [bench]; `radius` is that of an arm, m, where it is known."""
+    """Return the keys of [bench]; `radius` is the radius of an arm in m, if it is known."""
     entries = [] if bench == "hand" else [DraftKey("bench", "kind", bench, "by the columns")]
     if bench == "turntable":
         return (*entries, DraftKey("bench", "latitude", UNKNOWN, "", 'latitude, such as "48.1 °"'))
@@ -182,7 +182,7 @@ def bench_keys(bench: str, radius: float | None) -> tuple[DraftKey, ...]:
     entries.append(DraftKey("bench", "gravity", _ANYWHERE, reason))
     if bench in ("centrifuge", "rate_table"):
         text = UNKNOWN if radius is None else format_quantity(radius, 0.02 * radius, "m")
-        reason = "estimated from the norms and the rates: state your measured value"
+        reason = "estimated from the norms and the rates: replace it with your measured value"
         ask = 'the radius of the arm with its uncertainty, such as "1 m ± 0.1 mm"'
         entries.append(DraftKey("bench", "radius", text, reason, ask))
     return tuple(entries)
@@ -199,7 +199,7 @@ def _rate_size(name: str) -> float:
 
 
 def _column(name: str) -> str | int:
-    """Return a column as a run file names it: its number where it has no name."""
+    """Return a column as it is named in a run file: by its number if it has no name."""
     return int(name) if name.isdecimal() else name
 
 
@@ -211,9 +211,9 @@ def data_keys(
     bench: str,
     values: Mapping[str, object],
 ) -> tuple[DraftKey, ...]:
-    """Return the keys of [data] but its clock: files, and the columns that the bench uses.
+    """Return the keys of [data] except the clock: files, and the columns that the bench uses.
 
-    `values` are those that the user states, by key.
+    `values` contains the values that the user states, by key.
     """
 
     def file(log: Path) -> str:
@@ -221,7 +221,7 @@ def data_keys(
 
     entries = [DraftKey("data", "file", file(logs[0]))]
     if roles.means:
-        entries.append(DraftKey("data", "kind", "means", "few rows, and no column of times"))
+        entries.append(DraftKey("data", "kind", "means", "there are few rows and no time column"))
     if len(logs) > 1:
         entries.append(DraftKey("data", "gyro_file", file(logs[1])))
     for kind, columns in roles.triads.items():
@@ -253,7 +253,7 @@ def data_keys(
 def _thermometer_keys(
     table: Table, name: str, values: Mapping[str, object]
 ) -> tuple[DraftKey, ...]:
-    """Return the keys of a column of temperature that cannot be in °C, as far as they are known."""
+    """Return the known keys for a temperature column whose readings cannot be in °C."""
     read = table.numbers(name)
     kelvin = seems_kelvin(read)
     if first_impossible(read + ZERO_CELSIUS) is None and not kelvin:
@@ -271,12 +271,12 @@ def _thermometer_keys(
         )
     if kelvin:
         return (DraftKey("data", "temperature_unit", "K", reads),)
-    ask = f"the unit of the thermometer, LSB of raw counts ({reads}, which cannot be °C)"
+    ask = f"the unit of the thermometer, LSB for raw counts ({reads}, which cannot be °C)"
     return (DraftKey("data", "temperature_unit", UNKNOWN, "", ask),)
 
 
 def unused_columns(table: Table, entries: Sequence[DraftKey]) -> tuple[str, ...]:
-    """Return the line that names columns which the run file does not use; () where it uses all."""
+    """Return a line with the columns that the run file does not use; () if it uses all."""
     used: set[str] = set()
     for entry in entries:
         if entry.section == "data":
@@ -291,18 +291,18 @@ def unused_columns(table: Table, entries: Sequence[DraftKey]) -> tuple[str, ...]
 
 
 def start_deviation(roles: ColumnRoles) -> float:
-    """Return the deviation of means to begin with, of gravity: on an arm norms vary more."""
+    """Return the initial deviation of means, in gravity; it is larger on an arm."""
     return _ARM_DEVIATION if "arm_rate" in roles.single else _MEAN_DEVIATION
 
 
 def _railed_samples(x: Array, every: Sequence[Array]) -> int:
-    """Return how many samples of a channel, (n,), are at the end of its range."""
+    """Return the number of samples of a channel, (n,), that are at the end of its range."""
     others = [one for one in every if not np.array_equal(one, x)]
     return int(np.diff(railed_ranges(x, others)).sum())
 
 
 def deviation_key(deviation: float, reason: str) -> DraftKey:
-    """Return the deviation of means, of gravity, as a key."""
+    """Return the key for the deviation of means, which is given in gravity."""
     return DraftKey(
         "data.sd",
         "accelerometer",
@@ -319,7 +319,7 @@ def facts(
     time: Array | None,
     readings: Mapping[str, Array],
 ) -> tuple[str, ...]:
-    """Return what was seen of a recording, in a line each: size, rate, rests, ranges."""
+    """Return lines with facts about a recording: size, rate, rests and ranges."""
     rows = next(iter(table.columns.values())).size
     facts = [
         f"{' and '.join(log.name for log in logs)}: {rows} rows of "

@@ -1,8 +1,8 @@
-"""A recording at rest that is too long for the memory: blocks of samples, parted at gaps.
+"""Read a recording at rest that is too long for the memory, block by block.
 
-Columns, units and rate are found from the first rows, as of a short recording. Where there is a
-column of times, every step is compared with that of the first rows: gaps of one or two samples are
-closed up, longer ones part the recording.
+Columns, units and rate are found from the first rows, as for a short recording. If there is a
+column of times, every step is compared with the typical step in the first rows. Gaps of one or two
+samples are closed up; longer gaps split the recording.
 """
 
 from collections.abc import Iterator, Mapping
@@ -22,7 +22,7 @@ from inercal.recordings.io.long_tables import LongTable, open_long_table
 from inercal.recordings.io.time_stamps import times_from_origin
 
 LONG_VALUES = 1 << 26
-"""Rows times columns, above which a recording is analysed in blocks."""
+"""Number of values (rows times columns) above which a recording is analysed in blocks."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,13 @@ class LongRestRecording:
     layout: RestLayout
 
     def stream(self) -> NoiseStream:
-        """Read the whole log into a stream of its noise, in SI.
+        """Read the whole log into a noise stream, in SI units.
 
         Raises
         ------
         InputError
-            A value that is not finite, times that do not increase or that jitter, or too many
-            losses.
+            If a value is not finite, if times do not increase or jitter too much, or if too many
+            samples were lost.
         """
         columns, source = self.layout.columns, str(self.table.path)
         stamped = columns.time is not None and columns.rate_hz is None
@@ -87,16 +87,17 @@ class LongRestRecording:
 def open_long_rest_recording(
     log: Path, stated: Mapping[str, str], most_values: int | None = None
 ) -> LongRestRecording | None:
-    """Return a log that is too long for the memory; None of a short one.
+    """Open a log that is too long for the memory; return None for a short log.
 
     Parameters
     ----------
     log : Path
-        Plain text, Parquet, .npz or HDF5, whose columns are all numbers; others are read at once.
+        Plain text, Parquet, .npz or HDF5 file in which all columns are numbers; other files are
+        always read at once.
     stated : mapping of str to str
-        As of `read_rest_recording`.
+        As for `read_rest_recording`.
     most_values : int, optional
-        Rows times columns of a short one; `LONG_VALUES` where not given.
+        Largest number of values in a short log, `LONG_VALUES` by default.
 
     Raises
     ------
@@ -108,8 +109,8 @@ def open_long_rest_recording(
         return None
     if stated.get("data.nonfinite", "refuse") != "refuse":
         raise InputError(
-            f"{log}: a recording of {table.rows:.2g} rows is analysed in blocks, which cannot "
-            "drop rows that are not finite: remove data.nonfinite",
+            f"{log}: a recording of {table.rows:.2g} rows is analysed in blocks, and rows that are "
+            "not finite cannot be dropped then: remove data.nonfinite",
             key="data.nonfinite",
         )
     return LongRestRecording(table, rest_layout(log, table.head(), stated))
@@ -121,7 +122,7 @@ def _chained(first: Array, blocks: Iterator[Array]) -> Iterator[Array]:
 
 
 def _finite(blocks: Iterator[Array], source: str) -> Iterator[Array]:
-    """Yield the blocks; refuse a value that is not finite."""
+    """Yield the blocks, and refuse values that are not finite."""
     row = 0
     for block in blocks:
         bad = np.flatnonzero(~np.isfinite(block).all(axis=1))
@@ -141,9 +142,9 @@ class _Clock:
     Parameters
     ----------
     first : (k,) array
-        Stamps of the first block.
+        Time stamps of the first block.
     unit : float
-        s, of the column of times.
+        Unit of the time column, in s.
     source : str
     """
 
@@ -168,7 +169,7 @@ class _Clock:
         self._closed, self._closed_gaps, self._rows = 0, 0, 0
 
     def add(self, stamps: Array, values: Array, kelvin: Array | None, stream: NoiseStream) -> None:
-        """Give the samples of a block, with their temperatures, to the stream, parted at gaps."""
+        """Pass the samples and temperatures of a block to the stream, split at gaps."""
         time, _ = times_from_origin(stamps, self._unit, self._origin)
         steps = np.diff(time, prepend=self._last)
         if (bad := np.flatnonzero(~(steps > 0))).size:
@@ -195,12 +196,12 @@ class _Clock:
         self._rows += time.size
 
     def finish(self, stream: NoiseStream) -> None:
-        """Set the mean sampling interval, and say what was closed up.
+        """Set the mean sampling interval, and report the gaps that were closed up.
 
         Raises
         ------
         InputError
-            More lost samples than may be closed up.
+            If more samples were lost than may be closed up.
         """
         stream.duration = self._last
         if self._plain_steps:
@@ -210,8 +211,8 @@ class _Clock:
         share = self._closed / (self._rows + self._closed)
         if share > LOST_SHARE:
             raise InputError(
-                f"{self._source}: {100 * share:.2g} % of the samples were lost singly, and at "
-                f"most {100 * LOST_SHARE:g} % can be closed up: record without losses",
+                f"{self._source}: {100 * share:.2g} % of the samples were lost in short gaps, but "
+                f"at most {100 * LOST_SHARE:g} % can be closed up: record without losses",
                 file=self._source,
             )
         stream.remarks.append(

@@ -1,4 +1,4 @@
-"""The methods that a recording supports: each that may fit is tried on the data."""
+"""Find the methods that a recording supports by trying each suitable method on the data."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,11 +20,11 @@ Candidate = tuple[str, str, dict[str, Any]]
 
 
 AUTO = {"also": "auto"}
-"""Key of a method that can estimate more than it does by default."""
+"""Key for a method that can estimate more than it does by default."""
 
 
 class MethodTrial(NamedTuple):
-    """A method tried on the data.
+    """The result of trying a method on the data.
 
     Parameters
     ----------
@@ -32,11 +32,11 @@ class MethodTrial(NamedTuple):
     keys : dict of str to object
         Further keys of [method].
     outcome : Outcome or None
-        None where it was refused, or not tried.
+        Outcome of the calibration; None if the method was refused or not tried.
     reason : str
-        Why it was refused; empty where it works.
+        Why the method was refused; empty if it works.
     key : str
-        The key of the run file that was refused, "[bench] tilt"; empty where none was.
+        The run-file key that was refused, such as "[bench] tilt"; empty if none was.
     """
 
     name: str
@@ -47,12 +47,12 @@ class MethodTrial(NamedTuple):
 
     @property
     def called(self) -> str:
-        """The name with its keys."""
+        """The name of the method with its keys."""
         return ", ".join([self.name, *(f"{key} = {value}" for key, value in self.keys.items())])
 
     @property
     def text(self) -> str:
-        """What it finds, or why it does not, in a line."""
+        """A line with the result of the method, or the reason why it was refused."""
         if self.outcome is None:
             return f"{self.called}: {self.reason}"
         count = len(self.outcome.calibration.sensor.coefficients)
@@ -60,9 +60,9 @@ class MethodTrial(NamedTuple):
 
 
 def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
-    """Return the methods that may fit the columns: bench, method, further keys of [method].
+    """Return the methods that may fit the columns, each with its bench and further keys.
 
-    The first that works on the data is proposed.
+    The first method that works on the data is proposed.
     """
     triad = len(roles.triads.get("accelerometer", ()))
     gyros = "gyro" in roles.triads
@@ -94,15 +94,15 @@ def try_methods(
     candidates: Sequence[Candidate],
     folder: Path,
 ) -> tuple[MethodTrial, ...]:
-    """Return every candidate, tried on the data until one works.
+    """Try the candidates on the data until one works, and return all of them with results.
 
     Parameters
     ----------
     entries : tuple of DraftKey
-        Of the run file but [method].
+        Keys of the run file without [method].
     candidates : sequence of Candidate
     folder : Path
-        That of the run file.
+        Folder of the run file.
     """
     from inercal.pipeline import calibrate
     from inercal.runfile import from_sections
@@ -121,7 +121,8 @@ def try_methods(
         try:
             outcome = calibrate(from_sections(run_file, content, ""))
         except InercalError as error:
-            reason = shorten(str(error).removeprefix(f"{run_file}: "), _LONGEST_REASON)
+            reason = str(error).removeprefix(f"{run_file}: ").partition(" (free directions")[0]
+            reason = shorten(reason, _LONGEST_REASON)
             trials.append(MethodTrial(name, keys, None, reason, getattr(error, "key", "")))
         else:
             trials.append(MethodTrial(name, keys, outcome))

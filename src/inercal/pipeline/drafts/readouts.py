@@ -1,4 +1,4 @@
-"""Unit, scale factor and offset of each triad, by what gravity and turns between rests show."""
+"""Guess the unit, scale factor and offset of each triad from gravity and turns between rests."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,40 +23,40 @@ from inercal.recordings.segments.gravity_turns import (
 
 _ACCELEROMETER_UNITS = {"m/s²": 1.0, "g": G0, "mg": 1e-3 * G0}
 _GYRO_UNITS = {"rad/s": 1.0, "°/s": np.pi / 180}
-# Of two that differ by less than any sensor's error, the power of two comes first.
+# If two differ by less than the error of any sensor, the power of two comes first.
 _COUNTS_PER_G = (*(2.0**k for k in range(5, 16)), 1000 / 0.061, 1000 / 0.122, 1000 / 0.244)
 _COUNTS_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, 1 / 0.00875, 1 / 0.0175, 1 / 0.035, 1 / 0.07)
-_WIDEST = 2.0  # radius of a sphere, of the readings' range
+_WIDEST = 2.0  # largest radius of a sphere, relative to the range of the readings
 _MID_SCALES = tuple(2.0**k for k in range(7, 32))
-_NEAR = 0.12  # of a unit's size: bias and scale errors of a plain MEMS sensor
-_NEAR_NOMINAL = 0.04  # of a nominal scale factor
+_NEAR = 0.12  # relative to a unit's size: bias and scale errors of a plain MEMS sensor
+_NEAR_NOMINAL = 0.04  # relative to a nominal scale factor
 _ANGLES = (np.deg2rad(20), np.deg2rad(160))  # between two attitudes, for a gyro's scale
-_LIKELY = (10.0, 2500.0)  # Hz, rates of a log without times
+_LIKELY = (10.0, 2500.0)  # Hz, likely rates of a log without times
 _MOST_TURNS = 40
-_SLOW = 0.05  # of the highest rate: gravity alone is felt
+_SLOW = 0.05  # relative to the highest rate; below, only gravity matters
 _TURN_SAMPLES = 128  # a power of two
 _MOST_MISFIT = np.deg2rad(8)
-_FEWEST_TURNS = 3  # marked ones: about each axis
+_FEWEST_TURNS = 3  # marked turns: one about each axis
 
 
 class GuessedReadout(NamedTuple):
-    """How a triad states its readings.
+    """The guessed readout of a triad: unit, scale factor and offset.
 
     Parameters
     ----------
     unit : str
-        "LSB" where it is none of the usual units.
+        Unit of the readings; "LSB" if it is none of the usual units.
     scale : str
-        Nominal scale factor of counts, "2048 LSB/g"; empty for a unit.
+        Nominal scale factor of counts, such as "2048 LSB/g"; empty if the readings have a unit.
     offset : float
-        Reading at zero, output units.
+        Reading at zero, in output units.
     size : float
-        SI size of one output unit, estimated.
+        Estimated size of one output unit in SI units.
     reason : str
     certain : bool
-        False where only the user can tell.
+        False if only the user can tell.
     rate_hz : float
-        Rate of the samples that the turns suggest; 0 for none.
+        Sampling rate that the turns suggest; 0 if they suggest none.
     """
 
     unit: str
@@ -69,7 +69,7 @@ class GuessedReadout(NamedTuple):
 
 
 class QuietMeans(NamedTuple):
-    """Sections at rest: first sample and the one after the last, (k, 2), and means, (k, 3)."""
+    """Sections at rest with their means, (k, 3), as start and stop samples, (k, 2)."""
 
     spans: Indices
     force: Array
@@ -77,10 +77,11 @@ class QuietMeans(NamedTuple):
 
 
 def find_quiet_sections(data: Array, window: int) -> Indices:
-    """Return the quiet sections of readings, (n, m), as samples start and stop, (k, 2).
+    """Return the quiet sections of readings, (n, m), as start and stop samples, (k, 2).
 
-    The scatter of blocks of half a window splits into quiet and moving ones where two groups are
-    farthest apart (Otsu's criterion on its logarithm); quiet sections last two windows or more.
+    Blocks of half a window are divided into quiet and moving ones by their scatter, such that the
+    two groups are farthest apart (Otsu's criterion on the logarithm). Quiet sections last two
+    windows or more.
     """
     block = max(2, window // 2)
     count = len(data) // block
@@ -104,7 +105,7 @@ def find_quiet_sections(data: Array, window: int) -> Indices:
 
 
 def rest_means(sections: Indices, force: Array, rate: Array | None) -> QuietMeans:
-    """Return the means of sections, without a quarter at both ends."""
+    """Return the means of sections, leaving out a quarter at each end."""
 
     def mean(data: Array) -> Array:
         return np.array(
@@ -115,12 +116,12 @@ def rest_means(sections: Indices, force: Array, rate: Array | None) -> QuietMean
 
 
 def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
-    """Return the accelerometers' readout by the size of gravity in means at rest, (k, 3).
+    """Guess the accelerometers' readout from the size of gravity in means at rest, (k, 3).
 
     Raises
     ------
     InputError
-        All means are zero.
+        If all means are zero.
     """
     if not means.any():
         raise InputError(
@@ -143,17 +144,17 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     counts = radius if radius is not None else plain
     offset = 0.0 if centre is None else _offset(float(np.median(centre)), counts)
     per_g, why = _nominal(counts, _COUNTS_PER_G)
-    reason = f"gravity has {counts:.4g} counts{why}"
+    reason = f"gravity reads {counts:.0f} counts{why}"
     return GuessedReadout("LSB", f"{per_g:.6g} LSB/g", offset, G0 / per_g, reason)
 
 
 def guess_from_norms(
     force: Array, rate: Array, radius: float | None
 ) -> tuple[GuessedReadout, float | None]:
-    """Return the accelerometers' readout and the radius, m, by norms at rates on an arm.
+    """Guess the accelerometers' readout and the arm's radius, m, from norms at several rates.
 
-    The squared norm is s² (g² + ω⁴ r²). The size s of an output unit follows from the radius, or
-    where the arm also rests, from gravity; then the radius follows too.
+    The squared norm is s² (g² + ω⁴ r²). The size s of an output unit follows from the radius or, if
+    the arm is also at rest, from gravity; in that case the radius follows too.
 
     Parameters
     ----------
@@ -162,7 +163,7 @@ def guess_from_norms(
     rate : (n,) array
         ω, rad/s.
     radius : float or None
-        m, where it is known.
+        Radius in m, if it is known.
     """
     norm = np.linalg.norm(force, axis=-1)
     slow = np.abs(rate) <= _SLOW * np.abs(rate).max()
@@ -185,7 +186,7 @@ def guess_from_norms(
 
 
 def guess_from_turned_axis(force: Array) -> GuessedReadout:
-    """Return the readout of accelerometers that a head turned through gravity, (n, k)."""
+    """Guess the readout of accelerometers, (n, k), that a head turned through gravity."""
     plain = float(np.max(np.abs(force - 0.5 * (force.max(axis=0) + force.min(axis=0)))))
     for unit, size in _ACCELEROMETER_UNITS.items():
         if abs(plain * size / G0 - 1) < _NEAR:
@@ -200,20 +201,21 @@ def _counts_per_g(plain: float, reason: str) -> GuessedReadout:
 
 
 def norm_misfit(means: Array) -> float:
-    """Return the scatter of the norms of readings at rest, (k, 3), about their sphere's centre.
+    """Return the relative scatter of the norms of rest readings, (k, 3), about their sphere.
 
-    Relative to the radius; about zero where the attitudes do not span a sphere.
+    It is relative to the radius. The norms are taken about the sphere's centre, or about zero if
+    the attitudes do not span a sphere.
     """
     centre, radius = sphere(means)
     if radius is not None and radius > _WIDEST * float(np.ptp(means, axis=0).max()):
-        return np.inf  # columns of a plane, or nearly so: the centre is far outside
+        return np.inf  # the readings lie (nearly) in a plane, so the centre is far outside
     norms = np.linalg.norm(means - (0.0 if centre is None else centre), axis=-1)
     mean = float(norms.mean())
     return float(norms.std()) / mean if mean else np.inf
 
 
 def _offset(centre: float, reach: float) -> float:
-    """Return the nominal offset of a converter: zero, half of its range, or what is found."""
+    """Return the nominal offset of a converter: zero, half of its range, or the centre found."""
     if abs(centre) < 0.3 * reach:
         return 0.0
     near = min(_MID_SCALES, key=lambda one: abs(np.log(max(centre, 1.0) / one)))
@@ -221,11 +223,13 @@ def _offset(centre: float, reach: float) -> float:
 
 
 def _nominal(counts: float, known: Sequence[float]) -> tuple[float, str]:
-    """Return the first of the known scale factors that is near, and all that are near in words."""
+    """Return the first known scale factor that is near, and a text with all that are near."""
     near = [one for one in known if abs(counts / one - 1) < _NEAR_NOMINAL]
     if near:
-        others = f" ({' and '.join(f'{one:.6g}' for one in near[1:])} is as near)" * bool(near[1:])
-        return near[0], f", near the nominal {near[0]:.6g}{others}"
+        others = f"; {' and '.join(f'{one:.6g}' for one in near[1:])} would also fit" * bool(
+            near[1:]
+        )
+        return near[0], f", close to the usual {near[0]:.6g}{others}"
     return float(f"{counts:.3g}"), ""
 
 
@@ -237,7 +241,7 @@ def guess_gyro(
     stated: str | None,
     turns: Sequence[tuple[int, int]] = (),
 ) -> GuessedReadout:
-    """Return the gyros' readout by how far gravity turned between rests.
+    """Guess the gyros' readout from the angles by which gravity turned between rests.
 
     Parameters
     ----------
@@ -246,11 +250,11 @@ def guess_gyro(
         Readings.
     accelerometer : GuessedReadout
     dt : float or None
-        Time between samples, s; None where it is unknown.
+        Time between samples, s; None if it is unknown.
     stated : str or None
         Unit in the columns' names.
     turns : sequence of (start, stop)
-        Samples of the marked sections that move.
+        Start and stop samples of the marked sections with motion.
     """
     assert rests.rate is not None
     offset = _gyro_offset(rests)
@@ -260,7 +264,7 @@ def guess_gyro(
         )
     size, count, misfit = gyro_scale(rests, gyro, accelerometer.offset)
     turned = format_count(count, "turn between rests agrees", "turns between rests agree")
-    reason = f"{turned} with gravity to {np.degrees(misfit):.1f}°"
+    reason = f"{turned} with gravity within {np.degrees(misfit):.1f}°"
     if size is None and len(turns) >= _FEWEST_TURNS:
         swept = [_norm_of_sum(gyro[a:b] - np.median(rests.rate, axis=0)) for a, b in turns]
         size = 2 * np.pi / float(np.median(swept))
@@ -276,10 +280,10 @@ def guess_gyro(
             )
             return GuessedReadout(unit, "", 0.0, _GYRO_UNITS[unit], text, rate_hz=rates[unit])
     if size is None or dt is None:
-        known_with = "with the rate, --set data.rate, inercal init finds it"
+        known_with = "inercal init finds it if you state the rate with --set data.rate"
         unknown = known_with if size is not None else "no turn between rests determines it"
         if size is None and whole:
-            unknown += "; of raw counts LSB, with sensor.gyro.scale such as 131 LSB/(°/s)"
+            unknown += "; for raw counts use LSB and a sensor.gyro.scale such as 131 LSB/(°/s)"
         return GuessedReadout("°/s", "", offset, np.pi / 180, unknown, False)
     size /= dt
     for unit, si in _GYRO_UNITS.items():
@@ -302,10 +306,11 @@ def _gyro_offset(rests: QuietMeans) -> float:
 
 
 def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | None, int, float]:
-    """Return the angle of one count for one sample, rad, number of turns, and misfit, rad.
+    """Estimate the angle of one count during one sample, rad, with number of turns and misfit.
 
-    The angle by which gravity turns in the case between two rests must follow from the gyros:
-    f₂ = Rᵀ(s) f₁ with the product R of the rotations s·ω of all samples.
+    The angle by which gravity turns relative to the case between two rests must follow from the
+    gyros: f₂ = Rᵀ(s) f₁, where R is the product of the rotations s·ω of all samples. The misfit is
+    in rad.
     """
     turns = turns_of_readings(rests, gyro, offset)
     if turns is None:
@@ -325,7 +330,7 @@ def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | N
 
 
 def turns_of_readings(rests: QuietMeans, gyro: Array, offset: float) -> GravityTurns | None:
-    """Return the turns between rests by which gravity turns far; angles in counts times samples."""
+    """Return the large turns of gravity between rests, with angles in counts times samples."""
     centre, _ = sphere(rests.force)
     force = rests.force - (offset if centre is None else centre)
     unit = force / np.linalg.norm(force, axis=-1, keepdims=True)
@@ -345,15 +350,15 @@ def turns_of_readings(rests: QuietMeans, gyro: Array, offset: float) -> GravityT
 
 
 def _likely_scales(swept: Array, count: int) -> Array:
-    """Return scales by which the typical turn is between far too small and far too large."""
+    """Return trial scales, from one that is far too small to one that is far too large."""
     typical = float(np.median(np.linalg.norm(np.abs(swept).sum(axis=1), axis=-1)))
     return np.geomspace(0.2, 8.0, count) / typical
 
 
 def axis_changes(turns: GravityTurns) -> tuple[str, ...]:
-    """Return by which exchanged or reversed axes turns agree with gravity at any scale, in words.
+    """Describe exchanges or reversals of axes that make turns agree with gravity at any scale.
 
-    Axes are named ax to gz; nothing where no single change agrees.
+    Axes are named ax to gz. The result is empty if no single change makes them agree.
     """
     if len(turns.angles) < _FEWEST_TURNS or not turns.angles.any():
         return ()
@@ -363,14 +368,15 @@ def axis_changes(turns: GravityTurns) -> tuple[str, ...]:
 
 
 def _misfit(first: Array, second: Array, angles: Array) -> float:
-    """Return the median angle between predicted and measured gravity, rad."""
+    """Return the median angle, rad, between predicted and measured gravity."""
     return float(np.median(turn_differences(first, second, rotations(angles))))
 
 
 def white_noise(data: Array, rests: QuietMeans, size: float, dt: float) -> float:
-    """Return the density of white noise within rests, largest of the axes, SI·√s.
+    """Return the white noise density within rests, in SI·√s, of the noisiest axis.
 
-    By differences of neighbours, which slow changes do not enter; rounding does.
+    It is computed from differences of neighbouring samples, which contain rounding but no slow
+    changes.
 
     Parameters
     ----------
@@ -378,9 +384,9 @@ def white_noise(data: Array, rests: QuietMeans, size: float, dt: float) -> float
         Readings.
     rests : QuietMeans
     size : float
-        SI size of an output unit.
+        Size of an output unit in SI units.
     dt : float
-        s, between samples.
+        Time between samples, s.
     """
     inner = [data[a + (b - a) // 4 : b - (b - a) // 4] for a, b in rests.spans.tolist()]
     scatter = [np.diff(part, axis=0).std(axis=0) for part in inner if len(part) > 2]

@@ -1,7 +1,7 @@
-"""A recording of a sensor at rest without a run file: columns, units and rate as `init` finds them.
+"""Read a recording of a sensor at rest without a run file, as `init` does.
 
-At rest nothing shows a gyro's unit: it comes from the columns' names, from the format, or is
-stated.
+Columns, units and rate are found as in `init`. At rest, readings do not show the unit of a gyro;
+it comes from the columns' names or from the format, or the user states it.
 """
 
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ from inercal.runfile.schema import ReadoutSection
 from inercal.runfile.sensor_builder import READING_UNITS, build_readout
 
 _COUNTS = "LSB"
-_TOO_LONG = MOST_VALUES_KEY  # of what is refused for its size
+_TOO_LONG = MOST_VALUES_KEY  # key of the error for a file that is too large
 _AXES = "xyz"
 _KEYS = (
     *(f"data.{name}" for name in ("accelerometer", "gyro", "time", "time_unit", "rate",
@@ -40,21 +40,21 @@ _KEYS = (
 
 
 def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
-    """Return the accelerometers and gyros of a log in m/s² and rad/s, with its temperature.
+    """Read the accelerometers and gyros of a log in m/s² and rad/s, with the temperature.
 
     Parameters
     ----------
     log : Path
-        Of any format that is read.
+        File in any readable format.
     stated : mapping of str to str
-        Values by key of a run file: "data.rate", "data.gyro", "sensor.gyro.unit",
-        "sensor.gyro.scale", ….
+        Values by run-file key: "data.rate", "data.gyro", "sensor.gyro.unit", "sensor.gyro.scale",
+        ….
 
     Raises
     ------
     InputError
-        A key that changes nothing, no column of a sensor, a unit or a rate that is not known, or
-        what the audit refuses.
+        If a key has no effect, if there is no sensor column, if a unit or the rate is not known, or
+        if the audit refuses the recording.
     """
     try:
         table = read_table(log)
@@ -64,8 +64,8 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
         if error.key != _TOO_LONG:
             raise
         raise InputError(
-            f"{log}: it is damaged, or too long to be read at once. A log of any length can be "
-            "analysed if it is plain text, Parquet, .npz or HDF5 and all its columns are "
+            f"{log}: the file is damaged, or too long to be read at once. A log of any length can "
+            "be analysed if it is plain text, Parquet, .npz or HDF5 and all its columns are "
             "numbers, with the time in seconds: convert it, or give a part of it",
             file=log,
             key=_TOO_LONG,
@@ -75,15 +75,15 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
 
 @dataclass(frozen=True)
 class RestLayout:
-    """Which columns of a log hold what, and how channels become SI.
+    """The columns of a log, and the conversion of its channels to SI units.
 
     Parameters
     ----------
     columns : Columns
     readouts : list of Readout
-        Of each channel.
+        Readout of each channel.
     units : list of str
-        "m/s²" or "rad/s" of each channel.
+        SI unit of each channel, "m/s²" or "rad/s".
     """
 
     columns: Columns
@@ -92,12 +92,12 @@ class RestLayout:
 
 
 def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayout:
-    """Return the layout of a log by its table, or by its first rows.
+    """Find the layout of a log from its table or its first rows.
 
     Raises
     ------
     InputError
-        A key that changes nothing, no column of a sensor, or a unit or a rate that is not known.
+        If a key has no effect, if there is no sensor column, or if a unit or the rate is not known.
     """
     _require_used_keys(stated)
     values = stated_values(stated)
@@ -125,7 +125,7 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
 
 
 def _what_to_state(table: Table, roles: ColumnRoles) -> str:
-    """Return all that a log without known names needs, by the names of its own columns."""
+    """Return the options that a log without known column names needs, with its own names."""
     clock = roles.single.get("time")
     readings: list[str] = []
     for name, column in table.columns.items():
@@ -152,15 +152,15 @@ def _axes(count: int) -> tuple[str, ...]:
 
 
 def in_si(recording: Recording, readouts: list[Readout], units: list[str]) -> Recording:
-    """Return readings of axes in their SI units.
+    """Convert the readings of all channels to SI units.
 
     Parameters
     ----------
     recording : Recording
-        In output units, with one channel for each readout.
+        Recording in output units, with one channel for each readout.
     readouts : list of Readout
     units : list of str
-        "m/s²" or "rad/s" of each.
+        SI unit of each channel, "m/s²" or "rad/s".
     """
     offsets = np.array([one.offset for one in readouts])
     scales = np.array([one.scale for one in readouts])
@@ -171,7 +171,7 @@ def _require_used_keys(stated: Mapping[str, str]) -> None:
     unused = [key for key in stated if key not in _KEYS]
     if unused:
         raise InputError(
-            f"--set {unused[0]}: it changes nothing in a noise analysis; possible: "
+            f"--set {unused[0]}: this key has no effect in a noise analysis; possible: "
             f"{', '.join(_KEYS)}",
             key=unused[0],
         )
@@ -195,7 +195,7 @@ def _readout(
         counts = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
         raise InputError(
             f'{log}: the unit of the {kind}s is unknown: state it with --set "{key}.unit='
-            f'{example}", or of counts --set "{key}.scale={counts}"',
+            f'{example}", or for counts with --set "{key}.scale={counts}"',
             file=log,
             key=f"{key}.unit",
         )
@@ -232,7 +232,7 @@ def _columns(
     named = [key for key in stated if "temperature" in key]
     if warm is not None and not named:
         kelvin = thermometer.kelvin(table.numbers(warm))
-        # Raw counts that nobody asked for, and that no result of the noise needs.
+        # These are raw counts that nobody asked for and that the noise analysis does not need.
         warm = warm if first_impossible(kelvin) is None else None
     return Columns(
         channels=channels,

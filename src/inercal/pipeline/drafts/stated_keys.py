@@ -1,13 +1,13 @@
-"""Keys of a run file that the user states as text: `data.rate=100 Hz`, `data.gyro=[5, 6, 7]`.
+"""Run-file keys that the user states as text: `data.rate=100 Hz`, `data.gyro=[5, 6, 7]`.
 
-Keys of [bench] that act by their defaults are stated in a draft, so that a user sees them: they
-often dominate U, such as half a degree of a face's tilt, or a degree of a turn.
+A draft also states the keys of [bench] whose defaults have an effect, so that the user sees them.
+They often dominate U, such as half a degree for the tilt of a face, or one degree for a turn.
 """
 
 from collections.abc import Mapping
 from difflib import get_close_matches
 from types import UnionType
-from typing import TYPE_CHECKING, Any, Union, cast, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -29,26 +29,29 @@ _COLUMNS = (*_TRIADS, *NAMES)
 
 
 def stated_values(stated: Mapping[str, str]) -> dict[str, Any]:
-    """Return the values of stated keys; lists and numbers are those of TOML.
+    """Parse the values of stated keys; lists and numbers are written as in TOML.
 
     >>> stated_values({"data.gyro": "a,b,c", "data.accelerometer": "[2, 3, 4]"})
     {'data.gyro': ['a', 'b', 'c'], 'data.accelerometer': [2, 3, 4]}
+    >>> stated_values({"method.temperature_order": "auto"})
+    {'method.temperature_order': 'auto'}
 
     Raises
     ------
     InputError
-        A key that no run file has, or a list that cannot be read.
+        If a key does not exist in run files, or a list cannot be read.
     """
     return {key: _value(key, text) for key, text in stated.items()}
 
 
 def stated_thermometer(values: Mapping[str, Any]) -> TemperatureReadout:
-    """Return how the column of temperature states temperatures.
+    """Return the readout of the temperature column from the stated values.
 
     Raises
     ------
     InputError
-        A unit that is no temperature, counts without scale and zero, or a value of another kind.
+        If the unit is not a temperature unit, if counts are stated without scale and zero, or if a
+        value has the wrong type.
     """
     given = {key: values.get(f"data.temperature_{key}") for key in ("unit", "scale", "zero")}
     for key, value in given.items():
@@ -60,7 +63,7 @@ def stated_thermometer(values: Mapping[str, Any]) -> TemperatureReadout:
     allowed = values.get("data.allow_temperature", False)
     if not isinstance(allowed, bool):
         raise InputError(
-            f"data.allow_temperature: {allowed!r} can be true or false",
+            f"data.allow_temperature: {allowed!r} is not possible; it can be true or false",
             key="data.allow_temperature",
         )
     unit = given["unit"] or "°C"
@@ -70,32 +73,32 @@ def stated_thermometer(values: Mapping[str, Any]) -> TemperatureReadout:
 def stated_columns(
     values: Mapping[str, Any], table: Table, *, second_file: bool
 ) -> dict[str, tuple[str, ...]]:
-    """Return the stated columns of a table by role; numbers count its columns from 1.
+    """Return the stated columns of a table by role; column numbers start at 1.
 
     Parameters
     ----------
     values : mapping of str to object
-        Of `stated_values`.
+        Values from `stated_values`.
     table : Table
     second_file : bool
-        Whether the gyros lie in another file.
+        Whether the gyros are in a second file.
 
     Raises
     ------
     InputError
-        A column that the table lacks.
+        If the table lacks a stated column.
     """
     roles = [role for role in _COLUMNS if role != "gyro" or not second_file]
     return {role: _columns(role, values, table) for role in roles if f"data.{role}" in values}
 
 
 def stated_gyros(values: Mapping[str, Any], table: Table) -> dict[str, tuple[str, ...]]:
-    """Return the stated columns of the gyros' own file.
+    """Return the stated columns of the separate gyro file.
 
     Raises
     ------
     InputError
-        A column that the file lacks.
+        If the file lacks a stated column.
     """
     return {"gyro": _columns("gyro", values, table)} if "data.gyro" in values else {}
 
@@ -115,7 +118,7 @@ def _columns(role: str, values: Mapping[str, Any], table: Table) -> tuple[str, .
 
 
 def _column_name(column: object, table: Table) -> str:
-    """Return the name of a column that is given by name or by number, without its sign."""
+    """Return the name, without sign, of a column that is given by name or number."""
     text = str(column).removeprefix("-")
     if text in table.names or not text.isdecimal() or not 1 <= int(text) <= len(table.names):
         return text
@@ -124,6 +127,9 @@ def _column_name(column: object, table: Table) -> str:
 
 def _value(key: str, text: str) -> Any:
     types = _types(key)
+    words = [word for one in types if get_origin(one) is Literal for word in get_args(one)]
+    if text in words:
+        return text
     if any(get_origin(one) in (tuple, list) for one in types):
         return _list(key, text)
     if str in types and not (int in types and text.isdecimal()):
@@ -132,13 +138,13 @@ def _value(key: str, text: str) -> Any:
 
 
 def _list(key: str, text: str) -> list[Any]:
-    """Return a list that is written as TOML, or as words with commas."""
+    """Parse a list that is written as TOML, or as words separated by commas."""
     if not text.startswith("["):
         words = [word.strip() for word in text.split(",")]
         return [int(word) if word.isdecimal() else word for word in words]
     value = _toml(text, None)
     if not isinstance(value, list):
-        # A shell takes the quotes of ["a", "b"] away.
+        # A shell removes the quotes in ["a", "b"].
         words = [word.strip().strip("'\"") for word in text.strip("[]").split(",")]
         if not text.endswith("]") or not all(words):
             raise InputError(
@@ -156,12 +162,12 @@ def _toml(text: str, otherwise: Any) -> Any:
 
 
 def _types(key: str) -> tuple[Any, ...]:
-    """Return the types that a key takes.
+    """Return the types that a key accepts.
 
     Raises
     ------
     InputError
-        No run file has the key; the message names the nearest possible ones.
+        If the key does not exist in run files; the message names the nearest possible ones.
     """
     section, *rest = key.split(".")
     models: list[Any] = [RunSchema]
@@ -204,24 +210,24 @@ def _unknown(key: str, place: str, part: str, possible: tuple[str, ...]) -> Inpu
 
 
 def _members(annotation: Any) -> tuple[Any, ...]:
-    """Return the alternatives of a type but None."""
+    """Return the alternatives of a union type, without None."""
     if get_origin(annotation) in (Union, UnionType):
         return tuple(one for one in get_args(annotation) if one is not type(None))
     return (annotation,)
 
 
-_UNITS = "°"  # of an error message about a default, which no user sees
+_UNITS = "°"  # unit for an error message about a default, which no user sees
 
 
 def default_bench_keys(content: Mapping[str, Any], method_name: str) -> tuple[DraftKey, ...]:
-    """Return the keys of [bench] that no entry states and whose default is not zero.
+    """Return the keys of [bench] that are not stated and whose default is not zero.
 
     Parameters
     ----------
     content : mapping
         Sections of the drafted run file.
     method_name : str
-        Of the proposed method: a default that changes none of its results is left out.
+        Name of the proposed method; defaults that do not change its results are left out.
     """
     from inercal.benches.kinds import KINDS
     from inercal.methods import method
@@ -253,7 +259,9 @@ def default_bench_keys(content: Mapping[str, Any], method_name: str) -> tuple[Dr
         if _acts(value):
             meaning = meanings.get(key, info.description or "")
             words = f"{meaning}: " if meaning else ""
-            found.append(DraftKey("bench", key, value, f"{words}the default; state your own"))
+            found.append(
+                DraftKey("bench", key, value, f"{words}this is the default; state your own value")
+            )
     return tuple(found)
 
 
@@ -276,7 +284,7 @@ def _acts(value: object) -> bool:
 
 
 def _meanings(kind: "Kind[Any, Any]") -> dict[str, str]:
-    """Return what each declared key of a kind of bench means."""
+    """Return the meaning of each key that a kind of bench declares."""
     from inercal.benches.key_declarations import declarations
 
     found: dict[str, str] = {}

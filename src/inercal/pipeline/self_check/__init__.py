@@ -1,9 +1,10 @@
-"""Known answers: each method on stored data, against the answers that a release gave.
+"""Self-check: run each method on stored data and compare with the stored answers of a release.
 
-A laboratory validates software before it uses it, and after each change of program, libraries or
-machine (ISO/IEC 17025:2017, 7.11.2). The data of a case are a stored table of means, or a recording
-that is simulated from a stored run file and seed, whose truth is known. `answers.json` holds what
-each case gave when it was stored; `python -m tools.self_check_answers` writes it.
+A laboratory must validate software before it uses it, and after each change of program, libraries
+or machine (ISO/IEC 17025:2017, 7.11.2). The data of a case are a stored table of means, or a
+recording that is simulated from a stored run file and seed, for which the true coefficients are
+known. `answers.json` contains the results of each case at the time when they were stored;
+`python -m tools.self_check_answers` writes it.
 """
 
 import json
@@ -46,11 +47,11 @@ CASES = {
     "systematic": "systematic",
     "temperature_ramp": "temperature_ramp",
 }
-"""The methods, and the run file of each one's data; its [method] is replaced by the name."""
+"""The run file with data for each method; its [method] is replaced by the method's name."""
 TOLERANCE = 0.01
-"""The largest difference from a stored answer, of a value and of u, in stored u."""
+"""The largest permitted difference of a value, or of its u, from the stored one, in stored u."""
 LEAST_PROBABILITY = 1e-4
-"""Below this probability of χ², the errors against the truth of a simulation fail."""
+"""A simulated case fails if the χ² of its errors has a probability below this."""
 _SEED = 0
 _LIBRARIES = ("numpy", "scipy", "numba", "pydantic")
 _HEADS = (
@@ -66,22 +67,23 @@ _HEADS = (
 
 @dataclass(frozen=True)
 class CaseResult:
-    """What one case gave.
+    """The result of one case.
 
     Parameters
     ----------
     method : str
     coefficients : int
     deviation : float
-        Largest difference of a value or of its u from the stored answer, in stored u; NaN where
-        there is no result.
+        Largest difference of a value or of its u from the stored answer, in stored u; NaN if there
+        is no result.
     probability : float or None
-        Of a χ² of the errors against the truth at least as large; None for stored tables.
+        Probability of a χ² of the errors, relative to the true values, that is at least as large;
+        None for stored tables.
     grade : str
-        That of the verdict.
+        Grade of the verdict.
     seconds : float
     reason : str
-        Why it failed; empty where it passed.
+        Why the case failed; empty if it passed.
     """
 
     method: str
@@ -94,13 +96,13 @@ class CaseResult:
 
     @property
     def passed(self) -> bool:
-        """Whether the case gave what it must."""
+        """Whether the case passed."""
         return not self.reason
 
 
 @dataclass(frozen=True)
 class SelfCheck:
-    """All cases, with date, versions and machine."""
+    """The results of all cases, with date, versions and machine."""
 
     begun: str
     versions: Mapping[str, str]
@@ -110,11 +112,11 @@ class SelfCheck:
 
     @property
     def passed(self) -> bool:
-        """Whether each case passed."""
+        """Whether all cases passed."""
         return all(one.passed for one in self.results)
 
     def as_object(self) -> dict[str, Any]:
-        """Return everything, for JSON."""
+        """Return all results as a JSON object."""
         results = [asdict(one) | {"passed": one.passed} for one in self.results]
         return {**asdict(self), "tolerance": TOLERANCE, "passed": self.passed, "results": results}
 
@@ -122,19 +124,19 @@ class SelfCheck:
 def self_check(
     methods: tuple[str, ...] = (), progress: Callable[[str], None] | None = None
 ) -> SelfCheck:
-    """Run the cases of some methods, or of all.
+    """Run the cases of the given methods, or of all methods.
 
     Parameters
     ----------
     methods : tuple of str
-        Empty: all.
+        Names of the methods; empty for all.
     progress : callable or None
         Called with the name of each method before its case.
 
     Raises
     ------
     InputError
-        A method without a case.
+        If a method has no case.
     """
     for name in methods:
         if name not in CASES:
@@ -156,12 +158,12 @@ def self_check(
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of inercal and of the libraries that compute."""
+    """Return the versions of inercal and of the numerical libraries."""
     return {name: version(name) for name in ("inercal", *_LIBRARIES)}
 
 
 def machine() -> dict[str, str]:
-    """Return what computes: system, processor and Python."""
+    """Return a description of the machine: system, processor and Python."""
     return {
         "system": f"{platform.system()} {platform.release()}",
         "processor": platform.machine(),
@@ -170,7 +172,7 @@ def machine() -> dict[str, str]:
 
 
 def stored_answers() -> dict[str, Any]:
-    """Return the stored answers: versions, and values and u of each case."""
+    """Return the stored answers: versions, and the values and u of each case."""
     text = files("inercal.pipeline.self_check").joinpath("answers.json").read_text(encoding="utf-8")
     return json.loads(text)
 
@@ -182,7 +184,7 @@ def copy_cases(folder: Path) -> Path:
 
 
 def compute(method: str, folder: Path) -> tuple[Calibration, str, Array | None]:
-    """Return a case's calibration, the grade of its verdict, and the truth of a simulation."""
+    """Run a case; return its calibration, its grade and, for a simulation, the true values."""
     path = folder / f"{CASES[method]}.toml"
     text = path.read_text(encoding="utf-8")
     own = folder / f"{method}.toml"
@@ -226,15 +228,15 @@ def _reasons(
     grade: str, deviation: float, probability: float | None, answer: Mapping[str, Any]
 ) -> Iterator[str]:
     if not deviation <= TOLERANCE:
-        yield f"differs from the stored answer by {deviation:.2g} u; {TOLERANCE} u is tolerated"
+        yield f"differs from the stored answer by {deviation:.2g} u; the limit is {TOLERANCE} u"
     if grade != answer["grade"]:
-        yield f"the verdict is {grade!r}, the stored one {answer['grade']!r}"
+        yield f"the verdict is {grade!r}, but the stored one is {answer['grade']!r}"
     if probability is not None and not probability >= LEAST_PROBABILITY:
-        yield f"disagrees with the truth of the simulation (p = {probability:.1g})"
+        yield f"disagrees with the true values of the simulation (p = {probability:.1g})"
 
 
 def report_text(check: SelfCheck) -> str:
-    """Return the report as text: date, versions, machine, a line of each method, and failures."""
+    """Return the report as text: date, versions, machine, a line per method, and failures."""
     rows = [_HEADS, *(_cells(one) for one in check.results)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(_HEADS))]
     table = [

@@ -1,7 +1,7 @@
-"""From [data] of a run file to recordings and tables, for all kinds of benches.
+"""Load recordings and tables as described in [data] of a run file, for all kinds of benches.
 
-The section with the keys of every kind of bench, the view of a run that readers of data use, and
-their result. Values with units are text: "100 Hz".
+This package defines the [data] section with the keys that all kinds of benches share, the part of a
+run that data readers need, and the result that they return. Values with units are text: "100 Hz".
 """
 
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class ReadbackColumn(NamedTuple):
-    """A column of a quantity that the bench measures: name, column, and SI size of its unit."""
+    """A column with a quantity that the bench measures: name, column, and SI size of its unit."""
 
     name: str
     column: str
@@ -34,9 +34,9 @@ class ReadbackColumn(NamedTuple):
 
 
 class DataSection(Section):
-    """[data]: the file and its columns, by header name or by number counted from 1.
+    """[data]: the data file and its columns, by header name or by number counted from 1.
 
-    Keys that every kind of bench has; a kind adds its own.
+    These keys are common to all kinds of benches; each kind adds its own.
     """
 
     file: str = Field(examples=["session.csv"])
@@ -45,42 +45,42 @@ class DataSection(Section):
     gyro: tuple[str | int, str | int, str | int] = ("gyr_x", "gyr_y", "gyr_z")
     gyro_file: str | None = Field(
         None,
-        description="the gyros' file, with the same rows, where it differs from [data] file",
+        description="the gyros' file, with the same rows, if it is not [data] file",
         examples=["gyro.mat"],
     )
     gyro_time: str | int | None = Field(
         None,
-        description="the gyros' column of times, where they were sampled at times of their own",
+        description="the gyros' own time column, if they were sampled at different times",
         examples=["gyro_time"],
     )
     time: str | int | None = None
     time_unit: str = "s"
     rate: str | None = Field(None, examples=["100 Hz"])
     counter_modulus: int | None = Field(
-        None, ge=3, description="of a time column in 'sample': after so many it begins at 0 again"
+        None, ge=3, description="for a time column in 'sample': the counter restarts at this value"
     )
     label: str | int | None = None
     temperature: str | int | None = None
     temperature_unit: str = "°C"
     temperature_scale: str | None = Field(
-        None, description="of a thermometer in 'LSB' or 'V'", examples=["340 LSB/K"]
+        None, description="for a thermometer in 'LSB' or 'V'", examples=["340 LSB/K"]
     )
     temperature_zero: str | None = Field(
         None,
-        description="of a thermometer in 'LSB' or 'V': temperature at a reading of 0",
+        description="for a thermometer in 'LSB' or 'V': temperature at a reading of 0",
         examples=["36.53 °C"],
     )
     allow_temperature: bool = Field(
-        False, description="accept temperatures outside −100 to 300 °C; none is below 0 K"
+        False, description="accept temperatures outside −100 to 300 °C, but never below 0 K"
     )
     marks: str = Field("found", description="'found', 'labels', or a file of marks")
     nonfinite: Literal["refuse", "drop"] = "refuse"
     sd: dict[Literal["accelerometer", "gyro"], str] = Field(
         default_factory=dict[Literal["accelerometer", "gyro"], str],
-        description="of means: the standard deviation of each",
+        description="for tables of means: standard deviation of each mean",
         examples=[{"accelerometer": "30 µg", "gyro": "5 °/h"}],
     )
-    seconds: str | int | None = Field(None, description="of means: column of durations, s")
+    seconds: str | int | None = Field(None, description="for tables of means: durations, s")
 
     @model_validator(mode="after")
     def _keys_fit_together(self) -> "DataSection":
@@ -115,12 +115,12 @@ class DataSection(Section):
 
     @property
     def thermometer(self) -> TemperatureReadout:
-        """How the column of temperature states temperatures.
+        """How the temperature column is converted to kelvin.
 
         Raises
         ------
         InputError
-            A unit that is no temperature, or counts without scale and zero.
+            The unit is not a temperature unit, or raw counts lack a scale or a zero.
         """
         return temperature_readout(
             self.temperature_unit,
@@ -136,34 +136,34 @@ class DataSection(Section):
 
     @property
     def moving_sections(self) -> tuple[str, ...]:
-        """The marked sections that count as rests though they move."""
+        """The marked sections that are accepted as rests although they move."""
         return ()
 
     def readback(self, bench: Any) -> tuple[ReadbackColumn, ...]:
-        """Return the columns of rates, angles and levels that the bench measures.
+        """Return the columns of the rates, angles and levels that the bench measures.
 
         Raises
         ------
         InputError
-            A unit of another quantity.
+            A unit does not belong to the quantity.
         """
         return ()
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that change no result in this use, each with the reason."""
+        """Return the keys that have no effect on the result in this use, each with the reason."""
         return {}
 
     def further_files(self) -> dict[str, str]:
-        """Return further files by their content, such as "readback"."""
+        """Return additional files by their content, such as "readback"."""
         return {}
 
 
 class RestsSection(DataSection):
-    """[data] of a bench that rests in marked sections."""
+    """[data] for a bench that rests in marked sections."""
 
     accept_moving: tuple[str, ...] | None = Field(
         None,
-        description="marked sections that count as rests though their mean changes within them",
+        description="marked sections to accept as rests although the mean changes within them",
         examples=[["p11"]],
     )
 
@@ -175,17 +175,17 @@ class RestsSection(DataSection):
 
     @property
     def moving_sections(self) -> tuple[str, ...]:
-        """The marked sections that count as rests though they move."""
+        """The marked sections that are accepted as rests although they move."""
         return self.accept_moving or ()
 
 
 def unit_size(unit: str, like: str, key: str) -> float:
-    """Return the SI size of a unit, or of a size such as "0.5 rev/s"; an error names `key`.
+    """Return a unit's size in SI, also for multiples such as "0.5 rev/s"; errors name `key`.
 
     Raises
     ------
     InputError
-        A unit of another quantity, or a size that is not positive.
+        The unit belongs to another quantity, or its size is not positive.
     """
     key = f"[data] {key}"
     try:
@@ -202,20 +202,20 @@ D = TypeVar("D", bound=DataSection, covariant=True)
 
 @dataclass(frozen=True, kw_only=True)
 class MethodBase:
-    """The part of a method that readers of data use; `inercal.methods.Method` adds the rest.
+    """The part of a method that data readers use; `inercal.methods.Method` adds the rest.
 
     Parameters
     ----------
     name : str
-        In the run file.
+        Name in the run file.
     unknown_attitudes : bool
-        Whether attitudes are free: rests are detected and labelled without a plan.
+        Whether the attitudes are free, so that rests are detected and labelled without a plan.
     follows_rest : bool
-        Whether the whole recording is one rest, whose samples the estimator follows.
+        Whether the whole recording is a single rest that the estimator follows sample by sample.
     without_angles : bool
-        Whether it uses no angle of a turntable: the gyros show rests and turns.
+        Whether the method uses no turntable angles; rests and turns are then found from the gyros.
     sequential : callable or None
-        Starts the live estimation of a run; None where the method has none.
+        Function that starts the live estimation of a run; None if the method has none.
     """
 
     name: str
@@ -232,26 +232,26 @@ class RunBase(Generic[D]):
     Parameters
     ----------
     path : Path
-        The run file; other files are named relative to its folder.
+        Path of the run file; other file names are relative to its folder.
     sensor : Sensor
-        With readouts, noise and the coefficients to be estimated; all axes, also those that are
+        The sensor with readouts, noise and the coefficients to estimate; includes the axes that are
         not calibrated.
     bench : Bench
     data : DataSection
-        Of the kind of bench.
+        The [data] section for this kind of bench.
     method : MethodBase
     plan : callable
-        Returns the nominal plan.
+        Function that returns the nominal plan.
     rate_hz : float or None
-        Samples per second, where stated.
+        Sampling rate, if stated, Hz.
     has_plan_keys : bool
-        Whether [method] states a key of the plan.
+        Whether [method] states a plan key.
     reader_options : mapping of str to object
-        Keys of [data] that belong to the reader of a format (`inercal.recordings.io.readers`).
+        Keys of [data] that belong to a file-format reader (`inercal.recordings.io.readers`).
     environment : Environment or None
-        The temperatures around the bench.
+        Temperatures around the bench.
     held_files : mapping of str to Path
-        Files that hold what a call gave in memory, by the names that [data] has for them.
+        Files with data that a caller passed in memory, by the names that [data] uses for them.
     """
 
     path: Path
@@ -268,12 +268,12 @@ class RunBase(Generic[D]):
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """The nominal plan, designed when it is first read: a plan by hand takes seconds.
+        """The nominal plan, designed on first access because a hand-held plan takes seconds.
 
         Raises
         ------
         InputError
-            The options of [method] allow no plan.
+            No plan is possible with the options of [method].
         """
         return self._steps
 
@@ -290,7 +290,7 @@ class RunBase(Generic[D]):
         Raises
         ------
         InputError
-            The text can be no name.
+            The text cannot be a file name.
         """
         if "\0" in name:
             raise InputError(
@@ -303,25 +303,25 @@ class RunBase(Generic[D]):
 
 @dataclass(frozen=True, eq=False)
 class EstimatorInput:
-    """What an estimator needs, made from a run's data.
+    """The input of an estimator, prepared from the data of a run.
 
     Parameters
     ----------
     recording : Recording or None
-        None where the data are a table of means.
+        None if the data are a table of means.
     marks : tuple of Mark
     observations : Observations
     plan : tuple of Step
         The planned steps; steps without a row were not carried out.
     steps : tuple of Step
-        The step of each row.
+        The plan step of each row.
     findings : tuple of Finding
     conditions : dict of str to str
-        Conditions of the bench, in words with units.
+        Conditions at the bench, in words with units.
     rests : RestDetection or None
-        The detection of rests, where it used no plan.
+        Result of the rest detection, if it used no plan.
     bench : Bench or None
-        The bench, where the data determine more of it than the run file states.
+        The bench, if the data determine more of its parameters than the run file states.
     notes : tuple of str
         Further results from the data, in plain words.
     """
@@ -338,10 +338,10 @@ class EstimatorInput:
     notes: tuple[str, ...] = ()
 
     def sensor_of_samples(self, sensor: Sensor) -> Sensor:
-        """Return the sensor with the noise by which an estimator weighs the observations.
+        """Return the sensor with the noise that an estimator uses to weight the observations.
 
-        Estimators that follow samples weigh single ones by the stated noise, which does not include
-        their rounding; the covariance of means does.
+        Estimators that follow individual samples weight them by the stated noise, which does not
+        include their rounding. The covariance of means already includes it.
         """
         if self.observations.track is None:
             return sensor

@@ -1,4 +1,4 @@
-"""[data] of a run file as arguments of its readers: columns, limits, deviations; the recording."""
+"""Load the recording of a run file: columns, limits and deviations from its [data] section."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.read import Columns, detect_reader, read_recording
 from inercal.recordings.io.section_files import read_sections
 
-READBACK = "readback"  # key in `DataSection.further_files` of the file with the bench's readback
+READBACK = "readback"  # key in `DataSection.further_files` for the file with the bench's readback
 
 
 def load_recording(run: RunBase[DataSection]) -> Recording:
@@ -26,7 +26,7 @@ def load_recording(run: RunBase[DataSection]) -> Recording:
     Raises
     ------
     InputError
-        It cannot be read, or the audit refuses it.
+        The file cannot be read, or the audit refuses it.
     """
     require_distinct_columns(run)
     path, limits = run.file(run.data.file), range_limits(run.sensor)
@@ -44,21 +44,21 @@ def load_recording(run: RunBase[DataSection]) -> Recording:
         else:
             recording = read_recording(path, columns, limits, gyro_file(run))
     except InputError as error:
-        if str(error).startswith("[data]"):  # an option of a reader, which knows no run file
+        if str(error).startswith("[data]"):  # from a reader's option; the reader has no run file
             raise error.located(run.path) from None
         if (key := _key_of_column(run.data, error.names)) is not None:
             raise error.located(f"{run.path}: {key}", key=key) from None
         raise
     recording = apply_axis_signs(run, recording)
     environment = run.environment
-    # Where the estimator follows the rest, it has the lag as a parameter.
+    # If the estimator follows the rest, the lag is one of its parameters.
     if environment is None or environment.lag is None or run.method.follows_rest:
         return recording
     return ahead_of_lag(recording, environment.lag.value)
 
 
 def _key_of_column(section: DataSection, names: Sequence[str]) -> str | None:
-    """Return the key of [data] that names a column; None where no key does."""
+    """Return the key of [data] that names a column; None if no key does."""
     if len(names) != 1:
         return None
     for key in type(section).model_fields:
@@ -70,7 +70,7 @@ def _key_of_column(section: DataSection, names: Sequence[str]) -> str | None:
 
 
 def require_not_refused(source: str, finding: Finding | None) -> tuple[Finding, ...]:
-    """Return a finding, if any, as a tuple.
+    """Return the finding, if there is one, as a tuple.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def reversed_axes(run: RunBase[DataSection]) -> frozenset[str]:
 
 
 def apply_axis_signs(run: RunBase[DataSection], recording: Recording) -> Recording:
-    """Return the recording with the axes that the run file reverses mirrored about their zeros."""
+    """Return the recording with the readings of reversed axes mirrored about their zero output."""
     back = reversed_axes(run)
     if not back:
         return recording
@@ -116,9 +116,9 @@ def apply_axis_signs(run: RunBase[DataSection], recording: Recording) -> Recordi
 
 
 def gyro_file(run: RunBase[DataSection]) -> Path | None:
-    """Return the file of the gyros that is read by itself; None where there is none.
+    """Return the separate file of the gyros; None if there is none.
 
-    With a column of times of their own this may be the file of the accelerometers.
+    If the gyros have their own time column, this may be the accelerometers' file.
     """
     data = run.data
     name = data.gyro_file or (None if data.gyro_time is None else data.file)
@@ -126,7 +126,7 @@ def gyro_file(run: RunBase[DataSection]) -> Path | None:
 
 
 def range_limits(sensor: Sensor) -> dict[str, tuple[float, float]]:
-    """Return the ends of each axis's range in output units, where its full scale is stated."""
+    """Return the limits of each axis's range in output units, if its full scale is stated."""
     return {
         axis.name: (axis.readout.offset - reach, axis.readout.offset + reach)
         for axis in sensor.axes
@@ -135,7 +135,7 @@ def range_limits(sensor: Sensor) -> dict[str, tuple[float, float]]:
 
 
 def reader_columns(run: RunBase[DataSection]) -> Columns:
-    """Return what each column of the run's data holds."""
+    """Return the content of each column of the run's data."""
     data = run.data
     names = {"f": data.accelerometer, "w": data.gyro}
     channels: dict[str, tuple[tuple[str, str, str], ...]] = {}
@@ -165,7 +165,7 @@ def reader_columns(run: RunBase[DataSection]) -> Columns:
 
 
 def _data_file_options(run: RunBase[DataSection]) -> dict[str, object]:
-    """Return the options of readers, without those that only the file of the readback uses."""
+    """Return the reader options, without those that only the readback file uses."""
     table = run.data.further_files().get(READBACK)
     of_readback = {} if table is None else file_reader_options(run, table)
     names = [name for name in (run.data.file, run.data.gyro_file) if name is not None]
@@ -178,7 +178,7 @@ def _data_file_options(run: RunBase[DataSection]) -> dict[str, object]:
 
 
 def file_reader_options(run: RunBase[DataSection], name: str) -> dict[str, object]:
-    """Return the options that the reader of a file knows; none where the file does not exist."""
+    """Return the options that a file's reader supports; empty if the file does not exist."""
     if not run.reader_options or not is_file(run.file(name)):
         return {}
     known = detect_reader(run.file(name)).keys
@@ -186,12 +186,12 @@ def file_reader_options(run: RunBase[DataSection], name: str) -> dict[str, objec
 
 
 def readbacks(run: RunBase[DataSection]) -> tuple[ReadbackColumn, ...]:
-    """Return the columns of quantities that the bench measures.
+    """Return the columns of the quantities that the bench measures.
 
     Raises
     ------
     InputError
-        A unit of another quantity.
+        A unit does not belong to the quantity.
     """
     try:
         return run.data.readback(run.bench)
@@ -200,36 +200,37 @@ def readbacks(run: RunBase[DataSection]) -> tuple[ReadbackColumn, ...]:
 
 
 def readback_fields(run: RunBase[DataSection]) -> tuple[tuple[str, str, str], ...]:
-    """Return name, column and unit of what the bench measures.
+    """Return name, column and unit of each quantity that the bench measures.
 
-    The unit is "1": values stay in the units of their columns; `readback_units` converts to SI.
+    The unit is "1" because values stay in the units of their columns; use `readback_units` to
+    convert.
     """
     return tuple((one.name, one.column, "1") for one in readbacks(run))
 
 
 def readback_columns(run: RunBase[DataSection]) -> dict[str, str]:
-    """Return the columns of rates, angles and levels that the bench measures, by name."""
+    """Return the columns of the rates, angles and levels that the bench measures, by name."""
     return {one.name: one.column for one in readbacks(run)}
 
 
 def readback_units(run: RunBase[DataSection]) -> dict[str, float]:
-    """Return the SI size of the unit of each of these columns, negative for a reversed column.
+    """Return the SI size of each readback column's unit, negative for a reversed column.
 
     Raises
     ------
     InputError
-        A unit that is not an angular rate or an angle.
+        A unit is neither an angular rate nor an angle.
     """
     return {one.name: one.size for one in readbacks(run)}
 
 
 def require_distinct_columns(run: RunBase[DataSection], *further: str) -> None:
-    """Refuse a column stated for two quantities; `further` are columns besides the readback.
+    """Refuse a column that is used for two quantities; `further` adds columns to the readback.
 
     Raises
     ------
     InputError
-        The message names the column.
+        A column is used twice; the message names it.
     """
     kinds = {axis.measures for axis in run.sensor.axes}
     data, readback = run.data, list(readback_columns(run).values())
@@ -253,14 +254,14 @@ def require_distinct_columns(run: RunBase[DataSection], *further: str) -> None:
 
 
 def position_name(value: object) -> str:
-    """Return the name of a position; a whole number without decimals."""
+    """Return the name of a position; whole numbers have no decimals."""
     if isinstance(value, float) and value.is_integer():
         return str(int(value))
     return str(value).strip()
 
 
 def number_repeated_names(names: Sequence[str]) -> list[str]:
-    """Return a distinct name for each row: the second "x_p" becomes "x_p (2)"."""
+    """Make the name of each row unique: the second "x_p" becomes "x_p (2)"."""
     count: Counter[str] = Counter()
     distinct: list[str] = []
     for name in names:
@@ -270,9 +271,9 @@ def number_repeated_names(names: Sequence[str]) -> list[str]:
 
 
 def _column_rate(run: RunBase[DataSection]) -> float | None:
-    """Return the rate of the samples; None where a column of times replaces it."""
+    """Return the sampling rate; None if a time column replaces it."""
     if run.data.kind == "means":
-        return 1.0  # the rows have an order; nothing depends on their times
+        return 1.0  # the rows have an order, but nothing depends on their times
     stamped = run.data.time is not None and run.data.time_unit != "sample"
     if run.rate_hz is None and not stamped:
         raise InputError(
@@ -285,13 +286,12 @@ def _column_rate(run: RunBase[DataSection]) -> float | None:
 
 
 def stated_deviations(run: RunBase[DataSection]) -> dict[str, float]:
-    """Return the standard deviations of means that the run file states, SI, by measured quantity.
+    """Return the standard deviations of means stated in the run file, SI, by measured quantity.
 
     Raises
     ------
     InputError
-        A value that is not positive, or whose unit is neither that of the quantity nor that of the
-        output.
+        A value is not positive, or its unit is neither that of the quantity nor that of the output.
     """
     likes = {"accelerometer": ("f", "m/s²"), "gyro": ("w", "rad/s")}
     deviations: dict[str, float] = {}

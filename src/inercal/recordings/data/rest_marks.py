@@ -1,4 +1,4 @@
-"""Rests of a recording: marked by labels or in a file, or detected, and which may be used."""
+"""Rests of a recording: read from labels or a file of marks, or detected, and then checked."""
 
 import json
 from collections.abc import Sequence
@@ -27,12 +27,12 @@ from inercal.recordings.segments.motion_thresholds import WINDOW
 def check_marked_rests(
     run: RunBase[DataSection], recording: Recording, marks: Sequence[Mark]
 ) -> tuple[Finding, ...]:
-    """Refuse marked rests that move; return warnings of those that the run file accepts.
+    """Refuse marked rests that move; return warnings for those that the run file accepts.
 
     Raises
     ------
     InputError
-        See `inercal.recordings.segments.rest_changes.require_still`.
+        A marked rest moves; see `inercal.recordings.segments.rest_changes.require_still`.
     """
     return require_still(recording, run.sensor, marks, run.data.moving_sections)
 
@@ -40,12 +40,13 @@ def check_marked_rests(
 def check_rests(
     run: RunBase[RestsSection], recording: Recording, marks: Sequence[Mark]
 ) -> tuple[Finding, ...]:
-    """Return the findings of `check_marked_rests`, or none where rests are detected.
+    """Return the findings of `check_marked_rests`; none if the rests were detected.
 
     Raises
     ------
     InputError
-        As `check_marked_rests`, or the run file accepts moving rests but does not mark rests.
+        A rest moves, as in `check_marked_rests`, or the run file accepts moving rests without
+        marking them.
     """
     if run.data.marks != "found":
         return check_marked_rests(run, recording, marks)
@@ -62,14 +63,14 @@ def check_rests(
 def stated_marks(
     run: RunBase[DataSection], recording: Recording, *, again: bool = False
 ) -> tuple[Mark, ...]:
-    """Return the marked sections, from the labels of the recording or from the file of marks.
+    """Return the marked sections, from the recording's labels or from the file of marks.
 
     Parameters
     ----------
     run : RunBase
     recording : Recording
     again : bool
-        Whether a label may mark several sections.
+        Whether the same label may mark several sections.
     """
     if run.data.marks == "labels":
         return marks_from_labels(recording, again=again)
@@ -77,7 +78,7 @@ def stated_marks(
 
 
 def rests_without_plan(run: RunBase[DataSection], recording: Recording) -> RestDetection:
-    """Return the rests detected without a plan, or the marked sections."""
+    """Return the rests that were detected without a plan, or the marked sections."""
     if run.data.marks == "found":
         try:
             return find_rests(recording, run.sensor)
@@ -98,7 +99,7 @@ def marks_from_file(path: Path) -> tuple[Mark, ...]:
     Raises
     ------
     InputError
-        The file is neither, or an entry is not a pair of sample numbers.
+        The file has neither format, or an entry is not a pair of sample numbers.
     """
     if path.suffix.lower() == ".json":
         entries: Any
@@ -128,7 +129,7 @@ def marks_from_file(path: Path) -> tuple[Mark, ...]:
 
 
 def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    """Return the object; refuse a name that comes twice, which JSON allows."""
+    """Return the object; refuse a name that appears twice, which JSON itself allows."""
     names = [name for name, _ in pairs]
     for name in names:
         if names.count(name) > 1:
@@ -162,12 +163,12 @@ def _mark(path: Path, label: str, entry: object) -> Mark:
 
 
 def marks_after_audit(marks: tuple[Mark, ...], recording: Recording) -> tuple[Mark, ...]:
-    """Return marks in samples of the file as marks in samples of the audited recording.
+    """Convert marks from sample numbers in the file to sample numbers after the audit.
 
     Raises
     ------
     InputError
-        The audit has sorted the samples: ranges of samples in the file are then no ranges.
+        The audit sorted the samples, so a range of samples in the file is no longer a range.
     """
     original = recording.original
     if original is None:

@@ -1,9 +1,9 @@
-"""The temperatures around a bench, and the errors that they add.
+"""Temperatures around a bench, and the errors that they add.
 
-A run spans temperatures as soaks, in which the plan is carried out at one temperature after the
-other, or as a ramp, in which the temperature moves. The rows of a soak share two errors: that of
-its temperature, which acts on the readings by their slope against temperature, and that of the
-bias, which repeats with a scatter from soak to soak.
+A run covers several temperatures in one of two ways: as soaks, where the plan is carried out at one
+temperature after another, or as a ramp, where the temperature changes continuously. The rows of a
+soak share two errors. One is the error of its temperature, which acts on the readings through their
+temperature slope. The other is the bias, whose repeatability from soak to soak is limited.
 """
 
 from dataclasses import dataclass, field
@@ -16,18 +16,18 @@ EnvironmentKind = Literal["soaks", "ramp"]
 
 @dataclass(frozen=True)
 class ChamberProfile:
-    """The set temperatures of a chamber in a simulation.
+    """The set temperatures of a chamber, for simulations.
 
     Parameters
     ----------
     temperatures : tuple of float
-        K: of the soaks in their order, or the turning points of a ramp.
+        Temperatures of the soaks in their order, or turning points of a ramp, K.
     rate : float
-        K/s, of the chamber between them.
+        Rate at which the chamber changes between them, K/s.
     wait : float
-        s, at each soak before the plan, or at the first temperature of a ramp.
+        Waiting time at each soak before the plan starts, or at the first temperature of a ramp, s.
     case_time : float
-        Time constant by which the sensor follows the chamber, s.
+        Time constant with which the sensor follows the chamber, s.
     """
 
     temperatures: tuple[float, ...] = ()
@@ -38,24 +38,23 @@ class ChamberProfile:
 
 @dataclass(frozen=True)
 class Environment:
-    """[environment] of a run file, SI.
+    """The [environment] section of a run file, in SI units.
 
     Parameters
     ----------
     kind : "soaks" or "ramp"
     temperature_sd : float
-        Standard deviation of the error of the temperature that the rows of a soak, or all of a
-        ramp, have in common, K.
+        Standard deviation of the temperature error that all rows of a soak, or of a ramp, share, K.
     force_repeatability, rate_repeatability : float
-        Standard deviation of the bias of an accelerometer, m/s², or a gyro, rad/s, from soak to
-        soak.
+        Standard deviation of the bias from soak to soak, for an accelerometer, m/s², and a gyro,
+        rad/s.
     lag : Measured or None
-        Time by which the recorded temperature is behind that of the sensing element, s; None is
-        unknown: a ramp estimates it, and soaks neglect it.
+        Time by which the recorded temperature lags behind the sensing element, s. None means
+        unknown: a ramp then estimates it, and soaks neglect it.
     profile : ChamberProfile
-        Of a simulation.
+        Set temperatures, for a simulation.
     warm_up : float
-        Time constant of a warm-up of the biases in a ramp, s; 0 is none.
+        Time constant of a bias warm-up during a ramp, s; 0 means no warm-up.
     """
 
     kind: EnvironmentKind

@@ -1,17 +1,17 @@
-"""Rows of soaks: which belong together, and the errors that they have in common.
+"""Temperature soaks: which rows belong to each soak, and the errors that these rows share.
 
-The error δ of the temperature of a soak adds (∂y/∂T) δ to each reading of its rows; the slope
-∂y/∂T is that of a first fit. A bias that comes back within s adds the same to all rows of a soak.
-Both are independent from soak to soak and are marginalised: as columns of
-`inercal.recordings.Observations.common`.
+An error δ of a soak's temperature adds (∂y/∂T) δ to each reading of its rows; the slope ∂y/∂T comes
+from a first fit. A bias that repeats within a standard deviation s adds the same error to all rows
+of a soak. Both errors are independent from soak to soak. They are marginalised by adding them as
+columns of `inercal.recordings.Observations.common`.
 
-Other estimators do not weigh them. Temperatures that are all δ too high give the polynomial
-b(T − δ): the coefficient of order k − 1 moves by −k c_k δ, whatever the estimator. Errors of single
-soaks move an estimate by what it moves when the readings, or the temperatures, of the soak are
-changed by their standard deviation.
+Some estimators do not use this covariance. If all temperatures are too high by δ, every estimator
+finds the polynomial b(T − δ), so the coefficient of order k − 1 changes by −k c_k δ. For errors of
+single soaks, the readings or temperatures of one soak are changed by their standard deviation, and
+the resulting change of the estimate is its uncertainty.
 
-Hysteresis over soaks is the difference of biases at one temperature, reached from below and from
-above.
+The hysteresis over soaks is the difference between the biases at the same temperature when it is
+reached from below and from above.
 """
 
 from collections.abc import Iterator
@@ -28,20 +28,20 @@ from inercal.physics.sensors import Sensor, inverse
 from inercal.recordings import Observations, Transitions
 from inercal.recordings.environment import Environment
 
-SOAK_SPREAD = 3.0  # K; rows further apart are of different soaks
-_STEP = 0.01  # K, of the difference quotient; the curvature over it is far below rounding of data
+SOAK_SPREAD = 3.0  # K; rows that differ by more belong to different soaks
+_STEP = 0.01  # K, step of the difference quotient; curvature over it is far below data rounding
 
 
 def soak_numbers(observations: Observations) -> NDArray[np.int64]:
-    """Return the number of the soak of each row, (r,), from 0 in the order of time.
+    """Return the number of the soak of each row, (r,), counted from 0 in time order.
 
-    Rows that follow one another are of one soak while their temperatures stay within
-    `SOAK_SPREAD` of that of its first row. A temperature that comes back later is another soak.
+    Consecutive rows belong to the same soak as long as their temperatures stay within `SOAK_SPREAD`
+    of that of its first row. If a temperature is reached again later, this is another soak.
 
     Parameters
     ----------
     observations : Observations
-        With temperatures; of several trials the first one's count.
+        Observations with temperatures; with several trials, only those of the first one are used.
     """
     assert observations.temperature is not None
     kelvin = observations.temperature.reshape(-1, observations.temperature.shape[-1])[0]
@@ -54,7 +54,7 @@ def soak_numbers(observations: Observations) -> NDArray[np.int64]:
 
 
 def soak_temperatures(observations: Observations) -> Array:
-    """Return the mean temperature of each soak, (s,) K, in the order of time."""
+    """Return the mean temperature of each soak, (s,) K, in time order."""
     assert observations.temperature is not None
     kelvin = observations.temperature.reshape(-1, observations.temperature.shape[-1])[0]
     number = soak_numbers(observations)
@@ -68,9 +68,9 @@ def distinct_levels(temperatures: Array) -> int:
 
 
 def temperature_slopes(observations: Observations, sensor: Sensor, c: Array) -> Array:
-    """Return ∂y/∂T of each reading, (..., r, m) SI per K, at coefficients c (..., p).
+    """Return ∂y/∂T for each reading, (..., r, m) SI per K, at coefficients c (..., p).
 
-    The motion of a row is that which its reading measures by c.
+    The motion in each row is computed from its reading with the coefficients c.
     """
     dT = observations.temperature_offset(sensor.reference_temperature)
     zero = np.zeros((1, 3))
@@ -87,18 +87,19 @@ def with_soak_errors(
     environment: Environment,
     rates: Array | None = None,
 ) -> Observations:
-    """Return the observations with the errors that the rows of a soak have in common.
+    """Return the observations with the errors that the rows of each soak share.
 
     Parameters
     ----------
     observations : Observations
-        With temperatures.
+        Observations with temperatures.
     sensor : Sensor
     c : (..., p) array
-        Its coefficients by a first fit, SI.
+        The sensor's coefficients from a first fit, SI.
     environment : Environment
     rates : (r,) array, optional
-        Mean rate of the temperature in each row, K/s, by which an error of the lag acts.
+        Mean rate of temperature change in each row, K/s; an error of the lag acts in proportion to
+        it.
     """
     number = soak_numbers(observations)
     member: Array = np.eye(int(number.max()) + 1)[number]  # (r, s)
@@ -122,14 +123,14 @@ def with_soak_errors(
 
 
 class SoakLoop(NamedTuple):
-    """Half of the difference of two soaks at one temperature, rising minus falling.
+    """Half the difference between two soaks at the same temperature, rising minus falling.
 
     Parameters
     ----------
     temperature : float
-        K.
+        Temperature, K.
     half : (m,) array
-        Of the mean residual of each axis, SI.
+        Half the difference of the mean residuals of each axis, SI.
     """
 
     temperature: float
@@ -137,14 +138,14 @@ class SoakLoop(NamedTuple):
 
 
 def soak_loops(observations: Observations, residual: Array) -> tuple[SoakLoop, ...]:
-    """Return the loops of a run that comes to a temperature from below and from above.
+    """Return the hysteresis loops of a run that reaches a temperature from below and from above.
 
     Parameters
     ----------
     observations : Observations
-        Of r rows and m axes, one trial.
+        Observations with r rows and m axes, one trial.
     residual : (r m,) array
-        Of a fit to them, SI; of another size there are no loops.
+        Residuals of a fit to these observations, SI; with any other size, no loops are returned.
     """
     r, m = observations.mean.shape[-2:]
     if residual.shape != (r * m,):
@@ -162,16 +163,16 @@ def soak_loops(observations: Observations, residual: Array) -> tuple[SoakLoop, .
 
 
 def with_temperature_shift(estimate: Estimate, sensor: Sensor, sd: float) -> Estimate:
-    """Return an estimate with an error of all temperatures in its covariance.
+    """Return an estimate whose covariance includes a common error of all temperatures.
 
     Parameters
     ----------
     estimate : Estimate
-        Of one trial; its first parameters are the sensor's coefficients. A lowest order that was
-        not estimated has its place in "constant[axis]", if there is any.
+        Estimate for one trial; its first parameters are the sensor's coefficients. If the lowest
+        order of a polynomial was not estimated, "constant[axis]" takes its place, if present.
     sensor : Sensor
     sd : float
-        K.
+        Standard deviation of the common temperature error, K.
     """
     if not sd:
         return estimate
@@ -193,7 +194,7 @@ def with_temperature_shift(estimate: Estimate, sensor: Sensor, sd: float) -> Est
 
 
 def with_added_covariance(estimate: Estimate, added: Array) -> Estimate:
-    """Return an estimate with a further covariance, (p, p), which no Birge ratio enlarges."""
+    """Add a covariance, (p, p), that the Birge ratio does not enlarge, to an estimate."""
     covariance = estimate.covariance + added / float(estimate.birge) ** 2
     return replace(estimate, covariance=covariance)
 
@@ -201,12 +202,12 @@ def with_added_covariance(estimate: Estimate, added: Array) -> Estimate:
 def changed_by_soak_errors(
     observations: Observations, sensor: Sensor, environment: Environment
 ) -> Iterator[Observations]:
-    """Yield the observations changed by each error of a soak, by its standard deviation.
+    """Yield the observations, each time changed by one standard deviation of one soak error.
 
     Parameters
     ----------
     observations : Observations
-        Of one trial, with temperatures.
+        Observations of one trial, with temperatures.
     sensor : Sensor
     environment : Environment
     """
@@ -243,7 +244,7 @@ def changed_by_soak_errors(
 def _samples_of_soak(
     observations: Observations, path: Transitions, number: NDArray[np.int64], soak: int
 ) -> NDArray[np.bool_]:
-    """Return which samples are of a soak: from its first row to that of the next, (n,)."""
+    """Return which samples belong to a soak, (n,): from its first row to that of the next one."""
     order = np.argsort(observations.time, kind="stable")
     row = np.searchsorted(observations.time[order], path.time, side="right") - 1
     return number[order][np.maximum(row, 0)] == soak

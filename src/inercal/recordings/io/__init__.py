@@ -1,1 +1,1 @@
-"""Files in and out: tables of any common format, recordings, and their audit."""
+"""Read and write recordings and tables in common file formats, and audit what was read."""

@@ -1,9 +1,9 @@
-"""What is wrong or odd with a recording, before anything is computed from it.
+"""Audit a recording: find what is wrong or unusual before anything is computed from it.
 
-Each check is a function of the recording and returns findings. Three checks also return the
-samples to keep and their order: non-finite rows and repeated rows are dropped, and sections that
-were stored by label are sorted by time. Messages name lines of the file as it was read.
-A recording may fill most of the memory: no check copies it.
+Each check is a function of the recording and returns findings. Three checks also return the samples
+to keep and their order: they drop non-finite rows and repeated rows, and sort by time any sections
+that were stored by label. Messages refer to line numbers of the original file. A recording may fill
+most of the memory, so no check copies it.
 """
 
 from collections.abc import Mapping
@@ -29,11 +29,11 @@ from inercal.recordings.temperature import seems_kelvin
 
 _FASTEST = 1.0  # K/s; chambers for thermal shock reach a third of it
 _SMALLEST = 3.0  # K; a smaller step is noise or rounding of a thermometer
-_TYPICAL = 6.0  # typical changes from one reading to the next
+_TYPICAL = 6.0  # in units of the typical change from one reading to the next
 
 
 def temperature_findings(recording: Recording) -> list[Finding]:
-    """Return warnings of a temperature that jumps, and of one that seems to be in K."""
+    """Return warnings about a temperature that jumps, or that seems to be in K."""
     kelvin = recording.temperature
     if kelvin is None or kelvin.size < 2:
         return []
@@ -74,12 +74,12 @@ NonfinitePolicy = Literal["refuse", "drop"]
 
 _OTHER_UNIT = 100.0  # median steps; units of time differ by a factor of 1000
 _OFTEN_FAR = 0.1  # share of the samples
-_LOST = 0.01  # lost share of the recording above which gaps are a warning
-# A recording comes in bursts where at least this share of its time steps is long, the mean step is
-# at least so many median steps, and within so many bursts the samples follow their mean rate.
+_LOST = 0.01  # lost share of the recording, above which gaps are a warning
+# A recording has bursts if at least this share of its time steps is long and the mean step is at
+# least so many median steps. Over so many bursts, the samples must follow their mean rate.
 _OFTEN, _SHORTER, _HELD_BACK = 0.02, 1.5, 10
-_LIVES = 0.5  # a channel changes in a part if it scatters there by this share of its full scatter
-_NEAR_S = 1.0  # s; saturated stretches closer than this are one finding
+_LIVES = 0.5  # a channel is active in a part if it scatters there by this share of its full scatter
+_NEAR_S = 1.0  # s; saturated stretches that are closer than this form one finding
 
 
 def audit(
@@ -89,29 +89,31 @@ def audit(
     *,
     in_place: bool = False,
 ) -> Recording:
-    """Return the recording cleaned of repeated and dropped rows, with all findings.
+    """Return the recording without repeated and dropped rows, with all findings.
 
     Parameters
     ----------
     recording : Recording
-        One run: data (n, m).
+        A recording of one run: data (n, m).
     nonfinite : "refuse" or "drop"
-        What to do with rows that hold NaN or infinity.
+        Whether to refuse or drop rows that contain NaN or infinity.
     limits : mapping of channel to (lowest, highest), optional
-        Output at the ends of the range, output units; without it the audit looks for them.
+        Output at the ends of the range, output units; if omitted, the audit looks for saturation
+        itself.
     in_place : bool
-        Whether to overwrite the given recording where rows are dropped: it saves the memory of a
+        Whether to overwrite the given recording if rows are dropped; this saves the memory of a
         copy.
 
     Returns
     -------
     Recording
-        Where a finding is "refused" the samples are unchanged, unless `in_place`.
+        The audited recording. If a finding is "refused", the samples are unchanged unless
+        `in_place`.
 
     Raises
     ------
     InputError
-        The recording has an axis of trials, or limits name no channel.
+        The recording has a trial axis, or limits are given for an unknown channel.
     """
     limits = limits or {}
     for channel in set(limits) - set(recording.channels):
@@ -135,12 +137,12 @@ def audit(
 def audit_rows(
     recording: Recording, nonfinite: NonfinitePolicy = "refuse", *, in_place: bool = False
 ) -> Recording:
-    """Return the recording as `audit` does, without judging its channels: they may be constant.
+    """Audit the rows as `audit` does, but do not check the channels, which may be constant.
 
     Raises
     ------
     InputError
-        The recording has an axis of trials.
+        The recording has a trial axis.
     """
     if recording.data.ndim != 2:
         raise InputError(
@@ -168,19 +170,19 @@ def audit_rows(
 
 
 def _sample_locator(recording: Recording, rows: Indices | None) -> SampleLocator:
-    """Return what names the place of a sample, given the number of each sample in the file."""
+    """Return a function that names the place of a sample in the file."""
     return lambda k: recording.where(k if rows is None else int(rows[k]))
 
 
 def _renumbered(finding: Finding, rows: Indices | None) -> Finding:
-    """Return a finding whose samples are numbered as in the file."""
+    """Return the finding with samples numbered as in the file."""
     if rows is None or finding.start is None or finding.stop is None:
         return finding
     return replace(finding, start=int(rows[finding.start]), stop=int(rows[finding.stop - 1]) + 1)
 
 
 def _compact_in_place(recording: Recording, keep: Indices) -> Recording:
-    """Return the samples to keep as `take` does, stored in the old arrays where the order holds."""
+    """Return the samples to keep as `take` does, reusing the arrays if the order is kept."""
     if (keep[1:] < keep[:-1]).any():
         return recording.take(keep)
     arrays = [recording.time, recording.data, *recording.readback.values()]
@@ -192,12 +194,13 @@ def _compact_in_place(recording: Recording, keep: Indices) -> Recording:
 
 
 def require_accepted(recording: Recording) -> Recording:
-    """Return an audited recording.
+    """Return an audited recording if no finding refuses it.
 
     Raises
     ------
     InputError
-        A finding refuses it; the message, line and channel are those of the first such finding.
+        A finding refuses the recording; message, line and channel are those of the first such
+        finding.
     """
     refused = [finding for finding in recording.findings if finding.severity == "refused"]
     if refused:
@@ -213,10 +216,10 @@ def require_accepted(recording: Recording) -> Recording:
 
 
 def burst_findings(recording: Recording) -> list[Finding]:
-    """Refuse samples that the sensor took evenly and a link delivered, and stamped, in bursts.
+    """Refuse samples that were taken evenly but delivered and stamped in bursts by a link.
 
-    Lost samples delay a recording against its rate by more and more, in any stretch of it; a burst
-    delays a sample by at most the time of one burst.
+    Lost samples delay a recording more and more relative to its rate, in any part of it. A burst
+    delays a sample by no more than the duration of one burst.
     """
     time, median = recording.time, recording.median_step
     if time.size < 4 * _HELD_BACK:
@@ -226,11 +229,11 @@ def burst_findings(recording: Recording) -> list[Finding]:
     if late.size < max(_OFTEN * steps.size, 2 * _HELD_BACK):
         return []
     pause = float(np.median(steps[late]))
-    # A pause of the recorder counts as one between two bursts.
+    # Count a pause of the recorder as a pause between two bursts.
     mean = float(np.where(steps < _HELD_BACK * pause, steps, pause).mean())
     if mean < _SHORTER * median:
         return []
-    # Of each stretch the departure from even times, against the pause between two bursts.
+    # Compare each stretch's departure from even times with the pause between two bursts.
     length = int(_HELD_BACK * steps.size / late.size)
     whole = time.size // length * length
     stretches = time[:whole].reshape(-1, length)
@@ -251,13 +254,13 @@ def burst_findings(recording: Recording) -> list[Finding]:
 
 
 def gap_findings(recording: Recording, gaps: Indices | None = None) -> list[Finding]:
-    """Note gaps; those inside a section that lose more than 1 % of the time are a warning.
+    """Return notes about gaps; warn if gaps within sections lose more than 1 % of the time.
 
     Parameters
     ----------
     recording : Recording
     gaps : (n, 2) array of int, optional
-        Samples before and after each gap; by default all gaps of the recording.
+        Samples before and after each gap; by default, all gaps of the recording.
     """
     found = recording.gaps if gaps is None else gaps
     if (refusal := _mixed_unit_finding(recording)) is not None:
@@ -284,7 +287,7 @@ def gap_findings(recording: Recording, gaps: Indices | None = None) -> list[Find
 
 
 def _mixed_unit_finding(recording: Recording) -> Finding | None:
-    """Refuse times that go on in another unit: many steps, each of a hundred median steps."""
+    """Refuse times that continue in another unit, so that many steps exceed 100 median steps."""
     found, median = recording.gaps, recording.median_step
     steps = recording.time[found[:, 1]] - recording.time[found[:, 0]]
     far = steps > _OTHER_UNIT * median
@@ -300,7 +303,7 @@ def _mixed_unit_finding(recording: Recording) -> Finding | None:
 
 
 def jitter_findings(recording: Recording) -> list[Finding]:
-    """Note how much the steps of time vary, gaps aside, where it exceeds their rounding."""
+    """Return a note about time-step jitter outside gaps if it exceeds the rounding of times."""
     time, gaps = recording.time, recording.gaps[:, 0]
     squares = 0.0
     for k in row_blocks(time.size - 1):
@@ -319,7 +322,7 @@ def jitter_findings(recording: Recording) -> list[Finding]:
 def channel_findings(
     recording: Recording, k: int, limits: tuple[float, float] | None
 ) -> list[Finding]:
-    """Refuse a constant channel; warn of samples at the end of the range and of stuck ones."""
+    """Refuse a constant channel, and warn about saturated or stuck samples."""
     x, channel = np.ascontiguousarray(recording.data[:, k]), recording.channels[k]
     if (x == x[0]).all():
         text = (
@@ -348,13 +351,13 @@ def channel_findings(
         text = f"{channel} is at the end of its range {_span_text(recording, start, stop)}{why}"
         findings.append(Finding("warning", "saturation", text, channel, start, stop))
     for start, stop in repeated_values.stuck_ranges(x, railed).tolist():
-        text = f"{channel} holds {x[start]:.6g} {_span_text(recording, start, stop)}"
+        text = f"{channel} stays at {x[start]:.6g} {_span_text(recording, start, stop)}"
         findings.append(Finding("warning", "stuck", text, channel, start, stop))
     return findings
 
 
 def _dead_channel_finding(recording: Recording, k: int, x: Array) -> Finding | None:
-    """Refuse a channel that holds one value for half of the time while the others change."""
+    """Refuse a channel that stays constant for half of the time while the others change."""
     if (run := repeated_values.longest_constant_run(x)) is None:
         return None
     start, stop = run

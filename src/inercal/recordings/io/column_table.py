@@ -1,4 +1,4 @@
-"""A table as a file holds it: named columns, without any knowledge of a sensor."""
+"""A table as stored in a file: named columns, without any knowledge of a sensor."""
 
 import hashlib
 import os
@@ -21,30 +21,30 @@ from inercal.basics.line_numbers import LineBreaks, line_of_row
 Column = Array | NDArray[np.int64] | NDArray[np.str_]
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _MAX_LISTED_NAMES = 12  # names in a message before it ends in "…"
-MOST_COLUMNS = 1000  # more is a transposed table, or junk that happens to parse
-LONGEST_LABEL = 200  # characters; a text column holds one word per sample, not prose
-TOO_LARGE = 1e100  # no reading in any unit: squares and sums of them overflow
+MOST_COLUMNS = 1000  # a table with more is transposed, or junk that happens to parse
+LONGEST_LABEL = 200  # characters; a text column contains one word per sample, not prose
+TOO_LARGE = 1e100  # larger than any reading in any unit; squares and sums would overflow
 _LARGEST_INT64 = np.iinfo(np.int64).max
-BLOCK_ROWS = 1 << 16  # rows handled at a time: a few MB
+BLOCK_ROWS = 1 << 16  # rows processed at a time: a few MB
 
 
 @dataclass(frozen=True)
 class ReadRequest:
-    """What to read of a file.
+    """The parts of a file that are to be read.
 
     Parameters
     ----------
     names : collection of str or None
-        Columns to read; None for all.
+        Columns to read; None for all columns.
     text : collection of str
-        Columns to return as text even where they look like numbers (labels 1, 2, 3).
+        Columns to return as text even if they look like numbers (labels 1, 2, 3).
     block_columns : tuple of str
-        Columns of numbers, all in `names`, to store side by side in `Table.block`.
+        Columns with numbers, all in `names`, to store side by side in `Table.block`.
     spare_columns : int
-        Further columns of the block, which the caller fills.
+        Number of additional columns in the block, which the caller fills.
     whole : collection of str
-        Columns to return as int64 where the file holds whole numbers: stamps since 1970 in ns have
-        more digits than float64.
+        Columns to return as int64 if the file contains whole numbers: time stamps since 1970 in ns
+        have more digits than float64 can represent.
     """
 
     names: Collection[str] | None = None
@@ -54,7 +54,7 @@ class ReadRequest:
     whole: Collection[str] = ()
 
     def empty_columns(self, n: int, numbers: Collection[str]) -> tuple[dict[str, Array], Array]:
-        """Return empty columns of numbers, each (n,), and the block, (n, k)."""
+        """Return empty number columns, each (n,), and the block, (n, k)."""
         block = np.empty((n, len(self.block_columns) + self.spare_columns))
         columns: dict[str, Array] = {}
         for name in numbers:
@@ -63,7 +63,7 @@ class ReadRequest:
         return columns, block
 
     def number_column(self, name: str, values: NDArray[Any]) -> Array | NDArray[np.int64]:
-        """Return numbers, (n,), as float64, or as int64 where whole numbers are to stay whole.
+        """Return numbers, (n,), as float64, or as int64 if whole numbers must stay exact.
 
         >>> ReadRequest(whole=("t",)).number_column("t", np.array([3, 4], np.uint16))
         array([3, 4])
@@ -76,36 +76,37 @@ class ReadRequest:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Columns of one file.
+    """Columns from one file.
 
     Parameters
     ----------
     names : tuple of str
-        Every column of the file; "1", "2", ... where it has no header.
+        Names of all columns in the file; "1", "2", ... if it has no header.
     columns : dict of str to (n,) array
-        The requested columns; float64 or str, and int64 where the request says so.
+        The requested columns as float64 or str, or as int64 if requested.
     source, sha256 : str
-        The file and the hash of its bytes.
+        Name of the file and the hash of its bytes.
     first_line : int
-        Line of row 0; 0 where a row may take several lines, or none.
+        Line of row 0; 0 if rows do not correspond to lines one by one.
     line_breaks : tuple of (row, line)
-        Where first_line is 0: rows that do not follow the line of the row before, row 0 included;
-        empty where lines are not known.
+        If first_line is 0: row 0 and all rows that are not on the line after the preceding row.
+        Empty if the lines are unknown.
     header : bool
-        Whether the file names its columns.
+        Whether the file has a header with column names.
     block : (n, k) array or None
-        The block columns and the spare columns of the request; `columns` are views of it.
+        The block columns and the spare columns of the request; `columns` contains views of this
+        array.
     kept_corrections : str
-        Corrections by another program that the block columns hold, in words; empty where none are
-        known.
+        Corrections that another program has already applied to the block columns, in words; empty
+        if none are known.
     devices : str
-        Which sensors the block columns are of, with the numbers that their controller gave them;
-        empty where it is not known.
+        The sensors from which the block columns come, with the numbers that their controller gave
+        them; empty if unknown.
     simulation : str
-        What made a simulated recording; empty where the file does not say so.
+        The simulation that produced the recording; empty if the file does not state one.
     time_zero : Fraction or None
-        Time 0 of the column of times by the clock of a log of messages, ns; None in other files,
-        whose columns hold what the clock showed.
+        Time 0 of the time column on the clock of a message log, ns. None for other files, in which
+        the columns contain clock readings.
     """
 
     names: tuple[str, ...]
@@ -122,7 +123,7 @@ class Table:
     simulation: str = ""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the attributes; columns that are views of the block by their places in it."""
+        """Return the attributes for pickling; views of the block are stored as column numbers."""
         block = self.block
         columns = {
             name: column
@@ -133,38 +134,38 @@ class Table:
         return vars(self) | {"columns": columns}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Set the attributes of a table that was pickled."""
+        """Restore the attributes of a pickled table."""
         vars(self).update(state)
         for name, column in self.columns.items():
             if isinstance(column, int) and self.block is not None:
                 self.columns[name] = self.block[:, column]
 
     def line(self, row: int) -> int | None:
-        """Return the line of a row, counted from 0; None where it is not known."""
+        """Return the line of a row, which is counted from 0; None if unknown."""
         return line_of_row(row, self.first_line, self.line_breaks)
 
     def place(self, row: int) -> str:
-        """Return the place of a row in words: its line if known, else its number from 1."""
+        """Return where a row is, in words: its line if known, otherwise its number from 1."""
         line = self.line(row)
         return f"row {row + 1}" if line is None else f"line {line}"
 
     def numbers(self, name: str) -> Array:
-        """Return a column of numbers, (n,).
+        """Return a column of numbers, (n,), as float64.
 
         Raises
         ------
         InputError
-            The column holds text.
+            The column contains text.
         """
         return self.stamps(name).astype(np.float64, copy=False)
 
     def stamps(self, name: str) -> Array | NDArray[np.int64]:
-        """Return a column of numbers, (n,); whole numbers stay integers.
+        """Return a column of numbers, (n,), keeping whole numbers as integers.
 
         Raises
         ------
         InputError
-            The column holds text.
+            The column contains text.
         """
         column = self.columns[name]
         if column.dtype.kind == "U":
@@ -180,7 +181,7 @@ class Table:
 
 
 def row_blocks(n: int, rows: int = BLOCK_ROWS) -> Iterator[slice]:
-    """Return slices that make up n rows.
+    """Divide n rows into slices.
 
     >>> [(k.start, k.stop) for k in row_blocks(5, 2)]
     [(0, 2), (2, 4), (4, 5)]
@@ -189,7 +190,7 @@ def row_blocks(n: int, rows: int = BLOCK_ROWS) -> Iterator[slice]:
 
 
 def refuse_unequal_lengths(lengths: Mapping[str, int], source: str) -> None:
-    """Raise InputError where columns differ in length."""
+    """Raise InputError if columns differ in length."""
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"{name} {n}" for name, n in lengths.items())
         raise InputError(
@@ -200,12 +201,12 @@ def refuse_unequal_lengths(lengths: Mapping[str, int], source: str) -> None:
 
 
 def select_columns(names: Sequence[str], wanted: Collection[str] | None, source: str) -> list[str]:
-    """Return the wanted columns, all of them for None.
+    """Return the wanted columns; all columns for None.
 
     Raises
     ------
     InputError
-        Too many columns, two of one name, or a wanted column that the file lacks.
+        There are too many columns, two have the same name, or a wanted column is missing.
     """
     refuse_too_many_columns(len(names), source)
     for name, count in Counter(names).items():
@@ -224,7 +225,7 @@ def select_columns(names: Sequence[str], wanted: Collection[str] | None, source:
 
 
 def refuse_too_many_columns(columns: int, source: str) -> None:
-    """Raise InputError for more columns than any recording has."""
+    """Raise InputError if there are more columns than any recording has."""
     if columns > MOST_COLUMNS:
         raise InputError(
             f"{source} has {columns} columns, but at most {MOST_COLUMNS} can be read: write "
@@ -233,7 +234,7 @@ def refuse_too_many_columns(columns: int, source: str) -> None:
 
 
 def _suggest(name: str, names: Sequence[str]) -> str:
-    """Return a text that lists the columns, and those with a similar name first."""
+    """Return a text that suggests columns with similar names and then lists the columns."""
     by_lower = {known.lower(): known for known in names}
     near = [by_lower[k] for k in get_close_matches(name.lower(), list(by_lower), n=3)]
     hint = f"did you mean {' or '.join(repr(k) for k in near)}? " if near else ""
@@ -245,31 +246,32 @@ def _suggest(name: str, names: Sequence[str]) -> str:
 
 
 def shorten(text: str, length: int = 40) -> str:
-    """Return text fit for one line of a message."""
+    """Shorten a text to fit into one line of a message."""
     text = " ".join("".join(c if c.isprintable() else " " for c in text[: length + 1]).split())
     return text if len(text) <= length else text[: length - 1] + "…"
 
 
 def label_array(values: Sequence[str], column: str, source: str) -> NDArray[np.str_]:
-    """Return a text column, (n,) of str.
+    """Return a column of text, (n,) of str.
 
     Raises
     ------
     InputError
-        An entry too long for a label: NumPy gives every row the width of the longest.
+        An entry is too long for a label; NumPy would give every row the width of the longest entry.
     """
     longest = max(values, key=len, default="")
     if len(longest) > LONGEST_LABEL:
         raise InputError(
             f"{source}: column {column!r} has a text of {len(longest)} characters ("
-            f"{shorten(longest)}), a label at most {LONGEST_LABEL}; name another column",
+            f"{shorten(longest)}), but a label may have at most {LONGEST_LABEL}; name another "
+            "column",
             names=(column,),
         )
     return np.array(values, dtype=np.str_)
 
 
 def whole_number_labels(values: NDArray[Any]) -> Column:
-    """Return whole numbers as labels, such as the number of a mode; others as they are."""
+    """Convert whole numbers, such as mode numbers, to labels; return other values unchanged."""
     whole = np.isfinite(values).all() and (values == np.round(values)).all()
     return values.astype(np.int64).astype(np.str_) if whole else values
 
@@ -281,7 +283,7 @@ def file_sha256(path: Path) -> str:
 
 
 def open_error(path: str | os.PathLike[str], error: OSError) -> InputError:
-    """Return the error of a file that cannot be opened or read."""
+    """Return the error for a file that cannot be opened or read."""
     why = "no such file; check the path"
     if not isinstance(error, FileNotFoundError):
         why = f"cannot be read: {error.strerror or error}"

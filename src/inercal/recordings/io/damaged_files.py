@@ -1,4 +1,4 @@
-"""Files that a library cannot read: whatever it raises on damaged bytes is one clear line."""
+"""Damaged files: convert any error that a library raises into one clear message."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -8,23 +8,23 @@ from pathlib import Path
 from inercal.basics.errors import InercalError, InputError
 from inercal.recordings.io.column_table import shorten
 
-_OF_THE_BYTES = (None, 0, EINVAL, EOVERFLOW)  # as of a place before the begin of the file
+_OF_THE_BYTES = (None, 0, EINVAL, EOVERFLOW)  # for example, a position before the start of the file
 
 
 @contextmanager
 def refuse_damage(path: Path, kind: str, advice: str) -> Generator[None]:
-    """Raise an error that names the file for every error of a library.
+    """Convert every error that a library raises into an error that names the file.
 
-    Libraries raise of many kinds on bytes that were changed. Errors of the system, such as a file
-    that may not be read or too little memory, pass.
+    Libraries raise many kinds of errors if bytes were changed. System errors, such as a missing
+    permission or insufficient memory, are passed on unchanged.
 
     Parameters
     ----------
     path : Path
     kind : str
-        What the file is expected to be, "a ULog file".
+        The expected kind of file, "a ULog file".
     advice : str
-        What to do, "copy it from the flight controller again".
+        Advice on what to do, "copy it from the flight controller again".
 
     Raises
     ------

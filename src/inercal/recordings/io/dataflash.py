@@ -1,11 +1,11 @@
-"""DataFlash logs (.BIN) of ArduPilot, by a reader of our own.
+"""Read DataFlash logs (.BIN) from ArduPilot without an external library.
 
-A column is "topic.field": "IMU.AccX", of another instance "IMU[1].AccX" (field `I` of the message),
-in old logs "IMU2.AccX". Readings in IMU, ACC and GYR are corrected for offset, scale factor and the
-mounting of the board: this is undone by the log's own parameters.
+A column is named "topic.field", such as "IMU.AccX". For another instance (field `I` of the message)
+it is "IMU[1].AccX", or "IMU2.AccX" in old logs. Readings in IMU, ACC and GYR are corrected for
+offset, scale factor and board orientation; this is undone with the parameters in the log.
 
-Each message begins with the bytes A3 95 and a number of its type. Messages of type 128 (FMT) say of
-each type: its number, its length, its name, a letter for each field, and the fields' names.
+Each message begins with the bytes A3 95 and the number of its type. Messages of type 128 (FMT)
+describe each type: its number, its length, its name, a letter for each field, and the field names.
 
 Source: ArduPilot, libraries/AP_Logger/LogStructure.h (log_Format and the table of letters).
 """
@@ -44,7 +44,7 @@ from inercal.recordings.io.readers import Reader
 HEAD = b"\xa3\x95"
 _FMT, _FMT_BYTES = 128, 89
 _BLOCK = 1 << 20  # bytes
-# Type and factor by letter; text, and the arrays of "a", are no numbers.
+# Type and factor by letter; text and the arrays with letter "a" are not numbers.
 _LETTERS: dict[str, tuple[str, float]] = {
     "a": ("V64", 0),
     "b": ("i1", 1),
@@ -72,13 +72,13 @@ _LETTERS: dict[str, tuple[str, float]] = {
 
 @dataclass(eq=False)
 class LoggedType:
-    """One type of message, with the bytes of its messages.
+    """One message type, with the bytes of its messages.
 
     Parameters
     ----------
     name : str
     length : int
-        Bytes of a message with its head.
+        Number of bytes in a message, including its header.
     letters : str
     fields : tuple of str
     """
@@ -91,12 +91,12 @@ class LoggedType:
 
     @property
     def records(self) -> NDArray[Any]:
-        """The messages, (n,), with a field each."""
+        """The messages as a structured array, (n,), with one field for each field of the type."""
         kinds = [(name, _LETTERS[c][0]) for name, c in zip(self.fields, self.letters, strict=True)]
         return np.frombuffer(self.raw, np.dtype([("head", "V3"), *kinds]))
 
     def numbers(self) -> dict[str, NDArray[Any]]:
-        """Return the fields that hold numbers, in the units that the log means."""
+        """Return the fields that contain numbers, in the physical units of the log."""
         records = self.records
         found: dict[str, NDArray[Any]] = {}
         for name, letter in zip(self.fields, self.letters, strict=True):
@@ -107,20 +107,20 @@ class LoggedType:
 
 
 def read_messages(path: Path, wanted: Callable[[str], bool]) -> dict[str, LoggedType]:
-    """Return the types of a log by name; those that are wanted have their messages.
+    """Return the message types of a log by name; only wanted types include their messages.
 
-    The last message may be cut off: so ends a log when power is lost.
+    The last message may be cut off, because a log ends this way when power is lost.
 
     Parameters
     ----------
     path : Path
     wanted : callable
-        From the name of a type to whether its messages are kept.
+        Function that decides from the name of a type whether its messages are kept.
 
     Raises
     ------
     InputError
-        Not such a log, or a damaged one.
+        The file is not a DataFlash log, or it is damaged.
     OSError
         The file cannot be read.
     """
@@ -165,50 +165,51 @@ def _damaged(path: Path, at: int, why: str) -> InputError:
 
 
 def _format(path: Path, at: int, raw: bytes) -> tuple[int, LoggedType]:
-    """Return number and description of a type from an FMT message.
+    """Return the number and description of a type from an FMT message.
 
     Raises
     ------
     InputError
-        Letters that are not known, or a length that is not that of the fields.
+        A letter is unknown, or the message length is not that of its fields.
     """
     number, length, *texts = struct.unpack("<BB4s16s64s", raw[3:])
     name, letters, columns = (text.split(b"\0")[0].decode("latin-1") for text in texts)
     fields = tuple(columns.split(",")) if columns else ()
     unknown = set(letters) - set(_LETTERS)
     if unknown or len(fields) != len(letters) or len(set(fields)) != len(fields):
-        raise _damaged(path, at, f"format of {shorten(name)!r} is {shorten(letters)!r}")
+        raise _damaged(path, at, f"{shorten(name)!r} has the unknown format {shorten(letters)!r}")
     size = 3 + sum(np.dtype(_LETTERS[letter][0]).itemsize for letter in letters)
     if number == _FMT:
         return _FMT, LoggedType("FMT", _FMT_BYTES, "", ())
     if size != length:
-        raise _damaged(path, at, f"{name} has {length} bytes where its fields have {size}")
+        raise _damaged(path, at, f"a {name} message has {length} bytes, but its fields have {size}")
     return number, LoggedType(name, length, letters, fields)
 
 
-_FIRST = re.compile(r"IMU|(ACC|GYR)1?|(IMU|ACC|GYR)\[0\]")  # of several sensors
+_FIRST = re.compile(r"IMU|(ACC|GYR)1?|(IMU|ACC|GYR)\[0\]")  # the first of several sensors
 _INERTIAL = re.compile(r"(IMU|ACC|GYR)(\d?)(?:\[(\d+)\])?")
 _BOARD = "AHRS_ORIENTATION"
 _TIMES = (("SampleUS", 1000), ("TimeUS", 1000), ("TimeMS", 1_000_000))  # field, ns
 
 Changes = Mapping[str, Sequence[tuple[int, float]]]
-"""By parameter: times, ns, and values, in the order of the log."""
+"""For each parameter: times, ns, and values, in the order of the log."""
 
 
 def read_dataflash(path: Path, wanted: ReadRequest, corrections: str = "undo") -> Table:
-    """Read messages of a DataFlash log.
+    """Read messages from a DataFlash log.
 
     Parameters
     ----------
     path : Path
     wanted : ReadRequest
     corrections : "undo" or "keep"
-        Whether corrected readings are turned back to what the sensors read.
+        Whether to convert corrected readings back to the raw readings of the sensors, or to keep
+        them.
 
     Raises
     ------
     InputError
-        A damaged log, a topic that it lacks, or corrections that cannot be undone.
+        The log is damaged or lacks a topic, or the corrections cannot be undone.
     OSError
         The file cannot be read.
     """
@@ -243,14 +244,14 @@ def _type_name(column: str) -> str:
 
 
 def _by_instance(source: str, made: LoggedType) -> Iterator[Messages]:
-    """Yield the messages of a type by instance; none where the log has none of them."""
+    """Yield the messages of a type by instance; nothing if the log contains none."""
     if not made.raw or made.name == "PARM":
         return
     fields = made.numbers()
     stamp = next(((name, ns) for name, ns in _TIMES if name in fields), None)
     if stamp is None:
         raise InputError(
-            f"{source}: messages {made.name} have no time (TimeUS); name another topic",
+            f"{source}: {made.name} messages have no time (TimeUS); name another topic",
             names=(made.name,),
         )
     time = fields[stamp[0]].astype(np.int64) * stamp[1]
@@ -264,7 +265,7 @@ def _by_instance(source: str, made: LoggedType) -> Iterator[Messages]:
 
 
 def _parameters(made: LoggedType | None) -> Changes:
-    """Return the values of each parameter."""
+    """Return the values of each parameter, with their times."""
     changes: dict[str, list[tuple[int, float]]] = {}
     if made is None or not {"Name", "Value"} <= set(made.fields):
         return changes
@@ -278,7 +279,7 @@ def _parameters(made: LoggedType | None) -> Changes:
 
 
 def _sensors(messages: Messages, wanted: ReadRequest) -> Iterator[tuple[str, int, tuple[str, ...]]]:
-    """Yield the sensors of a topic that are wanted: their word, instance and fields."""
+    """Yield the wanted sensors of a topic: their prefix, instance and fields."""
     match = _INERTIAL.fullmatch(messages.topic)
     if match is None:
         return
@@ -292,7 +293,7 @@ def _sensors(messages: Messages, wanted: ReadRequest) -> Iterator[tuple[str, int
 
 
 def _devices(messages: Messages, changes: Changes, wanted: ReadRequest) -> dict[str, int]:
-    """Return the devices of a topic by the parameter that states them."""
+    """Return the device IDs of a topic, by the parameter that states them."""
     names = [f"{_prefix(sensor, k)}_ID" for sensor, k, _ in _sensors(messages, wanted)]
     return {name: int(changes[name][-1][1]) for name in names if name in changes}
 
@@ -300,7 +301,7 @@ def _devices(messages: Messages, changes: Changes, wanted: ReadRequest) -> dict[
 def _uncorrected(
     source: str, messages: Messages, changes: Changes, wanted: ReadRequest, keep: bool
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return the fields of a topic before their corrections, and what corrections are kept."""
+    """Return a topic's fields before their corrections, and which corrections are kept."""
     changed: dict[str, Array] = {}
     words: list[str] = []
     for sensor, instance, fields in _sensors(messages, wanted):
@@ -316,7 +317,7 @@ def _uncorrected(
 def _correction(
     source: str, changes: Changes, sensor: str, instance: int, start: int
 ) -> Correction:
-    """Return what ArduPilot did to the readings of an instance, by the parameters of the log."""
+    """Return the correction that ArduPilot applied to an instance, from the log's parameters."""
 
     def value(name: str, default: float | None = None) -> float:
         if name not in changes and default is not None:
@@ -348,26 +349,27 @@ def _correction(
 
 
 def _prefix(sensor: str, instance: int) -> str:
-    """Return the begin of a parameter's name: of INS_GYROFFS_X, INS_GYR2OFFS_X, INS4_GYROFFS_X."""
+    """Return a parameter's prefix, as in INS_GYROFFS_X, INS_GYR2OFFS_X, INS4_GYROFFS_X."""
     if instance == 0:
         return f"INS_{sensor}"
     return f"INS_{sensor}{instance + 1}" if instance < 3 else f"INS{instance + 1}_{sensor}"
 
 
 def _stated(changes: Changes, sensor: str, instance: int) -> str:
-    """Return the parameters by which the readings were corrected, in words."""
+    """Return the parameters with which the readings were corrected, in words."""
     prefix = _prefix(sensor, instance)
     own = (f"{prefix}OFFS", f"{prefix}SCAL", f"INS_TCAL{instance + 1}_", _BOARD)
     return stated_parameters({n: v[-1][1] for n, v in changes.items() if n.startswith(own)})
 
 
 def _in_force(source: str, changes: Changes, name: str, start: int) -> float:
-    """Return the value of a parameter from the first sample on.
+    """Return the value that a parameter has from the first sample on.
 
     Raises
     ------
     InputError
-        The log lacks the parameter, or it changes later: when that took effect is not recorded.
+        The log lacks the parameter, or it changes later, and the time of that change is not
+        recorded.
     """
     if name not in changes:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Names with a star that stand for several files, such as "rest_*.csv"."""
+"""File names with a star that stand for several files, such as "rest_*.csv"."""
 
 import re
 from pathlib import Path
@@ -11,17 +11,17 @@ _MOST_FILES = 1000
 
 
 def is_pattern(path: Path) -> bool:
-    """Return whether a path stands for several files: a star in its name, and no such file."""
+    """Return whether a path stands for several files: its name has a star and is no file."""
     return _STAR in path.name and not is_file(path)
 
 
 def matching_files(pattern: Path) -> dict[str, Path]:
-    """Return the files of a pattern by label, sorted by their labels, numbers by value.
+    """Return the matching files by label, in the order of their labels; numbers sort by value.
 
     Raises
     ------
     InputError
-        More than one star, no file, or more than 1000 of them.
+        The pattern has more than one star, or it matches no file or more than 1000 files.
     """
     before, _, after = pattern.name.partition(_STAR)
     if _STAR in after:

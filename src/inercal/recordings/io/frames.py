@@ -1,4 +1,4 @@
-"""Recordings from tables in memory: pandas, polars, Arrow, structured arrays, columns by name."""
+"""Make recordings from tables in memory: pandas, polars, Arrow, structured arrays, mappings."""
 
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
@@ -27,25 +27,25 @@ def recording_from_frame(
     limits: Mapping[str, tuple[float, float]] | None = None,
     name: str = "frame",
 ) -> Recording:
-    """Return a table in memory as an audited recording; the table is not changed.
+    """Convert a table in memory to an audited recording; the table is not changed.
 
     Parameters
     ----------
     frame : table
         A pandas or polars DataFrame, an Arrow table or record batch, a structured array, or a
-        mapping of names to columns (n,). The named index of a pandas DataFrame is a column too.
-        Dates are times; missing numbers are NaN.
+        mapping of names to columns (n,). A named index of a pandas DataFrame is also a column.
+        Dates are read as times; missing numbers become NaN.
     columns : Columns
-        What each column holds, in one table: `second` is empty.
+        Contents of each column. All columns are in one table, so `second` must be empty.
     limits : mapping of channel to (lowest, highest), optional
         See `inercal.recordings.io.audit.audit`.
     name : str
-        What messages and the calibration call the table.
+        Name of the table in messages and in the calibration.
 
     Raises
     ------
     InputError
-        A column that is missing or holds no numbers, or the audit refuses the recording.
+        A column is missing or does not contain numbers, or the audit refuses the recording.
     """
     if columns.second or columns.options:
         raise InputError(
@@ -59,13 +59,13 @@ def recording_from_frame(
 
 
 def table_from_frame(frame: Any, wanted: ReadRequest, name: str = "frame") -> Table:
-    """Return a table in memory as a `Table`; its hash is that of the columns that are read.
+    """Convert a table in memory to a `Table`; its hash covers the columns that are read.
 
     Raises
     ------
     InputError
-        No table, a wanted column that it lacks, columns of unequal length, or one that holds
-        neither numbers, dates nor text.
+        The object is not a table, a wanted column is missing, columns have unequal lengths, or a
+        column contains neither numbers, dates nor text.
     """
     names = _names(frame, name)
     chosen = select_columns(names, wanted.names, name)
@@ -101,9 +101,9 @@ def table_from_frame(frame: Any, wanted: ReadRequest, name: str = "frame") -> Ta
 
 
 def _names(frame: Any, name: str) -> list[str]:
-    """Return the names of the columns."""
+    """Return the column names."""
     fields: tuple[str, ...] | None = getattr(getattr(frame, "dtype", None), "names", None)
-    if hasattr(frame, "column_names"):  # Arrow; a record batch has none but its schema
+    if hasattr(frame, "column_names"):  # Arrow; a record batch has names only in its schema
         return [str(one) for one in frame.column_names]
     if hasattr(frame, "schema") and hasattr(frame, "num_rows"):
         return [str(one) for one in frame.schema.names]
@@ -121,9 +121,9 @@ def _names(frame: Any, name: str) -> list[str]:
 
 
 def _column(frame: Any, column: str, name: str) -> NDArray[Any]:
-    """Return a column, (n,): numbers, text, or objects of text.
+    """Return a column, (n,), as numbers, text, or text objects.
 
-    Dates become ISO 8601 text, and durations s.
+    Dates become ISO 8601 text, and durations become seconds.
     """
     index = getattr(frame, "index", None)
     if hasattr(frame, "columns") and getattr(index, "name", None) == column:
@@ -155,7 +155,7 @@ def _column(frame: Any, column: str, name: str) -> NDArray[Any]:
 
 
 def _objects(values: NDArray[Any]) -> NDArray[Any]:
-    """Return objects as numbers if they are numbers or missing, else as they are."""
+    """Convert objects to numbers if all are numbers or missing; otherwise return them unchanged."""
     if any(isinstance(one, str) for one in values):
         return values
     if all(isinstance(one, int) and not isinstance(one, bool) for one in values):
@@ -167,5 +167,5 @@ def _objects(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _text(value: object) -> str:
-    """Return an entry as a label; "" where it is missing."""
+    """Return an entry as a label; "" if it is missing."""
     return "" if value is None or value != value else str(value)

@@ -1,4 +1,4 @@
-"""HDF5 files, and MATLAB files of version 7.3, which are HDF5, through h5py."""
+"""Read HDF5 files, including MATLAB files of version 7.3, with h5py."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -28,24 +28,24 @@ from inercal.recordings.io.variables import (
 )
 
 ELSEWHERE = "is stored outside this file or assembled from others: save its values in this file"
-_MOST_PACKED = 1100  # times; deflate reaches 1032
+_MOST_PACKED = 1100  # largest compression ratio; deflate reaches 1032
 
 
 def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
-    """Read a table from an HDF5 file or a MATLAB file of version 7.3, some samples at a time.
+    """Read a table from an HDF5 file or a MATLAB file of version 7.3, in blocks of samples.
 
     Parameters
     ----------
     path : Path
-        Data sets (n,), (n, k) or (k, n), in groups or not; text is labels. See
-        `inercal.recordings.io.variables` for the names of columns. Links to other files are not
+        File with data sets (n,), (n, k) or (k, n), in groups or not; text is used as labels. See
+        `inercal.recordings.io.variables` for the column names. Links to other files are not
         followed.
     wanted : ReadRequest
 
     Raises
     ------
     InputError
-        Its variables form no table.
+        The variables do not form a table.
     """
     h5py: Any = import_module("h5py")
     with h5py.File(path, "r") as file:
@@ -53,9 +53,9 @@ def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
 
 
 def long_columns(path: Path) -> tuple[tuple[str, ...], int] | None:
-    """Return names and length of the columns of numbers of a file.
+    """Return the names and the length of a file's number columns.
 
-    None where one of them is text.
+    Return None if one of them is text.
     """
     h5py: Any = import_module("h5py")
     with h5py.File(path, "r") as file:
@@ -63,13 +63,13 @@ def long_columns(path: Path) -> tuple[tuple[str, ...], int] | None:
 
 
 def long_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
-    """Yield some samples of columns at a time, (k, c).
+    """Yield blocks of samples from some columns, (k, c).
 
     Parameters
     ----------
     path : Path
     names : sequence of str
-        Of `long_columns`.
+        Names from `long_columns`.
     """
     h5py: Any = import_module("h5py")
     with h5py.File(path, "r") as file:
@@ -77,23 +77,23 @@ def long_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
 
 
 class Group(NamedTuple):
-    """Attributes and arrays of one group of an HDF5 file."""
+    """Attributes and arrays from one group of an HDF5 file."""
 
     attributes: dict[str, object]
     arrays: dict[str, Array]
 
 
 def read_group(path: Path, group: str, names: Sequence[str]) -> Group:
-    """Return the attributes of a group and those of the named arrays that it has.
+    """Return a group's attributes, and those of the named arrays that it contains.
 
-    A file without the group has none.
+    If the file does not have the group, both are empty.
 
     Parameters
     ----------
     path : Path
     group : str
     names : sequence of str
-        Of numeric data sets.
+        Names of numeric data sets.
     """
     h5py: Any = import_module("h5py")
     with h5py.File(path, "r") as file:
@@ -117,7 +117,7 @@ def read_group(path: Path, group: str, names: Sequence[str]) -> Group:
 
 
 def _variables(h5py: Any, group: Any, before: str, seen: set[int]) -> Iterator[Variable]:
-    """Yield the data sets in a group and in the groups below it, each group once."""
+    """Yield the data sets in a group and its subgroups; visit each group once."""
     for key in group:
         # MATLAB stores the contents of cells and objects in groups named #refs#, #subsystem#.
         if key.startswith("#") or not isinstance(group.get(key, getlink=True), h5py.HardLink):
@@ -138,13 +138,13 @@ def _variables(h5py: Any, group: Any, before: str, seen: set[int]) -> Iterator[V
 
 
 def _matlab_class(item: Any) -> str:
-    """Return the class that MATLAB states; empty where another program wrote the item."""
+    """Return the class that MATLAB states; empty if another program wrote the item."""
     kind = item.attrs.get("MATLAB_class", b"")
     return kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
 
 
 def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
-    """Return one data set as a variable."""
+    """Return a data set as a variable."""
     if "MATLAB_object_decode" in data.attrs or kind == "function_handle":
         return Variable(name, refused=FUNCTION if kind == "function_handle" else OBJECT)
     if not data.size or "MATLAB_empty" in data.attrs:
@@ -166,24 +166,24 @@ def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
     if data.dtype.names == ("real", "imag") or data.dtype.kind == "c":
         return Variable(name, refused=COMPLEX)
     if data.dtype.kind not in "fiub":
-        return Variable(name, refused=f"of {data.dtype} is neither numbers nor text")
+        return Variable(name, refused=f"has the type {data.dtype}, neither numbers nor text")
     plain = Variable(name, data.shape, lambda: data, transposed=kind != "")
     return replace(plain, chunk=data.chunks[plain.sample_axis]) if data.chunks else plain
 
 
 def _texts(data: Any) -> list[str]:
-    """Return the texts of a data set."""
+    """Return the texts in a data set."""
     return [str(one) for one in np.ravel(data.asstr()[()])]
 
 
 def _character_rows(data: Any) -> list[str]:
-    """Return the rows of a matrix of letters, which MATLAB stores in columns of UTF-16."""
+    """Return the rows of a character matrix, which MATLAB stores in columns of UTF-16."""
     codes = np.atleast_2d(np.asarray(data[()], dtype="<u2")).T
     return [row.tobytes().decode("utf-16-le", "replace").rstrip() for row in codes]
 
 
 def _cell_texts(data: Any) -> list[str]:
-    """Return the texts that the cells refer to."""
+    """Return the texts to which the cells refer."""
     texts: list[str] = []
     for reference in data[()].flat:
         cell = data.file[reference]
@@ -198,7 +198,7 @@ def _cell_texts(data: Any) -> list[str]:
 
 
 ISOLATION = Isolation("an HDF5 file", libraries=("h5py",), extra="io")
-# At 124 a MATLAB file of version 7.3 states its version, and IM or MI for the order of bytes.
+# At byte 124, a MATLAB file of version 7.3 states its version, and IM or MI for the byte order.
 READER = Reader(
     "hdf5",
     read_hdf5,

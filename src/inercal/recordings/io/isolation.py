@@ -1,17 +1,16 @@
-"""Files that a library parses are read by a process of their own, with limits of memory and time.
+"""Read files that need a parsing library in a separate process with memory and time limits.
 
-Damaged bytes can crash a library, or keep it busy for ever, and a few bytes can stand for more than
-any memory holds. The process (`reading_process`) ends with such a file, and this one goes on. It is
-started with the first file and kept for those that follow.
+Damaged bytes can crash a library or keep it busy forever, and a few bytes can stand for more data
+than fits into any memory. With such a file only the reading process (`reading_process`) dies, and
+this process continues. The reading process is started for the first file and kept for later ones.
 
-What a file may cost depends on its size: 512 MiB and 32 bytes of memory for each byte, and 4 s of
-processor time and 2 s for each MB. Compression and repetition let a sound file hold more;
-`[data] most_values` states how much.
+The limits depend on the file size: 512 MiB and 32 bytes of memory for each byte, and 4 s of
+processor time and 2 s for each MB. An intact file can contain more because of compression and
+repetition; `[data] most_values` states how much.
 
-Requests and answers go over a pipe, and their arrays are sent as they lie in memory.
-
-A message is the length of its head, the head (the length of the pickled object and the sizes of
-its arrays), the object pickled without its arrays, and the arrays (PEP 574).
+Requests and answers are sent through a pipe, and their arrays are sent exactly as they are in
+memory. A message consists of the length of its header, the header (the length of the pickled object
+and the sizes of its arrays), the object pickled without its arrays, and the arrays (PEP 574).
 """
 
 import atexit
@@ -35,12 +34,12 @@ _LENGTH = struct.Struct("<Q")
 
 
 def send(pipe: RawIOBase, content: object) -> None:
-    """Write an object.
+    """Write an object to a pipe.
 
     Raises
     ------
     OSError
-        Nobody reads any more.
+        The other end of the pipe is closed.
     """
     buffers: list[pickle.PickleBuffer] = []
     pickled = pickle.dumps(content, 5, buffer_callback=buffers.append)
@@ -53,12 +52,12 @@ def send(pipe: RawIOBase, content: object) -> None:
 
 
 def receive(pipe: RawIOBase) -> Any:
-    """Return the next object.
+    """Read the next object from a pipe.
 
     Raises
     ------
     EOFError
-        The pipe has ended.
+        The pipe is at its end.
     """
     (length,) = _LENGTH.unpack(_read(pipe, _LENGTH.size))
     size, sizes = pickle.loads(_read(pipe, length))
@@ -67,7 +66,7 @@ def receive(pipe: RawIOBase) -> Any:
 
 
 def _read(pipe: RawIOBase, size: int) -> memoryview:
-    content = np.empty(size, np.uint8).data  # not cleared before, as other buffers are
+    content = np.empty(size, np.uint8).data  # unlike other buffers, not zeroed first
     done = 0
     while done < size:
         got = pipe.readinto(content[done:])
@@ -77,15 +76,15 @@ def _read(pipe: RawIOBase, size: int) -> memoryview:
     return content
 
 
-MOST_VALUES = 250_000_000  # of 8 bytes: 2 GB; seven channels at 200 Hz have them after 50 hours
+MOST_VALUES = 250_000_000  # of 8 bytes: 2 GB, which is 50 hours of seven channels at 200 Hz
 MOST_VALUES_KEY = "[data] most_values"
 _MOST_STATED = 10**12
 _BASE, _BYTES_PER_VALUE = 1 << 29, 32
 _SECONDS, _SECONDS_PER_BYTE, _SECONDS_PER_VALUE = 4.0, 2e-6, 2e-5
-_WAITED, _WAITED_PER_SECOND = 60, 4  # s: a disk or a busy machine may keep a reader waiting
+_WAITED, _WAITED_PER_SECOND = 60, 4  # s; a disk or a busy machine may keep a reader waiting
 _ENDS_WITHIN = 5.0  # s
 FORKS = sys.platform == "linux" and hasattr(os, "fork")
-"""Whether a process forks for each file: it reads many then, elsewhere one."""
+"""Whether a process forks for each file and can read many, instead of only one."""
 _KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
 _PROGRAM = """
 import sys
@@ -93,7 +92,7 @@ sys.path[:] = sys.argv[1:]
 from inercal.recordings.io.reading_process import serve
 serve()
 """
-# Memory counts as it is reserved: of each thread, and of pyarrow's own allocators, much.
+# Reserved memory counts as used; each thread and pyarrow's own allocators reserve much.
 _ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
@@ -103,20 +102,20 @@ _ENVIRONMENT = {
 
 
 class Isolation(NamedTuple):
-    """What is read by a process of its own.
+    """Description of a kind of file that is read in a separate process.
 
     Parameters
     ----------
     kind : str
-        What the file is expected to be, "an HDF5 file".
+        The expected kind of file, "an HDF5 file".
     advice : str
-        What to do with a damaged one.
+        Advice on what to do if the file is damaged.
     libraries : tuple of str
         Modules that are imported once for all files.
     extra : str
-        What to install for them; empty where they come with inercal.
+        Name of the extra to install for these modules; empty if they come with inercal.
     key : str
-        What raises the limits; empty where nothing does.
+        Key that raises the limits; empty if there is none.
     """
 
     kind: str
@@ -127,7 +126,7 @@ class Isolation(NamedTuple):
 
 
 class ReadingLimits(NamedTuple):
-    """What reading a file may cost: memory, bytes; processor time and time between results, s."""
+    """Limits for reading a file: memory, bytes; processor time and time between results, s."""
 
     memory: int
     seconds: int
@@ -151,26 +150,26 @@ def read_isolated(
     *arguments: Any,
     most_values: int | None = None,
 ) -> Any:
-    """Return what a function returns of a file, called in a process with limits.
+    """Call a function on a file in a process with limits, and return its result.
 
     Parameters
     ----------
     isolation : Isolation
     path : Path
     function : callable
-        Of a module, so that the process can import it; called with the path and the arguments.
+        Module-level function that the process can import; called with the path and the arguments.
     *arguments : object
-        Such as can be pickled.
+        Further arguments, which must be picklable.
     most_values : int, optional
-        Values of 8 bytes that the file holds, where that is stated.
+        Number of 8-byte values in the file, if stated.
 
     Raises
     ------
     MissingExtra
-        A library is not installed.
+        A required library is not installed.
     InputError
-        The function raises it, any other error of a library, which is the file's damage, a crash,
-        or too much memory or time.
+        The function raises it, a library raises any other error because the file is damaged, the
+        process crashes, or it needs too much memory or time.
     OSError
         The file cannot be read.
     """
@@ -185,7 +184,7 @@ def stream_isolated(
     *arguments: Any,
     most_values: int | None = None,
 ) -> Generator[Any]:
-    """Yield what a generator function yields of a file, as `read_isolated` returns it."""
+    """Call a generator function on a file as in `read_isolated`, and yield its results."""
     if isolation.extra:
         package = isolation.libraries[0].partition(".")[0]
         require_installed(isolation.extra, f"{isolation.kind} needs {package}", (package,))
@@ -195,7 +194,7 @@ def stream_isolated(
     try:
         request = ReadingRequest(isolation, limits, path.absolute(), function, arguments)
         send(process.requests, request)
-        # Each result comes in a tuple; an error or None is the last answer.
+        # Each result comes in a tuple; the last answer is an error or None.
         while isinstance(answer := receive(process.answers), tuple):
             yield answer[0]
         ended = True
@@ -211,7 +210,7 @@ def stream_isolated(
 
 
 def _limits(size: int, most_values: int | None) -> ReadingLimits:
-    """Return what reading a file of so many bytes may cost.
+    """Return the limits for reading a file with this number of bytes.
 
     >>> _limits(1_000_000, None).seconds, _limits(1_000_000, 10_000_000).seconds
     (6, 206)
@@ -226,7 +225,7 @@ def _limits(size: int, most_values: int | None) -> ReadingLimits:
 def _own_error(
     error: Exception, isolation: Isolation, limits: ReadingLimits, path: Path
 ) -> Exception:
-    """Return an error of the process as it is raised here."""
+    """Convert an error from the process to the error that is raised here."""
     if isinstance(error, MemoryError):
         more = f"{limits.memory / 1e6:.0f} MB of memory"
         return _limit_error(f"needs more than {more} to be read", isolation, path)
@@ -236,7 +235,7 @@ def _own_error(
 
 
 def _limit_error(what: str, isolation: Isolation, path: Path) -> InputError:
-    """Return the error of a file that costs more than a file of its size may."""
+    """Return the error for a file that exceeds the limits for its size."""
     more = f"state {isolation.key}, the number of its values" if isolation.key else ""
     return InputError(
         f"{path.name} {what}, the limit for {isolation.kind} of its size: it is damaged or very "
@@ -249,7 +248,7 @@ def _limit_error(what: str, isolation: Isolation, path: Path) -> InputError:
 def _death_error(
     status: int, isolation: Isolation, limits: ReadingLimits, path: Path
 ) -> InputError:
-    """Return the error of a file whose process died."""
+    """Return the error for a file whose reading process died."""
     number = -status if status < 0 else status - 128
     name = signal.Signals(number).name if number in set(signal.Signals) else f"status {status}"
     if name == "SIGXCPU":
@@ -276,9 +275,9 @@ class _Process:
             bufsize=0,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,  # libraries say there what they find
+            stderr=subprocess.DEVNULL,  # libraries print diagnostics there
             env={**os.environ, **_ENVIRONMENT},
-            start_new_session=True,  # the keyboard does not interrupt it
+            start_new_session=True,  # keyboard interrupts do not reach it
         )
         self.requests = cast(RawIOBase, self._process.stdin)
         self.answers = cast(RawIOBase, self._process.stdout)
@@ -288,25 +287,25 @@ class _Process:
         return self._process.poll() is None
 
     def leave(self) -> None:
-        """Have nothing to do with it any more."""
+        """Detach from the process without ending it."""
         self.requests.close()
         self.answers.close()
-        self._process.returncode = 0  # else Python says that it still runs
+        self._process.returncode = 0  # otherwise Python reports that it still runs
 
     def kill(self) -> None:
-        """Kill it, whatever it does."""
+        """Kill the process, whatever it is doing."""
         if self.running:
             kill = partial(os.killpg, self._process.pid) if FORKS else self._process.send_signal
             kill(_KILL)
         self.end()
 
     def end(self) -> int:
-        """Wait for the end of one that reads nothing more; return its exit status."""
+        """Close the pipes, wait until the process ends, and return its exit status."""
         self.requests.close()
         self.answers.close()
         try:
             return self._process.wait(_ENDS_WITHIN)
-        except subprocess.TimeoutExpired:  # a fork of this program holds its input open
+        except subprocess.TimeoutExpired:  # a fork of this program keeps its input open
             self._process.kill()
             return self._process.wait()
 
@@ -315,7 +314,7 @@ _idle: list[_Process] = []
 
 
 def _idle_process() -> _Process:
-    """Return a process that reads nothing now."""
+    """Return a process that is not reading anything."""
     while _idle:
         process = _idle.pop()
         if process.running:
@@ -326,7 +325,7 @@ def _idle_process() -> _Process:
 
 @atexit.register
 def end_all() -> None:
-    """End the processes that wait for files; the next file starts another."""
+    """End the processes that wait for files; the next file starts a new one."""
     while _idle:
         _idle.pop().end()
 

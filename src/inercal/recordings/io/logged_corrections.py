@@ -1,10 +1,10 @@
-"""Corrections that a flight controller made before it logged, and how they are undone.
+"""Corrections that a flight controller made before logging, and how to undo them.
 
     reading = R ((raw − offset) ∘ scale)        raw = (Rᵀ reading) / scale + offset
 
-R turns sensor axes to axes of the vehicle, yaw · pitch · roll. A calibration by raw readings may
-replace that of the controller; one by corrected readings stands on it, and the two must stay
-together: then the parameters are recorded (`stated_parameters`).
+R rotates from sensor axes to vehicle axes, yaw · pitch · roll. A calibration from raw readings can
+replace that of the controller. A calibration from corrected readings depends on the controller's
+calibration, and the two must stay together, so its parameters are recorded (`stated_parameters`).
 
 Sources: PX4, src/lib/sensor_calibration (Accelerometer.hpp, Gyroscope.hpp) and
 src/lib/conversion/rotation.h; ArduPilot, libraries/AP_InertialSensor/AP_InertialSensor_Backend.cpp.
@@ -29,7 +29,7 @@ CORRECTIONS_OPTION = Option(
 
 COPY_AGAIN = "copy it from the flight controller again"
 
-# roll, pitch, yaw, °, by the number of the parameter.
+# Roll, pitch and yaw in °, by the value of the parameter.
 ROTATIONS: tuple[tuple[int, int, int], ...] = (
     *((0, 0, yaw) for yaw in range(0, 360, 45)),
     *((180, 0, yaw) for yaw in (0, 45, 90, 135)),
@@ -53,15 +53,15 @@ ROTATIONS: tuple[tuple[int, int, int], ...] = (
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """What a controller did to the readings of one sensor.
+    """The correction that a controller applied to the readings of one sensor.
 
     Parameters
     ----------
     offset : (3,) array
-        SI, along the axes of the sensor.
+        Offset along the sensor axes, SI.
     scale : (3,) array
     rotation : (3, 3) array
-        From axes of the sensor to axes of the vehicle.
+        Rotation from sensor axes to vehicle axes.
     """
 
     offset: Array
@@ -69,34 +69,34 @@ class Correction:
     rotation: Array
 
     def undo(self, readings: Array) -> Array:
-        """Return the readings (n, 3) before the correction."""
+        """Return the readings (n, 3) as they were before the correction."""
         return readings @ self.rotation / self.scale + self.offset
 
 
 def stated_parameters(parameters: Mapping[str, float]) -> str:
-    """Return parameters in words: "INS_ACCOFFS_X 0.012, INS_ACCOFFS_Y 0.5"."""
+    """Write parameters as text: "INS_ACCOFFS_X 0.012, INS_ACCOFFS_Y 0.5"."""
     return ", ".join(f"{name} {value:.9g}" for name, value in sorted(parameters.items()))
 
 
 def euler_matrix(roll: float, pitch: float, yaw: float) -> Array:
-    """Return the matrix of a rotation, (3, 3): angles in °, yaw · pitch · roll."""
+    """Return the rotation matrix, (3, 3), for angles in °: yaw · pitch · roll."""
     (cr, cp, cy), (sr, sp, sy) = (f(np.radians([roll, pitch, yaw])) for f in (np.cos, np.sin))
     mat_roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     mat_pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     mat_yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     matrix = mat_yaw @ mat_pitch @ mat_roll
-    # Of right angles the cosine is not exactly zero.
+    # The cosine of a right angle is not exactly zero.
     exact = np.round(matrix)
     return np.where(np.abs(matrix - exact) < 1e-15, exact, matrix)
 
 
 def rotation_matrix(number: float, parameter: str, source: str) -> Array:
-    """Return the rotation of a parameter such as AHRS_ORIENTATION, (3, 3).
+    """Return the rotation for a parameter such as AHRS_ORIENTATION, (3, 3).
 
     Raises
     ------
     InputError
-        A number without a rotation known here.
+        The number does not stand for any known rotation.
     """
     if number not in range(len(ROTATIONS)):
         raise InputError(
@@ -109,12 +109,12 @@ def rotation_matrix(number: float, parameter: str, source: str) -> Array:
 
 
 def keeps_corrections(corrections: str, source: str) -> bool:
-    """Return whether the option says "keep".
+    """Return whether the corrections option is "keep".
 
     Raises
     ------
     InputError
-        Another word than "undo" and "keep".
+        The option is neither "undo" nor "keep".
     """
     if corrections not in ("undo", "keep"):
         raise InputError(

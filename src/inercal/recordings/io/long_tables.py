@@ -1,6 +1,6 @@
-"""Tables that are too long for the memory: their first rows, and blocks of some columns in turn.
+"""Read tables that are too long for the memory: the first rows, and blocks of some columns.
 
-Plain text, Parquet, .npz and HDF5 files are read so; other formats are not.
+This works for plain text, Parquet, .npz and HDF5 files, and not for other formats.
 """
 
 import zipfile
@@ -25,8 +25,8 @@ from inercal.recordings.io.readers import Reader
 from inercal.recordings.io.text_layout import sniff
 
 HEAD_ROWS = 1 << 15
-"""Rows by which columns are recognised."""
-_SAMPLE_BYTES = 1 << 20  # by which the rows of a text file are estimated
+"""Number of rows that are used to recognise columns."""
+_SAMPLE_BYTES = 1 << 20  # from which the number of rows in a text file is estimated
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class LongTable:
     ----------
     path : Path
     names : tuple of str
-        Of all columns.
+        Names of all columns.
     rows : int
-        Number of rows; of text an estimate.
+        Number of rows; an estimate for text files.
     read : callable
-        Names of columns to an iterator of arrays, (k, c) float64.
+        Function that takes column names and returns an iterator of arrays, (k, c) float64.
     """
 
     path: Path
@@ -50,12 +50,12 @@ class LongTable:
     read: Callable[[Sequence[str]], Iterator[Array]]
 
     def head(self) -> Table:
-        """Return the first rows as a table.
+        """Read the first rows as a table.
 
         Raises
         ------
         InputError
-            A column that is not of numbers.
+            A column does not contain numbers.
         """
         parts: list[Array] = []
         for block in self.read(self.names):
@@ -69,18 +69,18 @@ class LongTable:
         return Table(self.names, columns, self.path.name, "", 0, header=True)
 
     def sha256(self) -> str:
-        """Return the SHA-256 of the file."""
+        """Return the file's SHA-256 in hexadecimal."""
         return file_sha256(self.path)
 
 
 def open_long_table(path: Path, most_values: int) -> LongTable | None:
-    """Return a file as a long table; None where it is short, or of a format that is read whole.
+    """Open a long table; return None if it is short or if its format must be read whole.
 
     Parameters
     ----------
     path : Path
     most_values : int
-        Rows times columns, up to which a file is short.
+        Largest product of rows and columns for which a file counts as short.
 
     Raises
     ------
@@ -109,14 +109,14 @@ def _open_text(path: Path) -> LongTable | None:
 
 
 def _open_packed(path: Path, reader: Reader) -> LongTable | None:
-    """Return a file of a library as a long table, which a process of its own reads."""
+    """Open a file as a long table that a library in a separate process reads."""
     if reader.name not in _PACKED or reader.isolation is None:
         return None
     columns, blocks = _PACKED[reader.name]
     try:
         found: _Shape | None = read_isolated(reader.isolation, path, columns)
     except InputError:
-        return None  # read whole, its reader names what is wrong
+        return None  # it is then read whole, and its reader reports the error
     read = partial(stream_isolated, reader.isolation, path, blocks)
     return None if found is None else LongTable(path, *found, read)
 
@@ -148,16 +148,16 @@ _Header = tuple[tuple[int, ...], bool, np.dtype[Any]]  # shape, whether by colum
 
 
 def _header(stored: Any) -> _Header:
-    """Return the header of a stored array; its values follow."""
+    """Read the header of a stored array; the stream is then at its values."""
     version_1 = np.lib.format.read_magic(stored) == (1, 0)
     lib = np.lib.format
     return lib.read_array_header_1_0(stored) if version_1 else lib.read_array_header_2_0(stored)
 
 
 def _npz_headers(path: Path) -> tuple[dict[str, _Header], tuple[str, ...]] | None:
-    """Return the headers of the arrays of an archive and the names of its columns.
+    """Return the array headers in an archive, and the names of its columns.
 
-    None where not all are numbers by rows, or where they are not of one length.
+    Return None unless all arrays contain numbers by rows and have the same length.
     """
     headers: dict[str, _Header] = {}
     with zipfile.ZipFile(path) as archive:
@@ -188,12 +188,12 @@ def _npz_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
     found = _npz_headers(path)
     assert found is not None
     headers, all_names = found
-    block = set(headers) != set(all_names)  # one array holds all columns
+    block = set(headers) != set(all_names)  # a single array contains all columns
     with zipfile.ZipFile(path) as archive:
         wanted = list(headers) if block else list(names)
         files = [archive.open(f"{name}.npy") for name in wanted]
         for file in files:
-            _header(file)  # the values follow it
+            _header(file)  # skip it; the values follow
         rows = headers[wanted[0]][0][0]
         for start in range(0, rows, BLOCK_ROWS):
             count = min(BLOCK_ROWS, rows - start)
@@ -206,7 +206,7 @@ def _npz_blocks(path: Path, names: Sequence[str]) -> Iterator[Array]:
 
 
 def _values(file: Any, name: str, header: _Header, rows: int) -> Array:
-    """Return the next rows of an array, (k, c)."""
+    """Read the next rows of an array, (k, c)."""
     shape, _, dtype = header
     width = shape[1] if len(shape) == 2 else 1
     found = np.frombuffer(file.read(rows * width * dtype.itemsize), dtype=dtype)
@@ -215,7 +215,7 @@ def _values(file: Any, name: str, header: _Header, rows: int) -> Array:
     return found.reshape(rows, width).astype(np.float64)
 
 
-_Shape = tuple[tuple[str, ...], int]  # names of the columns, and rows
+_Shape = tuple[tuple[str, ...], int]  # column names and number of rows
 _PACKED: dict[str, tuple[Callable[[Path], _Shape | None], Callable[..., Iterator[Array]]]] = {
     "parquet": (_parquet_columns, _parquet_blocks),
     "npz": (_npz_columns, _npz_blocks),

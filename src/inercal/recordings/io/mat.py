@@ -1,4 +1,4 @@
-"""MATLAB files up to version 7, through SciPy; those of version 7.3 are HDF5 (see `hdf5`)."""
+"""Read MATLAB files up to version 7 with SciPy; version 7.3 files are HDF5 (see `hdf5`)."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -35,21 +35,21 @@ def read_mat(path: Path, wanted: ReadRequest) -> Table:
     Parameters
     ----------
     path : Path
-        Vectors and matrices, in structs or not; cells of text or rows of letters are labels. See
-        `inercal.recordings.io.variables` for the names of columns.
+        File with vectors and matrices, in structs or not. Cells of text and rows of characters are
+        used as labels. See `inercal.recordings.io.variables` for the column names.
     wanted : ReadRequest
 
     Raises
     ------
     InputError
-        Variables that form no table.
+        The variables do not form a table.
     """
     scipy_io: Any = import_module("scipy.io")
     return table_from_variables(path, _variables(path, scipy_io), wanted)
 
 
 def _variables(path: Path, scipy_io: Any) -> list[Variable]:
-    """Return the variables of a file; numbers outside structs are loaded when opened."""
+    """Return the variables in a file; numbers outside structs are loaded only when used."""
     options = {"appendmat": False, "spmatrix": False}
     try:
         listed: list[tuple[str, tuple[int, ...], str]] = scipy_io.whosmat(path, appendmat=False)
@@ -63,7 +63,7 @@ def _variables(path: Path, scipy_io: Any) -> list[Variable]:
             raise InputError(f"{path.name}: {name!r} {SPARSE}", names=(name,))
         return value
 
-    # The other thing that a file may hold is MATLAB's workspace of functions.
+    # Other entries, whose names begin with "__", belong to MATLAB's function workspace.
     return [v for one in listed if one[0][:2] != "__" for v in _variable(*one, load)]
 
 
@@ -76,7 +76,7 @@ def _variable(
     elif kind in ("char", "cell", "struct"):
         try:
             yield from _contents(name, load(name))
-        except Exception as error:  # SciPy raises of many kinds on what it cannot read
+        except Exception as error:  # SciPy raises many kinds of errors for unreadable content
             yield Variable(name, refused=f"cannot be read: {shorten(str(error), 120)}")
     else:
         reasons = {"sparse": SPARSE, "function": FUNCTION}
@@ -86,7 +86,7 @@ def _variable(
 def _contents(name: str, value: Any) -> Iterator[Variable]:
     """Yield a value as a variable, or the fields of a struct."""
     kind = type(value).__name__
-    if kind == "MatlabOpaque":  # before SciPy 1.18 its name is stored inside alone
+    if kind == "MatlabOpaque":  # before SciPy 1.18, its name is only stored inside it
         inside = value.size and "s0" in (value.dtype.names or ())
         known = np.ravel(value)[0]["s0"] if inside else name
         yield Variable(known.decode() if isinstance(known, bytes) else name, refused=OBJECT)
@@ -120,7 +120,7 @@ def _array(name: str, array: NDArray[Any]) -> Iterator[Variable]:
 
 
 def _text(cell: Any) -> str | None:
-    """Return the text in a cell; None for another content."""
+    """Return the text in a cell; None if the cell contains something else."""
     if not hasattr(cell, "dtype") or cell.size > 1:
         return None
     if cell.size == 0:  # '' or []
@@ -128,8 +128,8 @@ def _text(cell: Any) -> str | None:
     return str(cell.flat[0]) if cell.dtype.kind == "U" else None
 
 
-# Versions 5 to 7 have a title and, at 124, their version. Version 4 has neither; a file saved with
-# -ascii is text.
+# Versions 5 to 7 have a title and, at byte 124, their version. Version 4 has neither. A file saved
+# with -ascii is text.
 READER = Reader(
     "mat",
     read_mat,

@@ -1,8 +1,9 @@
-"""Tables of means, typed by hand or computed by another program, read as observations.
+"""Read tables of means, typed by hand or computed by another program, as observations.
 
-Each row is a position or turn: its label, the mean reading of each axis in output units and, for
-turns, the duration of the section. A table does not show the standard deviation of its means: the
-user states a value for all rows, or columns hold that of each row, "ax_sd" for "ax".
+Each row is a position or turn. It contains its label, the mean reading of each axis in output units
+and, for turns, the duration of the section. The standard deviation of the means does not follow
+from the table. The user states one value for all rows, or adds columns with the value of each row,
+"ax_sd" for "ax".
 """
 
 import csv
@@ -22,11 +23,11 @@ from inercal.recordings.io.column_table import TOO_LARGE, Array, Table, shorten
 from inercal.recordings.io.read import Columns, read_table
 from inercal.recordings.rounding_errors import NOISY
 
-_FEW_DIGITS = 3  # of the last place: means that differ by less may be equal
-_OF_NOISE = 0.01  # share of a mean's variance below which its last digit is not counted
+_FEW_DIGITS = 3  # units of the last digit; means that differ by less may be equal
+_OF_NOISE = 0.01  # share of a mean's variance, below which rounding to the last digit is ignored
 _ONE_DIGIT = 0.1  # of the largest mean: whole numbers such as 1 and 0 g are not what was read
-_ROWS = 4  # the means of fewer rows may agree to the last digit
-SD_SUFFIX = "_sd"  # added to the name of a column: its standard deviation
+_ROWS = 4  # in tables with fewer rows, means may agree to the last digit
+SD_SUFFIX = "_sd"  # suffix of the column with a column's standard deviation
 
 _OPEN_CELL = "write the mean, go on with inercal measure,"  # before "or remove the row"
 
@@ -39,22 +40,22 @@ def read_means(
     seconds: str | None,
     row_names: Callable[[Sequence[str]], Sequence[str]] = tuple,
 ) -> Observations:
-    """Read a table of means.
+    """Read a table of means from a file.
 
     Parameters
     ----------
     path : Path
     columns : Columns
-        `label`, `channels` and `temperature` are used.
+        Columns to read; only `label`, `channels` and `temperature` are used.
     sensor : Sensor
-        Axes in the order wanted, with readouts.
+        Sensor whose axes are in the wanted order, with readouts.
     sd : mapping
-        Standard deviation of a mean in SI, by what an axis measures ("f", "w"). Otherwise columns
-        of the table hold it, in output units.
+        Standard deviation of a mean in SI, by the quantity that an axis measures ("f", "w"). For
+        other quantities, columns of the table contain it in output units.
     seconds : str or None
-        Column of durations in s; None for 1 s in each row.
+        Name of the column with durations in s; None for 1 s in each row.
     row_names : callable, optional
-        From the labels of the rows to distinct names.
+        Function that converts row labels to distinct names.
 
     Raises
     ------
@@ -74,15 +75,15 @@ def read_means(
 
 
 def read_columns(path: Path, columns: Columns, extra_columns: Sequence[str]) -> Table:
-    """Return the table; refuse it where a used column is missing.
+    """Read a table, and refuse it if a required column is missing.
 
     Parameters
     ----------
     path : Path
     columns : Columns
-        `label` and `temperature`, if any, and `channels`.
+        Required columns: `channels`, and `label` and `temperature` if given.
     extra_columns : sequence of str
-        Other wanted columns.
+        Other required columns.
 
     Raises
     ------
@@ -110,25 +111,25 @@ def observations_from_table(
     sd: Mapping[str, float],
     durations: Array,
 ) -> Observations:
-    """Return the rows of a table as observations.
+    """Convert the rows of a table to observations.
 
     Parameters
     ----------
     path : Path
-        For messages.
+        Path of the table, for messages.
     table : Table
     labels : tuple of r str
         Names of the rows.
     columns, sensor, sd
-        As of `read_means`.
+        As in `read_means`.
     durations : (r,) array
-        s.
+        Durations, s.
 
     Raises
     ------
     InputError
-        A value is not finite, a temperature is not possible, a label is repeated, a column is the
-        same in all rows, or no deviation is stated.
+        A value is not finite, a temperature is impossible, a label is repeated, a column has the
+        same value in all rows, or no deviation is stated.
     """
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:
@@ -181,15 +182,16 @@ def observations_from_table(
 
 
 def _rounding_of_digits(output: Array, deviation: Array, sensor: Sensor) -> ReadingSteps:
-    """Return how the means, (r, m), are rounded by the digits that they are written with.
+    """Return how the means, (r, m), are rounded by the digits in which they are written.
 
-    A mean is one reading of its own noise; where that is large, digits do not matter.
+    A mean is a single reading with noise of its own. If that noise is large, rounding does not
+    matter.
     """
     scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
     kinds = np.array([axis.measures for axis in sensor.axes])
     step = np.zeros(scale.size)
     for kind in set(kinds.tolist()):
-        alike = output[:, kinds == kind]  # written in one way
+        alike = output[:, kinds == kind]  # written in the same way
         digit = last_digit(alike)
         if digit <= _ONE_DIGIT * float(np.abs(alike).max(initial=0.0)):
             step[kinds == kind] = digit
@@ -204,7 +206,7 @@ def _rounding_of_digits(output: Array, deviation: Array, sensor: Sensor) -> Read
 def _refuse_constant_column(
     path: Path, output: Array, sensor: Sensor, by_axis: Mapping[str, str]
 ) -> None:
-    """Refuse a column that is the same in all rows while others change, or a gyro that reads 0."""
+    """Refuse a column that is constant while similar ones change, or a gyro that always reads 0."""
     if len(output) < _ROWS:
         return
     constant = (output == output[0]).all(axis=0)
@@ -218,7 +220,7 @@ def _refuse_constant_column(
                 file=path,
                 names=(by_axis[axis.name],),
             )
-        # Gyros at rest that are written to a coarse digit may agree in all rows.
+        # Gyros at rest may agree in all rows if they are written with few digits.
         few = _FEW_DIGITS * last_digit(output[:, like])
         if axis.measures == "w" and float(np.ptp(output[:, like], axis=0).max()) <= few:
             continue
@@ -232,7 +234,7 @@ def _refuse_constant_column(
 
 
 def _require_within_range(path: Path, table: Table, name: str, axis: Axis, mean: Array) -> None:
-    """Refuse a mean at or beyond the full scale: some of its samples were clipped."""
+    """Refuse a mean at or beyond the full scale, because some of its samples were clipped."""
     reach = axis.readout.full_scale
     beyond = np.flatnonzero(np.abs(mean - axis.readout.offset) >= (reach or np.inf))
     if beyond.size:
@@ -247,21 +249,21 @@ def _require_within_range(path: Path, table: Table, name: str, axis: Axis, mean:
 
 
 def number_column(path: Path, table: Table, name: str, remedy: str) -> Array:
-    """Return a column of numbers, (r,).
+    """Return a column of numbers, (r,), from a table.
 
     Parameters
     ----------
     path : Path
-        For messages.
+        Path of the table, for messages.
     table : Table
     name : str
     remedy : str
-        What to do where a cell is empty.
+        Advice on what to do if a cell is empty.
 
     Raises
     ------
     InputError
-        A cell without a finite number, with its line.
+        A cell does not contain a finite number; the message states its line.
     """
     for k, cell in enumerate(table.columns[name].tolist()):
         try:
@@ -289,7 +291,7 @@ def _standard_deviations(
     sensor: Sensor,
     sd: Mapping[str, float],
 ) -> Array:
-    """Return the standard deviation of each mean, (r, m) SI: as stated, or from columns."""
+    """Return the standard deviation of each mean, (r, m) SI, as stated or from the columns."""
     rows = next(iter(table.columns.values())).size
     deviations: list[Array] = []
     for axis in sensor.axes:
@@ -322,18 +324,18 @@ def _standard_deviations(
 def write_means(
     path: str | os.PathLike[str], columns: Mapping[str, Sequence[str | float | int]]
 ) -> None:
-    """Write a table of means as CSV, completely or not at all; numbers with all digits.
+    """Write a table of means as CSV, completely or not at all, with all digits of the numbers.
 
     Parameters
     ----------
     path : path
     columns : mapping of str to sequence of r str or numbers
-        Columns by name, in order.
+        Columns by name, in their order.
 
     Raises
     ------
     InputError
-        A path that cannot be written.
+        The path cannot be written.
     """
     with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         lines = csv.writer(file, lineterminator="\n")

@@ -1,9 +1,9 @@
-"""Messages of a log as the columns of a table: topics with times of their own, joined by time.
+"""Convert messages in a log to columns of a table, joining topics by their times.
 
-A column is "topic.field"; "time" is the time of the samples, s from the first one. The samples are
-those of the topic, among the topics of the wanted channels, that has the fewest messages; each of
-the others gives the message nearest in time. No reading is interpolated: that would filter its
-noise.
+A column is named "topic.field"; "time" is the time of the samples, s, from the first one. Among the
+topics of the wanted channels, the one with the fewest messages defines the samples. Every other
+topic contributes its message that is nearest in time. Readings are not interpolated, because that
+would filter their noise.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -28,9 +28,9 @@ from inercal.recordings.io.column_table import (
 )
 from inercal.recordings.io.time_stamps import nearest_samples
 
-TIME = "time"  # the column of times
+TIME = "time"  # name of the time column
 _NS = 10**9
-_MOST_LISTED = 12  # topics in a message
+_MOST_LISTED = 12  # number of topics that a message lists
 
 Times = NDArray[np.int64]
 
@@ -43,9 +43,9 @@ class Messages:
     ----------
     topic : str
     time : (n,) array of int
-        ns, of a clock that all topics share.
+        Times on a clock that all topics share, ns.
     fields : mapping of str to (n,) array
-        Numbers.
+        Values of each field, as numbers.
     """
 
     topic: str
@@ -54,19 +54,19 @@ class Messages:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of its columns."""
+        """Names of the topic's columns."""
         return tuple(f"{self.topic}.{field}" for field in self.fields)
 
 
 def wanted_topics(
     wanted: ReadRequest, topics: Collection[str], defaults: Iterable[str], source: str
 ) -> list[str]:
-    """Return the topics of the wanted columns; where all are wanted, those of `defaults`.
+    """Return the topics of the wanted columns, or those of `defaults` if all are wanted.
 
     Raises
     ------
     InputError
-        A column of no topic of the log; the message lists its topics.
+        A column does not belong to any topic of the log; the message lists the topics.
     """
     if wanted.names is None:
         return [topic for topic in defaults if topic in topics]
@@ -86,12 +86,12 @@ def wanted_topics(
 
 
 def require_messages(used: Collection[str], present: Collection[str], source: str) -> None:
-    """Refuse topics of which the log has no message.
+    """Refuse topics for which the log has no message.
 
     Raises
     ------
     InputError
-        The message names the first of them.
+        A topic has no message; the error names the first of them.
     """
     missing = [topic for topic in used if topic not in present]
     if missing:
@@ -102,13 +102,13 @@ def require_messages(used: Collection[str], present: Collection[str], source: st
 
 
 def channel_columns(wanted: ReadRequest, messages: Messages) -> set[str]:
-    """Return the wanted columns of readings of a topic; all wanted ones where none are marked."""
+    """Return a topic's wanted columns with readings; all wanted columns if none are marked."""
     channels = wanted.block_columns or wanted.names
     return set(messages.columns) & set(messages.columns if channels is None else channels)
 
 
 def _suggest(name: str, topics: Collection[str]) -> str:
-    """Return a text that lists the topics, those with a similar name first."""
+    """Return a text that lists the topics, starting with similar names."""
     near = get_close_matches(name.rpartition(".")[0], topics, n=3)
     listed = [*near, *(topic for topic in topics if topic not in near)]
     more = f", … ({len(listed)} in all)" if listed[_MOST_LISTED:] else ""
@@ -122,23 +122,23 @@ def table_from_messages(
     kept_corrections: Sequence[str] = (),
     devices: Mapping[str, int] | None = None,
 ) -> Table:
-    """Return messages as a table whose rows are joined by time.
+    """Join messages by time to form the rows of a table.
 
     Parameters
     ----------
     path : Path
     messages : sequence of Messages
-        Of the wanted topics.
+        Messages of the wanted topics.
     wanted : ReadRequest
     kept_corrections : sequence of str
         See `inercal.recordings.io.column_table.Table`.
     devices : mapping of str to int
-        Numbers of the sensors, by what names them in the log.
+        Numbers of the sensors, by their names in the log.
 
     Raises
     ------
     InputError
-        No message, a wanted column that the messages lack, or topics that do not overlap in time.
+        There is no message, a wanted column is missing, or the topics do not overlap in time.
     """
     source = path.name
     names = (TIME, *(column for topic in messages for column in topic.columns))
@@ -185,9 +185,10 @@ def table_from_messages(
 def _joined(
     base: Messages, messages: Sequence[Messages], sampled: Sequence[Messages], source: str
 ) -> tuple[dict[str, Times], NDArray[np.bool_]]:
-    """Return of each topic the message of each sample, and the samples that all channels have.
+    """Return each topic's message for each sample, and which samples all channels have.
 
-    What changes slowly, such as a temperature, comes from the nearest message however far.
+    Quantities that change slowly, such as a temperature, use the nearest message, however far it
+    is.
     """
     at: dict[str, Times] = {}
     keep = np.ones(base.time.size, np.bool_)

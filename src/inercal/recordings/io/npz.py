@@ -1,4 +1,4 @@
-"""NumPy archives: one array a column, or one array "data" with its "columns"."""
+"""Read NumPy archives with one array per column, or with one array "data" and its "columns"."""
 
 import zipfile
 from collections.abc import Iterator
@@ -29,17 +29,18 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
     Parameters
     ----------
     path : Path
-        Arrays (n,) by name of the column; or "data" (n, k) with "columns" (k,) of str.
+        Archive with arrays (n,) named like the columns, or with "data" (n, k) and "columns" (k,) of
+        str.
     wanted : ReadRequest
 
     Raises
     ------
     InputError
-        Pickled objects, or arrays that do not form a table.
+        The file contains pickled objects, or its arrays do not form a table.
     OSError
         The file cannot be read.
     """
-    zipfile.ZipFile(path).close()  # NumPy would take other files for arrays
+    zipfile.ZipFile(path).close()  # NumPy would accept other files as arrays
     with np.load(path, allow_pickle=False) as archive:
         names, columns, block = _columns(archive, wanted, path.name)
     return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
@@ -48,7 +49,7 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
 def _columns(
     archive: Any, wanted: ReadRequest, source: str
 ) -> tuple[tuple[str, ...], dict[str, Column], Array]:
-    """Return the names of all columns, those wanted, and their block."""
+    """Return the names of all columns, the wanted columns, and their block."""
     names, arrays = _arrays(archive, wanted, source)
     columns: dict[str, Column] = {}
     lengths: dict[str, int] = {}
@@ -75,7 +76,7 @@ def _columns(
 def _arrays(
     archive: Any, wanted: ReadRequest, source: str
 ) -> tuple[tuple[str, ...], Iterator[tuple[str, NDArray[Any]]]]:
-    """Return the names of all columns, and the wanted columns with their arrays, read in turn."""
+    """Return the names of all columns, and the wanted columns with arrays that are read in turn."""
     if not {"data", "columns"} <= set(archive.files):
         names = tuple(archive.files)
         chosen = select_columns(names, wanted.names, source)
@@ -97,10 +98,10 @@ def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
         array: NDArray[Any] | bytes = archive[name]
     except ValueError as error:  # NumPy raises it for pickled objects and for broken headers
         raise InputError(
-            f"{source}: array {name!r} is damaged or holds objects; save plain numbers",
+            f"{source}: array {name!r} is damaged or contains objects; save plain numbers",
             names=(name,),
         ) from error
-    if isinstance(array, bytes):  # NumPy returns members that are no arrays as bytes
+    if isinstance(array, bytes):  # NumPy returns members that are not arrays as bytes
         raise InputError(
             f"{source}: {name!r} is not an array; if the file is a workbook, save it as CSV",
             names=(name,),
@@ -109,7 +110,7 @@ def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
 
 
 def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> NDArray[Any]:
-    """Return a column of numbers as it is, one of text as str."""
+    """Return a column: numbers unchanged, text as str."""
     if array.ndim != 1:
         raise InputError(
             f"{source}: array {name!r} has the shape {array.shape}; save columns as (n,)",

@@ -1,4 +1,4 @@
-"""Parquet files, through pyarrow."""
+"""Read and write Parquet files with pyarrow."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -26,18 +26,19 @@ _BUFFER = 1 << 20  # bytes of each column read at a time
 
 
 def read_parquet(path: Path, wanted: ReadRequest) -> Table:
-    """Read a table from a Parquet file, some rows at a time; missing numbers become NaN.
+    """Read a table from a Parquet file in blocks of rows; missing numbers become NaN.
 
     Parameters
     ----------
     path : Path
-        A Parquet file of numbers and text.
+        A Parquet file with numbers and text.
     wanted : ReadRequest
 
     Raises
     ------
     InputError
-        pyarrow is not installed, the file is damaged, or a column is neither numbers nor text.
+        pyarrow is not installed, the file is damaged, or a column contains neither numbers nor
+        text.
     """
     pyarrow = _pyarrow()
     schema = pyarrow.parquet.read_schema(path)
@@ -96,7 +97,7 @@ def _columns(
 
 
 def write_parquet(path: Path, columns: dict[str, Column], metadata: Mapping[str, str]) -> None:
-    """Write columns (n,) of numbers and text, and metadata of the schema, to a Parquet file.
+    """Write columns (n,) with numbers and text, and schema metadata, to a Parquet file.
 
     Raises
     ------
@@ -104,14 +105,14 @@ def write_parquet(path: Path, columns: dict[str, Column], metadata: Mapping[str,
         pyarrow is not installed.
     """
     pyarrow = _pyarrow()
-    # Text as a list: pyarrow does not accept NumPy's fixed-width strings.
+    # Convert text to a list, because pyarrow does not accept NumPy's fixed-width strings.
     arrays = {k: c.tolist() if c.dtype.kind == "U" else c for k, c in columns.items()}
     table = pyarrow.table(arrays, metadata=dict(metadata) or None)
     pyarrow.parquet.write_table(table, path, write_page_checksum=True)
 
 
 def _pyarrow() -> Any:
-    """Return the package: imported only for a Parquet file, since it is an extra."""
+    """Import pyarrow only when a Parquet file is used, because it is an optional extra."""
     with require_extra("io", "Parquet files need pyarrow", ("pyarrow",)):
         import_module("pyarrow.parquet")
         return import_module("pyarrow")
@@ -134,8 +135,8 @@ def _is_text(pyarrow: Any, kind: Any, name: str, as_text: bool, source: str) -> 
 
 
 def _labels(values: Any, name: str, source: str) -> NDArray[np.str_]:
-    """Return one pyarrow column of text or whole numbers as labels; "" where it has none."""
-    # A column of labels repeats few texts: each is converted once.
+    """Return a pyarrow column of text or whole numbers as labels; "" for missing entries."""
+    # A label column repeats few texts, so convert each text once.
     encoded = values if hasattr(values, "dictionary") else values.dictionary_encode()
     texts = ["", *("" if one is None else str(one) for one in encoded.dictionary.to_pylist())]
     places = encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.intp)
@@ -143,7 +144,7 @@ def _labels(values: Any, name: str, source: str) -> NDArray[np.str_]:
 
 
 def _numbers(pyarrow: Any, values: Any) -> NDArray[Any]:
-    """Return one pyarrow column of numbers as an array (n,); where some are missing, of float64."""
+    """Return a pyarrow column of numbers as an array (n,); float64 if some are missing."""
     if pyarrow.types.is_dictionary(values.type):
         values = values.cast(values.type.value_type)
     return np.asarray(values.to_numpy(zero_copy_only=False))

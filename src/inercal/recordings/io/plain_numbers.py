@@ -1,10 +1,10 @@
-"""The fast way for plain text: pyarrow parses it, where that gives what NumPy's parser gives.
+"""Fast parsing of plain text with pyarrow, if the result equals that of NumPy's parser.
 
-A file is plain if below its header there is nothing but digits, signs, exponents, decimal points,
-separators, spaces and line ends or, where columns of words are wanted, no quotation mark, comment
-or bracket. Both parsers round correctly, so that the numbers are equal to the last bit. What
-pyarrow refuses, an empty cell or a row of another length, is left to the tolerant parser, which
-fills it or names its line.
+A file is plain if, below its header, it contains only digits, signs, exponents, decimal points,
+separators, spaces and line ends. If columns of words are wanted, it must contain no quotation mark,
+comment or bracket. Both parsers round correctly, so the numbers are equal to the last bit. What
+pyarrow refuses, such as an empty cell or a row of another length, is left to the tolerant parser,
+which fills the cell or names its line.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -21,31 +21,31 @@ from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import Array, label_array, shorten
 from inercal.recordings.io.text_layout import TextLayout
 
-SMALLEST = 1 << 22  # bytes; below, importing pyarrow takes longer than it saves
-_BLOCK = 1 << 17  # bytes parsed at a time; pyarrow reads 32 of these ahead
+SMALLEST = 1 << 22  # bytes; for smaller files, importing pyarrow takes longer than it saves
+_BLOCK = 1 << 17  # bytes parsed at a time; pyarrow reads ahead 32 of these blocks
 _NUMBER_BYTES = b"0123456789+-.eE \r\n"
 
 
 class _NotPlainError(ValueError):
-    """The file holds what the two parsers might read differently."""
+    """The file contains text that the two parsers might read differently."""
 
 
 def load_plain(
     path: Path, layout: TextLayout, places: Mapping[str, Array], words: Collection[int]
 ) -> tuple[dict[int, NDArray[np.str_]], int] | None:
-    """Read numbers into `places`; return the columns of words, and the number of rows.
+    """Read numbers into `places`, and return the columns of words and the number of rows.
 
-    Returns None, with `places` in any state, where the file is small or not plain, or where pyarrow
-    is not installed.
+    Return None if the file is small or not plain, or if pyarrow is not installed. The content of
+    `places` is then undefined.
 
     Parameters
     ----------
     path : Path
     layout : TextLayout
     places : mapping of str to (n,) array
-        By number of the column, for at least as many rows as the file has.
+        Arrays for the columns, by column number, with at least as many rows as the file.
     words : collection of int
-        Numbers of the columns of words.
+        Numbers of the columns with words.
     """
     plain = layout.delimiter is not None and not layout.decimal_comma and not layout.quoted
     if not plain or path.stat().st_size < SMALLEST or find_spec("pyarrow") is None:
@@ -76,7 +76,7 @@ def _load(
 
 
 def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iterator[Array]:
-    """Yield the rows of columns of numbers of a plain file, (k, c), some at a time.
+    """Yield the rows of number columns in a plain file, (k, c), in blocks.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[str]) -> Iter
 def _batches(
     path: Path, layout: TextLayout, numbers: Iterable[str], words: Collection[int]
 ) -> Iterator[Any]:
-    """Yield pyarrow's record batches of the wanted columns, named by their numbers."""
+    """Yield pyarrow's record batches with the wanted columns, named by their numbers."""
     pyarrow: Any = import_module("pyarrow")
     csv: Any = import_module("pyarrow.csv")
     types = {name: pyarrow.float64() for name in numbers}
@@ -123,7 +123,7 @@ def _batches(
 
 
 def _skip_lines(file: RawIOBase, lines: int) -> None:
-    """Go to the start of a line, after as many lines."""
+    """Move to the start of a line by skipping the given number of lines."""
     start, skipped = 0, 0
     while skipped < lines:
         block = file.read(_BLOCK) or b""
@@ -138,7 +138,7 @@ def _skip_lines(file: RawIOBase, lines: int) -> None:
 
 
 class _PlainBytes(RawIOBase):
-    """The rest of a file, which raises `_NotPlainError` for what is not plain.
+    """The remaining part of a file; raises `_NotPlainError` for content that is not plain.
 
     Parameters
     ----------
@@ -158,12 +158,12 @@ class _PlainBytes(RawIOBase):
         return True
 
     def read(self, size: int = -1, /) -> bytes:
-        """Return the bytes that follow.
+        """Read the next bytes.
 
         Raises
         ------
         _NotPlainError
-            They are not plain.
+            The bytes are not plain.
         """
         block = self._file.read(size) or b""
         if self._words:

@@ -1,4 +1,4 @@
-"""Tables and recordings from files of all registered formats."""
+"""Read tables and recordings from files in any registered format."""
 
 import os
 from collections.abc import Callable, Collection, Mapping
@@ -34,7 +34,7 @@ from inercal.recordings.io.table_recording import (
 from inercal.recordings.io.time_stamps import nearest_samples
 
 _GZIP = b"\x1f\x8b"
-_ROUNDING = 1e-6  # of half a step: stamps of few digits
+_ROUNDING = 1e-6  # of half a step, for stamps with few digits
 
 
 def read_table(
@@ -45,16 +45,16 @@ def read_table(
 ) -> Table:
     """Read a table: text, .npz, Parquet, .mat, HDF5, or a format that another package registers.
 
-    The content of a file, then its suffix, decides the format.
+    The format is determined by the content of the file and then by its suffix.
 
     Parameters
     ----------
     path : path-like
         The file.
     wanted : collection of str or None
-        Columns to return; None for all.
+        Columns to return; None for all columns.
     text : collection of str
-        Columns to return as text even where they look like numbers.
+        Columns to return as text even if they look like numbers.
     options : mapping of str to object, optional
         Options of the reader (`inercal.recordings.io.readers`).
 
@@ -70,12 +70,12 @@ def read_table(
 
 
 def detect_reader(path: Path) -> Reader:
-    """Return the reader of a file, chosen by its content and then by its suffix.
+    """Return the reader for a file, chosen by its content and then by its suffix.
 
     Raises
     ------
     InputError
-        It is not a regular file, it cannot be opened, or it is compressed.
+        The path is not a regular file, the file cannot be opened, or it is compressed.
     """
     try:
         if path.is_dir():
@@ -96,7 +96,7 @@ def detect_reader(path: Path) -> Reader:
 
 
 def _read(path: Path, wanted: ReadRequest, options: Mapping[str, object]) -> Table:
-    """Return the table of a file; the reader takes the options that it knows."""
+    """Read a table from a file; the reader receives the options that it knows."""
     reader = detect_reader(path)
     before = _state(path)
     read = partial(reader.read, **reader.option_values(options))
@@ -123,12 +123,12 @@ def _read(path: Path, wanted: ReadRequest, options: Mapping[str, object]) -> Tab
 
 
 def _read_marked(path: Path, read: Callable[..., Table], wanted: ReadRequest) -> Table:
-    """Return the table of a file with its mark of a simulation."""
+    """Read a table from a file, including its simulation mark."""
     return replace(read(path, wanted), simulation=stored_mark(path))
 
 
 def _refuse_too_many_values(table: Table, most: int | None) -> None:
-    """Refuse a table of more values than the data section states."""
+    """Refuse a table with more values than [data] states."""
     values = sum(column.size for column in table.columns.values())
     if most is not None and values > most:
         raise InputError(
@@ -139,7 +139,7 @@ def _refuse_too_many_values(table: Table, most: int | None) -> None:
 
 
 def _state(path: Path) -> tuple[int, int, int] | None:
-    """Return what tells that a file was changed; None for no file."""
+    """Return data that reveal whether a file was changed; None if it does not exist."""
     try:
         known = path.stat()
     except OSError:
@@ -174,25 +174,26 @@ def read_recording(
     path : path-like
         The file.
     columns : Columns
-        What each column holds.
+        Contents of each column.
     limits : mapping of channel to (lowest, highest), optional
         See `inercal.recordings.io.audit.audit`.
     second : path-like, optional
-        The file of `columns.second`.
+        The file with the columns `columns.second`.
 
     Raises
     ------
     InputError
-        A file cannot be read, two were not sampled together, or the audit refuses the recording.
+        A file cannot be read, two files were not sampled together, or the audit refuses the
+        recording.
     """
     recording = read_unaudited(Path(path), columns, None if second is None else Path(second))
     return require_accepted(audit(recording, columns.nonfinite, limits, in_place=True))
 
 
 def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
-    """Read the readback of a bench from a separate file, with its axes as channels.
+    """Read the readback of a bench from a separate file, with the bench's axes as channels.
 
-    Rows and times are audited as those of a recording; an axis may be at rest throughout.
+    Rows and times are audited like those of a recording, but an axis may be constant throughout.
 
     Raises
     ------
@@ -204,12 +205,12 @@ def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
 
 
 def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> Recording:
-    """Return the recording of the files, not audited, marked where one of them is simulated.
+    """Read a recording from its files without auditing it; keep the mark of a simulation.
 
     Raises
     ------
     InputError
-        A file cannot be read, or two do not go together.
+        A file cannot be read, or two files do not belong together.
     """
     if (second is None) != (not columns.second):
         raise InputError(f"{path}: state both a second file and its columns, or neither", file=path)
@@ -235,7 +236,7 @@ def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> 
 
 
 def _join_by_time(path: Path, second: Path, columns: Columns) -> Recording:
-    """Return the recording of two files whose samples come at times of their own.
+    """Join two files with different sampling times into one recording.
 
     Raises
     ------
@@ -274,13 +275,13 @@ def _join_by_time(path: Path, second: Path, columns: Columns) -> Recording:
 
 
 def _span(recording: Recording) -> str:
-    """Return the first and the last time by the file's clock, in words."""
+    """Return the first and the last time on the file's clock, in words."""
     first, last = recording.stamps[[0, -1]]
     return f"{first:.12g} to {last:.12g}"
 
 
 def _require_increasing_time(recording: Recording) -> None:
-    """Refuse times that decrease or are missing: there is no nearest sample then."""
+    """Refuse times that decrease or are missing, because no sample would then be the nearest."""
     bad = np.flatnonzero(~(np.diff(recording.time) >= 0))
     if bad.size:
         raise InputError(
@@ -292,7 +293,7 @@ def _require_increasing_time(recording: Recording) -> None:
 
 
 def _read_second_file(path: Path, columns: Columns, first: Recording) -> Table:
-    """Read the columns of the second file to their places in `first`, and return its table."""
+    """Read the columns of the second file into `first`, and return the file's table."""
     together = tuple(column for _, column, _ in columns.second)
     names = together if columns.time is None else (columns.time, *together)
     wanted = ReadRequest(names, (), together, whole=columns.stamps)
@@ -314,9 +315,9 @@ def _read_second_file(path: Path, columns: Columns, first: Recording) -> Table:
 def _refuse_unequal_times(table: Table, time: Array, name: str, expected: Array) -> None:
     """Refuse a time that differs by more than half a step from that in the first file.
 
-    The audit refuses a time that is missing in the first file.
+    The audit refuses times that are missing in the first file.
     """
-    with np.errstate(invalid="ignore"):  # of infinities
+    with np.errstate(invalid="ignore"):  # from infinities
         step = np.abs(np.diff(expected))
         step = step[np.isfinite(step)]
         half = 0.5 * float(np.median(step, overwrite_input=True)) if step.size else 0.0

@@ -1,13 +1,14 @@
-"""Readers of file formats by name, of this package and of others, and the choice among them.
+"""Registry of file-format readers from this and other packages, and the choice among them.
 
-A reader declares which files it reads: by bytes at a place near the begin, and by suffix. The first
-reader whose bytes a file has reads it, else the first whose suffix it has, else the reader of text.
-A reader also declares its keys of [data], such as a topic. A package registers a reader by::
+A reader declares which files it reads, by bytes near the beginning of the file and by suffix. A
+file is read by the first reader whose bytes it contains. Otherwise it is read by the first reader
+with its suffix, or else by the text reader. A reader also declares its keys of [data], such as a
+topic. A package registers a reader with::
 
     [project.entry-points."inercal.readers"]
     flight_log = "their_package.log:READER"
 
-inercal calls it with the file, the `ReadRequest` and each of its options by name.
+inercal calls it with the file, the `ReadRequest`, and each of its options by name.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -22,24 +23,24 @@ from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.isolation import MOST_VALUES, MOST_VALUES_KEY, Isolation
 
 HEAD_BYTES = 128
-"""Bytes at the begin of a file in which readers look for their format."""
+"""Number of bytes at the beginning of a file in which readers look for their format."""
 _WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or false"}
 
 
 @dataclass(frozen=True)
 class Option:
-    """A key of [data] that one reader knows.
+    """A key of [data] that belongs to one reader.
 
     Parameters
     ----------
     name : str
-        Not the name of a key that [data] has for all readers.
+        Name of the key, which must differ from the keys of [data] that all readers share.
     type : type or union of types
-        Of str, int, float, bool.
+        Type of the value: str, int, float, bool.
     default : object
-        Taken where the key is not stated.
+        Value that is used if the key is not stated.
     meaning : str
-        One line for the user.
+        Description for the user, in one line.
     """
 
     name: str
@@ -48,7 +49,7 @@ class Option:
     meaning: str
 
     def accepts(self, value: object) -> bool:
-        """Return whether a value is of the type; a whole number is a number too."""
+        """Return whether a value has the right type; whole numbers are accepted as float."""
         kinds = _member_types(self.type)
         if isinstance(value, bool):
             return bool in kinds
@@ -56,7 +57,7 @@ class Option:
 
     @property
     def accepted_types(self) -> str:
-        """The types in words."""
+        """The accepted types, in words."""
         return " or ".join(_WORDS[kind] for kind in _member_types(self.type))
 
 
@@ -74,24 +75,26 @@ def _member_types(kind: type | UnionType) -> tuple[type, ...]:
 
 @dataclass(frozen=True)
 class Reader:
-    """How files of one format are read.
+    """Describe how files of one format are recognised and read.
 
     Parameters
     ----------
     name : str
     read : callable
-        (path, wanted, **options) to a `Table`. It imports the libraries that it needs itself.
+        Function that takes (path, wanted, **options) and returns a `Table`. It imports the
+        libraries that it needs.
     content : tuple of (int, bytes)
-        Places within the first 128 bytes with the bytes there; any of them identifies the format.
+        Positions within the first 128 bytes, and the bytes there; any of them identifies the
+        format.
     suffixes : tuple of str
-        Such as ".npz", in lower case.
+        File-name suffixes such as ".npz", in lower case.
     binary : bool
-        Whether the suffix counts only where a zero byte is among the first 128 bytes.
+        Whether the suffix counts only if there is a zero byte among the first 128 bytes.
     options : tuple of Option
     isolation : Isolation or None
-        How it reads in a process of its own, as it should where damaged bytes can crash a library;
-        `MOST_VALUES_OPTION` is then a further option, which it is not called with. None where it
-        reads in this process.
+        How the reader runs in a separate process, which it should if damaged bytes can crash a
+        library. `MOST_VALUES_OPTION` is then an additional option, which is not passed to `read`.
+        None if it reads in this process.
     """
 
     name: str
@@ -103,26 +106,26 @@ class Reader:
     isolation: Isolation | None = None
 
     def has_content(self, head: bytes) -> bool:
-        """Return whether a file that begins so is of this format."""
+        """Return whether a file with this beginning has this format."""
         return any(head[at:].startswith(start) for at, start in self.content)
 
     def has_suffix(self, path: Path, head: bytes) -> bool:
-        """Return whether a file is of this format by its suffix."""
+        """Return whether a file has this format according to its suffix."""
         return path.suffix.lower() in self.suffixes and (b"\0" in head or not self.binary)
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Names of its options, that of isolation the last."""
+        """Names of the reader's options; that of its isolation comes last."""
         names = tuple(option.name for option in self.options)
         return names if self.isolation is None else (*names, MOST_VALUES_OPTION.name)
 
     def option_values(self, given: Mapping[str, object]) -> dict[str, object]:
-        """Return the options of this reader, with default where no value is given.
+        """Return the values of this reader's options, with defaults for options not given.
 
         Raises
         ------
         InputError
-            A value of another type.
+            A value has the wrong type.
         """
         for option in (*self.options, MOST_VALUES_OPTION):
             if option.name in given and not option.accepts(value := given[option.name]):
@@ -143,7 +146,7 @@ READERS: Registry[Reader] = Registry(
 
 
 def select_reader(path: Path, head: bytes) -> Reader:
-    """Return the reader of a file that begins with `head`, its first 128 bytes."""
+    """Return the reader for a file that begins with `head`, its first 128 bytes."""
     for reader in READERS.values():
         if reader.has_content(head):
             return reader
@@ -171,7 +174,7 @@ def refuse_unknown_options(
     Raises
     ------
     InputError
-        The message names the readers that know the first unknown option.
+        An option is unknown; the message names the readers that know the first such option.
     """
     known = {key for one in readers for key in one.keys}
     for key in options:

@@ -1,8 +1,8 @@
-"""The process that reads files for another (`isolation`).
+"""Process that reads files for another process (see `isolation`).
 
-On Linux it forks for each file: what was imported stays, and each file finds a fresh process with
-all of its memory and time. Nothing else runs in it, so that a fork is safe. One that dies takes
-this one with it, whose exit status says why.
+On Linux it forks for each file, so imported modules stay loaded and each file gets a fresh process
+with all of its memory and time. Forking is safe because nothing else runs in this process. If a
+forked process dies, this process ends with an exit status that gives the reason.
 """
 
 import os
@@ -26,13 +26,13 @@ from inercal.recordings.io.isolation import (
 )
 
 _INPUT, _OUTPUT = 0, 1
-_SIGNALLED = 128  # and the signal, as shells count it
+_SIGNALLED = 128  # plus the signal number, as in shells
 
 
 def serve() -> None:
     """Answer the requests on standard input until it ends."""
     requests, answers = FileIO(_INPUT, "r"), FileIO(os.dup(_OUTPUT), "w")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), _OUTPUT)  # libraries print what they find
+    os.dup2(os.open(os.devnull, os.O_WRONLY), _OUTPUT)  # discard what libraries print
     warnings.simplefilter("ignore")
     while True:
         try:
@@ -40,7 +40,7 @@ def serve() -> None:
         except EOFError:
             os._exit(0)
         for name in request.isolation.libraries:
-            with suppress(Exception):  # the reader names what is missing
+            with suppress(Exception):  # the reader reports what is missing
                 import_module(name)
         if not FORKS:
             _answer(request, answers)
@@ -57,7 +57,7 @@ def serve() -> None:
 
 
 def _answer(request: ReadingRequest, answers: FileIO) -> None:
-    """Send what the function of a request returns or yields, or why it does not."""
+    """Send the results of a request's function, or the error that it raises."""
     isolation, path = request.isolation, request.path
     _set_limits(request.limits)
     try:
@@ -77,7 +77,7 @@ def _answer(request: ReadingRequest, answers: FileIO) -> None:
 
 
 def _set_limits(limits: ReadingLimits) -> None:
-    """Limit memory and time of this process, where the system can."""
+    """Limit the memory and time of this process, if the system supports it."""
     _set_alarm(limits.waited)
     with suppress(ImportError):
         resource: Any = import_module("resource")
@@ -85,7 +85,7 @@ def _set_limits(limits: ReadingLimits) -> None:
         seconds = int(used.ru_utime + used.ru_stime) + limits.seconds
         _set_limit(resource, resource.RLIMIT_CORE, 0)
         _set_limit(resource, resource.RLIMIT_CPU, seconds)
-        with suppress(OSError):  # elsewhere than on Linux its own size is not known
+        with suppress(OSError):  # on systems other than Linux, its own size is not known
             with open("/proc/self/statm", encoding="ascii") as file:
                 size = int(file.read().split()[0]) * resource.getpagesize()
             _set_limit(resource, resource.RLIMIT_AS, size + limits.memory)
@@ -97,6 +97,6 @@ def _set_limit(resource: Any, kind: int, value: int) -> None:
 
 
 def _set_alarm(seconds: int) -> None:
-    """Have the system end this process after so many seconds; 0 for never."""
+    """Let the system end this process after this many seconds; 0 cancels the alarm."""
     if hasattr(signal, "alarm"):
         signal.alarm(seconds)

@@ -1,9 +1,9 @@
-"""Runs of one exact value in a channel: readings at the end of their range, and readings stuck.
+"""Runs of exactly equal readings in a channel: saturated readings and stuck readings.
 
-No amplitude is assumed. Quantised noise repeats values in runs whose lengths decrease smoothly; a
-reading at its rail, or stuck, makes runs far longer than these. A coarsely quantised sensor at rest
-repeats values too: where its steps exceed its noise, long runs are normal. Noise about the end of
-the range is cut off there and makes no long runs: it piles up in the histogram.
+No amplitude is assumed. Quantised noise repeats values in runs whose lengths decrease smoothly. A
+saturated or stuck channel has much longer runs. A coarsely quantised sensor at rest also repeats
+values: long runs are normal if its steps exceed its noise. Noise around the end of the range is cut
+off there. It makes no long runs but accumulates at one value of the histogram.
 """
 
 from collections.abc import Sequence
@@ -16,26 +16,27 @@ from inercal.basics.arrays import Array, true_ranges
 from inercal.recordings import Indices
 from inercal.recordings.io.column_table import row_blocks
 
-_STANDS_OUT = 5  # times the longest ordinary run: a run is long
+_STANDS_OUT = 5  # a run is long if it has this many times the length of the longest ordinary run
 _RAIL = 5  # samples; fewer at an extreme are a peak
 _STUCK = 50  # samples; fewer are an ordinary repetition
-_STEEP = 5  # steps by which the samples beside a flat top differ from it
-_MOVES = 5.0  # times: a channel's scatter in motion over that at rest
-_FEW_STEPS, _HARDLY = 3.0, 0.02  # of the channel's step and range, within which it is at rest
+_STEEP = 5  # steps by which the samples next to a flat top differ from it
+_MOVES = 5.0  # smallest ratio of a channel's scatter in motion to that at rest
+_FEW_STEPS, _HARDLY = 3.0, 0.02  # of the channel's step and range; a smaller range counts as rest
 _OFTEN = 0.2  # share of the time in which the other channels are still
-_LEVELS = 10  # values; a resting sensor's noise may span fewer, and then its extreme repeats
-# A channel is coarse where it spans at most _SPAN steps over _WINDOW samples, in the _QUIETEST
-# share of windows, or where the share _GENTLE of long runs ends by a change of two steps at most.
+_LEVELS = 10  # values; the noise of a resting sensor may span fewer, so its extreme repeats
+# A channel is coarse if it spans at most _SPAN steps over _WINDOW samples in the _QUIETEST share of
+# windows, or if the share _GENTLE of long runs ends with a change of at most two steps.
 _WINDOW, _SPAN, _QUIETEST, _GENTLE = 50, 2.0, 0.1, 0.8
-# An extreme is judged with at least _PILE samples in _PILED_RUNS runs, of at most _MANY samples on
-# average: a rest at one value is not noise. It cuts noise off where it has _PILED times the samples
-# of each of the _NEXT steps below it, and its neighbours in time are over _BESIDE steps away.
+# An extreme is examined if it has at least _PILE samples in _PILED_RUNS runs, with at most _MANY
+# samples on average, because a rest at one value is not noise. It cuts noise off if it has _PILED
+# times the samples of each of the _NEXT steps below it, and if its neighbours in time are more than
+# _BESIDE steps away.
 _PILE, _PILED_RUNS, _MANY, _NEXT, _PILED, _BESIDE = 20, 10, 30, 5, 2, 1.5
 _NONE: Indices = np.zeros((0, 2), np.int64)
 
 
 class _Runs(NamedTuple):
-    """Runs of two samples and more; a mask holds the single samples, which are most."""
+    """Runs of at least two samples, and a mask of the single samples, which are the majority."""
 
     start: Indices
     length: Indices
@@ -44,7 +45,7 @@ class _Runs(NamedTuple):
 
 
 def _runs(x: Array) -> _Runs:
-    new = np.ones(x.size + 1, np.bool_)  # where another value begins, the end included
+    new = np.ones(x.size + 1, np.bool_)  # where a new value begins, including the end
     np.not_equal(x[1:], x[:-1], out=new[1:-1])
     start = np.flatnonzero(new[:-1] & ~new[1:])
     stop = np.flatnonzero(~new[:-1] & new[1:]) + 1
@@ -57,11 +58,11 @@ def out_of_range(x: Array, lowest: float, highest: float) -> Indices:
 
 
 def rail_ranges(x: Array) -> Indices:
-    """Return half-open ranges, (k, 2), where a channel (n,) sits at its extreme reading.
+    """Return half-open ranges, (k, 2), in which a channel (n,) stays at its extreme reading.
 
-    An extreme is a rail when its longest run has at least 5 samples and 5 times as many as the
-    longest run at any value between the two extremes, or when a run of at least 5 begins and ends
-    by a jump of 5 steps.
+    An extreme is a rail in two cases. In the first, its longest run has at least 5 samples and is
+    at least 5 times as long as the longest run at any value between the extremes. In the second, a
+    run of at least 5 samples begins and ends with a jump of 5 steps.
     """
     lowest, highest = x.min(), x.max()
     if not (_has_consecutive(x == lowest, _RAIL) or _has_consecutive(x == highest, _RAIL)):
@@ -83,9 +84,9 @@ def rail_ranges(x: Array) -> Indices:
 
 
 def _has_flat_top(x: Array, runs: _Runs, extreme: float) -> bool:
-    """Return whether a channel that changes fast stands still at its extreme.
+    """Return whether a fast-changing channel stays constant at its extreme.
 
-    A smooth peak that stays within one step for five samples leaves it by a few steps at most.
+    A smooth peak that stays within one step for five samples leaves it by only a few steps.
     """
     at = np.flatnonzero((runs.value == extreme) & (runs.length >= _RAIL))
     start, stop = runs.start[at], runs.start[at] + runs.length[at]
@@ -98,7 +99,7 @@ def _has_flat_top(x: Array, runs: _Runs, extreme: float) -> bool:
 
 
 def railed_ranges(x: Array, others: Sequence[Array]) -> Indices:
-    """Return half-open ranges, (k, 2), where a channel (n,) sits at the end of its range.
+    """Return half-open ranges, (k, 2), in which a channel (n,) stays at the end of its range.
 
     `others`, (n,) each, are the channels that show when the sensor is at rest.
     """
@@ -113,10 +114,10 @@ def railed_ranges(x: Array, others: Sequence[Array]) -> Indices:
 def is_resting_value(x: Array, value: float, others: Sequence[Array]) -> bool:
     """Return whether a channel reads a value because it is at rest, not at the end of its range.
 
-    A coarse gyro that turns in one sense only, or not at all, reads its extreme in every rest. The
-    sensor is at rest while the other channels are still and this one hardly changes. The value is
-    that of rest if the channel spends half of this time within a few steps of it, and also a fair
-    part of all the time during which the others are still.
+    A coarse gyro that turns in only one direction, or not at all, reads its extreme in every rest.
+    The sensor is at rest while the other channels are still and this one hardly changes. The value
+    is the resting value if the channel is within a few steps of it for half of this time, and also
+    for a fair share of the time during which the others are still.
 
     Parameters
     ----------
@@ -146,9 +147,9 @@ def is_resting_value(x: Array, value: float, others: Sequence[Array]) -> bool:
 def clipping_values(x: Array) -> tuple[float, ...]:
     """Return the extremes at which a channel's noise is cut off.
 
-    An extreme cuts noise off if it comes twice as often as any of the next five values and the
-    samples beside it are two steps from it or more: noise of less than a step piles up at whatever
-    value is nearest.
+    An extreme cuts noise off if it occurs twice as often as any of the next five values and the
+    neighbouring samples are at least two steps away. The second condition is needed because noise
+    smaller than a step accumulates at the nearest value.
     """
     cut: list[float] = []
     step = 0.0
@@ -172,7 +173,7 @@ def clipping_values(x: Array) -> tuple[float, ...]:
 
 
 def ranges_with_values(x: Array, ranges: Indices, values: tuple[float, ...]) -> Indices:
-    """Return half-open ranges, (k, 2): `ranges`, and where a channel reads these values."""
+    """Return half-open ranges, (k, 2): `ranges`, plus those where a channel reads these values."""
     there = np.logical_or.reduce([x == value for value in values])
     for start, stop in ranges.tolist():
         there[start:stop] = True
@@ -180,8 +181,8 @@ def ranges_with_values(x: Array, ranges: Indices, values: tuple[float, ...]) -> 
 
 
 def longest_constant_run(x: Array) -> tuple[int, int] | None:
-    """Return the run of one value that takes half of the samples or more, half open, if any."""
-    middle = x.size // 2  # it lies in such a run
+    """Return the half-open run of one value that covers at least half of the samples, if any."""
+    middle = x.size // 2  # such a run contains the middle sample
     other = x != x[middle]
     before, after = other[:middle][::-1], other[middle:]
     start = middle - int(before.argmax()) if before.any() else 0
@@ -190,19 +191,19 @@ def longest_constant_run(x: Array) -> tuple[int, int] | None:
 
 
 def _smallest_step(x: Array) -> float:
-    """Return the smallest change between samples; infinite without any."""
+    """Return the smallest change between samples; infinite if there is none."""
     steps = np.abs(np.diff(x))
     return float(np.min(steps, initial=np.inf, where=steps > 0))
 
 
 def _is_coarse(x: Array, held: Indices) -> bool:
-    """Return whether the steps of a channel are so coarse that it holds values for long at rest.
+    """Return whether a channel's steps are so coarse that its value stays constant at rest.
 
     Parameters
     ----------
     x : (n,) array
     held : (k, 2) array
-        Its long runs, which are excluded.
+        The channel's long runs, which are excluded.
     """
     few = _SPAN * _smallest_step(x) * (1 + 1e-6)
     inside = np.zeros(x.size + 1, np.int8)
@@ -219,7 +220,7 @@ def _is_coarse(x: Array, held: Indices) -> bool:
 
 
 def _has_consecutive(mask: NDArray[np.bool_], count: int) -> bool:
-    """Return whether `count` neighbours are True; most recordings are decided after few steps."""
+    """Return whether `count` neighbours are True; few steps are usually enough to decide."""
     width = 1
     while width < count and mask.size:
         more = min(width, count - width)
@@ -239,18 +240,18 @@ def _has_fewer_values(x: Array, levels: int) -> bool:
 
 
 def stuck_ranges(x: Array, known: Indices) -> Indices:
-    """Return half-open ranges, (k, 2), where a channel (n,) holds one value for far too long.
+    """Return half-open ranges, (k, 2), in which a channel (n,) keeps one value for far too long.
 
-    The sorted lengths of runs are split at the first fivefold jump to 50 samples or more. Runs
-    above the jump are accepted where they hold most of the samples, or where the steps of the
-    channel exceed its noise: such a channel reads in long runs.
+    The sorted run lengths are split at the first fivefold jump to at least 50 samples. Runs above
+    the jump are accepted as normal if they contain most of the samples. They are also accepted if
+    the steps of the channel exceed its noise, because such a channel has long runs.
 
     Parameters
     ----------
     x : (n,) array
-        Readings.
+        Readings of the channel.
     known : (k, 2) array
-        Ranges to leave out: those at the rails.
+        Ranges to exclude, namely those at the rails.
     """
     if not _has_consecutive(x[1:] == x[:-1], _STUCK - 1):
         return _NONE
@@ -273,7 +274,7 @@ def stuck_ranges(x: Array, known: Indices) -> Indices:
 
 
 def merge_ranges(ranges: Indices, apart: float) -> list[tuple[int, int]]:
-    """Return ranges, joined where less than `apart` samples lie between them."""
+    """Merge ranges that are separated by less than `apart` samples."""
     if not ranges.size:
         return []
     new = np.concatenate([[True], ranges[1:, 0] - ranges[:-1, 1] >= apart])

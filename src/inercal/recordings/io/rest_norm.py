@@ -1,10 +1,10 @@
-"""Checks of the units of a sensor at rest: the accelerometers read gravity, the gyros their bias.
+"""Check units from readings at rest: accelerometers read gravity, gyros read only their bias.
 
-Rests show no scale factor of gyros. Raw counts that are declared as °/s, or an analog output
-without its offset, look like a large bias and leave residuals that agree with the noise. The bound
-is the initial zero-rate output of a MEMS gyro of low grade, ±20 °/s at 25 °C (InvenSense, MPU-6000
-and MPU-6050 Product Specification, PS-MPU-6000A-00 rev. 3.4, section 6.1). A larger bias is
-possible, so that the check warns and does not refuse.
+Rests do not reveal the scale factor of gyros. Raw counts that are declared as °/s, or an analog
+output without its offset, look like a large bias and leave residuals that agree with the noise. The
+bound is the initial zero-rate output of a low-grade MEMS gyro, ±20 °/s at 25 °C (InvenSense,
+MPU-6000 and MPU-6050 Product Specification, PS-MPU-6000A-00 rev. 3.4, section 6.1). A larger bias
+is possible, so the check only warns.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,10 +21,10 @@ from inercal.recordings.io.column_table import BLOCK_ROWS, row_blocks
 LARGEST_BIAS = radians(20.0)  # rad/s, of a gyro at rest
 _WINDOW_S = 0.5
 _QUIETEST = 0.1  # share of all windows
-_POSSIBLE = (0.5, 2.0)  # of gravity; beyond, the unit is wrong and not the sensor
+_POSSIBLE = (0.5, 2.0)  # of gravity; outside this range the unit is wrong, not the sensor
 _USUAL = (0.9, 1.1)
 
-# Ratio of the norm to its true value: the unit that the columns look like, and the stated unit.
+# For each ratio of the norm to its true value: the apparent unit of the columns, the stated unit.
 _CONFUSIONS = {
     1 / G0: ("g", "m/s²"),
     G0: ("m/s²", "g"),
@@ -33,24 +33,24 @@ _CONFUSIONS = {
     1000 / G0: ("mg", "m/s²"),
     G0 / 1000: ("m/s²", "mg"),
 }
-_NEAR = 1.25  # factor within which a confusion is recognised; the ratios differ by far more
+_NEAR = 1.25  # factor within which a confusion is recognised; the ratios differ by much more
 
 
 def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
-    """Return a finding where the norm of accelerometer readings differs from the expected norm.
+    """Return a finding if the norm of accelerometer readings differs from the expected norm.
 
     Parameters
     ----------
     norm, expected : float
-        m/s².
+        Measured and expected norm, m/s².
     text : str
-        Begin of the message: both norms in words.
+        Beginning of the message, which states both norms in words.
 
     Returns
     -------
     Finding or None
-        Refused below half and above twice the expected norm, with the likely confusion of units; a
-        warning beyond 10 %.
+        Refused if the norm is below half or above twice the expected norm, with the likely
+        confusion of units; a warning if it differs by more than 10 %.
     """
     ratio = norm / expected
     if _USUAL[0] <= ratio <= _USUAL[1]:
@@ -69,14 +69,14 @@ def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
 
 
 def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Recording:
-    """Return the recording, with a finding where its norm at rest is not gravity.
+    """Return the recording, with a finding if its norm at rest is not gravity.
 
     Parameters
     ----------
     recording : Recording
-        A recording that rests somewhere, in any attitude.
+        A recording that contains rests, in any attitude.
     sensor : Sensor
-        Its accelerometers, all of them channels of the recording, with their nominal readout.
+        Sensor whose accelerometers, with their nominal readout, are all channels of the recording.
     gravity : float
         Local gravity, m/s².
     """
@@ -94,14 +94,14 @@ def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Rec
 
 
 def rest_mean_finding(means: Array, sensor: Sensor, gravity: float) -> Finding | None:
-    """Return the finding of `norm_finding` for means at rest.
+    """Apply `norm_finding` to means at rest.
 
     Parameters
     ----------
     means : (r, m) array
-        Mean readings at rest in any attitude, SI by the nominal readout.
+        Mean readings at rest in any attitude, SI, after the nominal readout.
     sensor : Sensor
-        Its accelerometers, a triad, are checked.
+        Sensor whose accelerometers, a triad, are checked.
     gravity : float
         Local gravity, m/s².
     """
@@ -113,19 +113,19 @@ def rest_mean_finding(means: Array, sensor: Sensor, gravity: float) -> Finding |
 
 
 def rest_norm_text(norm: float, gravity: float) -> str:
-    """Return both norms, m/s², in words."""
+    """Return a text that states both norms, m/s²."""
     return f"specific force at rest is {norm:.4g} m/s² where gravity is {gravity:.5g} m/s²"
 
 
 def norm_at_rest(sensed: Callable[[slice], Array], recording: Recording) -> float:
-    """Return the median of the mean norms of the windows in which the norm varies least.
+    """Return the median of the mean norms in the windows in which the norm varies least.
 
     Parameters
     ----------
     sensed : callable
-        From rows of the recording to the accelerometers' readings, (k, m) m/s².
+        Function from rows of the recording to the accelerometers' readings, (k, m) m/s².
     recording : Recording
-        Of n samples.
+        Recording with n samples.
     """
     n = recording.time.size
     window = max(2, min(sample_count(_WINDOW_S, recording.median_step), n))
@@ -141,14 +141,14 @@ def norm_at_rest(sensed: Callable[[slice], Array], recording: Recording) -> floa
 
 
 def rate_finding(rates: Sequence[tuple[str, float]], advice: str) -> Finding | None:
-    """Return a warning about gyros that read more at rest than a bias that can be expected.
+    """Return a warning about gyros that read more at rest than any plausible bias.
 
     Parameters
     ----------
     rates : sequence of (str, float)
-        Those gyros in words, and what they read, rad/s.
+        Names of these gyros, and their readings, rad/s.
     advice : str
-        What else to do, after "check unit, scale and offset in [sensor.gyro]".
+        Further advice, after "check unit, scale and offset in [sensor.gyro]".
     """
     if not rates:
         return None

@@ -1,13 +1,12 @@
-"""Bags of ROS 1 (.bag) and ROS 2 (.db3, .mcap), through rosbags.
+"""Read bags from ROS 1 (.bag) and ROS 2 (.db3, .mcap) with the rosbags library.
 
-A column is "topic.field": "/imu/data_raw.linear_acceleration.x". Readings are in SI, as ROS states
-them (REP 103, REP 145). Messages of types that ROS itself defines are read, by the definitions that
-rosbags has; definitions in the file would be code of another.
+A column is named "topic.field": "/imu/data_raw.linear_acceleration.x". Readings are in SI, as ROS
+specifies (REP 103, REP 145). Only message types that ROS itself defines are read, with the
+definitions in rosbags, because definitions in the file would be code from someone else.
 
-A first pass over the file refuses one whose index does not name each chunk once.
-
-Messages are found by an index of the chunks: a recorder that crashed leaves chunks without one,
-which would be passed over, and of a chunk that is named twice messages would come twice.
+A first pass over the file refuses it if its index does not name each chunk exactly once. Messages
+are found through an index of the chunks. If a recorder crashed, some chunks are not in the index,
+and they would be skipped. If a chunk is named twice, its messages would appear twice.
 
 Sources: http://wiki.ros.org/Bags/Format/2.0 and https://mcap.dev/spec.
 """
@@ -40,18 +39,18 @@ _MCAP_FOOTER = 2
 
 
 class DamagedBagError(ValueError):
-    """The records of a file are not those of a whole bag."""
+    """The records in a file do not form a complete bag."""
 
 
 def check_bag(path: Path) -> None:
-    """Refuse a ROS 1 bag whose index is not complete, or that is damaged.
+    """Refuse a ROS 1 bag that is damaged or whose index is not complete.
 
     Raises
     ------
     DamagedBagError
-        With what is wrong.
+        The bag is damaged; the message says how.
     """
-    chunks: dict[int, bool] = {}  # place, and whether it is indexed
+    chunks: dict[int, bool] = {}  # position, and whether it is in the index
     places: set[int] = set()
     index = 0
     with path.open("rb") as file:
@@ -67,13 +66,15 @@ def check_bag(path: Path) -> None:
                 (place,) = struct.unpack("<Q", fields["chunk_pos"])
                 _mark_indexed(chunks, place)
             elif kind == _MSG_DATA:
-                raise DamagedBagError("a message outside the chunks")
+                raise DamagedBagError("it contains a message outside its chunks")
     if index not in places or not all(chunks.values()):
-        raise DamagedBagError("it has no complete index, as after a crash: run rosbag reindex")
+        raise DamagedBagError(
+            "its index is incomplete, which happens after a crash: run rosbag reindex"
+        )
 
 
 def _bag_records(file: BinaryIO) -> Iterator[tuple[int, dict[str, bytes]]]:
-    """Yield place and fields of each record."""
+    """Yield the position and the fields of each record."""
     while True:
         at = file.tell()
         head = file.read(4)
@@ -93,12 +94,12 @@ def _bag_records(file: BinaryIO) -> Iterator[tuple[int, dict[str, bytes]]]:
 
 
 def check_mcap(path: Path) -> None:
-    """Refuse an MCAP file whose index is not complete, or that is damaged.
+    """Refuse an MCAP file that is damaged or whose index is not complete.
 
     Raises
     ------
     DamagedBagError
-        With what is wrong.
+        The file is damaged; the message says how.
     """
     chunks: dict[int, bool] = {}
     kinds: set[int] = set()
@@ -118,18 +119,20 @@ def check_mcap(path: Path) -> None:
                 (summary,) = struct.unpack("<Q", _whole(file, 8))
     needed = {_MCAP_SCHEMA, _MCAP_STATISTICS}
     if summary not in places or (chunks and not (all(chunks.values()) and needed <= kinds)):
-        raise DamagedBagError("it has no complete index, as after a crash: run mcap recover")
+        raise DamagedBagError(
+            "its index is incomplete, which happens after a crash: run mcap recover"
+        )
 
 
 def _mcap_records(file: BinaryIO) -> Iterator[tuple[int, int]]:
-    """Yield place and kind of each record; the file stands at its content."""
+    """Yield the position and kind of each record, with the file positioned at its content."""
     while True:
         at = file.tell()
         head = file.read(9)
         if head.startswith(MCAP):
             return
         if len(head) < 9:
-            raise DamagedBagError("it is cut off, as after a crash: run mcap recover")
+            raise DamagedBagError("it is truncated, which happens after a crash: run mcap recover")
         kind, size = struct.unpack("<BQ", head)
         after = file.tell() + size
         yield at, kind
@@ -137,12 +140,12 @@ def _mcap_records(file: BinaryIO) -> Iterator[tuple[int, int]]:
 
 
 def check_sqlite(path: Path) -> None:
-    """Refuse a database that is damaged.
+    """Refuse a damaged database.
 
     Raises
     ------
     DamagedBagError
-        With what is wrong.
+        The database is damaged; the message says how.
     """
     address = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
     try:
@@ -156,46 +159,47 @@ def check_sqlite(path: Path) -> None:
 
 def _mark_indexed(chunks: dict[int, bool], place: int) -> None:
     if chunks.get(place, True):
-        raise DamagedBagError("its index names a chunk twice, or one that it does not contain")
+        raise DamagedBagError("its index names a chunk twice, or a chunk that does not exist")
     chunks[place] = True
 
 
 def _whole(file: BinaryIO, size: int) -> bytes:
-    """Return bytes; refuse a file that ends before."""
+    """Read the given number of bytes; refuse a file that ends earlier."""
     raw = file.read(min(size, os.fstat(file.fileno()).st_size))
     if len(raw) < size:
-        raise DamagedBagError("it is cut off, as after a crash")
+        raise DamagedBagError("it is truncated, which happens after a crash")
     return raw
 
 
 def _skip_to(file: BinaryIO, place: int) -> None:
-    """Go to a place; refuse a file that ends before it."""
+    """Move to a position; refuse a file that ends before it."""
     if place:
         file.seek(place - 1)
         _whole(file, 1)
 
 
 _IMU = "sensor_msgs/msg/Imu"
-_ZSTD = b"\x28\xb5\x2f\xfd"  # a message that was compressed by itself
+_ZSTD = b"\x28\xb5\x2f\xfd"  # start of a message that was compressed individually
 _LIBRARIES = ("rosbags.rosbag1", "rosbags.rosbag2", "rosbags.typesys")
-_DEEPEST = 8  # nested messages
+_DEEPEST = 8  # levels of nested messages
 _READINGS = ("linear_acceleration", "angular_velocity")
 
 
 def read_rosbag(path: Path, wanted: ReadRequest, stamp: str = "header") -> Table:
-    """Read topics of a bag of ROS 1 or ROS 2.
+    """Read topics from a ROS 1 or ROS 2 bag.
 
     Parameters
     ----------
     path : Path
     wanted : ReadRequest
     stamp : "header" or "received"
-        Whose times: those that the driver stamped, or those at which the messages were recorded.
+        Whether to use the times stamped by the driver, or those at which the messages were
+        recorded.
 
     Raises
     ------
     InputError
-        A damaged bag, a topic or field that it lacks, or no stamps.
+        The bag is damaged, lacks a topic or field, or has no time stamps.
     OSError
         The file cannot be read.
     """
@@ -210,7 +214,7 @@ def read_rosbag(path: Path, wanted: ReadRequest, stamp: str = "header") -> Table
 
 
 def _open(path: Path) -> Any:
-    """Return the opened reader of a file whose index is complete."""
+    """Open a file whose index is complete, and return its reader."""
     with path.open("rb") as file:
         head = file.read(len(SQLITE))
     reader: Any
@@ -230,7 +234,7 @@ def _open(path: Path) -> Any:
             )
         else:
             check_sqlite(path)
-            # rosbags makes an address of the path.
+            # rosbags interprets the path as part of an address.
             reader = plugins[".db3"](Path(quote(str(path.absolute()))))
     reader.open()
     return reader
@@ -258,7 +262,7 @@ def _topics(path: Path, reader: Any, wanted: ReadRequest, stamp: str) -> Iterato
             named = {name.removeprefix(f"{topic}.") for name in own}
             for field in sorted(named - set(fields)):
                 raise InputError(
-                    f"{path.name} has no column {f'{topic}.{field}'!r}; of {topic} it has "
+                    f"{path.name} has no column {f'{topic}.{field}'!r}; the fields of {topic} are "
                     f"{', '.join(fields[:12])}",
                     names=(f"{topic}.{field}",),
                 )
@@ -267,7 +271,7 @@ def _topics(path: Path, reader: Any, wanted: ReadRequest, stamp: str) -> Iterato
 
 
 def _decoder(path: Path) -> tuple[Any, Mapping[str, Any]]:
-    """Return what decodes a message of the file's version of ROS, and the definitions of types."""
+    """Return a decoder for messages of the file's ROS version, and the type definitions."""
     types: Any = import_module("rosbags.typesys")
     with path.open("rb") as file:
         first = file.read(len(BAG)) == BAG
@@ -279,7 +283,7 @@ def _decoder(path: Path) -> tuple[Any, Mapping[str, Any]]:
 def _number_fields(
     definitions: Mapping[str, Any], kind: str, before: str = "", depth: int = 0
 ) -> list[str]:
-    """Return the numbers of a type of message, those of nested messages included."""
+    """Return the numeric fields of a message type, including those in nested messages."""
     if kind not in definitions or depth == _DEEPEST:
         return []
     found: list[str] = []
@@ -316,12 +320,12 @@ def _messages(
 
 
 def _zstd() -> Any:
-    """Return the library that rosbags uses too; Python has it from 3.14 on."""
+    """Import the library that rosbags also uses; Python includes it from 3.14 on."""
     return import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
 
 
 def _stamped(path: Path, topic: str, message: Any) -> int:
-    """Return the time in the header of a message, ns."""
+    """Return the time in a message's header, ns."""
     header = getattr(message, "header", None)
     ns = 0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec
     if ns == 0:
@@ -335,7 +339,7 @@ def _stamped(path: Path, topic: str, message: Any) -> int:
 
 
 def _refuse_absent_readings(path: Path, topic: str, message: Any, fields: list[str]) -> None:
-    """Refuse readings whose covariance begins with −1: the driver does not measure them."""
+    """Refuse readings whose covariance begins with −1, because the driver does not measure them."""
     for name in _READINGS:
         covariance = getattr(message, f"{name}_covariance", None)
         if covariance is None or not any(field.startswith(name) for field in fields):
@@ -355,7 +359,10 @@ READER = Reader(
     suffixes=(".bag", ".db3", ".mcap"),
     options=(
         Option(
-            "stamp", str, "header", '"header" for the times of the driver, "received" for others'
+            "stamp",
+            str,
+            "header",
+            '"header" for the driver\'s times, "received" for recording times',
         ),
     ),
     isolation=Isolation("a ROS bag", "repair or record it again", _LIBRARIES, "ros"),

@@ -1,6 +1,6 @@
-"""Checks of the rows of a recording: finite numbers, order of time, rows that repeat.
+"""Check the rows of a recording for non-finite numbers, wrong time order and repeated rows.
 
-Each returns findings, and which samples to keep in which order where it changes that.
+Each check returns findings and, if it changes the rows, which samples to keep and in which order.
 """
 
 from collections.abc import Callable
@@ -15,18 +15,18 @@ from inercal.recordings import Finding, Indices, Recording
 from inercal.recordings.io.column_table import TOO_LARGE, row_blocks
 
 SampleLocator = Callable[[int], str]
-"""Names the place of a sample in the file."""
+"""Function that names the place of a sample in the file."""
 
 
 class RowCheck(NamedTuple):
-    """What a check found; None keeps all samples."""
+    """The findings of a check, and the samples to keep; None keeps all samples."""
 
     findings: list[Finding]
     keep: Indices | None = None
 
 
 def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> RowCheck:
-    """Refuse rows with NaN or infinity, or drop them."""
+    """Refuse or drop rows that contain NaN or infinity."""
     columns: dict[str, Array] = {"time": recording.time}
     columns |= {name: recording.data[:, k] for k, name in enumerate(recording.channels)}
     columns |= recording.readback
@@ -47,7 +47,7 @@ def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> R
         if not np.isfinite(columns[name][first])
         else f"a number below {TOO_LARGE:g}"
     )
-    text = f"{format_count(count, 'row')} without {kind}, the first {name} at {where(first)}"
+    text = f"{format_count(count, 'row')} without {kind} (the first is {name} at {where(first)})"
     if drop and count < rows.size:
         return RowCheck(
             [Finding("warning", "nonfinite", f"{text}: dropped")], np.flatnonzero(~rows)
@@ -62,7 +62,7 @@ def is_usable(values: Array) -> NDArray[np.bool_]:
 
 
 def check_time_order(recording: Recording, where: SampleLocator) -> RowCheck:
-    """Refuse time that decreases, but sort sections stored by label by time."""
+    """Refuse times that decrease, but sort sections that were stored by label."""
     time = recording.time
     back = np.flatnonzero(time[1:] < time[:-1])
     if recording.time.size < 2:
@@ -72,7 +72,7 @@ def check_time_order(recording: Recording, where: SampleLocator) -> RowCheck:
     labels = recording.labels
     if labels is not None and (labels[back] != labels[back + 1]).all():
         start = np.concatenate([[0], np.flatnonzero(labels[1:] != labels[:-1]) + 1])
-        place = np.argsort(np.argsort(recording.time[start]))  # of each section, in time
+        place = np.argsort(np.argsort(recording.time[start]))  # rank of each section in time
         length = np.diff(start, append=labels.size)
         keep = np.argsort(np.repeat(place, length), kind="stable")
         if (np.diff(recording.time[keep]) >= 0).all():
@@ -88,7 +88,7 @@ def check_time_order(recording: Recording, where: SampleLocator) -> RowCheck:
 
 
 def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
-    """Drop rows that repeat the row before; refuse two different rows of one time."""
+    """Drop rows that repeat the preceding row; refuse different rows with the same time."""
     same_time = np.flatnonzero(recording.time[1:] == recording.time[:-1])
     if not same_time.size:
         return RowCheck([])
@@ -101,14 +101,14 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
         rate = f' = "{(recording.time.size - 1) / span:.4g} Hz"' if span > 0 else ""
         text = (
             f"{format_count(int((~same).sum()), 'row')} with the same time as the row before "
-            f"but other readings, the first at {where(first + 1)}: the time stamps are too "
-            f"coarse, so state [data] rate{rate} in place of the time column"
+            f"but different readings, the first at {where(first + 1)}: the time stamps are too "
+            f"coarse, so state [data] rate{rate} instead of the time column"
         )
         return RowCheck([Finding("refused", "repeated", text, None, first + 1, first + 2)])
     kept = np.ones(recording.time.size, np.bool_)
     kept[same_time + 1] = False
     if kept.sum() < 2:
-        text = "all rows are the same: neither the time nor a reading changes; record again"
+        text = "all rows are equal: neither the time nor any reading changes; record again"
         return RowCheck([Finding("refused", "repeated", text)])
     text = (
         f"{format_count(same_time.size, 'row')} repeated, the first at "
@@ -118,7 +118,7 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
 
 
 def _repeats_previous_row(recording: Recording, samples: Indices) -> NDArray[np.bool_]:
-    """Return whether the row after each of some samples repeats it."""
+    """Return for each of some samples whether the next row repeats it."""
     before, after = recording.take(samples), recording.take(samples + 1)
     same = (before.data == after.data).all(axis=1)
     if before.labels is not None and after.labels is not None:

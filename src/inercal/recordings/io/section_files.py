@@ -1,8 +1,8 @@
-"""Recordings that have a file for each section: "rest_*.csv" for rest_x_p.csv, rest_x_a.csv, ….
+"""Read recordings with one file per section: "rest_*.csv" for rest_x_p.csv, rest_x_a.csv, ….
 
-The text in place of the star is the label of all samples of a file. Where the times of the files do
-not overlap they are of one clock; otherwise each file has times of its own, and the files are put
-one after the other: what passed between them is not known.
+The text in place of the star is the label of all samples in a file. If the times of the files do
+not overlap, the files share one clock. Otherwise each file has its own times, and the files are
+placed one after the other, because the true time between them is unknown.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from inercal.recordings.io.file_patterns import matching_files
 from inercal.recordings.io.read import read_unaudited
 from inercal.recordings.io.table_recording import Columns
 
-_PAUSE_S = 1.0  # between files with times of their own
+_PAUSE_S = 1.0  # between files that have their own times
 
 
 def read_sections(
@@ -29,20 +29,20 @@ def read_sections(
     columns: Columns,
     limits: Mapping[str, tuple[float, float]] | None = None,
 ) -> Recording:
-    """Read the files of a pattern as one audited recording, with their labels.
+    """Read the files that match a pattern as one audited recording, with their labels.
 
     Parameters
     ----------
     pattern : Path
     columns : Columns
-        Of each file; without `label` and `second`.
+        Contents of the columns in each file, without `label` and `second`.
     limits : mapping of channel to (lowest, highest), optional
         See `inercal.recordings.io.audit.audit`.
 
     Raises
     ------
     InputError
-        No file, a file that cannot be read, or the audit refuses the recording.
+        There is no file, a file cannot be read, or the audit refuses the recording.
     """
     for key, stated in (("label", columns.label), ("gyro_file", columns.second or None)):
         if stated is not None:
@@ -54,15 +54,15 @@ def read_sections(
     parts: dict[str, Recording] = {}
     for label, path in matching_files(pattern).items():
         read = read_unaudited(path, columns)
-        columns = replace(columns, origin=read.origin)  # times count from the first file's first
-        # Channels may be constant in a short rest: they are judged together.
+        columns = replace(columns, origin=read.origin)  # count from the first file
+        # Channels may be constant in a short rest, so audit them only after joining the files.
         parts[label] = require_accepted(audit_rows(read, columns.nonfinite, in_place=True))
     joined = _join(pattern.name, parts)
     return require_accepted(audit(joined, columns.nonfinite, limits, in_place=True))
 
 
 def _join(source: str, parts: Mapping[str, Recording]) -> Recording:
-    """Return the samples of all files, by time where their times do not overlap."""
+    """Join the samples of all files, in time order if their times do not overlap."""
     ordered = sorted(parts.items(), key=lambda one: float(one[1].time[0]))
     some = [part for _, part in ordered]
     findings = [
@@ -71,7 +71,7 @@ def _join(source: str, parts: Mapping[str, Recording]) -> Recording:
         for finding in part.findings
         if finding.severity == "warning" and finding.what == "nonfinite"
     ]
-    start = float(some[0].time[0])  # before the origin, where a later file was read first
+    start = float(some[0].time[0])  # negative if a file with later times was read first
     times = [part.time - start for part in some]
     first_stamp = some[0].first_stamp + start
     if any(one[-1] >= two[0] for one, two in pairwise(times)):
@@ -110,7 +110,7 @@ def _join(source: str, parts: Mapping[str, Recording]) -> Recording:
 
 
 def _one_after_the_other(times: Sequence[Array]) -> list[Array]:
-    """Return the times of files, each from the end of the file before it."""
+    """Return the times of the files, shifted so that each file starts after the preceding one."""
     moved: list[Array] = []
     start = 0.0
     for time in times:

@@ -1,8 +1,9 @@
-"""The mark of a simulated recording in its file, which a calibration of the file carries on.
+"""The mark in the file of a simulated recording, which is copied to its calibration.
 
-CSV: a comment, the first line. NumPy archive: the comment of the ZIP file. Parquet: the key
-"simulation" of the schema's metadata. HDF5: the attribute "simulation" of the root. Programs that
-read the data as columns read them as before, except for CSV, where comments must be skipped.
+In a CSV file it is a comment in the first line, and in a NumPy archive the comment of the ZIP file.
+In a Parquet file it is the key "simulation" in the schema's metadata, and in an HDF5 file the
+attribute "simulation" of the root. Programs that read the data as columns are not affected, except
+that comments must be skipped in CSV files.
 """
 
 import codecs
@@ -14,17 +15,17 @@ from typing import Any
 from inercal.recordings.io.isolation import Isolation, read_isolated
 
 SIMULATION_KEY = "simulation"
-"""The key in the metadata of Parquet and HDF5."""
+"""The key in the metadata of Parquet and HDF5 files."""
 SIMULATION_OF = "simulation of "
-"""Begins each mark, such as "simulation of run.toml, seed 0"."""
+"""The beginning of each mark, such as "simulation of run.toml, seed 0"."""
 _COMMENT = f"# {SIMULATION_OF}".encode()
-_LONGEST = 4096  # bytes of a first line that are looked at
+_LONGEST = 4096  # bytes of the first line that are examined
 _ISOLATION = Isolation("a recording")
 _ZIP, _PARQUET, _HDF5 = b"PK\x03\x04", b"PAR1", b"\x89HDF\r\n\x1a\n"
 
 
 def read_simulation_mark(path: Path) -> str:
-    """Return by what a recording's file says to be simulated; empty where it does not say so.
+    """Return the simulation that a recording's file states as its source; empty if none.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ def read_simulation_mark(path: Path) -> str:
 
 
 def stored_mark(path: Path) -> str:
-    """Return the same, read by this process, which libraries can crash."""
+    """Read the mark in this process, although a damaged file can crash the libraries."""
     head = _head(path)
     if head.startswith(_COMMENT):
         line = head.splitlines()[0].decode(errors="replace")

@@ -1,4 +1,4 @@
-"""The columns of a table as a recording: what each column holds, and the times of the samples."""
+"""Convert a table to a recording: contents of its columns, and times of the samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -27,51 +27,51 @@ _NS = 10**9
 
 @dataclass(frozen=True)
 class Columns:
-    """What each column of a file holds.
+    """Contents of each column in a file.
 
     Parameters
     ----------
     channels : tuple of (axis, column, unit)
-        The axes of the sensor, in its order, each with its column and the column's unit.
+        Sensor axes in their order, each with its column and the column's unit.
     time : str or None
-        Column of time stamps; None where samples come at `rate_hz`.
+        Column of time stamps; None if samples come at `rate_hz`.
     time_unit : str or None
-        Stated unit of the time column; "sample" for a counter of samples. None where no unit is
-        stated: the stamps are then read as s.
+        Stated unit of the time column; "sample" for a sample counter. If None, no unit is stated
+        and the stamps are read as s.
     rate_hz : float or None
-        Samples per second, where there is no time column or where it counts samples.
+        Samples per second, if there is no time column or if it counts samples.
     modulus : int or None
-        Number of values of a counter of samples that restarts at 0.
+        Number of values after which a sample counter restarts at 0.
     time_keys : (str, str or None)
-        Keys of a run file that a message names: the unit of the time column, and the rate that may
-        replace the column.
+        Run-file keys that a message names: the key for the unit of the time column, and the key for
+        the rate that can replace the column.
     origin : Fraction or None
-        Time 0 by the clock of the stamps, ns, since 1970 of dates; None for the first row's time,
-        which 0 means too for dates.
+        Time 0 on the clock of the stamps, ns, counted from 1970 for dates. None means the time of
+        the first row; for dates, 0 means the same.
     label : str or None
         Column that names the section of each sample.
     temperature : str or None
-        Column of temperature.
+        Temperature column.
     thermometer : TemperatureReadout
-        How it states temperatures.
+        Conversion of the temperature column to kelvin.
     readback : tuple of (name, column, unit)
-        Quantities that the bench measured itself.
+        Quantities that the bench itself measured.
     nonfinite : "refuse" or "drop"
-        What to do with rows that hold NaN or infinity.
+        Whether to refuse or drop rows that contain NaN or infinity.
     second : tuple of (axis, column, unit)
-        Further channels, in a second file whose rows are the same samples; where there is a time
-        column, both files have it.
+        Additional channels in a second file whose rows are the same samples. If there is a time
+        column, both files must have it.
     second_time : str or None
-        Column of times in the second file, where its samples come at times of their own: to each
-        sample of the file with fewer of them comes the other's nearest in time.
+        Time column of the second file, if its samples have different times. Each sample of the file
+        with fewer samples is then joined to the nearest sample of the other file.
     options : mapping of str to object
-        Options of the readers of these files (`inercal.recordings.io.readers`).
+        Options for the readers of these files (`inercal.recordings.io.readers`).
 
     Raises
     ------
     InputError
-        An unknown unit, `rate_hz` missing or contradicting a time column, `modulus` without a
-        counter, or a column used twice.
+        A unit is unknown, `rate_hz` is missing or contradicts a time column, `modulus` is given
+        without a counter, or a column is used twice.
     """
 
     channels: tuple[tuple[str, str, str], ...]
@@ -128,19 +128,19 @@ class Columns:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The used columns of the first file."""
+        """The columns of the first file that are used."""
         single = (self.time, self.label, self.temperature)
         many = (column for _, column, _ in (*self.channels, *self.readback))
         return tuple(dict.fromkeys([*(name for name in single if name is not None), *many]))
 
     @property
     def stamps(self) -> tuple[str, ...]:
-        """The column of times, if any, which is read without a loss of digits."""
+        """The time column, if any, which is read with all of its digits."""
         return () if self.time is None else (self.time,)
 
 
 class SampleTimes(NamedTuple):
-    """Times of samples, (n,) s from the origin on; see `Recording` for the others."""
+    """Times of samples from the origin, (n,) s; see `Recording` for the other attributes."""
 
     time: Array
     origin: Fraction | None = None
@@ -148,26 +148,26 @@ class SampleTimes(NamedTuple):
 
 
 def read_request(columns: Columns) -> ReadRequest:
-    """Return what to read of the first file, with a place for the columns of the second."""
+    """Return which columns to read from the first file, with space for those of the second."""
     label = () if columns.label is None else (columns.label,)
     together = tuple(column for _, column, _ in columns.channels)
     return ReadRequest(columns.names, label, together, len(columns.second), columns.stamps)
 
 
 def recording_from_table(table: Table, columns: Columns) -> Recording:
-    """Return a table as a recording that is not audited; columns of a second file are empty.
+    """Convert a table to an unaudited recording; columns of a second file remain empty.
 
     Parameters
     ----------
     table : Table
-        Read by `read_request`.
+        A table that was read with `read_request`.
     columns : Columns
 
     Raises
     ------
     InputError
-        A column of text where numbers are needed, times that cannot be read, or a temperature that
-        is not possible.
+        A column contains text instead of numbers, times cannot be read, or a temperature is
+        impossible.
     """
     data = number_block(table, tuple(column for _, column, _ in columns.channels))
     labels = None if columns.label is None else table.columns[columns.label].astype(np.str_)
@@ -202,7 +202,7 @@ def recording_from_table(table: Table, columns: Columns) -> Recording:
 
 
 def number_block(table: Table, together: tuple[str, ...]) -> Array:
-    """Return the block of these columns; refuse a column of text."""
+    """Return the block of these columns; refuse columns of text."""
     for column in together:
         table.numbers(column)
     assert table.block is not None  # the request has block columns
@@ -215,8 +215,8 @@ def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
     if name is not None and columns.rate_hz is None and _holds_dates(table, name):
         if columns.time_unit is not None:
             raise InputError(
-                f"{table.source}: column {name!r} holds ISO 8601 times, which have no unit: remove "
-                f"{columns.time_keys[0]}",
+                f"{table.source}: column {name!r} contains ISO 8601 times, which have no "
+                f"unit: remove {columns.time_keys[0]}",
                 file=table.source,
                 key=columns.time_keys[0],
                 names=(name,),

@@ -1,8 +1,8 @@
-"""CSV, tab, semicolon and white-space separated text.
+"""Read CSV and text separated by tabs, semicolons or white space.
 
-Long plain files are parsed by pyarrow (`plain_numbers`), all others by NumPy's C parser, some rows
-at a time. Only where that fails, Python reads the lines to name the line, the column and the text
-that are wrong.
+Long plain files are parsed by pyarrow (`plain_numbers`), and all others by NumPy's C parser, in
+blocks of rows. Only if this fails does Python read the lines itself, to name the line, the column
+and the text that are wrong.
 """
 
 import re
@@ -36,20 +36,20 @@ from inercal.recordings.io.text_layout import (
 )
 from inercal.recordings.io.text_scan import scan
 
-_LARGEST_EXACT = 2.0**53  # below, float64 holds every whole number
-_MOST_BREAKS = 10_000  # of the lines, as by blank lines and comments between rows
+_LARGEST_EXACT = 2.0**53  # float64 represents all smaller whole numbers exactly
+_MOST_BREAKS = 10_000  # in the numbering of lines, due to blank lines and comments between rows
 
 
 def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
-    """Read a table of text.
+    """Read a table from a text file.
 
     Parameters
     ----------
     path : Path
-        UTF-8 text, any line ends, comments after # or %, with or without a header.
+        UTF-8 text with any line ends, comments after # or %, with or without a header.
     wanted : ReadRequest
     skip : int
-        Lines at the begin that are left out.
+        Number of lines to skip at the beginning.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
             path, layout, places, words, fill=set()
         )
     except _RowError as error:
-        # The parser's count of rows is only a hint: where to look first.
+        # The row number from the parser is only a hint about where to look first.
         for skip in (error.row - 2, 0):
             if _check_cells(path, layout, numbers, skip, found.lines):
                 break
@@ -96,7 +96,7 @@ def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
             and (np.abs(blank[name][:n]).max(initial=0.0) > _LARGEST_EXACT)
         ):
             read[name] = _whole_numbers(path, layout, k, blank[name][:n])
-    # With comments and blank lines between the data, row k is not line first_line + k.
+    # If there are comments or blank lines between the data, row k is not line first_line + k.
     rows_are_lines = layout.first_line + n - 1 == found.lines
     breaks = () if rows_are_lines else _line_breaks(path, layout, n)
     first_line = layout.first_line if rows_are_lines else 0
@@ -113,9 +113,9 @@ def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
 
 
 def _whole_numbers(path: Path, layout: TextLayout, column: int, read: Array) -> Column:
-    """Return a column as int64; as it was read where not all of its cells are whole numbers."""
+    """Return a column as int64, or as it was read if not all cells are whole numbers."""
     with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # of a cell such as 1.7e18
+        warnings.simplefilter("error", DeprecationWarning)  # raised for a cell such as 1.7e18
         warnings.simplefilter("ignore", UserWarning)
         try:
             whole = np.loadtxt(
@@ -133,7 +133,7 @@ def _whole_numbers(path: Path, layout: TextLayout, column: int, read: Array) -> 
 
 
 class _RowError(ValueError):
-    """NumPy's message on a row that it cannot read, and about which row it is."""
+    """NumPy's message about a row that it cannot read, and the approximate row number."""
 
     def __init__(self, message: str, row: int):
         super().__init__(message)
@@ -159,7 +159,7 @@ def _load(
 def _chunks(
     path: Path, layout: TextLayout, numbers: Collection[str], words: set[int], fill: set[int]
 ) -> Iterator[NDArray[np.void]]:
-    """Yield structured arrays of some rows; columns that are not wanted are single letters."""
+    """Yield structured arrays with blocks of rows; unwanted columns are read as single letters."""
     kinds = {
         k: "f8" if str(k) in numbers else "O" if k in words else "U1"
         for k in range(len(layout.names))
@@ -169,7 +169,7 @@ def _chunks(
         lines = _lines(file, layout, fill)
         while n % BLOCK_ROWS == 0:
             try:
-                with warnings.catch_warnings():  # of blank lines, and of a last chunk without rows
+                with warnings.catch_warnings():  # for blank lines, or an empty chunk
                     warnings.simplefilter("ignore", UserWarning)
                     rows = np.loadtxt(
                         lines,
@@ -190,7 +190,7 @@ def _chunks(
 
 
 def _lines(file: Iterator[str], layout: TextLayout, fill: set[int]) -> Iterator[str]:
-    """Return the lines of data as the parser needs them: decimal points, no empty number."""
+    """Return the data lines in the form that the parser needs: decimal points, no empty numbers."""
     lines = islice(file, layout.first_line - 1, None)
     if layout.decimal_comma:
         lines = (line.replace(",", ".") for line in lines)
@@ -223,7 +223,7 @@ def _check_cells(
     Raises
     ------
     InputError
-        A row with another number of columns, or a word in a column of numbers.
+        A row has a different number of columns, or a number column contains a word.
     """
     expected = len(layout.names)
     empty = False
@@ -262,12 +262,12 @@ def _check_cells(
 
 
 def _line_breaks(path: Path, layout: TextLayout, rows: int) -> LineBreaks:
-    """Return the rows that do not follow the line before, with their lines; none for very many.
+    """Return rows that are not on the line after the preceding row, with lines; none if too many.
 
     Raises
     ------
     InputError
-        An open quotation mark, which joins several lines to one row.
+        A quotation mark is not closed, which joins several lines to one row.
     """
     breaks: list[tuple[int, int]] = []
     row, before = 0, -1

@@ -1,12 +1,11 @@
-"""The layout of a text file, from its first lines.
+"""Determine the layout of a text file from its first lines.
 
 Columns are separated by semicolons, tabs, commas or white space: the first of these, in this order,
-that a row of data contains. A first line without a number, or with a word above a number, names the
-columns; so does a comment directly above the data with as many words as there are columns.
-
-Loggers write lines about themselves above the table: where the first line has not as many columns
-as the data, the table begins at the first row of words that stands on rows of numbers. Excel writes
-"sep=;" in the first line.
+that a row of data contains. The first line names the columns if it contains no number, or a word
+above a number. A comment directly above the data also names them if it has as many words as there
+are columns. Loggers write information about themselves above the table. If the first line has a
+different number of columns than the data, the table therefore begins at the first row of words that
+is followed by rows of numbers. Excel writes "sep=;" in the first line.
 """
 
 import csv
@@ -20,7 +19,7 @@ from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import refuse_too_many_columns
 
 COMMENTS = "#%"
-_SNIFFED_LINES = 50  # lines of data; enough to contain a decimal comma
+_SNIFFED_LINES = 50  # data lines that are examined; enough to contain a decimal comma
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _SEPARATOR_LINE = re.compile(r"sep=(.)", re.IGNORECASE)
 _SHEET_ERROR = re.compile(r"#(?:DIV/0!|N/A|VALUE!|REF!|NAME\?|NUM!|NULL!)")
@@ -29,20 +28,20 @@ _DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
 
 @dataclass(frozen=True)
 class TextLayout:
-    """Where the columns of a text file are.
+    """The layout of the columns in a text file.
 
     Parameters
     ----------
     names : tuple of str
-        Of the columns; "1", "2", ... without a header.
+        Names of the columns; "1", "2", ... without a header.
     name_source : str
-        Text that names where the number of columns comes from.
+        Text that says where the number of columns comes from.
     header : bool
-        Whether the file names its columns.
+        Whether the file has a header with column names.
     first_line : int
-        Line of the first row of data, from 1.
+        Line of the first row of data, counted from 1.
     delimiter : str or None
-        None for white space.
+        Separator of the columns; None for white space.
     decimal_comma : bool
         Whether 1,5 is a number.
     comment : str
@@ -64,7 +63,7 @@ class TextLayout:
     quoted: bool
 
     def content(self, line: str) -> str:
-        """Return a line without its comment and the white space around it."""
+        """Return a line without its comment and surrounding white space."""
         kept = " \r\n" if self.delimiter == "\t" else None
         return _uncommented(line, self.comment).strip(kept)
 
@@ -78,7 +77,7 @@ class TextLayout:
 
 
 class _Row(NamedTuple):
-    """A line of data: its number, its text without comment, and as it stands in the file."""
+    """A data line: its number, its text without comment, and the unchanged line."""
 
     line: int
     text: str
@@ -86,18 +85,18 @@ class _Row(NamedTuple):
 
 
 def sniff(path: Path, skip: int = 0) -> TextLayout:
-    """Return the layout of a text file.
+    """Determine the layout of a text file.
 
     Parameters
     ----------
     path : Path
     skip : int
-        Lines at the begin that are left out.
+        Number of lines to skip at the beginning.
 
     Raises
     ------
     InputError
-        No line of data, or a first line with more or fewer columns than the header.
+        There is no line of data, or the first line has more or fewer columns than the header.
     """
     heading, rows, separator = _first_lines(path, skip)
     rows, delimiter, table = _split(rows, separator, path.name)
@@ -157,10 +156,10 @@ def _is_header(first: list[str], numbers: list[bool], numbers_below: list[bool])
 
 
 def _first_lines(path: Path, skip: int) -> tuple[list[str], list[_Row], str | None]:
-    """Return the comments above the data, the first lines below, and a separator that is stated.
+    """Return the comments above the data, the first lines below them, and a stated separator.
 
-    Comments are removed from the text of the lines. A header may contain a #, so the raw line is
-    kept too.
+    Comments are removed from the text of the lines. A header may contain a #, so the raw lines are
+    also kept.
     """
     heading: list[str] = []
     rows: list[_Row] = []
@@ -192,14 +191,15 @@ def _first_lines(path: Path, skip: int) -> tuple[list[str], list[_Row], str | No
 def _split(
     rows: list[_Row], separator: str | None, source: str
 ) -> tuple[list[_Row], str | None, list[list[str]]]:
-    """Return the lines with their delimiter and their entries.
+    """Return the lines, their delimiter and their entries.
 
-    The second line decides the delimiter; the last one where another above it has other columns.
+    The delimiter is taken from the second line, or from the last line if a table with different
+    columns starts further down.
     """
     found: list[tuple[str | None, list[list[str]]]] = []
     for sample in (rows[min(1, len(rows) - 1)].text, rows[-1].text):
         delimiter = separator or next((d for d in (";", "\t", ",") if d in sample), None)
-        for row in rows:  # before a million short strings are kept
+        for row in rows:  # refuse too many columns before a million short strings are stored
             refuse_too_many_columns(len(row.text.split(delimiter)), source)
         table = [split_cells(row.text, delimiter) for row in rows]
         found.append((delimiter, table))
@@ -210,10 +210,10 @@ def _split(
 
 
 def _table_start(table: list[list[str]]) -> int:
-    """Return how many lines stand above the header; 0 where the first line has the columns.
+    """Return the number of lines above the header; 0 if the first line has all columns.
 
-    The header is the first row of words as wide as the last row, with numbers below it where the
-    last row has numbers.
+    The header is the first row of words that is as wide as the last row and has numbers below it
+    where the last row has numbers.
     """
     last = table[-1]
     if len(table[0]) == len(last) or len(last) < 2:
@@ -237,7 +237,7 @@ def _may_be_number(cell: str) -> bool:
 
 
 def _count_advice(first: list[str], names: int, delimiter: str | None) -> str:
-    """Return what to do about a first line of data with other columns than the header."""
+    """Return advice about a first data line with a different number of columns than the header."""
     whole = all(re.fullmatch(r"[-+]?\d+", cell) for cell in first)
     if delimiter == "," and whole and names < len(first) <= 2 * names:
         return (
@@ -250,12 +250,12 @@ def _count_advice(first: list[str], names: int, delimiter: str | None) -> str:
 def refuse_sheet_error(line: str, delimiter: str | None, number: int, source: str) -> None:
     """Refuse a line with an error value of a spreadsheet, such as "#DIV/0!".
 
-    Its # would begin a comment.
+    The # would otherwise begin a comment.
 
     Raises
     ------
     InputError
-        The message names the column by its number.
+        The line contains an error value; the message names the column by its number.
     """
     for k, cell in enumerate(split_cells(line.strip(), delimiter), 1):
         if _SHEET_ERROR.fullmatch(cell):
@@ -267,7 +267,7 @@ def refuse_sheet_error(line: str, delimiter: str | None, number: int, source: st
 
 
 def _uncommented(line: str, comment: str) -> str:
-    # In a line with quotation marks a # is more likely part of a label.
+    # In a line with quotation marks, a # is more likely part of a label.
     return line if '"' in line else line.partition(comment)[0]
 
 
@@ -276,14 +276,14 @@ def _comment(heading: list[str]) -> str:
 
 
 def split_cells(text: str, delimiter: str | None) -> list[str]:
-    """Return the entries of a line, without quotation marks and white space around them."""
+    """Return the entries of a line, without quotation marks and surrounding white space."""
     if delimiter is None:
         return [cell.strip('"') for cell in text.split()]
     if '"' not in text:
         return [cell.strip() for cell in text.split(delimiter)]
     try:
         return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
-    except csv.Error:  # an entry above 128 kB
+    except csv.Error:  # an entry longer than 128 kB
         return text.split(delimiter)
 
 
@@ -298,7 +298,7 @@ def is_number(text: str) -> bool:
         float(text)
     except ValueError:
         return False
-    # Only Python reads 1_000 and digits of other scripts.
+    # Only Python accepts 1_000 and digits of other scripts.
     return "_" not in text and text.isascii()
 
 

@@ -1,6 +1,6 @@
-"""A first pass over the raw bytes of a text file: its hash, its lines, and what is not text.
+"""First pass over the bytes of a text file: its hash, its lines, and content that is not text.
 
-It reads in blocks: a file that cannot be used, however large, takes little time and memory.
+The file is read in blocks, so an unusable file takes little time and memory, however large it is.
 """
 
 import codecs
@@ -19,16 +19,16 @@ _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 class Scan(NamedTuple):
-    """Result of one pass over a text file.
+    """Result of the first pass over a text file.
 
     Parameters
     ----------
     sha256 : str
-        In hexadecimal.
+        Hash of the file in hexadecimal.
     lines : int
         Number of the last line that is not blank (1-based).
     line_bound : int
-        Upper bound of the number of lines: a lone carriage return may end a line.
+        Upper bound for the number of lines, because a lone carriage return may end a line.
     """
 
     sha256: str
@@ -37,20 +37,20 @@ class Scan(NamedTuple):
 
 
 def scan(path: Path) -> Scan:
-    """Read the bytes of a text file once.
+    """Read all bytes of a text file once.
 
     Raises
     ------
     InputError
-        Empty, HTML, binary, not UTF-8, or with a line above `LONGEST_LINE`.
+        The file is empty, HTML, binary or not UTF-8, or has a line longer than `LONGEST_LINE`.
     OSError
         The file cannot be read.
     """
     digest = hashlib.sha256()
     decoder = codecs.getincrementaldecoder("utf-8")()
-    complete = 0  # lines ended in the blocks before
-    last = 0  # last line that is not blank
-    unfinished = 0  # bytes of the line that the block before left open
+    complete = 0  # number of lines that ended in earlier blocks
+    last = 0  # number of the last line that is not blank
+    unfinished = 0  # bytes of the line that the preceding block left incomplete
     newline = b""
     ends_of_all_kinds = 0
     with path.open("rb") as file:
@@ -85,18 +85,18 @@ def scan(path: Path) -> Scan:
 
 
 def _count(block: bytes, byte: bytes) -> int:
-    """Return how often a byte occurs: `bytes.count` takes many times as long for frequent ones."""
+    """Return how often a byte occurs; `bytes.count` is much slower for frequent bytes."""
     return int(np.count_nonzero(np.frombuffer(block, np.uint8) == ord(byte)))
 
 
 def _refuse_long_line(
     block: bytes, newline: bytes, unfinished: int, complete: int, name: str
 ) -> int:
-    """Refuse a line above `LONGEST_LINE`; return the bytes of the line that the block leaves open.
+    """Refuse a line above `LONGEST_LINE`; return the length of the block's incomplete last line.
 
-    From one line end to the last one within reach: lines are short, so that few are looked at.
+    The search jumps from one line end to the last one within reach, so it examines only few lines.
     """
-    end = -1 - unfinished  # of a line, relative to the block
+    end = -1 - unfinished  # position of a line end relative to the block
     while end + LONGEST_LINE < len(block):
         further = block.rfind(newline, max(end + 1, 0), end + LONGEST_LINE + 1)
         if further < 0:
@@ -112,7 +112,7 @@ def _refuse_long_line(
 
 
 def _refuse_utf16(block: bytes, name: str) -> None:
-    """Refuse a file that begins with a mark of UTF-16, or with a zero byte beside each letter."""
+    """Refuse a file that begins with a UTF-16 mark or has a zero byte next to each letter."""
     pairs = block[:_UTF16_SAMPLE]
     halves = ((pairs[::2], pairs[1::2]), (pairs[1::2], pairs[::2]))
     ascii_ = any(not any(zeros) and all(letters) for zeros, letters in halves)

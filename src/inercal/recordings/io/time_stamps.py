@@ -1,12 +1,11 @@
-"""Times of samples from their stamps: in a unit of time, as ISO 8601 text, or by packet counter.
+"""Convert time stamps to sample times: in a unit of time, as ISO 8601 text, or a packet counter.
 
-A wrong unit of time changes integrals and not means: no later check detects it. Stamps that look
-like another unit than the unit in force are therefore refused, and the message names the key to
-set; no unit is guessed.
+A wrong unit of time changes integrals but not means, so no later check detects it. Stamps that look
+like a different unit from the one in use are therefore refused, and the message names the key to
+set. No unit is guessed.
 
-Samples of two sensors are joined by time: to each sample the one of the other nearest in time.
-
-No reading is interpolated: that would filter its noise.
+Samples of two sensors are joined by time: each sample is combined with the nearest sample of the
+other sensor. Readings are not interpolated, because that would filter their noise.
 """
 
 import re
@@ -24,23 +23,23 @@ from inercal.basics.units import si_factor
 from inercal.recordings import Indices
 from inercal.recordings.io.column_table import Array, Table, shorten
 
-SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; beyond them the unit is wrong
-_UNSTATED_HZ = 5.0  # where the unit is not stated: 1 to 5 kHz in ms would pass for 1 to 5 Hz
-_ROUNDING = 1e-6  # of a rate: stamps of few digits
-_UNITS = ("s", "ms", "us", "ns")  # that loggers write
+SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; at other rates the unit is wrong
+_UNSTATED_HZ = 5.0  # if no unit is stated: 1 to 5 kHz in ms would be taken for 1 to 5 Hz
+_ROUNDING = 1e-6  # of a rate, for stamps with few digits
+_UNITS = ("s", "ms", "us", "ns")  # units that loggers write
 _NAMED = re.compile(
     r"(?:^|[\W_])(?:(?P<ms>ms|msec|millis|milliseconds?)|(?P<us>us|µs|μs|usec|micros|microseconds?)"
     r"|(?P<ns>ns|nsec|nanos|nanoseconds?))[\W_]*$",
     re.IGNORECASE,
 )
-# Stamps since 1970 in s, ms, µs and ns, for dates of 2001 to 2096.
+# Stamps since 1970 in s, ms, µs and ns, for dates from 2001 to 2096.
 _EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
 _ISO = re.compile(
     r"(?P<minute>\d{4}-?\d\d-?\d\d[T ]\d\d:?\d\d)(?P<second>:?\d\d)?"
     r"(?:[.,](?P<fraction>\d{1,18}))?\s*(?P<zone>Z|z|[+-]\d\d(?::?\d\d)?)?"
 )
 _NS = 10**9
-_INT64_ORIGIN = 2**62  # differences from an origin within it do not overflow
+_INT64_ORIGIN = 2**62  # with a smaller origin, differences from it do not overflow
 
 Stamps = Array | NDArray[np.int64]
 
@@ -48,22 +47,23 @@ Stamps = Array | NDArray[np.int64]
 def times_from_origin(
     stamps: Stamps, size: float, origin: Fraction | int | None = None
 ) -> tuple[Array, Fraction]:
-    """Return the times of stamps from an origin on, and the origin.
+    """Convert stamps to times counted from an origin, and return the origin too.
 
-    The origin is taken off before anything is rounded: of a stamp since 1970, float64 keeps 0.2 µs.
+    The origin is subtracted before anything is rounded, because float64 resolves a stamp since 1970
+    only to 0.2 µs.
 
     Parameters
     ----------
     stamps : (n,) array of float64 or int64
     size : float
-        s, of the unit of the stamps.
+        Unit of the stamps, s.
     origin : Fraction, optional
-        Time 0, ns by the clock of the stamps; by default the first stamp that is finite.
+        Time 0 on the clock of the stamps, ns; by default the first finite stamp.
 
     Returns
     -------
     time : (n,) array
-        s.
+        Times, s.
     origin : Fraction
 
     >>> times_from_origin(np.array([1700000000123456789, 1700000000123456790]), 1e-9)[0].tolist()
@@ -81,7 +81,7 @@ def times_from_origin(
         time, rest = stamps.astype(np.float64) - float(start), start - Fraction(float(start))
     if rest:
         time = time - float(rest)
-    # A division by 1000 is rounded once, a product with 0.001 twice.
+    # Division by 1000 is rounded once, but multiplication by 0.001 twice.
     time = time / unit.denominator if unit.numerator == 1 else time * size
     return time, Fraction(origin)
 
@@ -89,7 +89,7 @@ def times_from_origin(
 def require_unit(
     stamps: Stamps, column: str, unit: str | None, source: str, keys: tuple[str, str | None]
 ) -> None:
-    """Refuse stamps that look like another unit of time than the one in force.
+    """Refuse stamps that seem to be in a different unit of time from the one in use.
 
     Parameters
     ----------
@@ -98,20 +98,22 @@ def require_unit(
     column, source : str
         Names of the column and of its file, for the message.
     unit : str or None
-        The stated unit; None where no unit is stated and s are in force.
+        The stated unit; None if no unit is stated, in which case s is used.
     keys : (str, str or None)
-        Keys of the run file: the unit of the stamps, and the rate that may replace them, if any.
+        Run-file keys: the key for the unit of the stamps, and the key for the rate that can replace
+        them, if any.
 
     Raises
     ------
     InputError
-        A rate below 1 Hz or above 50 kHz; where the unit is not stated also a rate below 5 Hz, a
-        column whose name ends in another unit, and stamps since 1970 in another unit.
+        The rate is below 1 Hz or above 50 kHz. If no unit is stated, the error is also raised for a
+        rate below 5 Hz, a column whose name ends in another unit, and stamps since 1970 in another
+        unit.
     """
     unit_key, rate_key = keys
     rate = _rate(stamps)
     if unit is None:
-        # The unit that the name of the column ends with, other than s.
+        # The unit at the end of the column's name, if it is not s.
         if (found := _NAMED.search(column)) is not None:
             named = found.lastgroup
             raise InputError(
@@ -139,7 +141,7 @@ def require_unit(
     if slowest * (1 - _ROUNDING) <= hz <= FASTEST_HZ * (1 + _ROUNDING):
         return
     if hz > FASTEST_HZ and _mean_rate(stamps) / si_factor(in_force, like="s") < FASTEST_HZ:
-        return  # bursts, which the audit names
+        return  # these are bursts, which the audit reports
     others = [
         (other, rate / si_factor(other, like="s"))
         for other in _UNITS
@@ -163,14 +165,14 @@ def require_unit(
 
 
 def _rate(stamps: Stamps) -> float | None:
-    """Return samples per unit of the stamps, by the median step that is not zero."""
+    """Return the samples per unit of the stamps, from the median nonzero step."""
     steps = np.abs(np.diff(stamps))
     steps = steps[np.isfinite(steps) & (steps > 0)]
     return 1 / float(np.median(steps, overwrite_input=True)) if steps.size else None
 
 
 def _mean_rate(stamps: Stamps) -> float:
-    """Return samples per unit of the stamps, from the first to the last of them."""
+    """Return the samples per unit of the stamps, from the first and the last stamp."""
     finite = stamps[np.isfinite(stamps)]
     return (finite.size - 1) / float(np.ptp(finite))
 
@@ -184,7 +186,7 @@ def _epoch_unit(stamps: Stamps) -> str | None:
 
 
 def is_iso_time(cell: str) -> bool:
-    """Return whether a cell of text looks like a date with a time, ISO 8601."""
+    """Return whether a cell of text looks like an ISO 8601 date with a time."""
     return _ISO.fullmatch(cell.strip()) is not None
 
 
@@ -196,28 +198,28 @@ def times_from_iso(
     Parameters
     ----------
     cells : sequence of n str
-        Date and time, fraction of a second, and zone: Z or an offset from UTC, which may change
-        from row to row. All rows state a zone, or none does.
+        Date and time, fraction of a second, and time zone: Z or an offset from UTC, which may
+        change from row to row. Either all rows or no rows state a zone.
     column : str
-        For messages.
+        Name of the column, for messages.
     table : Table
-        Which has these cells, for messages.
+        Table with these cells, for messages.
     origin : Fraction, optional
         Time 0, ns since 1970; by default the first stamp.
 
     Returns
     -------
     time : (n,) array
-        s.
+        Times, s.
     origin : Fraction
 
     Raises
     ------
     InputError
-        A cell without such a time, or rows with and without a zone.
+        A cell is not such a time, or only some of the rows state a zone.
     """
     ns = np.empty(len(cells), np.int64)
-    known: dict[tuple[str, str], int] = {}  # to the minute: most rows share a minute
+    known: dict[tuple[str, str], int] = {}  # times to the minute, which most rows share
 
     def refusal(k: int, problem: str) -> InputError:
         return InputError(
@@ -257,26 +259,26 @@ def times_from_iso(
 
 
 def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Array:
-    """Return the times of samples from the counter in their packets: lost packets become gaps.
+    """Return the times of samples from a packet counter; lost packets become gaps.
 
     Parameters
     ----------
     counter : (n,) array of int
-        0 to modulus − 1; each sent packet increases it by 1.
+        Counter values from 0 to modulus − 1; each sent packet increases the counter by 1.
     modulus : int
-        Number of values after which the counter restarts at 0; 3 or more. A loss of half of them
-        or more between two packets is not recognised.
+        Number of values after which the counter restarts at 0; at least 3. If half of them or more
+        are lost between two packets, this is not recognised.
     rate_hz : float
 
     Returns
     -------
     (n,) array
-        s, from 0 on.
+        Times from 0, s.
 
     Raises
     ------
     InputError
-        A value that is not a whole number below the modulus, or a repeated or late packet.
+        A value is not a whole number below the modulus, or a packet is repeated or late.
 
     >>> times_from_counter([254, 255, 0, 3], 256, 100.0).tolist()
     [0.0, 0.01, 0.02, 0.05]
@@ -304,7 +306,7 @@ def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Arra
                 f"its modulus is {most + 1:g}, not {modulus}",
                 key="modulus",
             )
-        what = "comes twice" if step[k] == 0 else f"follows {read[k]:g}: packets out of order"
+        what = "appears twice" if step[k] == 0 else f"follows {read[k]:g}: packets out of order"
         raise InputError(
             f"counter: {read[k + 1]:g} at sample {k + 1} {what}, or {modulus // 2} packets or more "
             f"were lost; remove repeated packets and sort late packets ({bad.size} in all)"
@@ -312,7 +314,7 @@ def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Arra
     return np.concatenate([[0.0], np.cumsum(step)]) / rate_hz
 
 
-_APART = 0.75  # of the longer median step: how far a sample may be from the one it is joined to
+_APART = 0.75  # longest distance between joined samples, in units of the longer median step
 
 
 def nearest_samples(times: NDArray[Any], wanted: NDArray[Any]) -> tuple[Indices, NDArray[np.bool_]]:
@@ -321,9 +323,9 @@ def nearest_samples(times: NDArray[Any], wanted: NDArray[Any]) -> tuple[Indices,
     Parameters
     ----------
     times : (m,) array
-        In any order.
+        Times of the samples, in any order.
     wanted : (n,) array
-        In the same unit.
+        Wanted times, in the same unit.
     """
     order = np.argsort(times, kind="stable")
     ordered = times[order]

@@ -1,9 +1,9 @@
-"""ULog files, the logs of PX4, through pyulog.
+"""Read ULog files, the logs of PX4, with pyulog.
 
-A column is "topic.field", of another instance than the first "topic[1].field". `sensor_accel` and
-`sensor_gyro` hold what the sensors read (PX4 1.11 and later). `sensor_combined` is corrected: the
-offsets, scale factors and rotation are undone by the log's own parameters. The others that are
-corrected are filtered too, which cannot be undone.
+A column is named "topic.field"; for an instance other than the first it is "topic[1].field".
+`sensor_accel` and `sensor_gyro` contain the raw readings of the sensors (PX4 1.11 and later).
+`sensor_combined` is corrected; its offsets, scale factors and rotation are undone with the
+parameters in the log. The other corrected topics are also filtered, which cannot be undone.
 """
 
 import struct
@@ -39,10 +39,10 @@ from inercal.recordings.io.message_columns import (
 )
 from inercal.recordings.io.readers import Reader
 
-# A first pass over a ULog file: its topics, and whether its messages are whole.
+# First pass over a ULog file: it finds the topics and checks that the messages are complete.
 #
-# pyulog steps over damage byte by byte. What this pass accepts has known messages, one after the
-# other.
+# pyulog skips damaged parts byte by byte. This pass only accepts files in which known messages
+# follow each other without gaps.
 #
 # Source: the ULog file format, https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 HEADER = b"ULog\x01\x12\x35"
@@ -51,12 +51,12 @@ _KNOWN = frozenset(b"BFIMPQARDLCSO")
 
 
 def scan_topics(path: Path) -> list[str]:
-    """Return the topics of a ULog file: "sensor_accel", "sensor_accel[1]".
+    """Return the topics in a ULog file: "sensor_accel", "sensor_accel[1]".
 
     Raises
     ------
     InputError
-        A damaged file.
+        The file is damaged.
     OSError
         The file cannot be read.
     """
@@ -71,7 +71,7 @@ def scan_topics(path: Path) -> list[str]:
 
 
 def topic_name(name: str, instance: int) -> str:
-    """Return the name of a topic here: instances other than 0 have their number in brackets."""
+    """Return a topic's name; instances other than 0 have their number in brackets."""
     return f"{name}[{instance}]" if instance else name
 
 
@@ -83,9 +83,9 @@ def _damaged(path: Path, at: int, why: str) -> InputError:
 
 
 def _messages(path: Path) -> Iterator[tuple[int, bytes, bytes]]:
-    """Yield place, type and body of each message.
+    """Yield the position, type and body of each message.
 
-    The last message may be cut off: so ends a log when power is lost.
+    The last message may be cut off, because a log ends this way when power is lost.
     """
     with path.open("rb") as file:
         if file.read(_HEADER_BYTES)[: len(HEADER)] != HEADER:
@@ -106,7 +106,7 @@ def _messages(path: Path) -> Iterator[tuple[int, bytes, bytes]]:
 
 
 def _part_ends(path: Path, file: BinaryIO) -> list[int | None]:
-    """Return where parts end that were appended after a crash; None for the end of the file."""
+    """Return the ends of parts appended after a crash; None stands for the end of the file."""
     head = file.read(3 + 40)
     file.seek(_HEADER_BYTES)
     if len(head) < 43 or head[2:3] != b"B":
@@ -114,14 +114,14 @@ def _part_ends(path: Path, file: BinaryIO) -> list[int | None]:
     (appended,) = struct.unpack_from("<B", head, 3 + 8)
     offsets = [k for k in struct.unpack_from("<3Q", head, 3 + 16) if k] if appended & 1 else []
     if sorted(offsets) != offsets or any(k > path.stat().st_size for k in offsets):
-        raise _damaged(path, _HEADER_BYTES, "places of appended data outside the file")
+        raise _damaged(path, _HEADER_BYTES, "the offset of appended data is outside the file")
     return [*offsets, None]
 
 
 _DEFAULT_TOPICS = ("sensor_accel", "sensor_gyro")
 _JOINED_TOPICS = ("sensor_combined",)
-_SELECTION = "sensor_selection"  # which sensor sensor_combined holds
-# Fields of a topic, the word of their parameters and the field of their device in _SELECTION.
+_SELECTION = "sensor_selection"  # states which sensor sensor_combined contains
+# Fields of a topic, the word in their parameters, and the field of their device in _SELECTION.
 _CORRECTED: dict[str, tuple[tuple[str, str, str], ...]] = {
     "sensor_combined": (
         ("accelerometer_m_s2[{}]", "ACC", "accel_device_id"),
@@ -129,25 +129,25 @@ _CORRECTED: dict[str, tuple[tuple[str, str, str], ...]] = {
     ),
 }
 _FILTERED = ("vehicle_acceleration", "vehicle_angular_velocity", "vehicle_imu")
-_SENSORS = 4  # sets of parameters
+_SENSORS = 4  # number of parameter sets
 _THERMAL = {"ACC": "TC_A_ENABLE", "GYRO": "TC_G_ENABLE"}
 
 
 def read_ulog(path: Path, wanted: ReadRequest, corrections: str = "undo") -> Table:
-    """Read topics of a ULog file.
+    """Read topics from a ULog file.
 
     Parameters
     ----------
     path : Path
     wanted : ReadRequest
     corrections : "undo" or "keep"
-        Whether corrected readings are turned back to what the sensors read.
+        Whether to convert corrected readings back to the raw readings of the sensors, or to keep
+        them.
 
     Raises
     ------
     InputError
-        A damaged file, a topic that it lacks, or corrections that cannot
-        be undone.
+        The file is damaged or lacks a topic, or the corrections cannot be undone.
     OSError
         The file cannot be read.
     """
@@ -175,7 +175,7 @@ def read_ulog(path: Path, wanted: ReadRequest, corrections: str = "undo") -> Tab
 
 
 def _load(core: Any, path: Path, names: list[str]) -> Any:
-    """Return the log with the messages of some topics; pyulog prints what it finds wrong."""
+    """Return the log with the messages of some topics; pyulog prints the damage that it finds."""
     printed = StringIO()
     with redirect_stdout(printed), path.open("rb") as file:
         log = core.ULog(file, names)
@@ -192,7 +192,7 @@ def _uncorrected(
     wanted: ReadRequest,
     keep: bool,
 ) -> tuple[dict[str, Array], list[str]]:
-    """Return the fields of a topic before their corrections, and what corrections are kept."""
+    """Return a topic's fields before their corrections, and which corrections are kept."""
     topic, name = logged.topic, logged.topic.partition("[")[0]
     channels = {column.removeprefix(f"{topic}.") for column in channel_columns(wanted, logged)}
     if channels and name in _FILTERED:
@@ -228,12 +228,12 @@ def _uncorrected(
 def _devices(
     source: str, logged: Messages, data: Mapping[str, Any], wanted: ReadRequest
 ) -> dict[str, int]:
-    """Return the devices whose readings a topic holds, by topic or by field of sensor_selection.
+    """Return the devices from which a topic's readings come, by topic or sensor_selection field.
 
     Raises
     ------
     InputError
-        Two sensors in one topic.
+        A topic contains readings of two sensors.
     """
     if not channel_columns(wanted, logged):
         return {}
@@ -253,7 +253,7 @@ def _devices(
 
 
 def _device(source: str, log: Any, data: Mapping[str, Any], sensor: str, field: str) -> int:
-    """Return the device whose readings sensor_combined holds."""
+    """Return the device whose readings sensor_combined contains."""
     if _SELECTION in data and field in data[_SELECTION]:
         found = {int(one) for one in data[_SELECTION][field] if one}
     else:
@@ -270,7 +270,7 @@ def _device(source: str, log: Any, data: Mapping[str, Any], sensor: str, field: 
 
 
 def _correction(source: str, log: Any, sensor: str, device: int) -> Correction:
-    """Return what PX4 did to the readings of a device, by the parameters of the log."""
+    """Return the correction that PX4 applied to a device, from the log's parameters."""
     parameters: dict[str, float] = dict(log.initial_parameters)
     if parameters.get(_THERMAL[sensor]):
         raise InputError(
@@ -300,14 +300,14 @@ def _correction(source: str, log: Any, sensor: str, device: int) -> Correction:
 
 
 def _stated(log: Any, sensor: str) -> str:
-    """Return the parameters by which the readings were corrected, in words."""
+    """Return the parameters with which the readings were corrected, in words."""
     own = (f"CAL_{sensor}", "SENS_BOARD_", f"TC_{sensor[0]}")
     stated = {name: value for name, value in log.initial_parameters.items() if name.startswith(own)}
     return stated_parameters(stated)
 
 
 def _board_rotation(source: str, parameters: Mapping[str, float], used: dict[str, float]) -> Array:
-    """Return the rotation from the axes of the board to those of the vehicle."""
+    """Return the rotation from board axes to vehicle axes."""
     names = ("SENS_BOARD_ROT", *(f"SENS_BOARD_{axis}_OFF" for axis in "XYZ"))
     number, *angles = (parameters.get(name, 0.0) for name in names)
     used.update({name: parameters[name] for name in names if name in parameters})
@@ -315,7 +315,7 @@ def _board_rotation(source: str, parameters: Mapping[str, float], used: dict[str
 
 
 def _refuse_changes(source: str, log: Any, used: Mapping[str, float]) -> None:
-    """Refuse a log in which a correction changes: when it took effect is not recorded."""
+    """Refuse a log in which a correction changes, because it is unknown when it took effect."""
     changes: Sequence[tuple[int, str, float]] = log.changed_parameters
     for time, name, value in changes:
         if name in used and value != used[name]:

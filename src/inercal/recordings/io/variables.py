@@ -1,9 +1,10 @@
-"""Variables of a file of arrays, MATLAB's or HDF5's, as the columns of a table.
+"""Convert the variables in a MATLAB or HDF5 file to the columns of a table.
 
-A vector of numbers is a column of the same name. In a matrix, samples run along the longer side, as
-rows or as columns, and the other side is counted from 1: `acc`, (n, 3) or (3, n), gives "acc(1)",
-"acc(2)", "acc(3)". The name of a struct or group precedes a dot, "imu.acc(2)". A file may also hold
-parameters: the columns of the recording are those whose length most numbers share.
+A vector of numbers is a column with the same name. In a matrix, samples run along the longer side,
+as rows or as columns, and the other side is counted from 1. For example, `acc`, (n, 3) or (3, n),
+gives "acc(1)", "acc(2)", "acc(3)". The name of a struct or group precedes a dot, "imu.acc(2)". A
+file may also contain parameters. The columns of the recording are therefore those with the length
+that most numbers have.
 """
 
 from collections import Counter
@@ -31,36 +32,37 @@ from inercal.recordings.io.column_table import (
     whole_number_labels,
 )
 
-# Why a variable is not a column.
+# Reasons why a variable cannot be a column.
 OBJECT = "is a MATLAB object (table, string, datetime, …): save its columns as plain arrays"
 FUNCTION = "is a function handle, not numbers"
 COMPLEX = "contains complex numbers: save real and imaginary parts as two arrays"
 SPARSE = "is a sparse matrix: save it with full()"
 STRUCTS = "is an array of structs: save a struct of arrays"
-CELL = "is a cell array whose cells are not all single texts: save plain arrays"
+CELL = "is a cell array in which not every cell is a single text: save plain arrays"
 
 
 @dataclass(frozen=True)
 class Variable:
-    """One array of a file.
+    """One array in a file.
 
     Parameters
     ----------
     name : str
-        With the names of the structs or groups around it.
+        Name of the array, including the names of the structs or groups around it.
     shape : tuple of int
-        As stored; (n,) for text.
+        Shape as stored; (n,) for text.
     open : function
-        Returns the array or an object that is sliced like it; for text, the n entries.
+        Function that returns the array, or an object that can be sliced like it. For text, it
+        returns the n entries.
     text : bool
-        Whether it holds words.
+        Whether the variable contains words.
     transposed : bool
-        Whether it is stored with its axes reversed: it decides which axis of a square matrix has
-        the samples.
+        Whether the array is stored with its axes reversed. This decides which axis of a square
+        matrix contains the samples.
     chunk : int
-        Samples stored together, which are read at once.
+        Number of samples that are stored together and must be read at once.
     refused : str
-        Why it is not a column; empty where it is.
+        Reason why the variable is not a column; empty if it is one.
     """
 
     name: str
@@ -73,7 +75,7 @@ class Variable:
 
     @property
     def refusal_reason(self) -> str:
-        """Why it holds no column; empty where it holds columns."""
+        """Reason why the variable contains no column; empty if it contains columns."""
         if self.refused:
             return self.refused
         if 0 in self.shape:
@@ -96,7 +98,7 @@ class Variable:
 
     @property
     def sample_axis(self) -> int:
-        """The axis of samples; 0 where the variable is refused."""
+        """Axis along which samples run; 0 if the variable is refused."""
         if len(self.shape) != 2:
             return 0
         first, last = self.shape
@@ -104,18 +106,18 @@ class Variable:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of its columns."""
+        """Names of the variable's columns."""
         count = self.width
         return (self.name,) if count == 1 else tuple(f"{self.name}({k + 1})" for k in range(count))
 
 
 def table_from_variables(path: Path, variables: Sequence[Variable], wanted: ReadRequest) -> Table:
-    """Return the variables of a file as a table.
+    """Convert the variables in a file to a table.
 
     Raises
     ------
     InputError
-        No column, a wanted column missing or not of numbers, or columns of unequal length.
+        There is no column, a wanted column is missing or not numeric, or columns differ in length.
     """
     source = path.name
     refused = {v.name: v.refusal_reason for v in variables if v.refusal_reason}
@@ -139,7 +141,7 @@ def table_from_variables(path: Path, variables: Sequence[Variable], wanted: Read
 
 
 def number_columns(variables: Sequence[Variable]) -> tuple[tuple[str, ...], int] | None:
-    """Return names and length of the recording's columns; None where there is none, or text."""
+    """Return names and length of the recording's columns; None if there are none, or text."""
     columns = _columns(variables)
     if not columns:
         return None
@@ -149,13 +151,13 @@ def number_columns(variables: Sequence[Variable]) -> tuple[tuple[str, ...], int]
 
 
 def column_blocks(variables: Sequence[Variable], names: Sequence[str]) -> Iterator[Array]:
-    """Yield some samples of these columns at a time, (k, c); all of them are numbers.
+    """Yield blocks of samples from these columns, (k, c); all of them must contain numbers.
 
     Parameters
     ----------
     variables : sequence of Variable
     names : sequence of str
-        Of `number_columns`.
+        Names from `number_columns`.
     """
     found = {name: (v, k) for name, v, k in _columns(variables) if name in names}
     used = {v.name: v for v, _ in found.values()}
@@ -168,7 +170,7 @@ def column_blocks(variables: Sequence[Variable], names: Sequence[str]) -> Iterat
 
 
 def _columns(variables: Sequence[Variable]) -> list[tuple[str, Variable, int]]:
-    """Return each column that may be read: its name, its variable and its place there."""
+    """Return each readable column: its name, its variable, and its position in the variable."""
     return [
         (name, v, k) for v in variables if not v.refusal_reason for k, name in enumerate(v.columns)
     ]
@@ -185,7 +187,7 @@ def _length(columns: Sequence[tuple[str, Variable, int]]) -> int:
 def _refuse_unusable_variable(
     name: str, names: Sequence[str], refused: dict[str, str], source: str
 ) -> None:
-    """Refuse a wanted column of a variable that holds no columns, with the reason."""
+    """Refuse a wanted column whose variable contains no columns, and give the reason."""
     if name in names:
         return
     for variable, why in refused.items():
@@ -196,7 +198,7 @@ def _refuse_unusable_variable(
 def _read(
     variables: Sequence[Variable], chosen: Sequence[str], wanted: ReadRequest, source: str
 ) -> tuple[dict[str, Column], Array]:
-    """Return the chosen columns by name, and their block, reading some samples at a time."""
+    """Read the chosen columns in blocks of samples; return them by name, and their block."""
     n = variables[0].length
     text = {v.name for v in variables if v.text}
     numbers = [name for name, v in zip(chosen, variables, strict=True) if not v.text]
@@ -209,7 +211,7 @@ def _read(
             continue
         kind = stored.dtype
         if kind.kind not in "fiub":
-            why = COMPLEX if kind.kind == "c" else f"of {kind} contains no numbers"
+            why = COMPLEX if kind.kind == "c" else f"has the type {kind}, which is not numeric"
             raise InputError(f"{source}: {variable.name!r} {why}", names=(variable.name,))
         places = [(k, name) for k, name in enumerate(variable.columns) if name in blank]
         filled: dict[str, NDArray[Any]] = {
@@ -228,12 +230,12 @@ def _read(
 
 
 def _rows(variable: Variable, stored: Any, rows: slice) -> NDArray[Any]:
-    """Return some samples of all columns of a variable, (k, c)."""
+    """Return some samples from all columns of a variable, (k, c)."""
     part: NDArray[Any] = np.asarray(stored[rows] if variable.sample_axis == 0 else stored[:, rows])
     return part.reshape(len(part), -1) if variable.sample_axis == 0 else part.T
 
 
 def _rows_per_read(variable: Variable) -> int:
-    """Return a multiple of the chunk: no part of a file is decompressed twice."""
+    """Return a multiple of the chunk, so that no part of a file is decompressed twice."""
     rows = max(1, 8 * BLOCK_ROWS // variable.width)
     return -(-rows // variable.chunk) * variable.chunk

@@ -1,7 +1,6 @@
-"""A recording into a file that `inercal.recordings.io.read` reads back bit for bit.
+"""Write a recording to a file that `inercal.recordings.io.read` reads back bit for bit.
 
-A simulated recording is marked in the file (`inercal.recordings.io.simulation_mark`); no option
-omits that.
+A simulated recording is always marked in the file (`inercal.recordings.io.simulation_mark`).
 """
 
 import csv
@@ -23,25 +22,26 @@ from inercal.recordings.io.read import Columns
 from inercal.recordings.io.simulation_mark import SIMULATION_KEY
 from inercal.recordings.temperature import temperature_readout
 
-_CHUNK = 10_000  # rows of CSV formatted at a time
+_CHUNK = 10_000  # rows of CSV that are formatted at a time
 
 
 def write_recording(recording: Recording, path: str | os.PathLike[str]) -> Columns:
     """Write a recording to .csv, .npz or .parquet, completely or not at all.
 
-    Times are in s, readings in output units, temperature in K, readback in SI; a CSV file has each
-    number with the fewest digits from which it is read exactly.
+    Times are in s, readings in output units, temperature in K, and readback in SI. A CSV file
+    contains each number with the fewest digits from which it can be read exactly.
 
     Returns
     -------
     Columns
-        What `read_recording` needs to read the file; readback has the unit "1", since it is in SI.
+        The columns that `read_recording` needs to read the file. Readback has the unit "1", because
+        it is in SI.
 
     Raises
     ------
     InputError
-        Another suffix, an axis of trials, two columns of one name, or a path that cannot be
-        written.
+        The suffix is unknown, there is a trial axis, two columns have the same name, or the path
+        cannot be written.
     """
     columns = Columns(
         channels=tuple((c, c, u) for c, u in zip(recording.channels, recording.units, strict=True)),
@@ -61,7 +61,7 @@ def write_recordings(recordings: Mapping[Path, Recording]) -> None:
     Raises
     ------
     InputError
-        As `write_recording`.
+        As in `write_recording`.
     """
     for path in recordings:
         if path.suffix.lower() not in _WRITERS:
@@ -77,10 +77,10 @@ def write_recordings(recordings: Mapping[Path, Recording]) -> None:
 
 
 def _arrays(recording: Recording) -> dict[str, Column]:
-    """Return the columns to write, in order, by name."""
+    """Return the columns to write by name, in their order."""
     if recording.data.ndim != 2:
         raise InputError(
-            f"a file holds a single run, data (n, m), but the data are {recording.data.shape}; "
+            f"a file contains a single run, data (n, m), but the data are {recording.data.shape}; "
             "write each trial to a separate file"
         )
     pairs: list[tuple[str, Column]] = [(recording.time_name, recording.stamps)]
@@ -105,7 +105,7 @@ def _write_csv(path: Path, columns: dict[str, Column], mark: str) -> None:
         if mark:
             file.write(f"# {mark}\n")
         csv.writer(file, lineterminator="\n").writerow(columns)
-        # Labels are quoted so that a comma or # in one stays in it.
+        # Labels are quoted so that a comma or # inside a label belongs to it.
         rows = csv.writer(file, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
         n = next(iter(columns.values())).size
         for k in range(0, n, _CHUNK):
@@ -114,7 +114,7 @@ def _write_csv(path: Path, columns: dict[str, Column], mark: str) -> None:
 
 
 def _write_npz(path: Path, columns: dict[str, Column], mark: str) -> None:
-    with path.open("wb") as file:  # given a path, NumPy adds a suffix of its own
+    with path.open("wb") as file:  # given a path, NumPy would add its own suffix
         np.savez(file, allow_pickle=False, **columns)
     if mark:
         with zipfile.ZipFile(path, "a") as archive:

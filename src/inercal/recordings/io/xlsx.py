@@ -1,7 +1,8 @@
-"""Excel workbooks (.xlsx), through openpyxl, row by row.
+"""Read Excel workbooks (.xlsx) row by row with openpyxl.
 
-The columns are named by the first row of words that stands on rows of numbers; what is above it,
-such as a title or the logger's settings, is left out. Of formulas the saved values are read.
+The column names come from the first row of words that is followed by rows of numbers. The rows
+above it, such as a title or the logger's settings, are skipped. Formulas are read as their saved
+values.
 """
 
 from array import array
@@ -39,12 +40,12 @@ Cell = float | str | None
 class _Heading(NamedTuple):
     names: tuple[str, ...]
     texts: frozenset[int]  # columns whose first cell is a word
-    skipped: int  # rows above the data that have cells
+    skipped: int  # number of non-empty rows above the data
     header: bool
 
 
 def read_xlsx(path: Path, wanted: ReadRequest, sheet: str | int = 1) -> Table:
-    """Read a sheet of an Excel workbook.
+    """Read a sheet from an Excel workbook.
 
     Parameters
     ----------
@@ -56,8 +57,7 @@ def read_xlsx(path: Path, wanted: ReadRequest, sheet: str | int = 1) -> Table:
     Raises
     ------
     InputError
-        A damaged workbook, a sheet or column that it lacks, or a cell
-        that is not a number.
+        The workbook is damaged or lacks a sheet or column, or a cell is not a number.
     OSError
         The file cannot be read.
     """
@@ -70,11 +70,11 @@ def read_xlsx(path: Path, wanted: ReadRequest, sheet: str | int = 1) -> Table:
 
 
 def _refuse_other_sheets(path: Path) -> None:
-    """Refuse sheets of other programs, and of Excel before 2007."""
+    """Refuse spreadsheets from other programs and from Excel before 2007."""
     with path.open("rb") as file:
         head = file.read(40)
     if head.startswith(_OLD) or head[30:].startswith(_OPEN_DOCUMENT):
-        kind = "of Excel before 2007" if head.startswith(_OLD) else "an OpenDocument sheet"
+        kind = "from Excel before 2007" if head.startswith(_OLD) else "an OpenDocument sheet"
         raise InputError(f"{path.name} is {kind}: save it as .xlsx or as CSV")
 
 
@@ -91,13 +91,13 @@ def _sheet(source: str, book: Any, sheet: str | int) -> Any:
 
 
 def _rows(sheet: Any) -> Iterator[tuple[int, list[Cell]]]:
-    """Yield number and cells of each row that has cells."""
-    # A workbook may state a size of 10^10 cells: rows are read as long as they are.
+    """Yield the number and the cells of each row that is not empty."""
+    # A workbook may state a size of 10^10 cells, so read rows only up to their actual end.
     sheet.reset_dimensions()
     for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
-        if number > _MOST_ROWS:  # of a gap before such a row openpyxl makes empty ones for hours
+        if number > _MOST_ROWS:  # openpyxl would fill a gap before this row for hours
             raise InputError(
-                f"sheet {sheet.title!r} has a row beyond {_MOST_ROWS}, the last that Excel has; "
+                f"sheet {sheet.title!r} has a row beyond {_MOST_ROWS}, Excel's last row; "
                 "the workbook is damaged: save it again"
             )
         cells = [_cell(value) for value in row]
@@ -122,7 +122,7 @@ def _cell(value: object) -> Cell:
 
 
 def _table(path: Path, rows: Iterator[tuple[int, list[Cell]]], wanted: ReadRequest) -> Table:
-    """Return the rows of a sheet as a table."""
+    """Convert the rows of a sheet to a table."""
     source = path.name
     first = list(islice(rows, _SNIFFED_ROWS))
     heading = _heading(source, [cells for _, cells in first])
@@ -167,7 +167,7 @@ def _add(
     words: dict[str, list[str]],
     numbers: "dict[str, array[float]]",
 ) -> None:
-    """Add the cells of a row to their columns; an empty cell is NaN, or an empty text."""
+    """Add the cells of a row to their columns; an empty cell becomes NaN or an empty text."""
     for name, texts in words.items():
         cell = cells[at[name]] if at[name] < len(cells) else None
         whole = isinstance(cell, float) and cell.is_integer()
@@ -185,7 +185,7 @@ def _add(
 
 
 def _heading(source: str, rows: Sequence[Sequence[Cell]]) -> _Heading:
-    """Return the names of the columns, from the first row of words on a row of numbers."""
+    """Return the column names, from the first row of words that is followed by numbers."""
     for k, (cells, below) in enumerate(pairwise(rows)):
         worded = [cell for cell in cells if isinstance(cell, str)]
         numbers = sum(isinstance(cell, float) for cell in below)
@@ -194,7 +194,7 @@ def _heading(source: str, rows: Sequence[Sequence[Cell]]) -> _Heading:
             return _Heading(tuple(worded), texts, k + 1, header=True)
     width = len(rows[0]) if rows else 0
     if not any(isinstance(cell, float) for row in rows for cell in row):
-        raise InputError(f"{source} has no row of numbers: save a sheet with one sample a row")
+        raise InputError(f"{source} has no row of numbers: save a sheet with one sample per row")
     if any(len(row) != width for row in rows):
         raise InputError(
             f"{source} has no row of names above its numbers: write a name above each column"
@@ -203,7 +203,7 @@ def _heading(source: str, rows: Sequence[Sequence[Cell]]) -> _Heading:
     return _Heading(tuple(str(j + 1) for j in range(width)), texts, 0, header=False)
 
 
-# The name of the first file in the archive: it tells a workbook from a .npz archive.
+# The name of the first file in the archive distinguishes a workbook from a .npz archive.
 READER = Reader(
     "xlsx",
     read_xlsx,

@@ -1,4 +1,4 @@
-"""From a recording to observations: marks, their checks, and means over sections."""
+"""Convert a recording to observations: find and check marks, then average over sections."""
 
 from inercal.recordings.segments.attitudes import (
     holds_from_marks,

@@ -1,13 +1,14 @@
-"""Compiled: variances over a sliding window, in time that does not depend on the window's length.
+"""Compiled sliding-window variances; the time per sample does not depend on the window length.
 
-The variance of a window is (Σd² − (Σd)²/w)/w with d the reading less a reference. The sums slide:
-one sample enters and one leaves. After each block of windows they are computed again with a new
-reference, so that neither a large offset nor an earlier shock costs digits. A window is counted by
-its first sample. A sample has the window of `window` samples centred on it or, next to the ends of
-its segment, the last window that fits.
+The variance of a window is (Σd² − (Σd)²/w)/w, where d is the reading minus a reference. The sums
+are updated as one sample enters the window and one leaves it. After each block of windows they are
+computed again with a new reference, so that neither a large offset nor an earlier shock reduces
+their precision. A window is numbered by its first sample. Each sample uses the window of `window`
+samples that is centred on it; near the ends of a segment it uses the last window that fits.
 
-The variances of a kind of axis are summed with weights, and exist for one block at a time. Arrays
-are allocated by the functions that call the kernels: allocations take long to compile.
+The variances of one kind of axis are summed with weights, and only one block of them is stored at a
+time. The functions that call the kernels allocate the arrays, because allocations inside a kernel
+take long to compile.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -20,15 +21,15 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import njit
 
-_BLOCK = 64  # windows at least that share a reference
-_SAME = 4.0  # a variance within this ratio of an earlier variance is unchanged
+_BLOCK = 64  # smallest number of windows that share a reference
+_SAME = 4.0  # a variance counts as unchanged if it is within this ratio of an earlier variance
 
 
 @njit(cache=True, nogil=True)
 def _window_variances(
     data: Array, columns: Indices, weight: Array, first: int, count: int, window: int, out: Array
 ) -> None:
-    """Write the summed variances of the windows that begin at samples `first` + 0 … count − 1."""
+    """Write the summed variances of the windows starting at samples `first` + 0 … count − 1."""
     for k in range(count):
         out[k] = 0.0
     for c in range(columns.size):
@@ -52,18 +53,18 @@ def _window_variances(
 def window_variances(
     data: Array, columns: Indices, weight: Array, segments: Indices, window: int
 ) -> Array:
-    """Return the variance of each sample's window, (n,); a short segment is a single window.
+    """Return the variance in each sample's window, (n,); a short segment is a single window.
 
     Parameters
     ----------
     data : (n, m) array
-        Output units.
+        Readings in output units.
     columns, weight : (k,) arrays
-        The variances of these columns are summed with these weights.
+        Columns whose variances are summed, and their weights.
     segments : (s, 2) array of int
-        Samples start to stop, half open, between gaps; together all samples.
+        Ranges of samples between gaps, start to stop (half open); together they cover all samples.
     window : int
-        Samples.
+        Window length in samples.
     """
     out = np.empty(data.shape[0])
     _write_variances(data, columns, weight, segments, window, _block(window), out)
@@ -91,7 +92,8 @@ def _write_variances(
         for first in range(0, count, block.size):
             size = min(block.size, count - first)
             _window_variances(data, columns, weight, start + first, size, fits, block)
-            # Element by element, here and below: assigning a slice takes twice as long to compile.
+            # Copy element by element, here and below: slice assignment takes twice as long to
+            # compile.
             for k in range(size):
                 out[start + first + half + k] = block[k]
         for k in range(start, start + half):
@@ -105,8 +107,8 @@ def variance_extent(
 ) -> tuple[float, Array, Indices]:
     """Return the largest variance, and each column's smallest step and number of steps.
 
-    Parameters are those of `window_variances`; steps are between neighbouring samples, and not
-    zero.
+    The parameters are those of `window_variances`. Steps are nonzero differences between
+    neighbouring samples.
     """
     step, changes = np.full(columns.size, np.inf), np.zeros(columns.size, np.int64)
     top = _largest_variance(data, columns, weight, segments, window, _block(window), step, changes)
@@ -154,16 +156,18 @@ def variance_histogram(
 ) -> tuple[Indices, Indices]:
     """Return the number of windows in each bin of variance, evenly spaced in its logarithm.
 
-    The first counts leave out unchanged variances, the second count all windows.
+    The first array of counts omits most windows with unchanged variance; the second counts all
+    windows.
 
     Parameters
     ----------
     data, columns, weight, segments, window
-        As of `window_variances`.
+        As in `window_variances`.
     lowest, top : float
-        Edges of the first and the last bin; smaller variances count as `lowest`.
+        Lower edge of the first bin and upper edge of the last bin; smaller variances count as
+        `lowest`.
     stay : int
-        Where the variance stays within a ratio of 4, the first counts take this many windows.
+        While the variance stays within a ratio of 4, the first array counts only this many windows.
     bins : int
     """
     counts, every = np.zeros(bins, np.int64), np.zeros(bins, np.int64)
@@ -216,21 +220,21 @@ def rest_runs(
     window: int,
     shortest: int,
 ) -> Indices:
-    """Return the runs of samples at which every kind's variance is below its limit, (r, 2).
+    """Return the runs of samples in which every kind's variance is below its limit, (r, 2).
 
     Parameters
     ----------
     data, columns, weight, segments, window
-        As of `window_variances`, with the columns kind by kind.
+        As in `window_variances`; the columns are ordered by kind.
     ends : (kinds,) array of int
         End of each kind's columns in `columns`.
     limit : (kinds,) array
-        Limit of the summed variance.
+        Limit of the summed variance for each kind.
     shortest : int
-        Samples; shorter runs are left out.
+        Shortest length of a run in samples; shorter runs are omitted.
     """
     block = _block(window)
-    # Runs are apart, and not shorter than the shortest.
+    # Runs do not touch each other, and none is shorter than the shortest length.
     length = segments[:, 1] - segments[:, 0]
     found = np.empty((int((length // max(shortest, 1) + 1).sum()), 2), np.int64)
     first = np.concatenate([[0], ends[:-1]])

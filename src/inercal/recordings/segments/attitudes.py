@@ -1,11 +1,11 @@
-"""Rests without a plan: the marks that can be used, their attitudes, and transitions between rests.
+"""Rests without a plan: select usable marks, find their attitudes and the transitions between them.
 
-A hand at rest trembles, so a rest is described by its mean attitude. The rotation from one mean
-attitude to the next is the rate integrated with a weight that rises from 0 to 1 across the rest
-before, stays 1 in between and falls to 0 across the rest after: to first order in the wobble, the
-mean over a rest of the remaining rotation. Of long rests only the part next to the transition is
-weighted, since over a longer part the gyro's noise would exceed the wobble. Over a shorter part
-the sway of the hand would not average out.
+A hand trembles even at rest, so each rest is described by its mean attitude. The rotation from one
+mean attitude to the next is the weighted integral of the rate. The weight rises from 0 to 1 during
+the first rest, stays 1 between the rests and falls to 0 during the second rest. To first order in
+the wobble, this weighting gives the mean remaining rotation over each rest. Only the part of a long
+rest that is next to the transition is weighted: over a longer part, the gyro's noise would exceed
+the wobble, and over a shorter part, the sway of the hand would not average out.
 """
 
 from bisect import bisect_left
@@ -20,26 +20,26 @@ from inercal.physics.sensors import Sensor, inverse
 from inercal.recordings import Finding, Mark, Observations, Recording, Transitions, sample_count
 
 INVALID_SAMPLES = ("saturation", "stuck")
-# s of a rest that are weighted: a hand's sway takes some 3 s, and the noise of a weighted rest
-# matters little, since the mean rate of the rest has it too.
+# Weighted part of a rest in s. A hand sways with a period of some 3 s. The noise of the weighted
+# part matters little because the mean rate of the rest contains it too.
 WEIGHTED_DURATION = 5.0
 
 
 def valid_marks(
     recording: Recording, sensor: Sensor, marks: Sequence[Mark]
 ) -> tuple[tuple[Mark, ...], tuple[Finding, ...]]:
-    """Return the marks, sorted by time, without those on saturated or stuck samples.
+    """Return the marks in time order, except those with saturated or stuck samples.
 
     Returns
     -------
     marks : tuple of Mark
     findings : tuple of Finding
-        A warning for each mark left out.
+        A warning for each mark that was omitted.
 
     Raises
     ------
     InputError
-        No mark is left.
+        No usable mark remains.
     """
     usable: list[Mark] = []
     findings: list[Finding] = []
@@ -49,7 +49,7 @@ def valid_marks(
         if flaw is None:
             usable.append(mark)
             continue
-        text = f"rest {mark.label} is left out: {flaw.message}"
+        text = f"rest {mark.label} is not used: {flaw.message}"
         findings.append(Finding("warning", "rests", text, flaw.channel, mark.start, mark.stop))
     if not usable:
         raise InputError(
@@ -61,7 +61,7 @@ def valid_marks(
 
 
 def flaws_of_mark(recording: Recording, mark: Mark) -> Iterator[Finding]:
-    """Yield the findings of saturated or stuck samples of a mark."""
+    """Yield the findings about saturated or stuck samples within a mark."""
     for one in recording.findings:
         if one.what not in INVALID_SAMPLES or one.start is None or one.stop is None:
             continue
@@ -72,10 +72,10 @@ def flaws_of_mark(recording: Recording, mark: Mark) -> Iterator[Finding]:
 def range_findings(
     recording: Recording, sensor: Sensor, ranges: Sequence[tuple[int, int]]
 ) -> list[Finding | None]:
-    """Return for each half-open range a finding of saturated or stuck samples in it, or None.
+    """Return a finding about saturated or stuck samples in each half-open range, or None.
 
-    A long recording may have as many findings as ranges: they are sorted once, not searched for
-    each range.
+    A long recording may have as many findings as ranges, so the findings are sorted once instead of
+    being searched for each range.
     """
     invalid = sorted(
         (finding.start, finding.stop, k)
@@ -84,7 +84,7 @@ def range_findings(
         if finding.start is not None and finding.stop is not None
     )
     begins = [start for start, _, _ in invalid]
-    # Of the findings that begin before a range ends, the last to end overlaps it if any does.
+    # Among the findings that begin before a range ends, the last to end overlaps it if any does.
     last_to_end = list(accumulate(((stop, k) for _, stop, k in invalid), max))
     flaws: list[Finding | None] = []
     for start, stop in ranges:
@@ -95,14 +95,14 @@ def range_findings(
 
 
 def holds_from_observations(observations: Observations, sensor: Sensor) -> tuple[Hold, ...]:
-    """Return a hold for each row, with its attitude from the nominal readings.
+    """Return a hold for each row, with its attitude computed from the nominal readings.
 
     Parameters
     ----------
     observations : Observations
-        Rows are rests; without a trial axis.
+        Observations at rest, without a trial axis.
     sensor : Sensor
-        An accelerometer triad at least.
+        Sensor with at least an accelerometer triad.
     """
     force = sensor.select_axes("f")
     bare = Sensor(force.name, force.axes)
@@ -117,7 +117,7 @@ def holds_from_observations(observations: Observations, sensor: Sensor) -> tuple
 
 
 def holds_from_marks(marks: Sequence[Mark]) -> tuple[Hold, ...]:
-    """Return a hold for each mark, with a placeholder where its attitude is unknown."""
+    """Return a hold for each mark, with a placeholder for its unknown attitude."""
     return tuple(Hold(mark.label, (0.0, 0.0, 1.0), 0.0) for mark in marks)
 
 
@@ -126,16 +126,16 @@ def transitions_between_rests(
 ) -> Transitions:
     """Return the transitions between marks that are neighbours in time.
 
-    Transitions with a gap, or with saturated or stuck gyros, are left out.
+    Transitions with a gap or with saturated or stuck gyros are omitted.
 
     Parameters
     ----------
     recording : Recording
-        Without a trial axis.
+        Recording without a trial axis.
     sensor : Sensor
-        Its axes name the channels.
+        Sensor whose axes name the channels.
     marks : sequence of Mark
-        Rests in the order of time.
+        Rests in time order.
     """
     columns = [recording.channels.index(name) for name in sensor.channels]
     in_place = columns == list(range(len(recording.channels)))
@@ -144,7 +144,7 @@ def transitions_between_rests(
     begin, end = np.array([(mark.start, mark.stop) for mark in marks]).T
     start, left = end[:-1] - length[:-1], end[:-1] - 1
     reached, stop = begin[1:], begin[1:] + length[1:] - 1
-    # A gap lies between two samples if the number of gaps before them differs.
+    # There is a gap between two samples if the number of gaps before them differs.
     gaps_before = np.searchsorted(recording.gaps[:, 0], np.stack([start, stop]))
     ranges = list(zip(start.tolist(), (stop + 1).tolist(), strict=True))
     flaws = range_findings(recording, sensor.select_axes("w"), ranges)

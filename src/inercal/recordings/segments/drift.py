@@ -1,9 +1,9 @@
-"""Slow drift of the bias over a recording: its covariance between the means of sections.
+"""Slow bias drift during a recording: its covariance between the means of sections.
 
-For a noise of two-sided spectrum S(f) the covariance of means over T_r and T_s, centred at t_r and
-t_s, is ∫ S(f) sinc(f T_r) sinc(f T_s) cos 2πf(t_r − t_s) df with sinc x = sin πx / πx. Bias
-instability has S = B²/(2πf) (IEEE Std 952, annex B), cut off below 1/(4 × the recording's length):
-slower noise is part of the estimated bias. A random walk K starts with the recording; its
+For noise with the two-sided spectrum S(f), the covariance of means over T_r and T_s, centred at t_r
+and t_s, is ∫ S(f) sinc(f T_r) sinc(f T_s) cos 2πf(t_r − t_s) df with sinc x = sin πx / πx. Bias
+instability has S = B²/(2πf) (IEEE Std 952, annex B), cut off below 1/(4 × the recording's length),
+because slower noise is part of the estimated bias. A random walk K starts with the recording; its
 covariance at times t and t' is K² min(t, t').
 """
 
@@ -14,15 +14,15 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.physics.sensors import Noise
 
-_POINTS_A_DECADE = 400  # the cosine's fastest cycles are then damped by the sincs
-_BEYOND = 30.0  # cycles in the shortest section, where the sincs are negligible
+_POINTS_A_DECADE = 400  # where the cosine varies faster than this, the sincs damp it
+_BEYOND = 30.0  # cycles in the shortest section, above which the sincs are negligible
 
 
 def even_drift_covariance(noise: Noise, count: int, seconds: float) -> Array:
-    """Return the covariance of an axis's drift between means of even blocks, (count, count).
+    """Return the covariance of an axis's drift between means of equal blocks, (count, count).
 
-    As `drift_covariance`, of blocks that follow one another: the flicker depends only on how far
-    two blocks are apart.
+    The result is as in `drift_covariance`, for equal blocks without pauses between them. The
+    flicker part then depends only on the time between two blocks.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def even_drift_covariance(noise: Noise, count: int, seconds: float) -> Array:
 
 
 def _trapezoid(f: Array) -> Array:
-    """Return the weights of an integral over df/f = d(ln f)."""
+    """Return the weights for an integral over df/f = d(ln f)."""
     steps = np.diff(np.log(f))
     weight = np.zeros(f.size)
     weight[1:] += 0.5 * steps
@@ -55,15 +55,15 @@ def _trapezoid(f: Array) -> Array:
 def drift_covariance(
     noises: Sequence[Noise], middles: Array, durations: Array, length: float
 ) -> Array | None:
-    """Return the covariance between the r means of each of m channels, (r, r, m); None if no drift.
+    """Return the covariance between the r means in m channels, (r, r, m); None if no drift.
 
     Parameters
     ----------
     noises : sequence of m Noise
         Noise of each channel.
     middles, durations : (r,) arrays
-        Middle of each section from the recording's start, and its duration, s; sections do not
-        overlap.
+        Time of the middle of each section from the start of the recording, and its duration, s;
+        sections must not overlap.
     length : float
         Duration of the recording, s.
     """
@@ -78,10 +78,10 @@ def drift_covariance(
     i, j = np.triu_indices(middles.size)
     apart = np.outer(middles[j] - middles[i], 2 * np.pi * f)
     flicker = np.empty((middles.size, middles.size))
-    # Twice, for the negative frequencies.
+    # The factor 2 accounts for negative frequencies.
     weight = _trapezoid(f) / np.pi
     flicker[i, j] = flicker[j, i] = (smooth[i] * smooth[j] * np.cos(apart)) @ weight
     walk = np.minimum(middles[:, None], middles)
-    # Within a section min(t, t') averages to its start plus a third of its length.
+    # Within a section, the average of min(t, t') is its start plus a third of its length.
     np.fill_diagonal(walk, middles - durations / 6)
     return flicker[..., None] * flickers**2 + walk[..., None] * walks**2

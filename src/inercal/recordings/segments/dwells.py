@@ -1,17 +1,19 @@
-"""Dwells of a centrifuge's arm: detected by their steady rate, and averaged over whole turns.
+"""Dwells of a centrifuge arm: detect them by their steady rate and average over whole turns.
 
-A recording of an arm run spins up, dwells, and spins up further or down. A dwell is a range in
-which the rate of the readback stays within a part in 500. It is cut to whole turns, so that errors
-with the period of a turn (the lean of the spindle) average out. Turns are the batches of its noise:
-the mean of a turn does not depend on the turn, and the scatter of turns is the noise of the mean
-with any correlation within a turn. Slower noise is drift, which the sensor's noise states. Dwells
-at one rate share their noise, because vibration depends on the rate.
+In an arm run the arm spins up, dwells, and then changes its rate to the next dwell. A dwell is a
+range in which the rate from the readback stays constant within one part in 500. It is cut to whole
+turns, so that errors with a period of one turn (spindle lean) average out. The noise of a dwell is
+estimated from the scatter between turns: the true mean over a turn is the same for all turns, so
+the scatter of these means includes any correlation within a turn. Slower noise is drift, which is
+taken from the sensor's stated noise. Dwells at the same rate share their noise, because vibration
+depends on the rate.
 
-On a platform that turns against the arm the sensor measures the rotation of the arm, and the output
-of a nonlinear sensor has harmonics. Mean and harmonics up to the h-th of each turn are 2h + 1
-numbers; they are returned as the values of the fitted curve at 2h + 1 even azimuths, each a row
-like a separate dwell. The harmonics are orthogonal, so these values are as independent as the
-samples. The first harmonic of the readings themselves corrects the azimuth of the readback.
+On a platform that counter-rotates on the arm, the sensor measures the rotation of the arm, and the
+output of a nonlinear sensor has harmonics. The mean and the harmonics up to order h in each turn
+are 2h + 1 numbers. They are returned as the values of the fitted curve at 2h + 1 equally spaced
+azimuths; each value is a row, like a separate dwell. The harmonics are orthogonal, so these values
+are as independent as the samples. The first harmonic of the readings is also used to correct the
+azimuth of the readback.
 """
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
@@ -40,18 +42,18 @@ from inercal.recordings.segments.drift import drift_covariance
 from inercal.recordings.segments.reading_steps import reading_steps
 
 ARM_RATE, PSI, THETA = "arm_rate", "psi", "theta"  # readback, SI
-_STEADY = 2e-3  # of the rate
+_STEADY = 2e-3  # largest change, relative to the rate
 _WINDOW = 0.5  # s
-TURNING_SHARE = 0.02  # of the largest rate; slower is at rest
-SETTLING_TIME = 1.0  # s after the rate is reached
+TURNING_SHARE = 0.02  # fraction of the largest rate; below it, the arm counts as at rest
+SETTLING_TIME = 1.0  # s, waiting time after the rate is reached
 LEAST_TURNS = 3
-_ALIKE = 0.01  # relative difference of rates that count as equal
-_SAME = 5e-4  # rad; directions of the readback closer than this are one attitude
+_ALIKE = 0.01  # rates with a smaller relative difference count as equal
+_SAME = 5e-4  # rad; readback directions closer than this count as the same attitude
 
 
 @dataclass(frozen=True)
 class Dwell:
-    """Samples of whole turns at a steady rate, rad/s: root mean square of the readback, signed."""
+    """Samples of whole turns at a steady rate in rad/s, the signed RMS of the readback."""
 
     mark: Mark
     rate: float
@@ -62,20 +64,20 @@ class Dwell:
 def find_dwells(
     recording: Recording, turning_device: str = "arm"
 ) -> tuple[tuple[Dwell, ...], tuple[Finding, ...]]:
-    """Return the dwells of an arm run, and findings on dwells left out.
+    """Return the dwells of an arm run, and findings about dwells that were not used.
 
     Parameters
     ----------
     recording : Recording
-        With readback "arm_rate", rad/s; labels, if any, name positions, and readback "psi" and
-        "theta", rad, if any, are the attitudes of a two-axis head.
+        Recording with readback "arm_rate", rad/s. Labels, if present, name positions. Readback
+        "psi" and "theta", rad, if present, give the attitudes of a two-axis head.
     turning_device : str
-        Name of the turning device in messages.
+        Name of the turning device for messages.
 
     Raises
     ------
     InputError
-        No dwell of three turns.
+        There is no dwell of at least three turns.
     """
     smooth, steady = steady_rate(recording)
     cuts = [int(before) + 1 for before in recording.gaps[:, 0]]
@@ -96,7 +98,7 @@ def find_dwells(
             if flaw is None:
                 dwells.append(dwell)
             else:
-                text = f"dwell {dwell.mark.label} is left out: {flaw}"
+                text = f"dwell {dwell.mark.label} is not used: {flaw}"
                 mark = dwell.mark
                 left_out.append(Finding("warning", "dwell", text, None, mark.start, mark.stop))
     if not dwells:
@@ -116,13 +118,13 @@ def find_dwells(
 def _whole_turns(
     recording: Recording, start: int, stop: int, before: Sequence[Dwell]
 ) -> Dwell | None:
-    """Return the dwell of whole turns within steady samples, after the arm has settled."""
+    """Return the whole turns within steady samples as a dwell, after the arm has settled."""
     start += round(SETTLING_TIME * recording.rate_hz)
     if stop - start < 2:
         return None
     rate = recording.readback[ARM_RATE][start:stop]
     angle = np.abs(swept_angle(rate, recording.time[start:stop]))
-    # The last sample ends its turn one step later.
+    # The last sample completes its turn one step later.
     turns = int((angle[-1] + angle[1]) / (2 * pi))
     if turns < LEAST_TURNS:
         return None
@@ -143,9 +145,9 @@ def _whole_turns(
 
 
 def _earlier_attitude(attitude: Attitude, before: Sequence[Dwell]) -> Attitude:
-    """Return the equal attitude of an earlier dwell: readbacks of it differ in their last digits.
+    """Return the same attitude of an earlier dwell if there is one; ignore last-digit differences.
 
-    Dwells in one attitude share the errors of its angles.
+    Dwells at the same attitude share the errors of its angles.
     """
     for dwell in before:
         if dwell.attitude is not None and np.allclose(
@@ -156,7 +158,7 @@ def _earlier_attitude(attitude: Attitude, before: Sequence[Dwell]) -> Attitude:
 
 
 def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the mean rate over half a second, (n,) rad/s, and a mask of steady turning."""
+    """Return the mean rate over half a second, (n,) rad/s, and a mask of steady rotation."""
     width = max(round(_WINDOW * recording.rate_hz), 3)
     smooth: Array = scipy.ndimage.uniform_filter1d(recording.readback[ARM_RATE], width)
     spread: Array = scipy.ndimage.maximum_filter1d(smooth, width) - scipy.ndimage.minimum_filter1d(
@@ -167,7 +169,7 @@ def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def flaw_text(recording: Recording, mark: Mark) -> str | None:
-    """Return the audit's message on saturated or stuck samples of a mark, if any."""
+    """Return the audit's message about saturated or stuck samples in a mark, if any."""
     return next((flaw.message for flaw in flaws_of_mark(recording, mark)), None)
 
 
@@ -178,7 +180,7 @@ def average_dwells(
     harmonics: int = 0,
     sense: int = 1,
 ) -> tuple[Observations, tuple[Spin, ...]]:
-    """Return one row for each dwell, or with harmonics for each of its azimuths, and their steps.
+    """Return one row per dwell, or one per azimuth with harmonics, and the plan steps of the rows.
 
     Parameters
     ----------
@@ -186,15 +188,15 @@ def average_dwells(
     sensor : Sensor
     dwells : sequence of Dwell
     harmonics : int
-        0 on a platform locked to the arm; else the highest harmonic of the fit.
+        0 for a platform locked to the arm; otherwise the highest harmonic of the fit.
     sense : 1 or -1
-        Sense of a positive rate, counter-clockwise or clockwise; azimuths are counted from the
-        start of the recording.
+        Direction of a positive rate: 1 is counter-clockwise, -1 clockwise. Azimuths are counted
+        from the start of the recording.
 
     Raises
     ------
     InputError
-        Too few turns for a covariance of the sensor's axes.
+        There are too few turns to estimate a covariance of the sensor's axes.
     """
     k = 2 * harmonics + 1
     columns = [recording.channels.index(name) for name in sensor.channels]
@@ -256,25 +258,25 @@ def average_dwells(
 
 
 def _turn_boundaries(angle: Array, turns: Sequence[int]) -> list[int]:
-    """Return the samples at which an angle, (n,) rad from 0, completes turns."""
+    """Return the sample indices at which an angle, (n,) rad from 0, completes the given turns."""
     limits = 2 * pi * np.array(turns) - 0.5 * angle[1]
     return [int(np.count_nonzero(angle < limit)) for limit in limits.tolist()]
 
 
 def swept_angle(rate: Array, time: Array) -> Array:
-    """Return the angle that a rate, (n,) rad/s, has swept since the first sample, rad."""
+    """Return the angle, rad, swept since the first sample by a rate, (n,) rad/s."""
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _turn_readings(y: Array, azimuth: Array, turns: int, harmonics: int) -> Array:
-    """Return the values of each turn, (turns, 2h + 1, m): its mean, or the curve of harmonics."""
+    """Return the values for each turn, (turns, 2h + 1, m): its mean, or its harmonic curve."""
     along = np.abs(azimuth - azimuth[0])
     edges = [0, *_turn_boundaries(along, range(1, turns)), len(y)]
     if harmonics == 0:
         return np.add.reduceat(y, edges[:-1])[:, None] / np.diff(edges)[:, None, None]
-    # An error of 1e-6 in the readback rate shifts the phase of tens of g from turn to turn: the
-    # first harmonic of the dwell measures the arm's azimuth far better.
+    # An error of 1e-6 in the readback rate shifts the phase of readings of tens of g from turn to
+    # turn. The first harmonic of the dwell measures the arm's azimuth far better.
     first = _harmonics(y, azimuth, edges, 1)
     wave = first[:, 1] - 1j * first[:, 2]
     phase = np.unwrap(np.angle((wave * wave[:1].conj()).sum(axis=-1)))
@@ -287,7 +289,7 @@ def _turn_readings(y: Array, azimuth: Array, turns: int, harmonics: int) -> Arra
 
 
 def _harmonics(y: Array, azimuth: Array, edges: Sequence[int], highest: int) -> Array:
-    """Return mean, cosines and sines of each turn, (turns, 2h + 1, m)."""
+    """Return the mean, cosines and sines for each turn, (turns, 2h + 1, m)."""
     fits = [
         np.linalg.lstsq(_harmonic_basis(azimuth[a:b], highest), y[a:b])[0]
         for a, b in pairwise(edges)
@@ -296,7 +298,7 @@ def _harmonics(y: Array, azimuth: Array, edges: Sequence[int], highest: int) -> 
 
 
 def _harmonic_basis(azimuth: Array, harmonics: int) -> Array:
-    """Return 1, cos α, sin α, cos 2α, … in columns."""
+    """Return the columns 1, cos α, …, cos hα, sin α, …, sin hα."""
     angles = azimuth[:, None] * np.arange(1, harmonics + 1)
     return np.concatenate([np.ones((len(azimuth), 1)), np.cos(angles), np.sin(angles)], axis=1)
 
@@ -308,10 +310,10 @@ def _pooled_covariance(
     scatters: Sequence[Array],
     rows: int,
 ) -> tuple[Array, float]:
-    """Return the covariance of each dwell's rows, (d, m, m), and the least degrees of freedom.
+    """Return the covariance of each dwell's rows, (d, m, m), and the smallest dof of any dwell.
 
-    Dwells at one rate share the density of their noise, the scatter of turns times their length;
-    where a rate has too few turns, all dwells share it.
+    Dwells at the same rate share their noise density, which is the scatter of turns times their
+    length. If a rate has too few turns, all dwells share one density.
     """
     m = scatters[0].shape[0]
     rates = np.array([abs(dwell.rate) for dwell in dwells])

@@ -1,14 +1,14 @@
-"""Test of both triads against one another: gravity must turn between rests as the gyros read.
+"""Compare the two triads: gravity must rotate between rests as the gyros measure it.
 
-From one rest to the next the direction of gravity in the case follows from the gyros alone::
+From one rest to the next, the direction of gravity in the case follows from the gyro readings::
 
-    u₂ = Rᵀ u₁        R the product of the rotations ω dt of all samples, biases subtracted
+    u₂ = Rᵀ u₁        R is the product of the rotations ω dt of all samples, biases subtracted
 
-An exchanged column, a reversed axis or a wrong unit breaks this. Columns of accelerometers P f and
-of gyros Q ω, with signed permutations P and Q, agree with gravity where det(P) P = Q: the rotation
-vector is an axial vector. What the turns show is the signed permutation N of the gyros by which
-they agree, and each N has few explanations. All three accelerometers reversed (P = −1) have N = 1:
-turns between rests cannot show this.
+An exchanged column, a reversed axis or a wrong unit breaks this relation. Let the accelerometer
+columns be P f and the gyro columns Q ω, with signed permutations P and Q. They agree with gravity
+if det(P) P = Q, because the rotation vector is an axial vector. The turns therefore determine the
+signed permutation N of the gyros that makes them agree, and each N has only a few explanations. If
+all three accelerometers are reversed (P = −1), then N = 1, so turns between rests cannot reveal it.
 """
 
 import re
@@ -26,16 +26,16 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import Mark, Recording
 from inercal.recordings.segments.attitudes import transitions_between_rests
 
-DIFFERENT = np.deg2rad(25)  # misfit of a turn: scale and bias errors of a plain sensor are less
+DIFFERENT = np.deg2rad(25)  # misfit of a turn; scale and bias errors of an ordinary sensor are less
 _FEWEST_DIFFERENT = 2
-_OPPOSITE = np.deg2rad(120)  # misfit of a turn in the other sense
+_OPPOSITE = np.deg2rad(120)  # misfit of a turn in the opposite direction
 _MOST_TURNS = 40
-_MOST_SECONDS = 60.0  # between two rests: a bias may change meanwhile
+_MOST_SECONDS = 60.0  # between two rests; over a longer time a bias may change
 _TURN_SAMPLES = 1024  # a power of two
 _FEWEST_TURNS = 3
-_OUTLIERS = 20  # turns for each that may disagree: a bump, a lost sample
-_SPHERE_RESTS = 9  # from which on a sphere's centre is reliable
-_WIDEST = 0.5  # of gravity, a bias
+_OUTLIERS = 20  # one in this many turns may disagree, for example after a bump or a lost sample
+_SPHERE_RESTS = 9  # fewest rests for which the centre of a fitted sphere is reliable
+_WIDEST = 0.5  # largest plausible bias, as a fraction of gravity
 _UNITS = (180 / np.pi, np.pi / 180)
 _NAMES = "xyz"
 _AXIS = re.compile(r"\b[ag][xyz]\b")
@@ -47,9 +47,9 @@ class GravityTurns(NamedTuple):
     Parameters
     ----------
     before, after : (k, 3) array
-        Unit vectors of gravity in the case, by the accelerometers.
+        Unit vectors of gravity in the case, measured by the accelerometers.
     angles : (k, n, 3) array
-        Rotation vectors in their order, rad, biases subtracted; n is a power of two.
+        Rotation vectors in time order, rad, with biases subtracted; n is a power of two.
     """
 
     before: Array
@@ -59,14 +59,14 @@ class GravityTurns(NamedTuple):
 
 @dataclass(frozen=True)
 class TurnAgreement:
-    """A signed permutation of the gyros, and a factor, by which turns agree with gravity.
+    """A signed permutation of the gyros, and a scale, with which the turns agree with gravity.
 
     Parameters
     ----------
     matrix : tuple of 3 tuples of 3 int
-        N: N ω is what the gyros would read in the accelerometers' axes.
+        N, where N ω is the reading that the gyros would give in the accelerometers' axes.
     factor : float
-        By which the gyros' readings must be multiplied.
+        Factor by which the gyro readings must be multiplied.
     misfit : float
         Median angle between predicted and measured gravity, rad.
     """
@@ -84,15 +84,15 @@ class TurnAgreement:
 def read_gravity_turns(
     recording: Recording, sensor: Sensor, rests: Sequence[Mark]
 ) -> GravityTurns | None:
-    """Return the turns between rests, or None of a sensor without both triads along x, y, z.
+    """Return the turns between rests, or None unless both triads lie along x, y, z.
 
     Parameters
     ----------
     recording : Recording
-        Without a trial axis.
+        Recording without a trial axis.
     sensor : Sensor
     rests : sequence of Mark
-        In the order of time.
+        Rests in time order.
     """
     kinds = {k: [j for j, one in enumerate(sensor.axes) if one.measures == k] for k in "fw"}
     for columns in kinds.values():
@@ -121,7 +121,7 @@ def read_gravity_turns(
 
 
 def _directions(force: Array) -> Array:
-    """Return unit vectors of gravity, without the bias that a sphere through many rests shows."""
+    """Return unit vectors of gravity, after subtracting the bias if a sphere fit is reliable."""
     centre, radius = sphere(force) if len(force) >= _SPHERE_RESTS else (None, None)
     if centre is None or radius is None or np.linalg.norm(centre) > _WIDEST * radius:
         centre = np.zeros(3)
@@ -130,7 +130,7 @@ def _directions(force: Array) -> Array:
 
 
 def sphere(means: Array) -> tuple[Array | None, float | None]:
-    """Return centre and radius of the sphere of readings, (k, 3); None where they span none."""
+    """Fit a sphere to readings, (k, 3), and return its centre and radius; None if impossible."""
     if len(means) < 6:
         return None, None
     scale = float(np.abs(means).max()) or 1.0
@@ -145,9 +145,9 @@ def sphere(means: Array) -> tuple[Array | None, float | None]:
 
 
 def sum_rates(rate: Array, count: int = _TURN_SAMPLES) -> Array:
-    """Return `count` sums of neighbouring samples of (n, 3), or the samples and zeros, (count, 3).
+    """Sum neighbouring samples of (n, 3) to `count` rows, or pad a short series with zeros.
 
-    So few samples a sum that their rotations still commute; `count` is a power of two.
+    Each sum covers so few samples that their rotations still commute; `count` is a power of two.
     """
     if len(rate) < count:
         return np.concatenate([rate, np.zeros((count - len(rate), rate.shape[1]))])
@@ -156,7 +156,7 @@ def sum_rates(rate: Array, count: int = _TURN_SAMPLES) -> Array:
 
 
 def rotations(angles: Array) -> Array:
-    """Return the products of the rotations by (k, n, 3) rotation vectors, (k, 3, 3)."""
+    """Return the products of the rotations given by (k, n, 3) rotation vectors, (k, 3, 3)."""
     turned = exp_so3(angles)
     while turned.shape[1] > 1:
         turned = turned[:, ::2] @ turned[:, 1::2]
@@ -164,7 +164,7 @@ def rotations(angles: Array) -> Array:
 
 
 def turn_differences(before: Array, after: Array, turned: Array) -> Array:
-    """Return the angle between predicted and measured gravity of each turn, (k,) rad."""
+    """Return the angle between predicted and measured gravity for each turn, (k,) rad."""
     predicted = np.einsum("kji,kj->ki", turned, before)
     cosine = np.clip((predicted * after).sum(axis=-1), -1, 1)
     return np.asarray(np.arccos(cosine), dtype=float)
@@ -172,7 +172,7 @@ def turn_differences(before: Array, after: Array, turned: Array) -> Array:
 
 @cache
 def _permutations() -> tuple[tuple[tuple[int, ...], ...], ...]:
-    """Return all 48 signed permutations, the identity first."""
+    """Return all 48 signed permutations, starting with the identity."""
     found: list[tuple[tuple[int, ...], ...]] = []
     for signs in product((1, -1), repeat=3):
         for order in permutations(range(3)):
@@ -184,13 +184,13 @@ def _permutations() -> tuple[tuple[tuple[int, ...], ...], ...]:
 def find_matching_axes(
     turns: GravityTurns, factors: Iterable[float] = (1.0,)
 ) -> list[TurnAgreement]:
-    """Return all by which the turns agree with gravity, best first.
+    """Return all signed permutations with which the turns agree with gravity, best first.
 
     Parameters
     ----------
     turns : GravityTurns
     factors : iterable of float
-        To multiply the gyros' readings by.
+        Factors to multiply the gyro readings by.
     """
     found: list[TurnAgreement] = []
     allowed = len(turns.before) // _OUTLIERS
@@ -199,7 +199,7 @@ def find_matching_axes(
         for matrix in _permutations():
             n = np.array(matrix)
             sign = round(float(np.linalg.det(n)))
-            # The rotation by N ω is that by det(N) ω, seen in axes that N turns.
+            # A rotation by N ω is a rotation by det(N) ω, expressed in axes transformed by N.
             proper = sign * n
             turned = proper @ ways[sign] @ proper.T
             misfits = turn_differences(turns.before, turns.after, turned)
@@ -209,22 +209,23 @@ def find_matching_axes(
 
 
 class TurnVerdict(NamedTuple):
-    """What turns between rests say about the axes.
+    """Conclusion from the turns between rests about the order and signs of the axes.
 
     Parameters
     ----------
     turns : int
-        How many were read.
+        Number of turns that were evaluated.
     agree : bool or None
-        Whether they agree as recorded; None where nothing can be said.
+        Whether the turns agree with the axes as recorded; None if no conclusion is possible.
     unique : bool
         Whether exactly one order and sign of the axes agrees.
     misfit : float
         Median angle between predicted and measured gravity, rad.
     changes : tuple of str
-        What would make them agree, in words: "az is reversed".
+        Changes that would make the turns agree, in words: "az is reversed".
     clear : bool
-        Whether a bump cannot explain that they disagree: two turns do, or one in its sense.
+        Whether a single bump cannot explain the disagreement, because two turns disagree or one
+        turn went in the opposite direction.
     """
 
     turns: int
@@ -236,7 +237,7 @@ class TurnVerdict(NamedTuple):
 
 
 def judge_turns(turns: GravityTurns | None) -> TurnVerdict:
-    """Return what turns say: agreement as recorded, or by which changes they agree."""
+    """Decide whether the turns agree as recorded, or which changes would make them agree."""
     nothing = TurnVerdict(0 if turns is None else len(turns.before), None, False, 0.0)
     if turns is None or len(turns.before) < _FEWEST_TURNS:
         return nothing
@@ -256,9 +257,9 @@ def judge_turns(turns: GravityTurns | None) -> TurnVerdict:
 
 
 def describe_changes(found: TurnAgreement) -> tuple[str, ...]:
-    """Return the simplest changes of axes and unit by which the turns agree, in words.
+    """Return the simplest changes of axes and unit that make the turns agree, in words.
 
-    Axes are named ax to gz.
+    The axes are named ax to gz.
     """
     unit = {_UNITS[1]: "the gyros' unit is °/s", _UNITS[0]: "the gyros' unit is rad/s"}
     stated = unit.get(found.factor, "")
@@ -280,18 +281,18 @@ def describe_changes(found: TurnAgreement) -> tuple[str, ...]:
 
 
 def name_columns(change: str, columns: Mapping[str, str]) -> str:
-    """Return a change in words with other words for the axes, by their names such as "gz"."""
+    """Replace axis names such as "gz" in the text of a change by the names of their columns."""
     return _AXIS.sub(lambda found: columns.get(found[0], found[0]), change)
 
 
 def _changes(matrix: Array) -> int:
-    """Return how many axes are reversed, and by how many exchanges they are in order."""
+    """Return the number of reversed axes plus the number of exchanges that restore their order."""
     moved = 3 - int(np.abs(np.diag(matrix)).sum())
     return int((matrix < 0).sum()) + max(moved - 1, 0)
 
 
 def _change_text(matrix: Array, name: str) -> str:
-    """Return in words how columns become those of x, y and z."""
+    """Describe how the columns must be assigned to x, y and z."""
     order: list[int] = np.abs(matrix).argmax(axis=1).tolist()
     signs = matrix.sum(axis=1)
     moved = [k for k in range(3) if order[k] != k]

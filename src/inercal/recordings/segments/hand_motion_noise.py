@@ -1,20 +1,20 @@
-"""The accelerometers' noise while a hand holds the sensor and trembles.
+"""Accelerometer noise while the sensor is held in a trembling hand.
 
-A wobble θ moves gravity across the axes by g θ, and batch means would count it as noise. The mean
-reading of a rest defines its mean attitude, so the wobble is no error of it; along gravity the
-wobble has no effect to first order. The scatter of that component, over rests in many attitudes,
-gives the noise of each axis: with w the part of each axis along gravity at rest i and d the axes'
-densities
+A wobble θ adds g θ to the readings perpendicular to gravity, and batch means would count this as
+noise. It is not an error, because the mean reading of a rest defines its mean attitude. Along
+gravity, the wobble has no effect to first order. The noise of each axis is therefore estimated from
+the scatter of the component along gravity, over rests in many attitudes. Let w_ia be the component
+of axis a along gravity at rest i, and d_a the noise density of that axis. Then
 
     D_i = Σ_a w_ia² d_a
 
-solved by non-negative least squares with weights 1/D_i², the variance of a variance.
+is solved by non-negative least squares with weights 1/D_i², the variance of a variance.
 
-The mean acceleration of a tremor decreases with the length of a section, faster than noise. D_i is
-the density at zero frequency by Welch's method (1967, IEEE Trans. AU-15, 70–73): means over
-overlapping halves under a Hann window, which suppresses a tremor above some Hz. Where the halves of
-a rest differ beyond the 99 % bound of their noise, which another test reports, only the scatter
-within the halves counts: a step in one rest is not noise of the others.
+The mean acceleration of a tremor decreases faster than noise as a section becomes longer. D_i is
+the density at zero frequency by Welch's method (1967, IEEE Trans. AU-15, 70–73). It uses means over
+overlapping halves with a Hann window, which suppresses tremor above some Hz. If the two halves of a
+rest differ by more than the 99 % bound of their noise, which another test reports, only the scatter
+within the halves counts, because a step in one rest is not noise of the others.
 """
 
 # SciPy has no stubs.
@@ -28,25 +28,25 @@ import scipy
 from inercal.basics.arrays import Array
 from inercal.physics.sensors import Sensor, inverse
 
-_WINDOWS = 11  # in a rest; in 3 s they pass frequencies below 4 Hz, where a hand's tremor begins
-_CHANGED = 6.63  # χ² of one degree of freedom, 99 %
-# E (z² − 1) above that bound: share of a density that the choice of halves removes by chance.
+_WINDOWS = 11  # in each rest; in 3 s they pass frequencies below 4 Hz, where a hand's tremor begins
+_CHANGED = 6.63  # 99 % quantile of χ² with one degree of freedom
+# E (z² − 1) above that bound: fraction of a density that choosing the halves removes by chance.
 _TAKEN = 0.0745
-_ROUNDS = 5  # of weighting; the third changes a per cent
-_LEAST = 0.05  # of the mean density: with few rests some axes are never along gravity
+_ROUNDS = 5  # of weighting; the third round changes the result by one per cent
+_LEAST = 0.05  # of the mean density; with few rests some axes are never along gravity
 
 
 def density_without_hand_motion(density: Array, sensor: Sensor, sections: Iterable[Array]) -> Array:
-    """Return the noise density, for the accelerometers as estimated along gravity.
+    """Return the noise density, using only readings along gravity for the accelerometers.
 
     Parameters
     ----------
     density : (m, m) array
-        From batch means of all channels, SI² times samples.
+        Noise density from batch means of all channels, SI² times samples.
     sensor : Sensor
-        Its accelerometers come first.
+        Sensor whose accelerometers come first.
     sections : iterable of (n, m) arrays
-        Rests, SI.
+        Readings during rests, SI.
     """
     a = len(sensor.select_axes("f").axes)
     found: list[tuple[float, float, float]] = []
@@ -72,17 +72,18 @@ def density_without_hand_motion(density: Array, sensor: Sensor, sections: Iterab
 
 
 def noise_degrees_of_freedom(rests: int) -> int:
-    """Return the degrees of freedom of the accelerometers' noise, if their axes are equal."""
+    """Return the degrees of freedom of the accelerometers' noise, assuming equal axes."""
     return (_WINDOWS - 1) * rests
 
 
 def _shrink_densities(own: Array, weighted: Array) -> Array:
-    """Return densities (a,) moved to their mean as far as chance explains their differences.
+    """Shrink densities (a,) towards their mean as far as chance explains their differences.
 
-    Attitudes that mix the axes determine the sum of the densities well and their differences less:
-    with the rows (r, a) weighted as for `own`, whose errors have variance 2/ν each, their
-    covariance is that of least squares. Logarithms that scatter by more keep the excess: the
-    shrinkage of Smyth 2004 (`inercal.estimation.correlation`) without the freedom of its prior.
+    Attitudes that mix the axes determine the sum of the densities well but their differences
+    poorly. The rows (r, a) are weighted as for `own`, so their errors have variance 2/ν each, and
+    the covariance of the densities is that of least squares. If the logarithms scatter by more than
+    chance predicts, the excess is kept. This is the shrinkage of Smyth 2004
+    (`inercal.estimation.correlation`) without the degrees of freedom of its prior.
     """
     a = own.size
     if a < 2:
@@ -97,14 +98,14 @@ def _shrink_densities(own: Array, weighted: Array) -> Array:
 
 
 def readings_along_gravity(sensor: Sensor, sections: Iterable[Array]) -> list[Array]:
-    """Return the accelerometers' readings along the mean specific force of each section, (n,) each.
+    """Return the accelerometers' readings along each section's mean specific force, (n,) each.
 
     Parameters
     ----------
     sensor : Sensor
-        Its accelerometers come first.
+        Sensor whose accelerometers come first.
     sections : iterable of (n, m) arrays
-        Rests, SI.
+        Readings during rests, SI.
     """
     return [series for _, series in _gravity_projections(sensor, sections)]
 
@@ -112,7 +113,7 @@ def readings_along_gravity(sensor: Sensor, sections: Iterable[Array]) -> list[Ar
 def _gravity_projections(
     sensor: Sensor, sections: Iterable[Array]
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield the share of each axis in the mean force of a section, (a,), and readings along it."""
+    """Yield each axis's share of a section's mean force, (a,), and the readings along it."""
     force = sensor.select_axes("f")
     a = len(force.axes)
     back = inverse(Sensor(force.name, force.axes), np.eye(a), np.zeros(0)).f
@@ -123,12 +124,13 @@ def _gravity_projections(
 
 
 def _densities(y: Array) -> tuple[float, float, float]:
-    """Return the density of (n,) samples at zero frequency, without their mean, in three ways.
+    """Return three estimates of the density of (n,) samples at zero frequency, without their mean.
 
-    From all of the scatter; without the change from half to half; from that change alone. The first
-    two are raised by the average loss of white noise from choosing between them.
+    The first uses all of the scatter, the second omits the change between the two halves, and the
+    third uses only that change. The first two are increased by the average loss for white noise
+    that results from choosing between them.
     """
-    n, y = y.size, y - y[0]  # exactly zero where nothing changes
+    n, y = y.size, y - y[0]  # becomes exactly zero if nothing changes
     step = np.where(np.arange(n) < n // 2, 1 / (n // 2), -1 / (n - n // 2))
     step /= float(np.linalg.norm(step))
     change, share = float(step @ y), _density(step)

@@ -1,28 +1,28 @@
 """Scatter of a sensor at rest and in motion, and the threshold between the two.
 
-For each kind of axis (accelerometers, gyros) the statistic is v, the variance over a sliding
-window of half a second summed over the axes. The kind's threshold splits a histogram of log v into
-two classes by Otsu's criterion (1979, IEEE Trans. SMC 9(1), 62–66): the split t with the largest
-variance between the classes,
+For each kind of axis (accelerometers, gyros) the statistic is v, the variance over a sliding window
+of half a second, summed over the axes. The threshold for each kind splits a histogram of log v into
+two classes by Otsu's criterion (1979, IEEE Trans. SMC 9(1), 62–66). It chooses the split t with the
+largest variance between the classes,
 
     n₁(t) n₂(t) (m₁(t) − m₂(t))²,   n the number and m the mean of log v below and above t;
 
-where the bins between two classes are empty, their middle. With log v the threshold does not depend
-on units and is about half-way, in decades, between rest and motion. Minimum-error thresholding
-(Kittler & Illingworth 1986, Pattern Recognition 19, 41–47) was tried first. It puts the threshold
-where the narrow peak of rest ends, so that the least tremor splits a rest: 44 rests instead of 38
-in a log of an Xsens MTi, 17 instead of 22 of an MPU-9150 held by hand or by a table. In 48
-simulated sessions (at rest for 10–95 % of the time, tremor, coarse steps, a noisy axis) it missed
-rests in 8, Otsu's in 3: those with a heavy tremor after a rest on a table. Three rules protect
-Otsu's criterion:
+if the bins between two classes are empty, it takes their middle. With log v the threshold does not
+depend on units and is about half-way, in decades, between rest and motion. Minimum-error
+thresholding (Kittler & Illingworth 1986, Pattern Recognition 19, 41–47) was tried first. It puts
+the threshold where the narrow peak of rest ends, so that the smallest tremor splits a rest. It
+found 44 rests instead of 38 in a log of an Xsens MTi, and 17 instead of 22 for an MPU-9150 that was
+held by hand or placed on a table. In 48 simulated sessions (at rest for 10–95 % of the time,
+tremor, coarse steps, a noisy axis) it missed rests in 8 sessions, and Otsu's criterion in 3: those
+with a heavy tremor after a rest on a table. Three rules make Otsu's criterion more robust:
 
-- Where v stays within a ratio of 4, it is counted for two seconds only, and the outer twentieths
-  of the counts are moved inwards: neither a long rest nor a shock forms a class.
-- v is at least the variance of rounding, Σ q²/12 with q the smallest step of an axis: a coarse
-  axis may be constant.
-- Classes whose mean scatters differ by less than a ratio of 1.75 are one class. White noise gives
-  1.1, a hand's sway in one position 1.5. Such a kind of axis is ignored; without another kind there
-  is no threshold.
+- While v stays within a ratio of 4, it is counted for two seconds only, and the outer twentieths of
+  the counts are moved inwards, so that neither a long rest nor a shock forms a class.
+- v is at least the rounding variance, Σ q²/12 with q the smallest step of an axis, because the
+  readings of a coarse axis may be constant.
+- Classes whose mean scatters differ by a ratio of less than 1.75 are one class. The ratio is 1.1
+  for white noise and 1.5 for the sway of a hand in one position. A kind of axis with only one class
+  is ignored; if no other kind remains, there is no threshold.
 """
 
 from dataclasses import dataclass
@@ -38,13 +38,13 @@ from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording, sample_count
 
-WINDOW = 0.5  # s over which scatter is computed
-CLASS_RATIO = 1.75  # ratio of the classes' mean scatters
-_STAY = 2.0  # s for which an unchanged level is counted
+WINDOW = 0.5  # s, over which scatter is computed
+CLASS_RATIO = 1.75  # smallest ratio of the classes' mean scatters
+_STAY = 2.0  # s, for which an unchanged level is counted
 _OUTER = 0.05
 _BINS = 512
-_SPAN = 1e14  # range of v: rounding of the sums is below, and readings of 24 bits are within
-_MOVING = 0.01  # share of samples that differ from the sample before: below it an axis is dead
+_SPAN = 1e14  # range of v; rounding of the sums is smaller, and 24-bit readings fit within it
+_MOVING = 0.01  # an axis is dead if a smaller share of samples differs from the preceding sample
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ class MotionThreshold:
     ----------
     kind : "f" or "w"
     unit : str
-        Output unit of the numbers.
+        Output unit of the values.
     quiet, moving : float
-        Median at rest and in motion; without a threshold the median and the largest of all.
+        Median scatter at rest and in motion; without a threshold, the overall median and maximum.
     threshold : float
-        Infinite where rest and motion of this kind are not distinct.
+        Limit between rest and motion; infinite if they are not distinct for this kind of axis.
     """
 
     kind: Measures
@@ -80,7 +80,7 @@ class MotionThreshold:
 
 @dataclass(frozen=True, eq=False)
 class WeightedAxes:
-    """The columns of one kind of axis, with weights to the scale of the first column."""
+    """The columns of one kind of axis, with weights relative to the scale of the first column."""
 
     kind: Measures
     unit: str
@@ -89,12 +89,12 @@ class WeightedAxes:
 
 
 def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
-    """Return the kinds of axes of the sensor.
+    """Return the kinds of axes that the sensor has.
 
     Raises
     ------
     InputError
-        A trial axis, or no axis.
+        The recording has a trial axis, or the sensor has no axis.
     """
     if recording.data.ndim != 2:
         raise InputError(
@@ -117,7 +117,7 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
 
 
 def window_samples(recording: Recording) -> int:
-    """Return the samples of a window."""
+    """Return the number of samples in a window."""
     return max(sample_count(WINDOW, recording.median_step), 4)
 
 
@@ -128,21 +128,21 @@ def gapless_segments(recording: Recording) -> Indices:
 
 
 def scatter(recording: Recording, sensor: Sensor, kind: Measures) -> Array:
-    """Return the scatter that is compared with the thresholds, of each sample: (n,), output units.
+    """Return each sample's scatter, (n,) output units, which is compared with the thresholds.
 
-    It is the standard deviation over a window, root mean square over the axes of one kind.
+    It is the standard deviation over a window, as a root mean square over the axes of one kind.
 
     Parameters
     ----------
     recording : Recording
-        Without a trial axis.
+        Recording without a trial axis.
     sensor : Sensor
     kind : "f" or "w"
 
     Raises
     ------
     InputError
-        A trial axis, or no axis of this kind.
+        The recording has a trial axis, or the sensor has no axis of this kind.
     """
     from inercal.recordings.segments import _kernels  # loads Numba
 
@@ -158,9 +158,10 @@ def scatter(recording: Recording, sensor: Sensor, kind: Measures) -> Array:
 def motion_threshold(
     recording: Recording, axes: WeightedAxes, segments: Indices, window: int
 ) -> tuple[MotionThreshold, float]:
-    """Return the scatter of one kind of axis, and the quiet share of the windows.
+    """Return the scatter of one kind of axis, and the fraction of windows at rest.
 
-    `segments` are (s, 2), `window` is in samples. Without two classes the threshold is infinite.
+    `segments` are (s, 2), and `window` is in samples. Without two classes the threshold is
+    infinite.
     """
     from inercal.recordings.segments import _kernels  # loads Numba
 
@@ -191,7 +192,7 @@ def motion_threshold(
 
 
 def _otsu_split(counts: Indices) -> tuple[float, float]:
-    """Return the best split and the distance between the means on either side, in bins."""
+    """Return the best split and the distance between the means on both sides, in bins."""
     n = _winsorise(counts)
     x = np.arange(n.size) + 0.5
     below = np.cumsum(n)[:-1]
@@ -207,13 +208,13 @@ def _otsu_split(counts: Indices) -> tuple[float, float]:
 
 
 def _median(counts: Indices) -> float:
-    """Return the middle of the bin of the median."""
+    """Return the centre of the bin that contains the median."""
     total = np.cumsum(counts)
     return int(np.searchsorted(total, 0.5 * float(total[-1]))) + 0.5
 
 
 def _winsorise(counts: Indices) -> Array:
-    """Return counts whose outer twentieths are moved to the next bins inside."""
+    """Return the counts after moving the outer twentieths to the nearest inner bins."""
     total = np.cumsum(counts)
     low, high = np.searchsorted(total, [_OUTER * total[-1], (1 - _OUTER) * total[-1]])
     n = counts.astype(np.float64)
@@ -224,5 +225,5 @@ def _winsorise(counts: Indices) -> Array:
 
 
 def summed_variance(deviation: float, axes: WeightedAxes) -> float:
-    """Return the variance summed over a kind's axes, from a standard deviation of each."""
+    """Return the variance summed over a kind's axes, given each axis's standard deviation."""
     return axes.columns.size * deviation**2

@@ -1,7 +1,7 @@
-"""Marks from labels, and checks of marks and means against the steps of a plan.
+"""Convert labels to marks, and check marks and means against the steps of a plan.
 
-The checks refuse the usual mistakes where they are made: a mark on the wrong section, swapped or
-reversed columns, degrees taken for radians, a turn in the opposite direction.
+The checks catch common mistakes where they occur: a mark on the wrong section, swapped or reversed
+columns, degrees taken for radians, or a turn in the opposite direction.
 """
 
 from collections.abc import Sequence
@@ -16,29 +16,29 @@ from inercal.physics.plan import HandStep, Hold, Turn, describe_direction
 from inercal.physics.sensors import Sensor, inverse
 from inercal.recordings import Finding, Mark, Observations, Recording, sample_count
 
-_NAMED = 12  # marks in a message
+_NAMED = 12  # largest number of marks listed in a message
 _MEANT = 0.7  # cosine: within 45° of the nominal direction
 _ALIGNED = 0.9
-_POSSIBLE = (0.2, 2.5)  # g, of a crude sensor at rest
-_EVEN = 1e-6  # length of the mean direction of faces in pairs
-_WHOLE_TURN = 300 * pi / 180  # rad; over such a turn a turning vector has no mean across the axis
-_END = 0.1  # s at either end of a turn
-_STILL_TURNING = 0.25  # of the fastest rate
+_POSSIBLE = (0.2, 2.5)  # g, range for a crude sensor at rest
+_EVEN = 1e-6  # longest mean direction of faces that form opposite pairs
+_WHOLE_TURN = 300 * pi / 180  # rad; over such a turn, a turning vector averages out across the axis
+_END = 0.1  # s, at either end of a turn
+_STILL_TURNING = 0.25  # fraction of the fastest rate
 
 
 def marks_from_labels(recording: Recording, *, again: bool = False) -> tuple[Mark, ...]:
-    """Return one mark for each unbroken run of one label; empty labels mark nothing.
+    """Return one mark for each unbroken run of one label; samples with empty labels get no mark.
 
     Parameters
     ----------
     recording : Recording
     again : bool
-        Whether a label may come in several runs.
+        Whether a label may have several runs.
 
     Raises
     ------
     InputError
-        The recording has no label column, or a label comes in several runs.
+        The recording has no label column, or a label has several runs.
     """
     labels = recording.labels
     if labels is None:
@@ -65,19 +65,20 @@ def marks_from_labels(recording: Recording, *, again: bool = False) -> tuple[Mar
 
 
 def check_marks(marks: Sequence[Mark], recording: Recording, needed: Sequence[str]) -> None:
-    """Refuse marks that are empty, overlap, are repeated or outside the recording, or are missing.
+    """Check that all needed marks exist, are unique, do not overlap and lie in the recording.
 
     Parameters
     ----------
     marks : sequence of Mark
     recording : Recording
     needed : sequence of str
-        Labels of the steps; marks of other labels are not checked.
+        Labels of the steps; marks with other labels are ignored.
 
     Raises
     ------
     InputError
-        The message names the marks.
+        A mark is missing, empty, repeated, overlapping or outside the recording; the message names
+        it.
     """
     n = recording.time.size
     where = recording.source or "recording"
@@ -115,24 +116,24 @@ def check_marks(marks: Sequence[Mark], recording: Recording, needed: Sequence[st
 def check_against_plan(
     observations: Observations, sensor: Sensor, steps: Sequence[HandStep], gravity: float
 ) -> tuple[Finding, ...]:
-    """Return warnings; refuse observations that cannot belong to their steps.
+    """Return warnings, and refuse observations that cannot belong to their steps.
 
     Parameters
     ----------
     observations : Observations
-        Without a trial axis.
+        Observations without a trial axis.
     sensor : Sensor
-        With nominal readouts; only complete triads are checked.
+        Sensor with nominal readouts; only complete triads are checked.
     steps : sequence of HandStep
         The step of each row.
     gravity : float
-        m/s².
+        Magnitude of gravity, m/s².
 
     Raises
     ------
     InputError
-        A hold whose mean specific force has another direction, or a turn about another axis, by an
-        angle in another unit, or about an axis about which gravity does not turn.
+        The mean specific force during a hold has another direction. Or a turn is about another
+        axis, by an angle in another unit, or about an axis about which gravity does not turn.
     """
     columns = {
         kind: [k for k, axis in enumerate(sensor.axes) if axis.measures == kind] for kind in "fw"
@@ -169,7 +170,7 @@ def check_against_plan(
 
 
 def _check_sizes(f: np.ndarray, steps: Sequence[HandStep]) -> None:
-    """Refuse single holds that read far from 1 g; f in g, (r, 3)."""
+    """Refuse a hold whose force is far from 1 g if only a minority is; f in g, (r, 3)."""
     holds = [k for k, step in enumerate(steps) if isinstance(step, Hold)]
     odd = [k for k in holds if not _POSSIBLE[0] < np.linalg.norm(f[k]) < _POSSIBLE[1]]
     if odd and 2 * len(odd) < len(holds):
@@ -182,9 +183,9 @@ def _check_sizes(f: np.ndarray, steps: Sequence[HandStep]) -> None:
 
 
 def _rough_bias(force: np.ndarray, steps: Sequence[HandStep], gravity: float) -> np.ndarray:
-    """Return rough biases, (3,) m/s²: the mean over holds in opposite pairs, else zero.
+    """Return rough biases, (3,) m/s²: the mean over holds in opposite pairs, otherwise zero.
 
-    The mean over opposite pairs does not depend on their order, so a mistake in the marks does not
+    The mean over opposite pairs does not depend on their order, so mistakes in the marks do not
     change it.
     """
     ups = np.array([step.up for step in steps if isinstance(step, Hold)]).reshape(-1, 3)
@@ -222,9 +223,9 @@ def _check_turn(step: HandStep, angle: np.ndarray) -> list[Finding]:
 
 
 def _check_gravity_turns(step: HandStep, f: np.ndarray) -> list[Finding]:
-    """Refuse a complete turn with a mean force across its axis, warn of one whose axis points down.
+    """Check the mean force f, (3,) g, during a turn.
 
-    f is the mean, (3,) g.
+    Refuse a complete turn with a mean force across its axis. Warn if the axis points down.
     """
     assert not isinstance(step, Hold)
     axis = np.array(step.axis)
@@ -251,16 +252,16 @@ def _check_gravity_turns(step: HandStep, f: np.ndarray) -> list[Finding]:
 def check_turn_ends(
     recording: Recording, sensor: Sensor, marks: Sequence[Mark], steps: Sequence[HandStep]
 ) -> tuple[Finding, ...]:
-    """Return a warning for each turn whose mark begins or ends while the sensor still turns.
+    """Return a warning for each turn whose mark begins or ends while the sensor is still turning.
 
     Parameters
     ----------
     recording : Recording
-        Without a trial axis.
+        Recording without a trial axis.
     sensor : Sensor
     marks : sequence of Mark
     steps : sequence of HandStep
-        The plan.
+        The steps of the plan.
     """
     by_label = {step.label: step for step in steps}
     gyros = sensor.select_axes("w")

@@ -1,9 +1,9 @@
-"""The steps to which the channels of a recording are rounded, and their noise in the rests.
+"""Find the rounding steps of a recording's channels, and their noise during rests.
 
 A channel whose rests span many levels needs no correction and is not examined further. For the
-others the step is that of the whole channel, movement included. If a channel stays at one value in
-rests and never reads the values next to it, it has a dead band there: the true value may be
-anywhere in this band.
+other channels, the step is found from the whole channel, including motion. If a channel stays at
+one value during rests and never reads the neighbouring values, it has a dead band there: the true
+value may be anywhere in this band.
 """
 
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ from inercal.estimation.uncertainty.rounding import Ladder, noise_lower_bound, r
 from inercal.physics.sensors import Sensor
 from inercal.recordings.rounding_errors import NOISY, ReadingSteps
 
-_LOOKED_AT = 400  # samples of a rest, to count its levels
-_FEW = 12  # levels in them, beyond which the noise is above a step
-_LARGE = 0.9  # steps of noise, of which rounding leaves a millionth
+_LOOKED_AT = 400  # samples of each rest that are used to count its levels
+_FEW = 12  # largest number of levels in them; with more, the noise is above a step
+_LARGE = 0.9  # steps of noise, with which rounding leaves an error of one millionth
 _EVEN = 1e-3  # of a step
-_COARSER = 0.7  # of the step at rest: a smaller one of the whole channel is that of its text
-_UNROUNDED = 0.5  # of the samples in motion, that differ where readings are not rounded
-_OFTEN = 3  # samples at one value that are no single spike
-_WIDE = 4.0  # times the gaps beyond it: a gap is that of a dead band
-_BESIDE = 6  # gaps that say how wide the others are
-_SMOOTH = 0.1  # second differences over the scatter; 2.4 of white noise
-_DIGITS = 12  # of a channel's largest reading; what is smaller is rounding of the computer
+_COARSER = 0.7  # of the step at rest; a smaller step in the whole channel is the step of its text
+_UNROUNDED = 0.5  # of the samples in motion; with more distinct levels, nothing is rounded
+_OFTEN = 3  # samples at one value, which are more than a single spike
+_WIDE = 4.0  # a gap so many times as wide as the gaps beyond it is that of a dead band
+_BESIDE = 6  # number of gaps that show the usual width
+_SMOOTH = 0.1  # ratio of second differences to scatter; 2.4 for white noise
+_DIGITS = 12  # of a channel's largest reading; smaller changes are rounding of the computer
 
 
 def reading_steps(
@@ -41,14 +41,14 @@ def reading_steps(
     Parameters
     ----------
     data : (..., n, k) array
-        Data of the recording, output units; of several trials the first is looked at.
+        Data of the recording, output units; with several trials, only the first one is examined.
     columns : sequence of m int
         Columns of the sensor's axes.
     sensor : Sensor
     rests : sequence of (int, int)
         Half-open ranges of samples at rest.
     si : bool
-        Whether the data are in SI already.
+        Whether the data are already in SI units.
     """
     one: Array = data.reshape(-1, *data.shape[-2:])[0]
     scale = np.array([1.0 if si else abs(axis.readout.scale) for axis in sensor.axes])
@@ -83,7 +83,7 @@ def reading_steps(
             noise[k] = min(noise_lower_bound([ladder.indices(y) for y in own]), NOISY)
             step[k], text[k] = ladder.step, ladder.off
     step, text = step / scale, text / scale
-    for k in unknown:  # a channel of one value: its step is that of the others
+    for k in unknown:  # for a channel with a single value, use the step of the others
         kind = sensor.axes[k].measures
         like = [float(step[j]) for j in range(m) if sensor.axes[j].measures == kind]
         step[k], noise[k] = min([one for one in like if one], default=0.0), 0.0
@@ -91,13 +91,13 @@ def reading_steps(
 
 
 def _without_last_digits(readings: Array) -> Array:
-    """Return readings without the digits that a computer's rounding leaves in them."""
+    """Return readings without the trailing digits that computer rounding leaves in them."""
     size = float(np.fmax.reduce(np.abs(readings), initial=0.0))
     return np.round(readings, _DIGITS - 1 - int(np.floor(np.log10(size)))) if size else readings
 
 
 def _coarse_ladder(levels: Array, rests: Sequence[Array], stated: float) -> Ladder | None:
-    """Return the levels, from the stated step, the step at rest or the smallest gap."""
+    """Return levels spaced by the stated step, the step at rest, or the smallest gap."""
     step = max(stated, _step_at_rest(rests))
     if not step and levels.size > 1 and _has_few_levels(rests):
         step = float(np.diff(levels).min())
@@ -105,9 +105,9 @@ def _coarse_ladder(levels: Array, rests: Sequence[Array], stated: float) -> Ladd
 
 
 def _step_at_rest(rests: Sequence[Array]) -> float:
-    """Return the smallest gap of two levels that one rest reads; 0 where each reads one value.
+    """Return the smallest gap between two levels within one rest; 0 if each rest has one value.
 
-    Noise reaches neighbouring levels: nothing between two levels means no level.
+    Noise reaches all neighbouring levels, so a value that was never read is not a level.
     """
     gaps = [float(np.min(np.diff(np.unique(y)), initial=np.inf)) for y in rests]
     least = min(gaps, default=np.inf)
@@ -115,23 +115,23 @@ def _step_at_rest(rests: Sequence[Array]) -> float:
 
 
 def _has_few_levels(rests: Sequence[Array]) -> bool:
-    """Return whether the readings of most rests take only a few levels, each many times."""
+    """Return whether most rests take only a few levels, each of them many times."""
     looked_at = [_some(y) for y in rests]
     few = sum(np.unique(y).size <= min(_FEW, max(1, y.size // 2)) for y in looked_at)
     return 2 * few >= len(rests)
 
 
 def _some(y: Array) -> Array:
-    """Return some of the samples of a rest, evenly spread."""
+    """Return a subset of the samples of a rest, evenly spaced."""
     return y[:: max(1, y.size // _LOOKED_AT)]
 
 
 def _is_without_noise(rests: Sequence[Array], levels: Array, moving: int) -> bool:
-    """Return whether readings were simulated without noise, and are not rounded.
+    """Return whether the readings were simulated without noise and are not rounded.
 
-    Each rest has one value, as of coarse steps, or changes smoothly; but rests differ and so do
-    nearly all samples in motion. A channel with a dead band reads one value in all rests that are
-    within it.
+    In such data each rest has a constant value, as with coarse steps, or changes smoothly, but the
+    rests differ from each other, and so do nearly all samples in motion. A channel with a dead
+    band, in contrast, reads one value in all rests that are within it.
     """
     values = {float(y[0]) for y in rests if y.size and not np.ptp(y)}
     smooth = [float(np.std(np.diff(y, 2))) <= _SMOOTH * float(np.std(y)) for y in rests]
@@ -140,7 +140,7 @@ def _is_without_noise(rests: Sequence[Array], levels: Array, moving: int) -> boo
 
 
 def _lonely_value(rests: Sequence[Array]) -> float | None:
-    """Return the value of rests beside which they read nothing near, as in a dead band; or None."""
+    """Return the value of a dead band, which has no other readings close to it, or None."""
     values, counts = np.unique(np.concatenate([_some(y) for y in rests]), return_counts=True)
     gaps = np.diff(values)
     if not gaps.size:
@@ -155,7 +155,7 @@ def _lonely_value(rests: Sequence[Array]) -> float | None:
 
 
 def _averages_out(rests: Sequence[Array], stated: float) -> bool:
-    """Return whether the noise is as large as the steps, which are even: nothing is to be done."""
+    """Return whether rounding averages out because the noise exceeds evenly spaced steps."""
     step = max(stated, _step_at_rest(rests))
     scatter = float(np.median([y.std() for y in rests]))
     if not step or scatter < _LARGE * step:
@@ -167,7 +167,7 @@ def _averages_out(rests: Sequence[Array], stated: float) -> bool:
 
 
 def _dead_band(levels: Array, value: float) -> float:
-    """Return the width of the range about a value that is never read; 0 if none.
+    """Return the width of the range around a value that is never read; 0 if there is none.
 
     The true value may be as far away as the nearest reading on either side.
     """

@@ -1,26 +1,27 @@
-"""Changes of readings within sections at rest: whether a section is still, by its mean alone.
+"""Changes of readings within sections at rest, to decide whether the sensor was still.
 
-A section is cut into ten blocks. It moves where the means of its blocks, in some channel, range
-over more than noise, quantisation and slow changes of a sensor at rest explain:
+A section is cut into ten blocks. The sensor moved if, in some channel, the block means cover a
+larger range than noise, quantisation and slow changes of a sensor at rest can explain:
 
     ptp(means) > max(20 s, 10 s₁/√n, min(10 s₁, 100 s), 3 r, 2.5 q, floor)
 
-with s₁ the median scatter within the section's blocks of n samples, s the median of s₁ over all
-sections, r the median range over all sections (a drift common to all is not a move) and q the
-channel's smallest step. With white noise of any size the range stays below 5 s₁/√n, and with noise
-correlated over a block below 5 s₁.
+Here s₁ is the median scatter within the section's blocks of n samples, and s is the median of s₁
+over all sections. r is the median range over all sections, because a drift common to all sections
+is not motion. q is the channel's smallest step. With white noise of any size the range stays below
+5 s₁/√n, and with noise correlated over a block below 5 s₁.
 
-For a sensor in a hand, a change across gravity may be a tilt, which the gyros measure. The mean
-attitude of the second half differs from that of the first by the rate integrated with a weight w
-that rises from 0 to 1 across the first half and falls across the second: to first order in the
-rotation,
+For a hand-held sensor, a change perpendicular to gravity may be a tilt, which the gyros measure.
+The difference between the mean attitudes of the two halves is the rate, integrated with a weight w
+that rises from 0 to 1 during the first half and falls back to 0 during the second. To first order
+in the rotation,
 
     mean₂ θ − mean₁ θ = ∫ w ω dt
 
-For two parts of unequal length with a gap between them the weight stays 1 between the parts.
+For two parts of unequal length with a gap between them, the weight stays 1 between the parts.
 
-The detection of rests cuts a rest at a step of a bias and takes the longer part: the result is
-right, but the sensor is not in order. Such parts of a still run are compared in the same way.
+If a bias steps during a rest, the rest detection cuts the rest there and uses the longer part. The
+result is then correct, but the sensor has a fault. Such parts of one still run are compared in the
+same way.
 """
 
 from collections.abc import Collection, Sequence
@@ -39,12 +40,12 @@ from inercal.recordings.io.column_table import row_blocks
 from inercal.recordings.observations import HalfSectionChanges
 
 _BLOCK_COUNT = 10
-_USUAL = 20.0  # a step of so many scatters half-way adds ten times the variance of noise squared
+_USUAL = 20.0  # scatters; a half-way step of this size adds ten times the noise variance squared
 _OWN_SCATTER_FACTOR = 10.0
-_LARGE = 100.0  # usual scatters; the noise of a position does not exceed that of others so much
-_COMMON, _MIN_SECTIONS = 3.0, 4  # times the usual range, where so many sections show what is usual
+_LARGE = 100.0  # usual scatters; the noise in one position does not exceed the others by this much
+_COMMON, _MIN_SECTIONS = 3.0, 4  # times the usual range; sections that define it
 _QUANTA = 2.5
-# Changes below these are no move, however quiet the sensor: 0.1 mrad of tilt, 2 °/h.
+# Smaller changes are not motion, however quiet the sensor: 0.1 mrad of tilt, 2 °/h.
 _FLOOR = {"f": 1e-4 * G0, "w": 1e-5}
 
 
@@ -54,14 +55,14 @@ def require_still(
     marks: Sequence[Mark],
     accepted: Collection[str] = (),
 ) -> tuple[Finding, ...]:
-    """Refuse a section at rest in which the sensor moves.
+    """Refuse any section at rest in which the sensor moves.
 
     Parameters
     ----------
     recording : Recording
-        With any trial axes.
+        Recording, with or without trial axes.
     sensor : Sensor
-        Its readout gives SI.
+        Sensor whose readout converts to SI units.
     marks : sequence of Mark
         Marks of rests; rests with fewer than 20 samples are not checked.
     accepted : collection of str
@@ -70,12 +71,13 @@ def require_still(
     Returns
     -------
     tuple of Finding
-        A warning for each accepted section that moves.
+        A warning for each accepted section in which the sensor moves.
 
     Raises
     ------
     InputError
-        A section moves, or an accepted label marks no section, or a section that is still.
+        The sensor moves in a section, or an accepted label does not mark any section or marks a
+        still one.
     """
     if unknown := [label for label in accepted if label not in {mark.label for mark in marks}]:
         raise InputError(
@@ -146,9 +148,9 @@ def require_still(
 def _block_statistics(
     recording: Recording, sensor: Sensor, columns: Sequence[int], mark: Mark, n: int
 ) -> tuple[Array, Array]:
-    """Return the range of the means of a section's blocks, and the median of their scatters.
+    """Return the range of a section's block means, and the median of the blocks' scatters.
 
-    Both are (trials, m), SI; without a trial axis there is one trial.
+    Both are (trials, m), SI. If there is no trial axis, there is one trial.
     """
     data = recording.data[..., mark.start : mark.start + _BLOCK_COUNT * n, columns]
     parts = sensor.to_si(data).reshape(-1, _BLOCK_COUNT, n, len(columns))
@@ -158,7 +160,7 @@ def _block_statistics(
 
 
 def _step(recording: Recording, column: int) -> float:
-    """Return the smallest change between samples of a channel, output units; 0 if constant."""
+    """Return a channel's smallest change between samples, output units; 0 if it is constant."""
     least = np.inf
     for k in row_blocks(recording.time.size - 1):
         steps = np.abs(np.diff(recording.data[..., k.start : k.stop + 1, column], axis=-1))
@@ -167,22 +169,22 @@ def _step(recording: Recording, column: int) -> float:
 
 
 _BLOCK = 0.25  # s
-_KNOWN = 0.1  # relative error of a rotation by nominal gyros
+_KNOWN = 0.1  # relative error of a rotation measured by nominal gyros
 
 
 def changes_within_rests(
     recording: Recording, sensor: Sensor, marks: Sequence[Mark]
 ) -> HalfSectionChanges:
-    """Return the change of readings from the first half of each rest to the second.
+    """Return the change of the readings from the first to the second half of each rest.
 
     Parameters
     ----------
     recording : Recording
-        Without a trial axis.
+        Recording without a trial axis.
     sensor : Sensor
-        Its axes name the channels.
+        Sensor whose axes name the channels.
     marks : sequence of r Mark
-        Each of two samples or more.
+        Marks of the rests, each with at least two samples.
     """
     parts = [(m.start, (m.start + m.stop) // 2, (m.start + m.stop) // 2, m.stop) for m in marks]
     return changes_between_parts(recording, sensor, parts)
@@ -191,15 +193,15 @@ def changes_within_rests(
 def changes_between_parts(
     recording: Recording, sensor: Sensor, parts: Sequence[tuple[int, int, int, int]]
 ) -> HalfSectionChanges:
-    """Return the change of readings from each part to a later part.
+    """Return the change of the readings from each part to a later part.
 
     Parameters
     ----------
     recording : Recording
-        Without a trial axis.
+        Recording without a trial axis.
     sensor : Sensor
     parts : sequence of r (start, stop, start, stop)
-        Samples of both, half open.
+        Half-open sample ranges of both parts.
     """
     columns = [recording.channels.index(name) for name in sensor.channels]
     change, integral = np.empty((2, len(parts), len(columns)))
@@ -223,18 +225,19 @@ def bias_jump_test(
     marks: Sequence[Mark],
     other_parts: Sequence[tuple[int, tuple[int, int]]],
 ) -> tuple[ModelTest, ...]:
-    """Return the test of rests that were cut where the readings change without a rotation.
+    """Test rests that were cut because the readings changed without a rotation.
 
     Parameters
     ----------
     recording : Recording
-        Without a trial axis.
+        Recording without a trial axis.
     sensor : Sensor
-        Three or more accelerometers, and gyros, by the nominal model.
+        Sensor with at least three accelerometers, and gyros, in the nominal model.
     marks : sequence of Mark
-        All rests.
+        Marks of all rests.
     other_parts : sequence of (rest, (start, stop))
-        Rests by number, each with the other still part of its run.
+        Numbers of the rests that are part of a longer still run, each with the samples of the other
+        part.
     """
     force, rate = sensor.select_axes("f"), sensor.select_axes("w")
     if not (other_parts and rate.axes):
@@ -257,7 +260,7 @@ def bias_jump_test(
         parts.append((*own, start, stop) if own[0] < start else (start, stop, *own))
         variance[k] = usual * block * (1 / (stop - start) + 1 / (own[1] - own[0]))
     halves = changes_between_parts(recording, sensor, parts)
-    # The only offset of differences and integrals is the readout's, which the bias has too.
+    # The only offset in differences and integrals is the readout's, which the bias also contains.
     scale = np.array([axis.readout.scale for axis in sensor.axes])
     zero = np.array([axis.readout.offset for axis in sensor.axes])
     integral = (halves.integral - halves.seconds[:, None] * zero) / scale
@@ -275,7 +278,7 @@ def bias_jump_test(
 
 
 def _block_mean_variance(f: Array, block: int) -> float:
-    """Return the mean variance of the means of complete blocks; zero for fewer than two."""
+    """Return the mean variance of the means of complete blocks; 0 for fewer than two blocks."""
     count = len(f) // block
     if count < 2:
         return 0.0

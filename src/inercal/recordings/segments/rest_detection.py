@@ -1,14 +1,15 @@
-"""Rests of a sensor moved by hand, detected in the signal alone: without plan, unit or setting.
+"""Detect the rests of a hand-held sensor from the signal only: no plan, unit or setting is needed.
 
-A sample is at rest where the scatter of each kind of axis is below the kind's threshold
+A sample is at rest if the scatter of each kind of axis is below that kind's threshold
 (`inercal.recordings.segments.motion_thresholds`).
 
-Runs of such samples are cut at both ends, where the hand grips and lets go. A slow steady turn is
-quiet too: of each run the longest part remains in which the means of quarter seconds are stable.
-Those of the accelerometers must be within five deviations of the run's median; the deviation is
-pooled over the runs by its median, and is at least the scatter of rest and at most the threshold.
-Those of the gyros must be within their threshold of their usual mean. A run with less than half
-remaining is left out. Rests with less than a twentieth of the quiet samples are not accepted.
+Runs of such samples are trimmed at both ends, where the hand grips and lets go. A slow steady turn
+is also quiet. Each run is therefore reduced to the longest part in which the quarter-second means
+are stable. The means of the accelerometers must be within five deviations of the run's median. The
+deviation is the median over all runs; it is at least the scatter at rest and at most the threshold.
+The means of the gyros must be within their threshold of their usual mean. A run is discarded if
+less than half of it remains. Rests are not accepted if they make up less than one twentieth of the
+quiet samples.
 """
 
 from collections.abc import Sequence
@@ -34,29 +35,29 @@ from inercal.recordings.segments.motion_thresholds import (
 )
 from inercal.recordings.segments.section_means import MIN_SAMPLES
 
-MARGIN = (0.25, 0.4)  # s cut off both ends of a run: a tenth of it, within these limits
-SHORTEST = 0.5  # s that must remain; of a rest of 1.5 s that much remains
-_HELD = 0.05  # of the quiet time: in steady motion single still moments are not rests
-_SETTLED = 5.0  # deviations of the means; white noise and a hand's sway stay within 3.5
+MARGIN = (0.25, 0.4)  # s cut off at both ends of a run: a tenth of it, within these limits
+SHORTEST = 0.5  # s that must remain; this is what remains of a rest of 1.5 s
+_HELD = 0.05  # of the quiet time; in steady motion, single still moments are not rests
+_SETTLED = 5.0  # deviations of the means; white noise and the sway of a hand stay within 3.5
 
 
 @dataclass(frozen=True)
 class RestDetection:
-    """Detected rests, and the thresholds.
+    """Detected rests, with the thresholds that were used.
 
     Parameters
     ----------
     marks : tuple of Mark
-        "r01", "r02", … sorted by time.
+        Rests "r01", "r02", …, sorted by time.
     levels : tuple of MotionThreshold
-        Scatter and threshold of each kind of axis.
+        Scatter and threshold for each kind of axis.
     window : float
-        s.
+        Length of the scatter window, s.
     finding : Finding
-        A note with number, lengths and scatter.
+        A note with the number, lengths and scatter of the rests.
     other_parts : tuple of (rest, (start, stop))
-        For rests, by their number from 0, that are a part of a still run: samples of the other part
-        of the run, which is still in itself.
+        For rests that are only part of a still run: their number, from 0, and the samples of the
+        other part of the run, in which the sensor is also still.
     """
 
     marks: tuple[Mark, ...]
@@ -67,20 +68,20 @@ class RestDetection:
 
 
 def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
-    """Return the rests of a recording.
+    """Detect the rests in a recording.
 
     Parameters
     ----------
     recording : Recording
-        Without a trial axis.
+        Recording without a trial axis.
     sensor : Sensor
-        Its axes name the channels; their scales weight the axes of a kind.
+        Sensor whose axes name the channels; its scales weight the axes of each kind.
 
     Raises
     ------
     InputError
-        A trial axis, no axis, a recording that is too short, no distinction of rest and motion, or
-        no rest.
+        The recording has a trial axis or is too short, the sensor has no axis, rest and motion
+        cannot be distinguished, or there is no rest.
     """
     kinds = axis_kinds(recording, sensor)
     window, segments = window_samples(recording), gapless_segments(recording)
@@ -161,7 +162,7 @@ def _other_parts(
     block: int,
     shortest: int,
 ) -> tuple[tuple[int, tuple[int, int]], ...]:
-    """Return the longer remaining part of each run that was cut, where it is still in itself."""
+    """Return the longer remaining part of each run that was cut, if the sensor is still in it."""
     places: list[int] = []
     rests: list[tuple[int, int]] = []
     for k, ((start, stop), (first, last)) in enumerate(
@@ -191,7 +192,7 @@ def _stationary_parts(
 ) -> Indices:
     """Return the longest part of each run without a slow turn, (r, 2).
 
-    It is empty where less than half of the run remains.
+    The part is empty if it is shorter than half of the run.
     """
     good = [np.ones((stop - start) // block, np.bool_) for start, stop in found.tolist()]
     for kind, level in zip(kinds, levels, strict=True):
@@ -222,7 +223,7 @@ def _stationary_parts(
 
 
 def _block_means(data: Array, run: Sequence[int], kind: WeightedAxes, block: int) -> Array:
-    """Return the means of the complete blocks of a run, (blocks, axes), without a copy."""
+    """Return the means of the complete blocks of a run, (blocks, axes), without copying data."""
     start, stop = run
     end = start + (stop - start) // block * block
     parts = [data[start:end, column].reshape(-1, block) for column in kind.columns.tolist()]
@@ -251,7 +252,7 @@ def _detection_text(
 
 
 def find_thresholds(recording: Recording, sensor: Sensor) -> tuple[MotionThreshold, ...]:
-    """Return the scatter of each kind of axis, and the threshold by which rests are detected."""
+    """Return each kind's scatter, with the threshold that is used to detect rests."""
     window, segments = window_samples(recording), gapless_segments(recording)
     kinds = axis_kinds(recording, sensor)
     return tuple(motion_threshold(recording, kind, segments, window)[0] for kind in kinds)

@@ -1,10 +1,10 @@
-"""Detection of the sections of a plan in the signal: rests by their scatter, turns by their angle.
+"""Detect the sections of a plan in the signal: rests by their scatter, turns by their angle.
 
 The scatter of the signal over half a second is compared with its quietest level, so that no
-threshold depends on units or on the sensor. Where some positions scatter by more than three times
-that level, the threshold between the two classes of scatter, rest and motion, replaces it
-(`inercal.recordings.segments.motion_thresholds`). The direction of the mean specific force
-identifies a rest, axis and angle of the integrated rate identify a turn.
+threshold depends on units or on the sensor. If some positions scatter by more than three times that
+level, the threshold between rest and motion from `inercal.recordings.segments.motion_thresholds` is
+used instead. A rest is identified by the direction of its mean specific force, and a turn by the
+axis and angle of its integrated rate.
 """
 
 from collections.abc import Sequence
@@ -29,35 +29,35 @@ from inercal.recordings.segments.motion_thresholds import (
     window_samples,
 )
 
-MARGIN = 0.25  # s cut off both ends of a rest, where the hand grips and lets go
+MARGIN = 0.25  # s cut off at both ends of a rest, where the hand grips and lets go
 SHORTEST = 1.0  # s
-# Ratio to the quietest tenth: white noise over a window of 50 samples stays below 1.5, a hand's
-# movement is tens to thousands.
+# Ratio to the quietest tenth: white noise over a window of 50 samples stays below 1.5, and the
+# movement of a hand gives tens to thousands.
 _RESTLESS = 3.0
-# A resting rate may differ between attitudes by so many quietest scatters, and by so many rad/s:
-# no hand turns slower, and the earth and gravity have smaller effects.
+# A resting rate may differ between attitudes by so many quietest scatters, or by so many rad/s. No
+# hand turns more slowly, and the effects of gravity and of the earth's rate are smaller.
 _TURNING, _SLOWEST = 10.0, 0.01
-_ALIGNED = 0.9  # cosine between a mean specific force (a turn's axis) and the nominal direction
-_LONGER = 2.0  # times another rest of its position: the shorter rest is a quiet moment of it
-_ROUGHLY = 0.7  # the cosine before biases are subtracted
-_EVEN = 1e-6  # length of the mean direction of attitudes in opposite pairs
+_ALIGNED = 0.9  # cosine between a mean specific force (or a turn's axis) and the nominal direction
+_LONGER = 2.0  # if another rest in the position is so many times longer, use that rest instead
+_ROUGHLY = 0.7  # the same cosine before biases are subtracted
+_EVEN = 1e-6  # length of the mean direction if attitudes form opposite pairs
 _TURN_TOLERANCE = 0.25  # relative error of a turn's angle within which it fits the plan
 
 
 @dataclass(frozen=True)
 class SectionDetection:
-    """The detected sections of a plan, and the thresholds.
+    """The detected sections of a plan, and the thresholds that were used.
 
     Parameters
     ----------
     marks : tuple of Mark
-        In the order of the plan; the longest rest where several fit a step.
+        Marks in the order of the plan; if several rests fit a step, the longest one.
     missing : tuple of str
-        Labels of the plan's holds that no rest fits.
+        Labels of the plan's holds for which no rest was found.
     rests : tuple of Mark
-        All rests, "rest 1", "rest 2", … sorted by time.
+        All rests, "rest 1", "rest 2", …, sorted by time.
     levels : tuple of MotionThreshold
-        Scatter at rest and in motion, and the threshold, of each kind of axis.
+        Scatter at rest and in motion, and the threshold, for each kind of axis.
     """
 
     marks: tuple[Mark, ...]
@@ -73,7 +73,7 @@ class SectionDetection:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """A warning where positions are missing."""
+        """A warning if positions are missing."""
         if not self.missing:
             return ()
         text = f"no rest fits {', '.join(self.missing)}: {self.words}"
@@ -83,12 +83,12 @@ class SectionDetection:
 def find_sections(
     recording: Recording, sensor: Sensor, steps: Sequence[HandStep]
 ) -> SectionDetection:
-    """Return the detected sections of a plan, as `search_sections` does.
+    """Detect the sections of a plan as `search_sections` does, but require at least one rest.
 
     Raises
     ------
     InputError
-        No rest, or the sensor is not a triad.
+        There is no rest, or the sensor is not a triad.
     """
     found = search_sections(recording, sensor, steps)
     if not found.rests:
@@ -104,20 +104,21 @@ def find_sections(
 def search_sections(
     recording: Recording, sensor: Sensor, steps: Sequence[HandStep]
 ) -> SectionDetection:
-    """Return the detected sections of a plan, perhaps none.
+    """Detect the sections of a plan; there may be none.
 
     Parameters
     ----------
     recording : Recording
-        Without a trial axis.
+        Recording without a trial axis.
     sensor : Sensor
-        Triads with nominal readouts; turns need gyros, and gyros improve the detection of rests.
+        Triads with nominal readouts. Turns require gyros, and gyros also improve the detection of
+        rests.
     steps : sequence of HandStep
 
     Raises
     ------
     InputError
-        A recording that is too short, or the sensor is not a triad.
+        The recording is too short, or the sensor is not a triad.
     """
     columns = [recording.channels.index(name) for name in sensor.channels]
     y = sensor.to_si(recording.data[:, columns])
@@ -151,9 +152,9 @@ def search_sections(
 
 
 class _Channel:
-    """Scatter and mean of a channel over a sliding window, and the largest scatter of rest.
+    """Scatter and mean of a channel over a sliding window, and the largest scatter at rest.
 
-    This limit is three times the scatter of the quietest tenth.
+    This limit is three times the scatter of the quietest tenth of the windows.
     """
 
     def __init__(self, x: Array, window: int):
@@ -165,24 +166,25 @@ class _Channel:
         mean, square = ((s[start + window] - s[start]) / window for s in sums)
         self.mean = mean
         self.deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
-        # A coarsely quantised channel may be constant: its smallest step limits the scatter below.
+        # A coarsely quantised channel may be constant, so the scatter is at least part of its
+        # smallest step.
         steps = np.abs(np.diff(x))
         least = float(steps[steps > 0].min()) if (steps > 0).any() else 1.0
         self.floor = max(float(np.quantile(self.deviation, 0.1)), 0.3 * least)
         self.limit = _RESTLESS * self.floor
 
     def at_rest(self, limit: float, *, rate: bool) -> NDArray[np.bool_]:
-        """Return where the channel scatters less than the limit and, if a rate, does not turn."""
+        """Return where the channel scatters less than the limit and, for a rate, is not turning."""
         quiet = self.deviation < limit
         if rate and quiet.any():
-            # In the middle of a turn the rate may be as steady as at rest, but it differs.
+            # In the middle of a turn the rate may be as steady as at rest, but its mean differs.
             away = np.abs(self.mean - np.median(self.mean[quiet]))
             quiet &= away < max(_TURNING * self.floor, _SLOWEST)
         return quiet
 
 
 def _class_thresholds(recording: Recording, sensor: Sensor, window: int) -> dict[str, float]:
-    """Return the threshold between rest and motion, SI, of the kinds of axis that have one."""
+    """Return the threshold between rest and motion, SI, for the kinds of axis that have one."""
     segments = gapless_segments(recording)
     found: dict[str, float] = {}
     for kind in axis_kinds(recording, sensor):
@@ -196,7 +198,7 @@ def _class_thresholds(recording: Recording, sensor: Sensor, window: int) -> dict
 
 
 def _finds_more(one: SectionDetection, other: SectionDetection) -> bool:
-    """Return whether a search finds all steps of another, and a further or a far longer one."""
+    """Return whether one search finds all steps of the other, plus a new or far longer one."""
     if not set(other.missing) >= set(one.missing):
         return False
     labels = {mark.label for mark in one.marks}
@@ -217,7 +219,7 @@ def _sections(
     channels: Sequence["_Channel"],
     limits: Sequence[float],
 ) -> SectionDetection:
-    """Return the detected sections of a plan; rests scatter less than the limit of each channel."""
+    """Return the detected sections of a plan; at rest, each channel scatters below its limit."""
     force = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
     rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
     quiet = np.ones(len(y), dtype=np.bool_)
@@ -259,7 +261,7 @@ def _level(
     limits: Sequence[float],
     quiet: NDArray[np.bool_],
 ) -> MotionThreshold:
-    """Return the scatter of a kind of axis, in output units: root mean square over its axes."""
+    """Return the scatter of one kind of axis, output units, as an RMS over its axes."""
     axis = next(axis for axis in sensor.axes if axis.measures == kind)
     scale = abs(axis.readout.scale)
     scatter = np.sqrt(np.mean([channel.deviation**2 for channel in channels], axis=0)) * scale
@@ -288,7 +290,7 @@ def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]
 
 
 def _offset(means: Array, ups: Array) -> Array:
-    """Return rough biases, (3,): the mean over rests in opposite attitudes, else zero.
+    """Return rough biases, (3,): the mean over rests in opposite attitudes, otherwise zero.
 
     A bias of 0.4 g changes the direction of a face by more than the cosine between faces allows.
     """
@@ -309,7 +311,7 @@ def _turns(
     rests: Sequence[tuple[int, int]],
     steps: Sequence[HandStep],
 ) -> list[Mark]:
-    """Return the turns by the planned angle about the vertical, where gravity does not move."""
+    """Return the turns by the planned angle about the vertical, which leave gravity unchanged."""
     bias = np.median(np.concatenate([w[a:b] for a, b in rests]), axis=0)
     window = sample_count(WINDOW, recording.median_step)
     candidates: list[tuple[int, int, Array]] = []
@@ -326,7 +328,7 @@ def _turns(
     for step in steps:
         if not isinstance(step, Turn):
             continue
-        # In either sense: the check of the plan reports a turn in the opposite direction.
+        # Accept both directions: the plan check reports a turn in the opposite direction.
         nominal = np.abs(step.angle * np.array(step.axis))
         apart = [float(np.linalg.norm(np.abs(angle) - nominal)) for _, _, angle in candidates]
         if apart and min(apart) < _TURN_TOLERANCE * abs(step.angle):

@@ -1,24 +1,26 @@
-"""From marked sections to observations: means with their covariance.
+"""Average marked sections to observations: means with their covariance.
 
-The noise of the resting sections is pooled: its density at zero frequency, by batch means, gives
-the covariance of each mean, also of the turns (the scatter within a turn is motion, not noise). A
-correlation longer than a batch enlarges the covariance, and a section with another scatter than the
-others gets a separate variance (`inercal.recordings.segments.section_noise`). Bias instability and
-random walk, which act between sections, are not estimated: the sensor's noise states them. Where it
-does not, a drift is not excluded. The slopes within all sections measure one that is quadratic in
-time, with an uncertainty that is several times that of a mean. Taken off the means, with its
-covariance between them, it is weighed against all else that shows a drift, such as repeated
-positions: the fit is that of means and slopes together.
+The noise of the sections at rest is pooled. Its density at zero frequency, from batch means, gives
+the covariance of each mean. This also applies to turns, because the scatter within a turn is motion
+and not noise. A correlation longer than a batch increases the covariance, and a section with
+unusual scatter gets its own variance (`inercal.recordings.segments.section_noise`). Bias
+instability and random walk act between sections and are not estimated; they are taken from the
+sensor's stated noise. If none is stated, a drift cannot be excluded. The slopes within all sections
+measure a drift that is quadratic in time, with an uncertainty several times that of a mean. This
+drift is subtracted from the means, and its covariance between the means is kept. The fit therefore
+combines it with all other data that reveal a drift, such as repeated positions, as if it had used
+means and slopes together.
 
-A slow ramp of temperature moves a bias within a section, which is not noise. Over all sections each
-channel has two slopes, of its bias and of its scale factor, by least squares::
+A slow temperature ramp changes the bias within a section, which is not noise. Over all sections,
+each channel has two temperature slopes, one for its bias and one for its scale factor, found by
+least squares::
 
     y − ȳ = (a + b ȳ)(T − T̄) + noise
 
-and their effect is subtracted before the noise is estimated. The means are not changed: the
-temperature coefficients describe the effect of T̄. A section whose temperature varies by less than
-0.02 K counts as constant: the noise of the temperature sensor would explain as much of the
-readings' noise.
+Their effect is subtracted before the noise is estimated. The means are not changed, because the
+temperature coefficients describe the effect of T̄. If the temperature varies by less than 0.02 K,
+the section counts as isothermal: otherwise, noise of the temperature sensor would explain part of
+the readings' noise.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -49,10 +51,10 @@ from inercal.recordings.segments.section_noise import (
 from inercal.recordings.temperature import temperature_varies
 
 Sections = Callable[[], Iterable[Array]]
-"""Returns the sections anew with each call, (..., n, m) each."""
-MIN_SAMPLES = 20  # fewer leave no batches from which to estimate the noise
+"""Function that returns the sections, (..., n, m) each, anew at each call."""
+MIN_SAMPLES = 20  # with fewer samples there are no batches from which to estimate the noise
 _CONSTANT = 0.02  # K
-_FREEDOM = 342  # degrees of freedom behind the noise: those of 18 rests of 20 batches
+_FREEDOM = 342  # degrees of freedom of the noise, as for 18 rests with 20 batches each
 
 
 def average_sections(
@@ -66,39 +68,40 @@ def average_sections(
     drifting: bool = False,
     turning: Sequence[str] = (),
 ) -> Observations:
-    """Return one row for each marked step, in the order of `steps`.
+    """Average each marked step to one row, in the order of `steps`.
 
     Parameters
     ----------
     recording : Recording
     sensor : Sensor
-        Its axes name the used channels; its readout converts to SI.
+        Sensor whose axes name the channels to use; its readout converts to SI units.
     marks : sequence of Mark
     steps : sequence of Step
     by_hand : bool
-        Whether the sensor trembles: the accelerometers' noise is then estimated along gravity
-        (`inercal.recordings.segments.hand_motion_noise`). Without a trial axis.
+        Whether the sensor trembles in a hand. The accelerometers' noise is then estimated along
+        gravity (`inercal.recordings.segments.hand_motion_noise`). Requires data without a trial
+        axis.
     found : bool
-        Whether the sections are known to be at rest: they were detected by their scatter, or
-        `require_still` has checked them.
+        Whether the sections are known to be at rest, because they were detected by their scatter or
+        checked by `require_still`.
     drifting : bool
-        Whether the drift of the accelerometers that the slopes of the sections show, about the
-        middle of the rests, is in `drift_mean`, and what they leave open of it in `drift`. Without
-        a trial axis.
+        Whether to return the drift of the accelerometers, relative to the middle of the rests, in
+        `drift_mean`, as found from the slopes of the sections, and the covariance of its remaining
+        uncertainty in `drift`. Requires data without a trial axis.
     turning : sequence of str
         Labels of further steps whose scatter is motion.
 
     Raises
     ------
     InputError
-        A section is too short, no hold is marked, or a section lies on a flaw of the recording.
+        A section is too short or contains a flaw of the recording, or no hold is marked.
     """
     by_label = {mark.label: mark for mark in marks}
     used = [step for step in steps if step.label in by_label]
     columns = [recording.channels.index(name) for name in sensor.channels]
 
     def section(step: Step, data: Array = recording.data) -> Array:
-        # Converted with each call: all sections together may be as large as the recording.
+        # Convert at each call, because all sections together may be as large as the recording.
         mark = by_label[step.label]
         return sensor.to_si(data[..., mark.start : mark.stop, columns])
 
@@ -148,7 +151,7 @@ def average_sections(
     since = middles - middles[at_rest].mean()
 
     def judged(of: Sections) -> tuple[Array, SectionNoise]:
-        """Return the factors on the deviations of all rows, (r, m), and their statistics."""
+        """Return factors for the standard deviations of all rows, (r, m), and noise statistics."""
         noise = section_noise_statistics(
             sensor, of, durations[at_rest], since[at_rest], names, coarse, by_hand=by_hand
         )
@@ -171,7 +174,7 @@ def average_sections(
         tests, notes = noise.tests, noise.notes
         slow = noise.drift
         if sensor.uses("dT") and temperature_varies(of_rows):
-            # A drift of the accelerometers cannot be told from terms of the temperature.
+            # A drift of the accelerometers cannot be distinguished from temperature terms.
             slow = slow.of_channels([axis.measures == "w" for axis in sensor.axes])
         if drifting and slow.covariance.any():
             course, shared = slow.course(since, recording.duration)
@@ -230,14 +233,14 @@ def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequen
     if isinstance(step, Turn) and lost.any():
         after = int(recording.gaps[np.argmax(lost), 0])
         raise InputError(
-            f"{where} cannot be used: samples were lost after sample {after}, and with them "
-            "part of the turn's angle; record it again",
+            f"{where} cannot be used: samples were lost after sample {after}, so part of "
+            "the turn's angle is missing; record it again",
             names=(mark.label,),
         )
 
 
 def remove_temperature_trend(sections: Sections, temperature: Sequence[Array]) -> Sections:
-    """Return r sections without the effect of the temperature change within them.
+    """Return r sections without the effect of temperature changes within them.
 
     Parameters
     ----------
@@ -267,6 +270,6 @@ def remove_temperature_trend(sections: Sections, temperature: Sequence[Array]) -
 
 
 def _temperature_departure(kelvin: Array) -> Array:
-    """Return the departure from the mean, (..., n) K; zero for sections of constant temperature."""
+    """Return the deviation from the mean, (..., n) K; zero for sections of constant temperature."""
     away = kelvin - kelvin.mean(axis=-1, keepdims=True)
     return np.where(np.ptp(kelvin, axis=-1, keepdims=True) > _CONSTANT, away, 0.0)

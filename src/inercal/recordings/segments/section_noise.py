@@ -1,8 +1,9 @@
-"""The noise of sections at rest: its correlation, its scatter, and changes within sections.
+"""Noise of sections at rest: its correlation, its scatter, and changes within sections.
 
-The statistics are those of `inercal.estimation.section_statistics`, separately for accelerometers
-and gyros. For a sensor in a hand only the accelerometers along gravity are analysed: all else is
-motion of the hand, whose scatter the residuals show (`inercal.estimation.residual_scatter`).
+The statistics come from `inercal.estimation.section_statistics`, separately for accelerometers and
+gyros. For a hand-held sensor only the accelerometer readings along gravity are analysed. All other
+readings contain motion of the hand, whose scatter appears in the residuals
+(`inercal.estimation.residual_scatter`).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -23,62 +24,62 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Noise, Sensor
 from inercal.recordings.segments.hand_motion_noise import readings_along_gravity
 
-_ALIKE = 3.0  # times in scatter: rests that differ by more are reported
+_ALIKE = 3.0  # rests whose scatter differs by a larger factor are reported
 
 
 class SectionDrift(NamedTuple):
-    """A drift of m biases, quadratic in time, as the slopes within sections show it."""
+    """Drift of m biases, quadratic in time, estimated from the slopes within sections."""
 
     rates: Array  # (2, m), per second and per second²
     covariance: Array  # (m, 2, 2)
 
     @classmethod
     def zero(cls, m: int) -> "SectionDrift":
-        """Return no drift, known exactly."""
+        """Return a drift that is known to be exactly zero."""
         return cls(np.zeros((2, m)), np.zeros((m, 2, 2)))
 
     def of_channels(self, chosen: Sequence[bool]) -> "SectionDrift":
-        """Return the drift of some channels; the others have none."""
+        """Return the drift with the other channels set to zero."""
         keep = np.array(chosen)
         return SectionDrift(self.rates * keep, self.covariance * keep[:, None, None])
 
     def course(self, since: Array, length: float) -> tuple[Array, Array]:
-        """Return the drift at times, (s, m), and its covariance between them, (s, s, m).
+        """Return the drift at given times, (s, m), and its covariance between them, (s, s, m).
 
-        Its mean over a run is zero.
+        The mean of the drift over a run is zero.
 
         Parameters
         ----------
         since : (s,) array
-            Since the middle of the run, s.
+            Times since the middle of the run, s.
         length : float
-            Of the run, s.
+            Length of the run, s.
         """
         basis = np.stack([since, 0.5 * (since**2 - length**2 / 12)], axis=-1)
         return basis @ self.rates, np.einsum("si,mij,tj->stm", basis, self.covariance, basis)
 
 
 class SectionNoise(NamedTuple):
-    """Noise of r sections of m channels."""
+    """Noise of r sections in m channels."""
 
-    scale: Array  # (r, m), each section's variance over the mean of all
-    correlation: tuple[NoiseCorrelation, ...]  # of each channel
+    scale: Array  # (r, m), each section's variance divided by the mean of all
+    correlation: tuple[NoiseCorrelation, ...]  # one for each channel
     drift: SectionDrift
     tests: tuple[ModelTest, ...]
     notes: tuple[str, ...]
-    disturbance_variance: Array  # (r, m), variance of each mean by a change within its section
+    disturbance_variance: Array  # (r, m), variance of each mean due to a change within its section
 
     def factor(self, seconds: Array, lengths: Array, batches: int) -> Array:
-        """Return the variance of means over that from the pooled batch means, (s, m).
+        """Return the variance of means relative to that from the pooled batch means, (s, m).
 
         Parameters
         ----------
         seconds : (s,) array
-            Durations of the means.
+            Durations of the means, s.
         lengths : (r,) array
-            Durations of the sections whose batch means were pooled.
+            Durations of the sections whose batch means were pooled, s.
         batches : int
-            Number in each section.
+            Number of batches in each section.
         """
         parts = [
             noise.mean_variance_ratio(seconds)
@@ -98,17 +99,17 @@ def section_noise_statistics(
     *,
     by_hand: bool,
 ) -> SectionNoise:
-    """Return the noise of sections.
+    """Return the noise statistics of sections.
 
     Parameters
     ----------
     sensor : Sensor
     sections : callable
-        Returns the sections, (n, m) each, SI.
+        Function that returns the sections, (n, m) each, SI.
     seconds : (r,) array
-        Their durations.
+        Durations of the sections, s.
     since : (r,) array
-        Time of their middles since the middle of all, s.
+        Time from the middle of all sections to the middle of each section, s.
     labels : sequence of r str
     rounding : (m,) array
         Variance that coarse steps add to each mean.
@@ -125,7 +126,8 @@ def section_noise_statistics(
         series = readings_along_gravity(sensor, sections())
         cut = [haar_contrasts(s[:, None], t) for s, t in zip(series, seconds.tolist(), strict=True)]
         judged = analyse_sections(cut, labels, ["accelerometers along gravity"], steps)
-        # The effect of a drift changes its sign with the attitude: the norms of all rests show it.
+        # The sign of a drift's effect changes with the attitude; the norms of all rests reveal the
+        # drift.
         within = (judged.within,) if judged.within and judged.shape == "change" else ()
         return SectionNoise(scale, (WHITE,) * m, drift, within, (), disturbance_variance)
     for kind, quantity in QUANTITIES.items():
@@ -137,7 +139,7 @@ def section_noise_statistics(
             for section, t in zip(sections(), seconds.tolist(), strict=True)
         ]
         names = [sensor.axes[k].name for k in own]
-        # Slow noise that the sensor's table states enters as stated.
+        # Slow noise that the sensor's table states is used as stated.
         stated = any(_has_slow_noise(sensor.axes[k].noise) for k in own)
         judged = analyse_sections(cut, labels, names, rounding[own], coloured=stated)
         scale[:, own] = judged.scale[:, None]
@@ -145,10 +147,11 @@ def section_noise_statistics(
         tests += judged.tests
         if not stated:
             if kind == "w":
-                # All sections measure the bias of a gyro, and their residuals show its drift.
+                # All sections measure a gyro's bias, so their residuals reveal its drift.
                 drift.covariance[own, 0, 0] = judged.significant_trend_sd**2
             elif np.isfinite(judged.slope_sd).all():
-                # Two of six measure that of an accelerometer: a drift below any test shifts it.
+                # Only two of six measure an accelerometer's bias, so a drift that no test can
+                # detect shifts it.
                 steady = np.flatnonzero(~judged.disturbance_variance.any(axis=1)).tolist()
                 drift.rates[:, own], drift.covariance[own] = drift_of_slopes(
                     [cut[k] for k in steady], since[steady], judged.slope_sd, rounding[own]
@@ -169,31 +172,32 @@ def section_noise_statistics(
 def drift_of_slopes(
     sections: Sequence[Contrasts], since: Array, slope_sd: Array, rounding: Array
 ) -> tuple[Array, Array]:
-    """Return rate and change of rate of a drift, (2, m), and their covariance, (m, 2, 2).
+    """Estimate the rate and rate change of a drift, (2, m), and their covariance, (m, 2, 2).
 
-    By least squares of the slopes of r sections, which have one deviation in units of their noise.
+    The estimate is a least-squares fit to the slopes of r sections, which all have the same
+    standard deviation in units of their noise.
 
     Parameters
     ----------
     sections : sequence of r Contrasts
     since : (r,) array
     slope_sd : (m,) array
-        Of `Contrasts.slope`.
+        Standard deviation of `Contrasts.slope`.
     rounding : (m,) array
-        Variance that coarse steps add to each half of a section.
+        Variance that coarse steps add to the mean of each half of a section.
     """
     reach = np.array([one.slope_per_trend for one in sections])
     seconds = np.array([one.seconds for one in sections])
     design = reach[:, None] * np.stack([np.ones(len(since)), since], axis=-1)
     gram = np.linalg.pinv(design.T @ design)
     rates = gram @ design.T @ np.stack([one.slope for one in sections])
-    # The means of halves of T seconds are T/2 apart, and both are rounded.
+    # The means of two halves of T seconds are T/2 apart, and both are rounded.
     of_steps = 8 * rounding * float(np.mean((reach / seconds) ** 2))
     return rates, (slope_sd**2 + of_steps)[:, None, None] * gram
 
 
 def drift_notes(sensor: Sensor, reach: Array) -> list[str]:
-    """Return notes on the drift over the run that the uncertainty contains, (m,) SI."""
+    """Return notes about the drift over the run that the uncertainty includes, (m,) SI."""
     notes: list[str] = []
     for kind, quantity in QUANTITIES.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]

@@ -1,4 +1,4 @@
-"""States of a rate table's recording besides its dwells: rests, and findings on states left out."""
+"""States in a rate table's recording besides dwells: rests, and findings about omitted states."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,12 +27,12 @@ _LEAST_REST = 3.0  # s
 
 
 def find_stationary_states(recording: Recording) -> tuple[tuple[Mark, ...], tuple[Finding, ...]]:
-    """Return the rests of a table under each label, "XY at rest", and findings on rests left out.
+    """Return the table's rests under each label, "XY at rest", and findings about unused rests.
 
     Parameters
     ----------
     recording : Recording
-        With readback "arm_rate", rad/s, and labels.
+        Recording with readback "arm_rate", rad/s, and labels.
     """
     still = _is_stationary(recording)
     rests: list[Mark] = []
@@ -47,7 +47,7 @@ def find_stationary_states(recording: Recording) -> tuple[tuple[Mark, ...], tupl
             if (flaw := flaw_text(recording, mark)) is None:
                 rests.append(mark)
                 continue
-            text = f"{mark.label} is left out: {flaw}"
+            text = f"{mark.label} is not used: {flaw}"
             left_out.append(Finding("warning", "dwell", text, None, mark.start, mark.stop))
     return tuple(rests), tuple(left_out)
 
@@ -55,19 +55,19 @@ def find_stationary_states(recording: Recording) -> tuple[tuple[Mark, ...], tupl
 def omitted_state_findings(
     recording: Recording, marks: Sequence[Mark], findings: Sequence[Finding]
 ) -> tuple[Finding, ...]:
-    """Return findings on parts of a recording that are no states, each with its reason.
+    """Return findings about parts of a recording that do not count as states, with the reasons.
 
-    These are steady rates with too few whole turns under a label, rests that are too short, labels
-    without any state, and ranges at which the recording breaks off while the table turns.
+    They concern steady rates with too few whole turns under a label, rests that are too short,
+    labels without any state, and places where the recording is interrupted while the table turns.
 
     Parameters
     ----------
     recording : Recording
-        With readback "arm_rate", rad/s, and labels.
+        Recording with readback "arm_rate", rad/s, and labels.
     marks : sequence of Mark
-        Its states.
+        Marks of the recording's states.
     findings : sequence of Finding
-        Findings on states left out for other reasons, with their samples.
+        Findings about states that were not used for other reasons, with their samples.
     """
     used = [(mark.start, mark.stop) for mark in marks]
     used += [(f.start, f.stop) for f in findings if f.start is not None and f.stop is not None]
@@ -97,7 +97,7 @@ def omitted_state_findings(
 
 
 class _OmittedState(NamedTuple):
-    """A part that is no state: the reason, the size, and the needed size."""
+    """A part that does not count as a state: the reason, its size, and the required size."""
 
     label: str
     kind: str
@@ -112,7 +112,7 @@ def _omission_text(lost: Sequence[_OmittedState]) -> str:
     _, kind, _, unit, needed = lost[0]
     if not unit:
         return f"{count} ({kind})"
-    # Rounded down: 2.96 turns are not 3.
+    # Round down: 2.96 turns are not 3.
     low, high = (
         f"{int(10 * size) / 10:.1f}"
         for size in (min(one.size for one in lost), max(one.size for one in lost))
@@ -124,7 +124,7 @@ def _omission_text(lost: Sequence[_OmittedState]) -> str:
 def _short_dwell(
     recording: Recording, name: str, smooth: Array, start: int, stop: int
 ) -> _OmittedState | None:
-    """Return a steady rate that is no state; None for a short moment."""
+    """Return a steady rate that does not count as a state; None if it lasts only a moment."""
     if recording.span(start, stop) < SETTLING_TIME:
         return None
     cuts = [int(after) for after in recording.gaps[:, 1] if start < after < stop]
@@ -143,9 +143,9 @@ def _short_dwell(
 def _short_rest(
     recording: Recording, name: str, runs: Sequence[tuple[int, int]], others: bool
 ) -> list[_OmittedState]:
-    """Return the longest rest under a label, where it was intended as a state.
+    """Return the longest rest under a label, if it was intended as a state.
 
-    Between other states a table may stop for a moment without such an intention.
+    Between other states, a table may stop for a moment without such an intention.
     """
     longest = max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
     if (longest[1] - longest[0]) / recording.rate_hz < (_LEAST_REST if others else SETTLING_TIME):
@@ -157,14 +157,14 @@ def _short_rest(
 
 
 def _interruption_text(recording: Recording, start: int, stop: int) -> str:
-    """Return words for what ended a state, if it did not end by itself."""
+    """Return words that say how a state was interrupted, if it did not end by itself."""
     if any(start <= after <= stop for after in recording.gaps[:, 1].tolist()):
         return " next to a gap"
     return " up to the end of the recording" if stop == recording.time.size else ""
 
 
 def _lost_motion_texts(recording: Recording) -> list[str]:
-    """Return texts on gaps, and an end, while the table turns: its states there are unknown."""
+    """Return texts on gaps or an end while the table turns, where its states are unknown."""
     labels, rate = recording.labels, recording.readback[ARM_RATE]
     assert labels is not None
     turning = ~_is_stationary(recording)
@@ -175,8 +175,8 @@ def _lost_motion_texts(recording: Recording) -> list[str]:
             lost = recording.time[after] - recording.time[before]
             side = f"{labels[before]} when" if turning[before] else f"{labels[after]} after"
             texts.append(
-                f"the table turns under {side} {format_duration(float(lost))} are lost "
-                f"({recording.where(before)}): states may be lost with them"
+                f"the table turns under {side} {format_duration(float(lost))} of data are lost "
+                f"({recording.where(before)}): states may be missing there"
             )
     if turning[-1]:
         texts.append(f"the recording ends while the table turns under {labels[-1]}")
@@ -200,5 +200,5 @@ def _labelled_sections(recording: Recording) -> list[tuple[str, int, int]]:
 
 
 def _runs(held: NDArray[np.bool_], start: int, stop: int) -> list[tuple[int, int]]:
-    """Return the ranges of samples start to stop along which `held` is true."""
+    """Return the ranges, within samples start to stop, in which `held` is true."""
     return [(first, last) for first, last in (true_ranges(held[start:stop]) + start).tolist()]

@@ -1,8 +1,8 @@
-"""Holds of a turntable, and turns of a single axis, from its readback.
+"""Detect the holds of a turntable, and the turns of single axes, from its readback.
 
-The table holds where no axis moves by more than its noise within a second. Holds are cut where
-samples are missing and where one label follows another, and the settling is removed at both ends.
-An axis turns where only this axis has a rate. A label, or an angle of more than half a turn,
+The table holds if no axis moves by more than its noise within a second. Holds are cut where samples
+are missing and where the label changes, and the settling time is removed at both ends. An axis
+turns if it is the only one with a rate. A label, or an angle of more than half a turn,
 distinguishes a turn from a move to the next position, for which the table takes the shorter way.
 """
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -17,12 +17,12 @@ from inercal.basics.arrays import Array
 from inercal.recordings import STAMP_ROUNDING, Indices, sample_count
 
 _WINDOW = 1.0  # s
-_LEAST = 1.0  # s, of a hold without its settling
-_APART = 0.5  # s without a sample after which a hold ends
-_NOISE = 10.0  # standard deviations of noise within which the readings of a second range
-_STILL = 4.8e-5  # rad, 10″: less in a second is the table's control; the earth turns by 15″
+_LEAST = 1.0  # s, shortest hold without its settling
+_APART = 0.5  # s without a sample, after which a hold ends
+_NOISE = 10.0  # standard deviations: largest range of the readings in a second due to noise
+_STILL = 4.8e-5  # rad, 10″; a smaller motion in a second is table control; the earth turns by 15″
 _QUANTA = 2.5
-_COARSEST = 5e-4  # rad, 0.03°, step of a readback
+_COARSEST = 5e-4  # rad, 0.03°, coarsest step of a readback
 _DUST = 1e-9  # rad; smaller steps come from rounding
 _SPAN = 0.1  # s before and after a sample, over which its rate is computed
 _SLOWEST = 9e-4  # rad/s, 0.05 °/s
@@ -42,16 +42,16 @@ class AxisTurn(NamedTuple):
 
 
 def hold_limits(angles: Array) -> Array:
-    """Return the largest motion of each axis within a second of a hold, (k,) rad.
+    """Return the largest motion of each axis within a second that still counts as a hold, (k,) rad.
 
     Parameters
     ----------
     angles : (n, k) array
-        Readback, rad, unwrapped.
+        Unwrapped readback angles, rad.
     """
     limits: list[float] = []
     for column in angles.T:
-        # At a steady rate second differences are noise, of 1 + 4 + 1 variances.
+        # At a steady rate the second differences are noise with 1 + 4 + 1 times its variance.
         bent = np.abs(np.diff(column, 2))
         noise = float(np.median(bent)) / (0.6745 * 6**0.5) if bent.size else 0.0
         steps = np.abs(np.diff(column))
@@ -64,18 +64,18 @@ def hold_limits(angles: Array) -> Array:
 def find_holds(
     time: Array, angles: Array, labels: NDArray[np.str_] | None, settling: float
 ) -> Indices:
-    """Return the holds, (h, 2): half-open ranges of samples.
+    """Return the holds, (h, 2), as half-open ranges of samples.
 
     Parameters
     ----------
     time : (n,) array
-        s.
+        Time of each sample, s.
     angles : (n, k) array
-        Readback, rad, unwrapped.
+        Unwrapped readback angles, rad.
     labels : (n,) array of str or None
-        A hold ends where one label follows another.
+        Labels of the samples; a hold ends where the label changes.
     settling : float
-        s removed at both ends of a hold, but not at the ends of the recording.
+        Time to remove at both ends of a hold, except at the ends of the recording, s.
     """
     n = time.size
     if n < 2:
@@ -102,12 +102,12 @@ def find_holds(
 
 
 def select_long_holds(time: Array, holds: Indices) -> Indices:
-    """Return the holds, (h, 2), that last a second or more."""
+    """Return the holds, (h, 2), that last at least a second."""
     return holds[time[holds[:, 1] - 1] - time[holds[:, 0]] >= _LEAST * (1 - 1e-3)]
 
 
 def holds_from_numbers(time: Array, number: Array) -> Indices:
-    """Return the holds, (h, 2), from the hold number of each sample, (n,); negative for none."""
+    """Return the holds, (h, 2), given each sample's hold number, (n,), negative outside holds."""
     parted = (np.diff(time) > _APART) | (number[1:] != number[:-1])
     return _runs(number >= 0, parted)
 
@@ -120,7 +120,7 @@ def _runs(wanted: NDArray[np.bool_], parted: NDArray[np.bool_]) -> Indices:
 
 
 def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> tuple[AxisTurn, ...]:
-    """Return the turns of a single axis, sorted by time; arguments as of `find_holds`."""
+    """Return the turns of single axes, sorted by time; see `find_holds` for the arguments."""
     if time.size < 2:
         return ()
     rate = _rates(time, angles)
@@ -134,7 +134,7 @@ def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> t
     for a, b in zip(start[alone].tolist(), stop[alone].tolist(), strict=True):
         axis = int(np.argmax(sense[a] != 0))
         a, b = _extend_to_rest(sense[:, axis], a, b, 2 * margin + 1)
-        # Near a start, a stop or a reversal the rate is too small to be detected.
+        # Close to a start, a stop or a reversal, the rate is too small to be detected.
         reach = float(np.ptp(angles[max(a - margin, 0) : b + margin, axis]))
         angle = float(sense[a, axis]) * reach
         named = labels is not None and bool(labels[(a + b) // 2])
@@ -144,10 +144,10 @@ def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> t
 
 
 def _extend_to_rest(sense: NDArray[np.int8], start: int, stop: int, most: int) -> tuple[int, int]:
-    """Return a turn extended to rest, where another axis starts soon after or has just stopped.
+    """Extend a turn to rest if another axis starts soon after it or stopped shortly before it.
 
     A rate over a span begins too early and ends too late, so the rest is halfway between the axes.
-    A mean over a turn must extend from rest to rest, or it depends on the latency.
+    The mean over a turn must extend from rest to rest, otherwise it depends on the latency.
     """
     other = sense != sense[start]
     begin = max(start - most, 0)
@@ -158,7 +158,7 @@ def _extend_to_rest(sense: NDArray[np.int8], start: int, stop: int, most: int) -
 
 
 def _rates(time: Array, angles: Array) -> Array:
-    """Return the rate of each axis about each sample, (n, k) rad/s."""
+    """Return the rate of each axis around each sample, (n, k) rad/s."""
     n, reach = time.size, _samples(time, _SPAN)
     rate = np.empty_like(angles)
     for start in range(0, n, _BLOCK):

@@ -1,7 +1,7 @@
 """The study of Wang and Li 2021: accelerometers on a precision centrifuge by norm observation.
 
-Each module takes one question: what comes out, and the section of the page that shows it. Its
-words, and the claims that it judges, stand in the TOML file of the section's name.
+Each module answers one question and builds the section of the page about it. The text and the
+claims of a section are in the TOML file with the section's name.
 """
 
 from inercal.basics.parallel import Executor
@@ -20,8 +20,8 @@ from inercal.studies.study import MessageCallback, Study
 def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
     """Return the study; see `inercal.studies.reproduce`.
 
-    It is not divided into tasks: all of it takes 2 s, hardly more than other processes need to
-    start.
+    The study is not divided into tasks, because it takes only 2 s, hardly longer than starting
+    other processes.
     """
     say("Table 1: screening the printed outputs")
     first = printed_tables.outputs_section()

@@ -1,4 +1,4 @@
-"""Table 3 and what else the bench does: lever arms, earth's rate, errors of the acceleration."""
+"""Table 3 and other effects of the bench: lever arms, earth's rate, acceleration errors."""
 
 from dataclasses import dataclass, replace
 
@@ -31,30 +31,31 @@ from inercal.studies.study import StudySection, StudyTable
 TEXT = read_section_text("inercal.studies.centrifuge", "bench")
 
 ARM_LENGTH = 0.02  # m
-ACCELERATION_ERROR = 1e-5  # error of the centripetal acceleration
-PRINTED_ERRORS = np.array([  # |ΔS|, |Δb|, |ΔD| of x, y, z
+ACCELERATION_ERROR = 1e-5  # relative error of the centripetal acceleration
+PRINTED_ERRORS = np.array([  # |ΔS|, |Δb|, |ΔD| for x, y, z
     [2.073e-10, 3.795e-11, 3.191e-10],
     [5.012e-8, 7.918e-10, 4.682e-10],
     [8.117e-11, 2.289e-13, 1.863e-13],
 ])  # fmt: skip
-# Of the nine components of three lever arms these act on the readings of the printed positions.
+# The components of the three lever arms that affect the readings in the printed positions.
 OBSERVED_ARMS = ("x.arm_i", "x.arm_o", "y.arm_i", "z.arm_i", "z.arm_p")
 
 
 @dataclass(frozen=True, eq=False)
 class LeverArmErrors:
-    """Errors of S, b, D, (3, 3), with lever arms ignored, and with them estimated.
+    """Errors of S, b and D, (3, 3), if lever arms are ignored, and if they are estimated.
 
     Parameters
     ----------
     paper, ml : (3, 3) arrays
-        Axes B and C 2 cm out along their own directions, A at the centre.
+        Errors with axes B and C 2 cm off the centre along their own directions, and A at the
+        centre.
     least : (3, 3) array
-        The smallest |error| of `paper` over arrangements, by coefficient; `arrangements` many.
+        Smallest |error| of `paper` for each coefficient over all `arrangements`.
     std : (5,) array
-        Deviations of the components in `OBSERVED_ARMS` where they are estimated, m.
+        Standard deviations of the components in `OBSERVED_ARMS` when they are estimated, m.
     left : float
-        Largest |error| of S, b and D then.
+        Largest |error| of S, b and D when the lever arms are estimated.
     """
 
     paper: Array
@@ -71,8 +72,8 @@ def lever_arm_errors() -> LeverArmErrors:
     own = np.diag([0.0, ARM_LENGTH, ARM_LENGTH])
     output = outputs(replace(TRUTH, arms=own), spins)
     found: list[Array] = []
-    for i in range(3):  # which axis is out
-        for k in range(3):  # and along what
+    for i in range(3):  # the axis that is off the centre
+        for k in range(3):  # and the direction
             for sign in (1, -1):
                 place = np.zeros((3, 3))
                 place[i, k] = sign * ARM_LENGTH
@@ -94,12 +95,12 @@ def lever_arm_errors() -> LeverArmErrors:
 
 
 def earth_rate_errors() -> Array:
-    """Return the errors of S, b, D by `ml`, (3, 3), with the earth's rate at 39° ignored."""
+    """Return the errors of `ml`, (3, 3), when the earth's rate at 39° is ignored."""
     return ml_errors(outputs(TRUTH, steps(), dwell_force(steps(), LATITUDE)))
 
 
 def _outputs_with_errors(relative: Array) -> Array:
-    """Return outputs, (..., r, 3), with relative errors, (..., r), of the acceleration."""
+    """Return outputs, (..., r, 3), with relative acceleration errors, (..., r)."""
     spins = steps()
     out, _ = outward_and_up_directions(spins)
     a = np.array([step.rate for step in spins]) ** 2 / G
@@ -107,26 +108,26 @@ def _outputs_with_errors(relative: Array) -> Array:
 
 
 def common_acceleration_error() -> Array:
-    """Return the errors by `ml`, (3, 3), of an acceleration 10⁻⁵ larger than taken, in all rows."""
+    """Return the errors of `ml`, (3, 3), if the true acceleration is 10⁻⁵ larger in all rows."""
     return ml_errors(_outputs_with_errors(np.full(len(steps()), ACCELERATION_ERROR)))
 
 
 def random_acceleration_scatter(trials: int, seed: int) -> Array:
-    """Return the scatter by `ml`, (3, 3), of an error of 1e-5 of its own in each row."""
+    """Return the scatter of `ml`, (3, 3), from independent acceleration errors of 1e-5 per row."""
     rng = np.random.default_rng([seed, 836])
     output = _outputs_with_errors(ACCELERATION_ERROR * rng.standard_normal((trials, len(steps()))))
     return coefficients_as_printed(ml_estimate(output, steps()).value).std(axis=0)
 
 
 def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
-    """Return the section of Table 3 and of the bench.
+    """Build the section about Table 3 and the other effects of the bench.
 
     Parameters
     ----------
     clean, bound : (3, 3) arrays
         Errors of `paper` without a lever arm, and the Cramér–Rao bound.
     trials, seed : int
-        Of the random errors.
+        Number of trials and seed for the random errors.
     """
     lever, turning, shared = lever_arm_errors(), earth_rate_errors(), common_acceleration_error()
     own = random_acceleration_scatter(trials, seed)
@@ -135,9 +136,10 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
             Claim(f"error of {q}_a{axis} by a lever arm of 2 cm", "Table 3", PRINTED_ERRORS[i, k],
                   UNITS[q], kind="result", last_digit=_last_digit(PRINTED_ERRORS[i, k])),
             abs(lever.paper[i, k]), abs(clean[i, k]),
-            "u is what the formulas leave without any arm; ml with nine parameters errs by "
+            "u is the error of the formulas without any arm; ml with nine parameters has an error "
+            "of "
             f"{format_significant(lever.ml[i, k])}, and of {lever.arrangements} arrangements of a "
-            f"single arm the least error is {format_significant(lever.least[i, k])}",
+            f"single arm the smallest error is {format_significant(lever.least[i, k])}",
         )
         for i, q in reversed(list(enumerate(QUANTITIES)))
         for k, axis in enumerate(AXES)
@@ -146,7 +148,7 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
         worst = np.abs(lever.paper[i]).max()
         findings.append(
             TEXT.judge(f"small_{q}", worst, np.abs(clean[i]).max(),
-                f"the largest error of three axes by (16) to (22); by ml "
+                f"the largest error of the three axes from (16) to (22); from ml "
                 f"{format_significant(np.abs(lever.ml[i]).max())}")
         )  # fmt: skip
     rows = {
@@ -154,12 +156,12 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
         "lever arms of B and C ignored: ml": lever.ml,
         "earth's rate at 39° ignored: ml "
         f"({format_significant(simulated_centrifuge.earth_rate_ratio())} of ω₁)": turning,
-        "acceleration 10⁻⁵ larger than taken: ml": shared,
+        "acceleration 10⁻⁵ larger than assumed: ml": shared,
         "10⁻⁵ S and 10⁻⁵ D for comparison": ACCELERATION_ERROR
         * TRUTH.values
         * np.array([[1.0], [0.0], [1.0]]),
-        "acceleration off by 10⁻⁵ at random in each row: ml, scatter": own,
-        "the same over the bound by noise alone": own / bound,
+        "random acceleration error of 10⁻⁵ in each row: ml, scatter": own,
+        "the same, divided by the bound from noise only": own / bound,
     }
     return TEXT.section(
         findings,
@@ -179,5 +181,5 @@ def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
 
 
 def _last_digit(value: float) -> float:
-    """Return one unit in the last of four printed digits."""
+    """Return the value of one unit in the last of four printed digits."""
     return 10.0 ** (np.floor(np.log10(value)) - 3)

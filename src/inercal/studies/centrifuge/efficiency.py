@@ -1,4 +1,4 @@
-"""How well each estimator uses the data, what a plan determines, and a better plan."""
+"""Efficiency of the estimators, observability of the plans, and a better plan."""
 
 from dataclasses import replace
 
@@ -30,14 +30,14 @@ _SINGULAR = 1e-10
 
 
 def rank_and_condition(spins: tuple[Spin, ...]) -> tuple[int, float]:
-    """Return the rank of the thirteen columns of (15), and their scaled condition number."""
+    """Return the rank and the scaled condition number of the thirteen columns in (15)."""
     rows = closed_formulas.regression_matrix(outputs(TRUTH, spins))
     singular = np.linalg.svd(rows / np.linalg.norm(rows, axis=0))[1]
     return int(np.sum(singular > _SINGULAR * singular[0])), float(singular[0] / singular[-1])
 
 
 def least_observable_terms(spins: tuple[Spin, ...]) -> str:
-    """Return the three terms of (15) that the dwells separate worst, as text."""
+    """Return the three terms in (15) that the dwells separate worst, as text."""
     rows = closed_formulas.regression_matrix(outputs(TRUTH, spins))
     vector = np.abs(np.linalg.svd(rows / np.linalg.norm(rows, axis=0))[2][-1])
     terms = ["1", *(f"N_{axis}{power}" for power in ("", "²", "³", "⁴") for axis in AXES)]
@@ -46,7 +46,7 @@ def least_observable_terms(spins: tuple[Spin, ...]) -> str:
 
 
 def known_attitude_bound() -> Array:
-    """Return the Cramér–Rao bound of S, b, D, (3, 3), for exactly known attitudes."""
+    """Return the Cramér–Rao bound for S, b and D, (3, 3), with exactly known attitudes."""
     spins = steps()
     return stated_deviations(
         ml_estimate(outputs(TRUTH, spins), spins, replace(BENCH, indexing=0.0))
@@ -54,13 +54,13 @@ def known_attitude_bound() -> Array:
 
 
 def full_circle_bound() -> Array:
-    """Return the bound of S, b, D, (3, 3), of as many dwells all around the circle."""
+    """Return the bound for S, b and D, (3, 3), with the same number of dwells on a full circle."""
     spins = steps("full-circle")
     return stated_deviations(ml_estimate(outputs(TRUTH, spins), spins))
 
 
 def section(trials: CentrifugeTrials) -> StudySection:
-    """Return the section of efficiency and of the counting rule."""
+    """Build the section about efficiency and the counting rule."""
     known, round_ = known_attitude_bound(), full_circle_bound()
     once = steps(rates=RATES[:1]) * 3
     twice, thrice = steps(rates=RATES[:2]), steps()
@@ -85,7 +85,8 @@ def section(trials: CentrifugeTrials) -> StudySection:
             f"{len(once)} dwells at one rate have rank {of_once} of {TERM_COUNT}"),
         TEXT.judge("needed", fewest, 0.0,
             f"{len(twice)} dwells at two rates have rank {of_twice} of {TERM_COUNT}: the rates and "
-            "the attitudes decide, and the condition number says how well"),
+            "the attitudes matter, and the condition number shows how well they determine the "
+            "terms"),
     )  # fmt: skip
     heads = [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES]
     best = trials.bound / round_
@@ -96,7 +97,7 @@ def section(trials: CentrifugeTrials) -> StudySection:
             StudyTable("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
                   [(name, format_all(value.ravel(), 3))
                    for name, value in sets.items()]),
-            StudyTable("What the plans determine of the 13 terms of (13)", "plan",
+            StudyTable("How well the plans determine the 13 terms of (13)", "plan",
                   ("dwells", "rank", "scaled\ncondition number", "worst\nseparated"),
                   [(name, [str(len(spins)), str(r),
                            *((format_significant(c, 3), least_observable_terms(spins))
@@ -106,8 +107,8 @@ def section(trials: CentrifugeTrials) -> StudySection:
         (
             Chart(
                 "efficiency",
-                "Standard deviations over the Cramér–Rao bound of the printed design, by norms "
-                "alone; 1 is the best that its data allow.",
+                "Standard deviations divided by the Cramér–Rao bound of the printed design, from "
+                "norms only; 1 is the best that its data allow.",
                 [
                     StudyPanel("", "", "σ / bound",
                           [Curve(name.removesuffix(", scatter").removeprefix("bound: "),

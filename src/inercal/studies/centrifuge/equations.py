@@ -1,11 +1,11 @@
-"""The printed equations and their corrected forms, and the Taylor orders of (10), on exact data.
+"""The printed equations, their corrected forms and the Taylor orders of (10), on exact data.
 
-Each finding on an equation takes one number that it should give: what it gives as printed, what is
-true, and, as the uncertainty, what the mended form leaves.
+Each finding on an equation compares one number: the result of the printed equation, the true value,
+and, as the uncertainty, the remaining error of the corrected form.
 
-With u = (N − b)/S the root of f + D f² = u is f = Σ c_n D^(n−1) u^n, c = 1, −1, 2, −5, 14 …, the
-Catalan numbers with alternating signs. A calibration that stops at some order is the least-squares
-fit of Σ f² = A² + 1 with f so shortened, weighted as `ml` is.
+With u = (N − b)/S, the root of f + D f² = u is f = Σ c_n D^(n−1) u^n, c = 1, −1, 2, −5, 14 …, the
+Catalan numbers with alternating signs. A calibration up to some order is the least-squares fit of Σ
+f² = A² + 1 with f truncated at this order, with the same weights as `ml`.
 """
 
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ _ITERATIONS = 8
 
 
 def truncated_root(u: Array, bend: Array, order: int | None) -> Array:
-    """Return f of f + D f² = u, to an order of u or exactly; g.
+    """Return the root f of f + D f² = u, exactly or up to an order of u, g.
 
     >>> float(truncated_root(np.array(1.0), np.array(0.0), None))
     1.0
@@ -48,21 +48,21 @@ def truncated_root(u: Array, bend: Array, order: int | None) -> Array:
 
 
 def truncation_error(order: int, f: Array, bend: Array) -> Array:
-    """Return the error of force f by an order, g."""
+    """Return the error of a force f from truncating at an order, g."""
     return truncated_root(f + bend * f**2, bend, order) - f
 
 
 def fit_to_order(output: Array, norm: Array, order: int | None) -> Array:
-    """Return S, b, D by least squares with f to an order, (3, 3).
+    """Fit S, b and D, (3, 3), by least squares with f truncated at an order.
 
     Parameters
     ----------
     output : (r, 3) array
-        V.
+        Outputs, V.
     norm : (r,) array
-        g.
+        Norms of the specific force, g.
     order : int or None
-        None is exact.
+        Order of truncation; None for the exact root.
     """
     x: Array = TRUTH.values.copy()
     for _ in range(_ITERATIONS):
@@ -84,7 +84,7 @@ def fit_to_order(output: Array, norm: Array, order: int | None) -> Array:
 
 
 def _residual(x: Array, output: Array, norm: Array, order: int | None) -> tuple[Array, Array]:
-    """Return |f| − norm and how noise of one unit shows in it, (r,) each."""
+    """Return |f| − norm and its standard deviation for unit noise, (r,) each."""
     scale, bias, bend = x
     f = truncated_root((output - bias) / scale, bend, order)
     size = np.linalg.norm(f, axis=-1)
@@ -92,7 +92,7 @@ def _residual(x: Array, output: Array, norm: Array, order: int | None) -> tuple[
 
 
 def order_errors() -> dict[int | None, Array]:
-    """Return the errors of S, b, D, (3, 3), by each order on noise-free data."""
+    """Return the errors of S, b and D, (3, 3), for each order, on noise-free data."""
     spins = steps()
     output = outputs(TRUTH, spins)
     norm = np.sqrt((np.array([s.rate for s in spins]) ** 2 / G) ** 2 + 1)
@@ -100,7 +100,7 @@ def order_errors() -> dict[int | None, Array]:
 
 
 def taylor_section() -> StudySection:
-    """Return the section of the Taylor orders."""
+    """Build the section about the Taylor orders."""
     f = dwell_force(steps())
     worst = {n: float(np.abs(truncation_error(n, f, TRUTH.bend)).max()) for n in ORDERS}
     u = (outputs(TRUTH, steps())) / TRUTH.scale
@@ -110,11 +110,12 @@ def taylor_section() -> StudySection:
     bend = float(TRUTH.bend.max())
     findings = (
         TAYLOR_TEXT.judge("error", worst[2], 0.0,
-            f"the largest of the design is 2D²f³ = {format_significant(worst[2])} g; the third "
+            f"the largest error in the design is 2D²f³ = {format_significant(worst[2])} g; the "
+            "third "
             f"order leaves {format_significant(worst[3])} g"),
-        # Judged in powers of ten: "of the order of" is right within half of one.
+        # Judged in powers of ten: "of the order of" is true within half a power.
         TAYLOR_TEXT.judge("size", np.log10(fourth), 0.0,
-            f"the largest of the design is {format_significant(fourth)} g²"),
+            f"the largest value in the design is {format_significant(fourth)} g²"),
     )  # fmt: skip
     rows = [
         (
@@ -129,13 +130,13 @@ def taylor_section() -> StudySection:
     heads = [f"Δ{q}_a{axis}" for q in "SbD" for axis in "xyz"]
     return TAYLOR_TEXT.section(
         findings,
-        (StudyTable("Errors by order: of the force, g, and of S (V/g), b (g), D (1/g)", "",
+        (StudyTable("Errors by order: force (g), S (V/g), b (g) and D (1/g)", "",
                ("f", *heads), rows),),
         (
             Chart(
                 "taylor",
-                "Error of the force by order at D = 5.7·10⁻⁵ 1/g (left), and the largest error of "
-                "S, b and D that it makes (right). The source claims less than 10⁻⁴ g for order 2.",
+                "Error of the force by order at D = 5.7·10⁻⁵ 1/g (left), and the largest resulting "
+                "error of S, b and D (right). The source claims less than 10⁻⁴ g for order 2.",
                 (
                     StudyPanel(
                         "force", "f, g", "error, g",
@@ -158,14 +159,14 @@ def taylor_section() -> StudySection:
 
 EQUATIONS_TEXT = read_section_text("inercal.studies.centrifuge", "equations")
 
-# γ_xy, γ_xz, γ_yx, γ_yz, γ_zx, γ_zy, rad: all six different.
+# γ_xy, γ_xz, γ_yx, γ_yz, γ_zx, γ_zy, rad, all different.
 MISALIGNMENT_ANGLES = dict(zip(("xy", "xz", "yx", "yz", "zx", "zy"),
                  (1e-3, -8e-4, 6e-4, 9e-4, -7e-4, 5e-4), strict=True))  # fmt: skip
 
 
 @dataclass(frozen=True)
 class EquationCheck:
-    """One equation: its quantity, as printed, as corrected, and the truth."""
+    """Check of one equation: its result as printed and as corrected, and the true value."""
 
     equation: str
     quantity: str
@@ -177,22 +178,22 @@ class EquationCheck:
 
     @property
     def finding(self) -> ClaimResult:
-        """The finding: as printed against the truth."""
+        """Return the finding, which compares the printed form with the truth."""
         left = max(abs(self.corrected - self.true), abs(self.true) * 2.0**-52)
         claim = Claim(self.quantity, self.equation, self.printed, self.unit, basis="derived")
         return judge_claim(claim, self.true, left, self.reason)
 
 
 def norm_of_sum() -> EquationCheck:
-    """(4): the norm of a sum at right angles is not a sum of norms."""
+    """Check (4), which takes the norm of a sum of perpendicular vectors as the sum of norms."""
     a = RATES[0] ** 2 / G
     true = float(np.linalg.norm(dwell_force(steps())[0]))
     return EquationCheck("(4)", "|g + A| = g + A, at ω₁", "g", 1 + a, float(np.hypot(a, 1)), true,
-                 "√(g² + A²), g and A being at right angles")  # fmt: skip
+                 "√(g² + A²), because g and A are perpendicular")  # fmt: skip
 
 
 def misalignment_signs() -> EquationCheck:
-    """(9): the signs of the misalignments, and two angles of Δ₃ exchanged."""
+    """Check (9), which has wrong signs of misalignments and two exchanged angles in Δ₃."""
     f = dwell_force(steps())
     g = MISALIGNMENT_ANGLES
     phi = np.array([[1, -g["xz"], g["xy"]], [g["yz"], 1, -g["yx"]], [-g["zy"], g["zx"], 1]])
@@ -216,13 +217,13 @@ def misalignment_signs() -> EquationCheck:
         "(9)", f"the force along {'xyz'[at[1]]}, misaligned by up to 10⁻³ rad", "g",
         float(one[at]), float(other[at]), float(f[at]),
         f"Δ of {axes} is wrong in print, by up to {format_significant(np.abs(one - f).max())} g; "
-        f"the mended form errs by {format_significant(np.abs(other - f).max())} g, of the second "
-        "order in γ",
+        f"the corrected form has an error of {format_significant(np.abs(other - f).max())} g, of "
+        "second order in γ",
     )  # fmt: skip
 
 
 def fourth_power() -> EquationCheck:
-    """(14): C₄ with N⁴ in it, so that (13) has N to the eighth."""
+    """Check (14), whose C₄ contains N⁴, so that (13) has N to the eighth power."""
     output = outputs(TRUTH, steps())
     norm2 = (dwell_force(steps()) ** 2).sum(axis=1)
     k = TRUTH.bend * TRUTH.bias / TRUTH.scale
@@ -239,19 +240,19 @@ def fourth_power() -> EquationCheck:
     return EquationCheck(
         "(14)", f"|f|² of (13) in row {at + 1}", "g²",
         float(printed[at]), float(corrected[at]), float(norm2[at]),
-        "C₄ = 5D²S⁻⁴, without N⁴, which is the regressor",
+        "C₄ = 5D²S⁻⁴ without N⁴, which is the regressor",
     )  # fmt: skip
 
 
 def _regression_coefficients(device: SimulatedTriad) -> tuple[Array, Array, Array, Array]:
-    """Return C₁ to C₄ of the regression on exact data."""
+    """Return the regression coefficients C₁ to C₄ on exact data."""
     output = outputs(device, steps())
     c = regress_squared_norms(output, (dwell_force(steps()) ** 2).sum(axis=1))
     return c[1:4], c[4:7], c[7:10], c[10:13]
 
 
 def root_branch() -> EquationCheck:
-    """(19): the root with plus is −1 − K."""
+    """Check (19), whose root with the plus sign is −1 − K."""
     c1, c2, c3, c4 = _regression_coefficients(TRUTH)
     m = c4 / c3 * c1 / c2
     six = 6 * m - 5
@@ -259,43 +260,44 @@ def root_branch() -> EquationCheck:
     bias = -c1 * (1 + 6 * k + 6 * k**2) / (2 * c2 * (1 + k) * (1 + 2 * k))
     corrected = closed_formulas.paper(c1, c2, c3, c4)[1]
     return EquationCheck(
-        "(19)", "b_ax by the root with +", "g", float(bias[0]), float(corrected[0]),
+        "(19)", "b_ax from the root with +", "g", float(bias[0]), float(corrected[0]),
         float(TRUTH.bias[0]),
         f"K = {format_significant(k[0], 7)} in place of "
         f"{format_significant(TRUTH.bend[0] * TRUTH.bias[0] / TRUTH.scale[0])}; "
-        f"biases of {', '.join(format_significant(x) for x in bias)} g; the root with minus holds",
+        f"biases of {', '.join(format_significant(x) for x in bias)} g; the root with minus is "
+        "correct",
     )  # fmt: skip
 
 
 def bend_sign(trials: CentrifugeTrials) -> EquationCheck:
-    """(21): a root has no sign, and there is none of a negative number."""
+    """Check (21), whose root cannot give the sign of D and does not exist for negative numbers."""
     bent = replace(TRUTH, bend=-TRUTH.bend)
     c = _regression_coefficients(bent)
     scale, _, corrected = closed_formulas.paper(*c)
     printed = np.sqrt(c[3] * scale**4 / 5)
     return EquationCheck(
-        "(21)", "D_ax of a triad that bends the other way", "1/g", float(printed[0]),
+        "(21)", "D_ax of a triad with the opposite sign of D", "1/g", float(printed[0]),
         float(corrected[0]), float(bent.bend[0]),
-        f"sign D = −sign C₃; and C₄ is negative, or (18) without root, in "
+        f"sign D = −sign C₃; C₄ is negative, or (18) has no root, in "
         f"{trials.rootless:.1%} of trials with 10⁻⁵ V of noise",
     )  # fmt: skip
 
 
 def inverted_fraction() -> EquationCheck:
-    """(22): numerator and denominator exchanged."""
+    """Check (22), in which numerator and denominator are exchanged."""
     c1, c2, c3, c4 = _regression_coefficients(TRUTH)
     _, corrected, _ = closed_formulas.paper(c1, c2, c3, c4)
     k = TRUTH.bend * TRUTH.bias / TRUTH.scale
     printed = c2 * (1 + 6 * k + 6 * k**2) / (-2 * c1 * (1 + k) * (1 + 2 * k))
     return EquationCheck(
         "(22)", "b_ax", "g", float(printed[0]), float(corrected[0]), float(TRUTH.bias[0]),
-        f"biases of {', '.join(format_significant(x, 3) for x in printed)} g; mended, "
+        f"biases of {', '.join(format_significant(x, 3) for x in printed)} g; corrected, "
         "b = −C₁ (1 + 6K + 6K²) / [2 C₂ (1 + K)(1 + 2K)]",
     )  # fmt: skip
 
 
 def equations_section(trials: CentrifugeTrials) -> StudySection:
-    """Return the section of the equations."""
+    """Build the section about the equations."""
     tried = (
         norm_of_sum(),
         misalignment_signs(),
@@ -314,6 +316,6 @@ def equations_section(trials: CentrifugeTrials) -> StudySection:
     ]  # fmt: skip
     return EQUATIONS_TEXT.section(
         [one.finding for one in tried],
-        (StudyTable("What the equations give", "equation",
-               ("as printed", "mended", "true", "mended −\ntrue"), rows),),
+        (StudyTable("Results of the equations", "equation",
+               ("as printed", "mended", "true", "corrected −\ntrue"), rows),),
     )  # fmt: skip

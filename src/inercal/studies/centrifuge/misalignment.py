@@ -1,7 +1,7 @@
-"""Fig. 4: the effect of ignored misalignments, over its full range.
+"""Fig. 4: the effect of ignored misalignments over the full range of the figure.
 
-The norm sees axes that lean towards one another; it does not see the triad turned. The source's six
-six equal angles are a pure rotation, the only choice without an effect.
+The norm changes if axes lean towards one another, but not if the triad rotates. The source's six
+equal angles are a pure rotation, the only choice without an effect.
 """
 
 from dataclasses import dataclass
@@ -39,14 +39,14 @@ ANGLES = np.array([2e-4, 4e-4, 6e-4, 8e-4, 10e-4])
 
 @dataclass(frozen=True, eq=False)
 class IgnoredMisalignment:
-    """Errors of S, b, D, (5, 3, 3), over the angles, by estimator and estimated part of Φ."""
+    """Errors of S, b and D, (5, 3, 3), over the angles, by estimator and estimated part of Φ."""
 
     non_orthogonality: dict[str, Array]
     turn: dict[str, Array]
 
 
 def symmetric_ml_errors(device: SimulatedTriad) -> Array:
-    """Return the errors of S, b, D, (3, 3), with the symmetric part of Φ estimated too."""
+    """Return the errors of S, b and D, (3, 3), if the symmetric part of Φ is also estimated."""
     spins, result = steps(), simulated_centrifuge.sensor("misalignment", symmetric=True)
     found = ml(
         simulated_centrifuge.observations(outputs(device, spins), result), result, BENCH, spins
@@ -62,7 +62,7 @@ def _device_errors(device: SimulatedTriad) -> dict[str, Array]:
 
 
 def ignored_misalignment_errors() -> IgnoredMisalignment:
-    """Return the effects of misalignments over the range of Fig. 4."""
+    """Return the effects of ignored misalignments over the range of Fig. 4."""
 
     def over(devices: list[SimulatedTriad]) -> dict[str, Array]:
         found = [_device_errors(device) for device in devices]
@@ -75,17 +75,18 @@ def ignored_misalignment_errors() -> IgnoredMisalignment:
 
 
 def norm_change_shares(gamma: float) -> tuple[float, Array]:
-    """Return the parts of the change of |f|² by a non-orthogonality.
+    """Return the components of the change in |f|² that a non-orthogonality causes.
 
-    It is, to the first order, Σ −2γ·2 uᵢ uⱼ with u = (N − b)/S: products NᵢNⱼ, which (13) lacks,
-    first powers of N, and a constant. The regression then folds the products into its powers.
+    To first order the change is Σ −2γ·2 uᵢ uⱼ with u = (N − b)/S. It consists of products NᵢNⱼ,
+    which (13) does not contain, first powers of N, and a constant. The regression then distributes
+    the products among its powers.
 
     Returns
     -------
     float
-        Share of the first powers in the sum of the rms of the three.
+        Share of the first powers in the sum of the rms values of the three components.
     (4,) array
-        Shares of C₁ to C₄ in what the regression finds changed, each by |ΔC| times the rms of its
+        Shares of C₁ to C₄ in the change found by the regression, each as |ΔC| times the rms of its
         power.
     """
     spins = steps()
@@ -109,10 +110,10 @@ def norm_change_shares(gamma: float) -> tuple[float, Array]:
 
 
 def least_pattern_errors(gamma: float) -> tuple[int, Array]:
-    """Return how many patterns of Φ's symmetric part there are, and the least errors, (3,).
+    """Return the number of patterns of Φ's symmetric part, and the smallest errors, (3,).
 
-    Each pair of axes leans by γ, by −γ or not at all; of each pattern the largest |ΔS|, |Δb| and
-    |ΔD| of `paper` counts, and the pattern that does least harm.
+    In a pattern, each pair of axes leans by γ, by −γ or not at all. The errors of a pattern are the
+    largest |ΔS|, |Δb| and |ΔD| of `paper`; the result is the minimum over the patterns.
     """
     spins = steps()
     found: list[Array] = []
@@ -126,12 +127,12 @@ def least_pattern_errors(gamma: float) -> tuple[int, Array]:
 
 
 def largest_axis_errors(errors: Array) -> Array:
-    """Return the largest |ΔS|, |Δb|, |ΔD| at each angle, (5, 3); axes without a root left out."""
+    """Return the largest |ΔS|, |Δb| and |ΔD| at each angle, (5, 3), over axes with a root."""
     return np.nanmax(np.abs(errors), axis=-1)
 
 
 def section(clean: Array) -> StudySection:
-    """Return the section of Fig. 4.
+    """Build the section about Fig. 4.
 
     Parameters
     ----------
@@ -151,11 +152,11 @@ def section(clean: Array) -> StudySection:
     small = [
         TEXT.judge(
             f"small_{q}", paper[:, k].max(), rest[k],
-            f"(16) to (22) err by {format_significant(paper[:, k].min())} to "
+            f"(16) to (22) have errors of {format_significant(paper[:, k].min())} to "
             f"{format_significant(paper[:, k].max())} {UNITS[q]} over the range, ml with nine "
             f"parameters by {format_significant(exact[:, k].min())} to "
-            f"{format_significant(exact[:, k].max())}; of {patterns} patterns of leaning axes the "
-            f"kindest makes {format_significant(at_least[k])} at 2·10⁻⁴ rad",
+            f"{format_significant(exact[:, k].max())}; of {patterns} patterns of leaning axes, the "
+            f"most favourable one gives {format_significant(at_least[k])} at 2·10⁻⁴ rad",
         )
         for k, q in enumerate("SbD")
     ]  # fmt: skip
@@ -163,7 +164,7 @@ def section(clean: Array) -> StudySection:
     relative = np.nanmax(np.abs(found.non_orthogonality["paper"]) / TRUTH.values, axis=-1)
     ordering = [
         TEXT.judge(claim, ratio[:, k].mean(), np.ptp(ratio[:, k]) / 2,
-            f"it lies between {format_significant(ratio[:, k].min())} and "
+            f"the ratio is between {format_significant(ratio[:, k].min())} and "
             f"{format_significant(ratio[:, k].max())} over the range; relative to the coefficients "
             f"at 2·10⁻⁴ rad: S {format_significant(relative[0, 0])}, "
             f"b {format_significant(relative[0, 1])}, D {format_significant(relative[0, 2])}")
@@ -176,8 +177,11 @@ def section(clean: Array) -> StudySection:
     )  # fmt: skip
     powers = zip(folded, ("first", "second", "third", "fourth"), strict=True)
     mainly = TEXT.judge("mainly", share, 0.0,
-        "misalignments change |f|² by products of two outputs, which (13) does not have; the first "
-        f"powers make {share:.1%} of it, and the regression folds the products into all powers, "
+        "misalignments change |f|² by products of two outputs, which (13) does not contain; the "
+        "first "
+        f"powers are {share:.1%} of the change, and the regression distributes the products among "
+        "all "
+        "powers, "
         + ", ".join(f"{x:.0%} into the {name}" for x, name in powers),
     )  # fmt: skip
     return TEXT.section(
@@ -204,7 +208,7 @@ def _table(found: IgnoredMisalignment) -> StudyTable:
             rows.append((f"{what}: {name}", cells))
     heads = [f"|Δ{q}| at\n{g}" for q in "SbD" for g in ("2·10⁻⁴ rad", "10⁻³ rad")]
     return StudyTable(
-        "Largest errors of S (V/g), b (g) and D (1/g) over the axes that have a root",
+        "Largest errors of S (V/g), b (g) and D (1/g) among the axes that have a root",
         "misalignment, estimator", heads, rows,
     )  # fmt: skip
 
@@ -220,7 +224,7 @@ def _chart(found: IgnoredMisalignment) -> Chart:
     return Chart(
         "misalignment",
         "Largest errors of S, b and D when a non-orthogonality of γ is ignored, by estimator, and "
-        "the bound that the source claims. The printed figure is not readable to digits.",
+        "the bound that the source claims. Numbers cannot be read from the printed figure.",
         [
             StudyPanel("", "γ, 10⁻⁴ rad", f"largest |Δ{q}|, {UNITS[q]}", lines(k))
             for k, q in enumerate("SbD")

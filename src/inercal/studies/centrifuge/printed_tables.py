@@ -1,6 +1,7 @@
-"""Tables 1 and 2: the printed outputs and estimates against the design.
+"""Tables 1 and 2: the printed outputs and estimates, compared with the design.
 
-The outputs are screened without the truth; the estimates are recomputed without noise and with it.
+The outputs are screened without using the truth; the estimates are recomputed without and with
+noise.
 """
 
 from collections.abc import Sequence
@@ -32,14 +33,17 @@ from inercal.studies.study import StudySection, StudyTable
 
 OUTPUTS_TEXT = read_section_text("inercal.studies.centrifuge", "table1")
 
-_LAST_DIGIT = 1e-6  # V, one unit in the last printed place
-_THRESHOLD, _SUSPECT = 2.385, 6.0  # deviations; 2.385: 95 % efficient for normal noise
-_ROUNDING_TOLERANCE = _LAST_DIGIT  # the last digit may be cut or rounded
+_LAST_DIGIT = 1e-6  # V, one unit in the last printed digit
+_THRESHOLD, _SUSPECT = (
+    2.385,
+    6.0,
+)  # standard deviations; 2.385 gives 95 % efficiency for normal noise
+_ROUNDING_TOLERANCE = _LAST_DIGIT  # the last digit may be truncated or rounded
 
 
 @dataclass(frozen=True, eq=False)
 class ScreenedTable:
-    """The table as printed and after the screening's repairs, (60, 3) V each."""
+    """The table as printed and after the repairs from the screening, (60, 3) V each."""
 
     printed: Array
     repaired: Array
@@ -47,13 +51,13 @@ class ScreenedTable:
 
 
 def read_printed_table() -> Array:
-    """Return Table 1 as printed, all signs with it, (60, 3) V."""
+    """Return Table 1 exactly as printed, including all signs, (60, 3) V."""
     text = files("inercal.studies.centrifuge").joinpath("table1.csv").read_text(encoding="utf-8")
     return np.loadtxt(text.splitlines(), delimiter=",", skiprows=1)[:, 3:]
 
 
 def repair_table(printed: Array) -> ScreenedTable:
-    """Screen the table without the truth, and apply each repair that has no alternative."""
+    """Screen the table without using the truth, and apply each unique repair."""
     result, spins = simulated_centrifuge.sensor(), steps()
     suspects = screen_rows(simulated_centrifuge.observations(printed, result), result, BENCH, spins)
     repaired = printed.copy()
@@ -65,10 +69,10 @@ def repair_table(printed: Array) -> ScreenedTable:
 
 
 def count_falsely_rejected_rows(found: ScreenedTable) -> int:
-    """Return how many correct rows a robust fit of fixed threshold rejects.
+    """Return the number of correct rows that a robust fit with a fixed threshold rejects.
 
-    It begins where the nominal sensor is and stays where the wrong rows bend it; screening lets the
-    threshold fall step by step instead.
+    Such a fit starts at the nominal sensor and stays biased by the wrong rows. Screening therefore
+    decreases the threshold step by step.
     """
     result, spins = simulated_centrifuge.sensor(), steps()
     requested = norm_problem(
@@ -80,7 +84,7 @@ def count_falsely_rejected_rows(found: ScreenedTable) -> int:
 
 
 def outputs_section() -> StudySection:
-    """Return the section of Table 1."""
+    """Build the section about Table 1."""
     found, design = repair_table(read_printed_table()), outputs(TRUTH, steps())
     printed = found.printed
     off = np.abs(printed - design)
@@ -101,16 +105,17 @@ def outputs_section() -> StudySection:
             f"{int(lost.any(axis=1).sum())} rows, and {int((wrong & ~lost).sum())} differ "
             "otherwise"),
         OUTPUTS_TEXT.judge("repaired", after, 0.0,
-            f"screening names {len(found.suspects)} rows, each with its one repair ({named}; …); "
-            f"then no entry is further than {format_significant(worst)} V from the design, "
-            f"{slipped} by more than rounding"),
+            f"screening finds {len(found.suspects)} rows, each with a unique repair ({named}; …); "
+            f"after the repairs no entry is farther than {format_significant(worst)} V from the "
+            "design, "
+            f"and {slipped} by more than rounding"),
         OUTPUTS_TEXT.judge("noise", rms, _LAST_DIGIT / np.sqrt(12),
-            f"the repaired table departs from the design by {format_significant(rms)} V rms, which "
-            "is the rounding of six decimals: it holds no noise"),
+            f"the repaired table differs from the design by {format_significant(rms)} V rms, which "
+            "is the rounding to six decimals, so it contains no noise"),
         OUTPUTS_TEXT.judge("positive", sensed.min(), 0.0,
             f"{int((sensed < -1e-9).sum())} of {sensed.size} components of the design are "
             "negative; "
-            "the right root is the one with f → −Δ as D → 0, the printed one"),
+            "the correct root is the printed one, with f → −Δ as D → 0"),
     )  # fmt: skip
     return OUTPUTS_TEXT.section(
         findings, (_outputs_table(found, design, lost),), sound=count_falsely_rejected_rows(found)
@@ -124,7 +129,7 @@ def _outputs_table(found: ScreenedTable, design: Array, lost: NDArray[np.bool_])
     }
     rows: list[tuple[str, list[str]]] = []
     for k, (as_is, result) in enumerate(zip(found.printed, design, strict=True)):
-        # One entry has a seventh decimal in print.
+        # One printed entry has a seventh decimal.
         cells = [
             text
             for p, x in zip(as_is, result, strict=True)
@@ -135,7 +140,7 @@ def _outputs_table(found: ScreenedTable, design: Array, lost: NDArray[np.bool_])
     heads = [f"N_a{axis}\n{what}" for axis in "xyz" for what in ("printed", "design")]
     marked = frozenset((int(k), 2 * int(i)) for k, i in np.argwhere(lost))
     return StudyTable(
-        "All 180 entries, V; those that lost their sign stand out",
+        "All 180 entries, V; those that lost their sign are highlighted",
         "rate, position",
         (*heads, "screening:\nrepair"),
         rows,
@@ -149,7 +154,7 @@ ESTIMATES_TEXT = read_section_text("inercal.studies.centrifuge", "table2")
 
 @dataclass(frozen=True)
 class PrintedEstimate:
-    """One printed estimate: S, b or D of an axis, and the value of its last digit."""
+    """One printed estimate of S, b or D for an axis, and the value of its last digit."""
 
     quantity: str
     axis: str
@@ -158,12 +163,12 @@ class PrintedEstimate:
 
     @property
     def name(self) -> str:
-        """As the source writes it: "D_ax"."""
+        """Return the name as in the source, such as "D_ax"."""
         return f"{self.quantity}_a{self.axis}"
 
     @property
     def index(self) -> tuple[int, int]:
-        """Row and column in (3, 3) arrays of S, b, D."""
+        """Return the row and the column in (3, 3) arrays of S, b and D."""
         return QUANTITIES.index(self.quantity), AXES.index(self.axis)
 
 
@@ -181,7 +186,7 @@ PRINTED_ESTIMATES = (
 
 
 def estimate_claim(entry: PrintedEstimate) -> Claim:
-    """Return the claim of an entry: S and b as values, D by the accuracy shown."""
+    """Return the claim for an entry: the value for S and b, the accuracy for D."""
     if entry.quantity != "D":
         return Claim(
             entry.name, "Table 2", entry.value, UNITS[entry.quantity], kind="result",
@@ -189,14 +194,14 @@ def estimate_claim(entry: PrintedEstimate) -> Claim:
         )  # fmt: skip
     accuracy = abs(entry.value / TRUTH.values[entry.index] - 1)
     return Claim(
-        f"{entry.name} right to {format_significant(accuracy)} of itself", "Table 2, "
+        f"{entry.name} accurate to {format_significant(accuracy)} of its value", "Table 2, "
                                                                            "(21)", accuracy,
         relation="≤", kind="result", basis="derived",
     )  # fmt: skip
 
 
 def judge_estimate(entry: PrintedEstimate, trials: CentrifugeTrials) -> ClaimResult:
-    """Return an entry with the scatter of `paper`, corrected, by the stated noise."""
+    """Judge an entry with the scatter of the corrected `paper` from the stated noise."""
     result, at = estimate_claim(entry), entry.index
     true, clean = TRUTH.values[at], trials.noise_free["paper"][at]
     noise, error = trials.std("paper")[at], trials.std_error("paper")[at]
@@ -205,22 +210,22 @@ def judge_estimate(entry: PrintedEstimate, trials: CentrifugeTrials) -> ClaimRes
         likely = trials.std("ml")[at]
         return judge_claim(
             result, noise / true, error / true,
-            f"by (21) noise of 10⁻⁵ V scatters it by {format_significant(noise)} 1/g, "
+            f"with (21), noise of 10⁻⁵ V scatters it by {format_significant(noise)} 1/g, "
             f"{format_significant(abs(noise / missed), 3)} times the printed error, and "
             f"{trials.rootless:.1%} of trials have no root; without noise (21) gives "
-            f"{format_significant(true + clean, 7)} 1/g; by maximum likelihood the same noise "
+            f"{format_significant(true + clean, 7)} 1/g; with maximum likelihood, the same noise "
             f"scatters it by {format_significant(likely)} 1/g, "
             f"{format_significant(abs(likely / missed), 2)} times the printed error",
         )  # fmt: skip
     text = (
-        f"noise of 10⁻⁵ V scatters it by {format_significant(noise)}, the printed estimate is "
+        f"noise of 10⁻⁵ V scatters it by {format_significant(noise)}, and the printed estimate is "
         f"{format_significant(missed)} from the truth"
     )
     return judge_claim(result, true + clean, noise, text)
 
 
 def estimates_section(trials: CentrifugeTrials) -> StudySection:
-    """Return the section of Table 2."""
+    """Build the section about Table 2."""
     count = len(trials.error["ml"])
     rows: list[tuple[str, list[str]]] = []
     for entry in PRINTED_ESTIMATES:
@@ -267,8 +272,8 @@ def estimates_section(trials: CentrifugeTrials) -> StudySection:
 
 
 def _unexplained_values(findings: Sequence[ClaimResult]) -> str:
-    """Return which values are further from the truth than noise explains, in words."""
+    """List the values that are farther from the truth than noise explains."""
     far = [f.claim.name for f in findings if f.claim.relation == "=" and f.deviation > LIMIT]
     if not far:
         return "The other values agree with the stated noise."
-    return f"Yet {', '.join(far)} are further off than the stated noise explains."
+    return f"However, {', '.join(far)} differ by more than the stated noise explains."

@@ -1,4 +1,4 @@
-"""The simulated experiment of Wang and Li 2021, section 5: what turned, was read, and is true.
+"""The simulated experiment from Wang and Li 2021, section 5: dwells, outputs and truth.
 
 Outputs are N = S (h·f + D (h·f)²) + b (their equation 6) along unit input axes h, in units of
 output ("V", printed as g), specific force in their unit of g, 9.8 m/s². S is in V/g, b in V and D
@@ -25,9 +25,9 @@ from inercal.physics.sensors import Readout, Sensor, triad
 from inercal.recordings import Observations
 
 G = 9.8  # m/s², the source's unit of g
-NOISE = 1e-5  # V, of each reading, as the source states
-LATITUDE = 39 * pi / 180  # rad, which the source states and then ignores
-NOMINAL_SCALE = 1.25  # V/g, from where ml starts
+NOISE = 1e-5  # V, noise of each reading as stated in the source
+LATITUDE = 39 * pi / 180  # rad, misalignment that the source states and then ignores
+NOMINAL_SCALE = 1.25  # V/g, start value for ml
 BENCH = Centrifuge(Measured(G, 0.0), Measured(1.0, 0.0), latitude=Measured(0.0, 0.0))
 AXES = ("x", "y", "z")
 QUANTITIES = ("S", "b", "D")
@@ -36,16 +36,16 @@ UNITS = {"S": "V/g", "b": "g", "D": "1/g"}
 
 @dataclass(frozen=True, eq=False)
 class SimulatedTriad:
-    """Three accelerometers.
+    """Three simulated accelerometers.
 
     Parameters
     ----------
     scale, bias, bend : (3,) arrays
-        S in V/g, b in V and D in 1/g of x, y, z.
+        S in V/g, b in V and D in 1/g for x, y and z.
     axes : (3, 3) array
         Rows are the unit input axes h in the body.
     arms : (3, 3) array
-        Rows are the places of the axes from the sensor's centre in the body, m.
+        Rows are the positions of the axes relative to the sensor's centre, in the body frame, m.
     """
 
     scale: Array
@@ -56,7 +56,7 @@ class SimulatedTriad:
 
     @property
     def values(self) -> Array:
-        """S, b and D of the axes, (3, 3)."""
+        """Return S, b and D of the axes, (3, 3)."""
         return np.stack([self.scale, self.bias, self.bend])
 
 
@@ -69,18 +69,18 @@ Attitudes = Literal["half-circle", "full-circle"]
 
 
 def steps(attitudes: Attitudes = "half-circle", rates: Sequence[float] = RATES) -> tuple[Spin, ...]:
-    """Return the dwells: the twenty positions at each rate, in the order of the printed table."""
+    """Return the dwells in the order of the printed table: twenty positions at each rate."""
     return plan(attitudes, rates)
 
 
 def dwell_force(spins: Sequence[Spin], latitude: float = 0.0) -> Array:
-    """Return the force in each dwell, (r, 3) g; the arm turns at the stated rate to the ground.
+    """Return the specific force in each dwell, (r, 3) g, for arm rates relative to the ground.
 
     Parameters
     ----------
     spins : sequence of r Spin
     latitude : float
-        rad; the earth's rate along the spindle goes with its sine.
+        Latitude, rad; the earth's rate along the spindle is proportional to its sine.
     """
     declared = BENCH.acting_parameters(spins, vectors=True)
     at = {name: np.array(parameter.value) for name, parameter in declared.items()}
@@ -88,7 +88,7 @@ def dwell_force(spins: Sequence[Spin], latitude: float = 0.0) -> Array:
 
 
 def earth_rate_ratio(latitude: float = LATITUDE) -> float:
-    """Return the earth's rate along the spindle over that of the arm's first rate."""
+    """Return the earth's rate along the spindle divided by the first rate of the arm."""
     return EARTH_RATE * sin(latitude) / RATES[0]
 
 
@@ -100,11 +100,11 @@ def outputs(device: SimulatedTriad, spins: Sequence[Spin], sensed: Array | None 
     device : SimulatedTriad
     spins : sequence of r Spin
     sensed : (..., r, 3) array, optional
-        g, at the sensor's centre; by default what the bench makes.
+        Specific force at the sensor's centre, g; by default that of the bench.
 
     Notes
     -----
-    An axis at r also senses −(ω²/g) h·(I − u uᵀ) r, u the spindle's direction in the body.
+    An axis at r also senses −(ω²/g) h·(I − u uᵀ) r, where u is the spindle's direction in the body.
     """
     sensed = dwell_force(spins) if sensed is None else sensed
     along = sensed @ device.axes.T
@@ -117,14 +117,14 @@ def outputs(device: SimulatedTriad, spins: Sequence[Spin], sensed: Array | None 
 
 
 def sensor(*also: str, symmetric: bool = False) -> Sensor:
-    """Return the sensor model with bias, scale factor, k2 and further coefficients."""
+    """Return the sensor model with bias, scale factor, k2 and optionally other coefficients."""
     result = triad("triad", "f", "", Readout(NOMINAL_SCALE / G, 0.0, "V"))
     result = result.with_coefficients("k0", "k1", "k2", *also)
     return replace(result, form="tilted", frame="symmetric" if symmetric else "mount")
 
 
 def observations(output: Array, made: Sensor, noise: float = NOISE) -> Observations:
-    """Return outputs, (..., r, 3) V, as observations with `noise`, V, in each."""
+    """Convert outputs, (..., r, 3) V, to observations with standard deviation `noise`, V."""
     r: int = output.shape[-2]
     sd = noise * G / NOMINAL_SCALE
     return Observations(
@@ -139,13 +139,13 @@ def observations(output: Array, made: Sensor, noise: float = NOISE) -> Observati
 
 
 def noisy_outputs(output: Array, trials: int, seed: int) -> Array:
-    """Return outputs with noise, (trials, r, 3) V; a seed gives the same noise again."""
+    """Return outputs with noise, (trials, r, 3) V; the same seed gives the same noise."""
     rng = np.random.default_rng([seed, 2021])
     return output + NOISE * rng.standard_normal((trials, *output.shape))
 
 
 def coefficients_as_printed(value: Array) -> Array:
-    """Return S, b, D of the axes, (..., 3, 3), from coefficients of `sensor`, (..., p ≥ 9) SI."""
+    """Return S, b and D, (..., 3, 3), from the coefficients of `sensor`, (..., p ≥ 9) SI."""
     k0, k1, k2 = np.moveaxis(value[..., :9].reshape(*value.shape[:-1], 3, 3), -1, 0)
     return np.stack([NOMINAL_SCALE * (1 + k1), k0 * NOMINAL_SCALE / G, k2 / (1 + k1) * G], axis=-2)
 
@@ -153,13 +153,14 @@ def coefficients_as_printed(value: Array) -> Array:
 def closed_form_estimate(
     invert: closed_formulas.SeriesInverse, output: Array, spins: Sequence[Spin]
 ) -> Array:
-    """Return S, b, D by `closed_formulas`, `paper` or `series`, (..., 3, 3); NaN without a root.
+    """Return S, b and D, (..., 3, 3), from closed formulas; NaN without a root.
 
     Parameters
     ----------
     invert : callable
+        `paper` or `series` in `closed_formulas`.
     output : (..., r, 3) array
-        V.
+        Outputs, V.
     spins : sequence of r Spin
     """
     rate = np.array([step.rate for step in spins])
@@ -168,7 +169,7 @@ def closed_form_estimate(
 
 
 def regress_squared_norms(output: Array, target: Array) -> Array:
-    """Return C of (16), C₀ and then C₁ to C₄ by axis, (..., 13), for squared norms `target`, g²."""
+    """Return C of (16), (..., 13), for squared norms `target`, g²: C₀, then C₁ to C₄ by axis."""
     rows = closed_formulas.regression_matrix(output)
     size = np.linalg.norm(rows, axis=-2, keepdims=True)
     q, r = np.linalg.qr(rows / size)
@@ -177,7 +178,7 @@ def regress_squared_norms(output: Array, target: Array) -> Array:
 
 
 def ml_estimate(output: Array, spins: Sequence[Spin], bench: Centrifuge = BENCH) -> Estimate:
-    """Return the estimate of `ml` with nine parameters."""
+    """Return the maximum-likelihood estimate `ml` with nine parameters."""
     result = sensor()
     return ml(observations(output, result), result, bench, spins)
 
@@ -193,7 +194,7 @@ def ml_errors(output: Array) -> Array:
 
 
 def estimator_errors(output: Array) -> dict[str, Array]:
-    """Return the errors of S, b, D by estimator on the printed dwells, (..., 3, 3)."""
+    """Return the errors of S, b and D, (..., 3, 3), on the printed dwells, by estimator."""
     return {
         "paper": closed_form_errors(closed_formulas.paper, output),
         "series": closed_form_errors(closed_formulas.series, output),
@@ -202,7 +203,7 @@ def estimator_errors(output: Array) -> dict[str, Array]:
 
 
 def stated_deviations(estimate: Estimate) -> Array:
-    """Return the deviations that an estimate states of S, b and D, (3, 3)."""
+    """Return the standard deviations of S, b and D stated by an estimate, (3, 3)."""
     spread = 1e-3 * estimate.std[:9]
     here = coefficients_as_printed(estimate.value[:9])
     there = np.stack([coefficients_as_printed(estimate.value[:9] + row) for row in np.diag(spread)])
@@ -211,42 +212,43 @@ def stated_deviations(estimate: Estimate) -> Array:
 
 
 def misaligned_triad(phi: Array) -> SimulatedTriad:
-    """Return the triad with input axes along the rows of I + Φ, Φ (3, 3) rad."""
+    """Return a triad with input axes along the rows of I + Φ, where Φ is (3, 3) rad."""
     axes = np.eye(3) + phi
     return replace(TRUTH, axes=axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
 
 def non_orthogonal_triad(gamma: float) -> SimulatedTriad:
-    """Return the triad whose axes lean towards one another by γ, rad: Φ symmetric."""
+    """Return a triad whose axes lean towards one another by γ, rad, with symmetric Φ."""
     return misaligned_triad(gamma * (np.ones((3, 3)) - np.eye(3)))
 
 
 def rotated_triad(gamma: float) -> SimulatedTriad:
-    """Return the triad turned by γ about each axis: the source's Φ with six equal angles."""
+    """Return a triad rotated by γ about each axis, which is the source's Φ with equal angles."""
     angle = gamma * np.sqrt(3)
     k = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]]) / np.sqrt(3)
     return replace(TRUTH, axes=np.eye(3) + sin(angle) * k + (1 - cos(angle)) * k @ k)
 
 
-ML_TRIAL_RATIO = 20  # trials of the closed formulas for each trial of ml
+ML_TRIAL_RATIO = 20  # trials of the closed formulas per trial of ml
 _BATCH = 4000
 ESTIMATORS = ("paper", "series", "ml")
 
 
 @dataclass(frozen=True, eq=False)
 class CentrifugeTrials:
-    """Errors of S, b, D over trials, (n, 3, 3), and without noise, (3, 3), by estimator.
+    """Errors of S, b and D by estimator, over trials (n, 3, 3) and without noise (3, 3).
 
     Parameters
     ----------
     error, noise_free : mappings of str to array
-        Trials in which an estimator finds no root are left out of `error`.
+        Errors with and without noise. Trials in which an estimator finds no root are not included
+        in `error`.
     rootless : float
-        Share of the trials in which `paper` has no root on some axis.
+        Share of the trials in which `paper` finds no root for at least one axis.
     bound : (3, 3) array
-        Cramér–Rao bound of norms: the deviations that `ml` states without noise.
+        Cramér–Rao bound for norms: the standard deviations that `ml` states without noise.
     chi2 : (n,) array
-        Of `ml`, with `dof` degrees of freedom.
+        χ² of `ml`, with `dof` degrees of freedom.
     """
 
     error: dict[str, Array]
@@ -261,17 +263,17 @@ class CentrifugeTrials:
         return self.error[estimator].std(axis=0)
 
     def std_error(self, estimator: str) -> Array:
-        """Return the Monte Carlo error of `std`, (3, 3): of a normal law, s/√(2n)."""
+        """Return the Monte Carlo error of `std`, (3, 3), as s/√(2n) for normal errors."""
         return self.std(estimator) / np.sqrt(2 * len(self.error[estimator]))
 
 
 def repeat_experiment(trials: int, seed: int) -> CentrifugeTrials:
-    """Return the results of the estimators on the paper's design with its stated noise.
+    """Run the estimators on the paper's design with the stated noise.
 
     Parameters
     ----------
     trials : int
-        Of the closed formulas; `ml` takes one in twenty, at least twenty.
+        Number of trials for the closed formulas; `ml` uses one in twenty, but at least twenty.
     seed : int
     """
     spins = steps()
@@ -295,6 +297,6 @@ def repeat_experiment(trials: int, seed: int) -> CentrifugeTrials:
 
 
 def _closed_form_estimates(invert: closed_formulas.SeriesInverse, noisy: Array) -> Array:
-    """Return S, b, D of the trials, (n, 3, 3), so many at once that memory stays small."""
+    """Return S, b and D of the trials, (n, 3, 3), in blocks to limit the memory."""
     parts = np.array_split(noisy, -(-len(noisy) // _BATCH))
     return np.concatenate([closed_form_estimate(invert, part, steps()) for part in parts])

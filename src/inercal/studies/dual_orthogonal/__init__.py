@@ -1,8 +1,8 @@
-"""The study of CN101852817A: two orthogonal accelerometers on a dividing head, by g² observation.
+"""The study of CN101852817A: two orthogonal accelerometers on a dividing head, with g².
 
-The patent prints claims and no data, so the study simulates a bench. Each module computes one
-question and its section of the page; the text and the claims of a section are in the TOML file of
-its name.
+The patent prints claims and no data, so the study simulates a bench. Each module answers one
+question and builds the section of the page about it. The text and the claims of a section are in
+the TOML file with the section's name.
 """
 
 from functools import partial
@@ -18,11 +18,11 @@ from inercal.studies.dual_orthogonal import (
 from inercal.studies.section_texts import build_study
 from inercal.studies.study import MessageCallback, Study, compute_stages
 
-TRIAL_RATIO = 4  # trials of the table of methods per trial of each further question
+TRIAL_RATIO = 4  # trials for the table of methods per trial for each other question
 
 
 def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
-    """Return the study; see `inercal.studies.reproduce`."""
+    """Compute the study; see `inercal.studies.reproduce`."""
     fewer = max(trials // TRIAL_RATIO, 20)
     stages = {
         f"the methods, {trials} trials each": method_accuracy.method_accuracy_calls(trials, seed),

@@ -1,4 +1,4 @@
-"""The four cardinal points by themselves: the mounting angle, K2, and a base that tilts."""
+"""The four cardinal points: effects of the mounting angle, of K2 and of a tilting base."""
 
 from dataclasses import replace
 
@@ -25,13 +25,14 @@ TEXT = read_section_text("inercal.studies.dual_orthogonal", "four-points")
 
 ANGLES = np.array([0.0, 50.0, 100.0, 200.0, 300.0, 400.0, 600.0])  # ″
 JUDGED_ANGLE = 300.0  # ″
-BASE_DRIFT = 0.1  # ″, of the base between the members of a pair
+BASE_DRIFT = 0.1  # ″, tilt of the base between the members of a pair
 
 
 def gain_errors(mounting: float, trials: int, seed: int) -> tuple[Array, Array]:
     """Return the errors of k1 + K3 without and with the correction, (trials, 2) µg.
 
-    Noise and head apart; `mounting` is the deviation of both mounting angles, rad.
+    Noise and head errors are excluded; `mounting` is the standard deviation of both mounting
+    angles, rad.
     """
     quiet = replace(nominal_bench(0.0), autocollimator=0.0)
     sizes = SIZES | {"delta_o": mounting}
@@ -43,13 +44,13 @@ def gain_errors(mounting: float, trials: int, seed: int) -> tuple[Array, Array]:
 
 
 def mounting_angle_error(angle: float) -> float:
-    """Return the error of k1 + K3 from a mounting angle of both without the correction, µg."""
+    """Return the uncorrected error of k1 + K3 from equal mounting angles of both, µg."""
     y = _exact_readings({"a.delta_o": angle, "b.delta_o": angle}, np.zeros(4))
     return float(four_points(y, corrected=False).gain[0]) / MICRO
 
 
 def base_tilt_errors() -> dict[str, Array]:
-    """Return the errors of K0 and K2, of A and then of B, µg, by when the base tilts."""
+    """Return the errors of K0 and K2 for A and B, µg, by the time when the base tilts."""
     return {
         words: np.stack([found.k0, found.k2], axis=-1).ravel() / MICRO
         for words, tilt in {
@@ -61,7 +62,7 @@ def base_tilt_errors() -> dict[str, Array]:
 
 
 def second_order_slope(trials: int, seed: int) -> tuple[float, float]:
-    """Return the slope of A's (n + m)/2 − K0 on K2 over trials, and its standard error."""
+    """Return the slope of A's (n + m)/2 − K0 against K2 over trials, and its standard error."""
     case = simulate(nominal_bench(), trials, seed, position_plan(4))
     found = four_points(case.observations.mean / G0)
     off, k2 = (found.k0 + found.k2 - case.truth["k0"])[:, 0], case.truth["k2"][:, 0]
@@ -79,17 +80,18 @@ def _exact_readings(coefficients: dict[str, float], pier: Array) -> Array:
 
 
 def section(trials: int, seed: int) -> StudySection:
-    """Return the section of the four points."""
+    """Build the section about the four points."""
     missing, corrected = (rms(e) for e in gain_errors(JUDGED_ANGLE * ARCSEC, trials, seed))
     by_up, u = second_order_slope(trials, seed)
     findings = (
         TEXT.judge("first", missing.value, missing.u,
-            "what is left is ½δ², the cosine of the mounting angle: "
-            f"{format_significant(-mounting_angle_error(JUDGED_ANGLE * ARCSEC), 3)} µg where the "
-            f"angle is {JUDGED_ANGLE:g}″, √3 times that where it scatters so; with the correction "
+            "the remaining error is ½δ², from the cosine of the mounting angle: "
+            f"{format_significant(-mounting_angle_error(JUDGED_ANGLE * ARCSEC), 3)} µg if the "
+            f"angle is {JUDGED_ANGLE:g}″, and √3 times that if this is its scatter; with the "
+            "correction "
             f"it is {format_significant(corrected.value)} µg"),
         TEXT.judge("carried", by_up, u,
-            "the mean of a reading up and one down is K0 + K2; that of two level ones is K0"),
+            "the mean of readings up and down is K0 + K2; the mean of two level readings is K0"),
     )  # fmt: skip
     angles = ANGLES * ARCSEC
     left = np.array([mounting_angle_error(angle) for angle in angles.tolist()])
@@ -101,18 +103,19 @@ def section(trials: int, seed: int) -> StudySection:
     return TEXT.section(
         findings,
         (
-            StudyTable("k1 + K3, error in µg, by mounting angle; 1σ without noise and head",
-                  "mounting angle", ("that angle,\nno correction", "1σ,\nno correction",
+            StudyTable("Error of k1 + K3, µg, by mounting angle; 1σ without noise and head errors",
+                  "mounting angle", ("this angle,\nno correction", "1σ,\nno correction",
                                      "1σ,\ncorrected"),
                   [(f"{a:g}″", [format_significant(left[k], 3),
                                 *(format_significant(x) for x in scatter[k])])
                    for k, a in enumerate(ANGLES)]),
-            StudyTable(f"Errors, µg, by a base that tilts by {BASE_DRIFT:g}″ and stays so", "tilts",
+            StudyTable(f"Errors, µg, from a lasting base tilt of {BASE_DRIFT:g}″", "tilts",
                   ("K0 of A", "K2 of A", "K0 of B", "K2 of B"), tilts),
         ),
         (
-            Chart("mounting", "RMS of k1 + K3 by the deviation of the mounting angles, without "
-                  "noise.",
+            Chart("mounting", "RMS of k1 + K3 against the standard deviation of the mounting "
+                "angles, without "
+            "noise.",
                   [StudyPanel("", "mounting angle, ″", "RMS, µg",
                          [Curve("no correction", ANGLES[1:], scatter[1:, 0]),
                           Curve("corrected", ANGLES[1:], scatter[1:, 1])])]),

@@ -1,6 +1,7 @@
-"""The error allocation: the share of each item in the zero-order term, and the budget of 0.3 µg.
+"""The error allocation: contribution of each item to K0, and the budget of 0.3 µg.
 
-One item has its error at a time, while the estimator assumes all of them; then all together.
+One item at a time has its error, while the estimator assumes all of them. Then all items have their
+errors together.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,29 +37,29 @@ from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "allocation")
 
 ErrorsByItem = Mapping[str, Mapping[str, Mapping[str, Array]]]
-"""Errors by way, item and column."""
+"""Errors by method variant, item and column."""
 K0_BUDGET = TEXT.claims["in_all"].expected  # µg
-BASE_TILT = 0.1  # ″, of the base at each position
+BASE_TILT = 0.1  # ″, tilt of the base at each position
 ALL_ITEMS = "together"
 _ALLOCATED_METHODS = ("patent", EVERY_FACE)
-# µg; less is not in the chart, and 0 in the table
+# µg; smaller values are not in the chart, and are 0 in the table
 _CHART_MINIMUM, _TABLE_MINIMUM = 0.01, 0.001
 
-BASE_TILT_ITEM = "tilt of base"  # not among the items of the source
+BASE_TILT_ITEM = "tilt of base"  # not an item of the source
 _AUTOCOLLIMATOR_ITEM = "autocollimator"
 
 
 @dataclass(frozen=True)
 class AllocationItem:
-    """One line of the allocation.
+    """One item in the error allocation.
 
     Parameters
     ----------
     size : str
     error : mapping of str to float
-        Fields of the bench that it sets; all others are perfect.
+        Fields of the bench that have an error; all others are perfect.
     random_coefficients : bool
-        Whether the coefficients are drawn, and not 0.
+        Whether the coefficients are drawn at random instead of being 0.
     """
 
     size: str
@@ -83,15 +84,15 @@ ITEMS = {
 
 
 def _error_free_bench(full: DividingHead) -> DividingHead:
-    """Return the bench without an error."""
+    """Return the bench without any error."""
     return replace(full, harmonics=tuple(0.0 for _ in full.harmonics), division=0.0,
                    autocollimator=0.0, base=0.0, pier=0.0, lean=0.0)  # fmt: skip
 
 
 def item_errors(way: str, trials: int, seed: int) -> dict[str, dict[str, Array]]:
-    """Return the errors, µg, by item and column, and of all but the base's tilt together.
+    """Return the errors, µg, by item and column, and for all items except the base's tilt.
 
-    An item is drawn with the readings' noise, and what that does by itself taken off again.
+    Each item is simulated with the noise of the readings, whose own effect is then subtracted.
     """
     method = METHODS[way]
     full = nominal_bench(collimated=method.collimated)
@@ -114,12 +115,12 @@ def item_errors(way: str, trials: int, seed: int) -> dict[str, dict[str, Array]]
 
 
 def allowed_autocollimator_deviation(k0: Mapping[str, float]) -> float:
-    """Return the autocollimator's deviation that keeps K0 within the budget beside noise, ″."""
+    """Return the largest autocollimator deviation with which K0 stays within the budget, ″."""
     return AUTOCOLLIMATOR * np.sqrt(K0_BUDGET**2 - k0["readings"] ** 2) / k0[_AUTOCOLLIMATOR_ITEM]
 
 
 def allocation_calls(trials: int, seed: int) -> list[Call]:
-    """Return the calls that `section` needs: by way, the items and the tilting base."""
+    """Return the calls that `section` needs: items and tilting base for each variant."""
     return [
         *(partial(item_errors, way, trials, seed) for way in _ALLOCATED_METHODS),
         *(partial(method_errors, way, trials, seed, pier=BASE_TILT) for way in _ALLOCATED_METHODS),
@@ -127,7 +128,7 @@ def allocation_calls(trials: int, seed: int) -> list[Call]:
 
 
 def section(results: Sequence[Any]) -> StudySection:
-    """Return the section of the error allocation, from the results of the calls."""
+    """Build the section about the error allocation from the results of the calls."""
     count = len(_ALLOCATED_METHODS)
     found: ErrorsByItem = dict(zip(_ALLOCATED_METHODS, results[:count], strict=True))
     patent, faces = found.values()
@@ -140,15 +141,17 @@ def section(results: Sequence[Any]) -> StudySection:
     leaning = max(rms(patent["lean of the spindle"][column]) for column in JUDGED_COLUMNS)
     findings = (
         TEXT.judge("in_all", whole.value, whole.u,
-            f"two readings of {AUTOCOLLIMATOR:g}″ in each pair alone make "
+            f"two readings of {AUTOCOLLIMATOR:g}″ in each pair already contribute "
             f"{format_significant(k0[_AUTOCOLLIMATOR_ITEM])} µg; "
-            f"{format_significant(allowed_autocollimator_deviation(k0))}″ would do, or a face "
-            f"at every position, with {format_significant(rms(faces[ALL_ITEMS]['K0']).value)} µg"),
+            f"{format_significant(allowed_autocollimator_deviation(k0))}″ would be sufficient, or "
+            "a face "
+            "at every position, which gives "
+            f"{format_significant(rms(faces[ALL_ITEMS]['K0']).value)} µg"),
         TEXT.judge("tilting", moving["patent"].value, moving["patent"].u,
-            "the autocollimator stands on the base and does not see it tilt; with a face at "
-            f"every position it is {format_significant(moving[EVERY_FACE].value)} µg"),
+            "the autocollimator is mounted on the base and does not detect its tilt; with a face "
+            f"at every position it is {format_significant(moving[EVERY_FACE].value)} µg"),
         TEXT.judge("leaning", leaning.value, leaning.u,
-            f"what a lean of {SPINDLE_LEAN:g}″ adds to the coefficient that it moves most, k1 + "
+            f"effect of a lean of {SPINDLE_LEAN:g}″ on the coefficient that it changes most, k1 + "
             "K3"),
     )  # fmt: skip
     return TEXT.section(findings, (_table(found, moving),), (_chart(found),), pier=BASE_TILT)
@@ -179,7 +182,7 @@ def _table(found: ErrorsByItem, moving: Mapping[str, Rms]) -> StudyTable:
         row("together with the tilt", "", np.array(tilting)),
     ]
     heads = ("size, 1σ", *(f"patent,\n{column}" for column in JUDGED_COLUMNS), "every face,\nK0")
-    return StudyTable("What each item adds, RMS, µg (δ µrad)", "item", heads, rows)
+    return StudyTable("Contribution of each item, RMS, µg (δ in µrad)", "item", heads, rows)
 
 
 def _chart(found: ErrorsByItem) -> Chart:
@@ -192,7 +195,7 @@ def _chart(found: ErrorsByItem) -> Chart:
     lines.append(Curve("budget", np.array([0.0, len(names) - 1.0]), np.full(2, K0_BUDGET)))
     return Chart(
         "allocation",
-        "What each item adds to K0, beside the budget of 0.3 µg; the tilt of the base is not in "
-        "“together”. Items below 0.01 µg are left out.",
+        "Contribution of each item to K0, with the budget of 0.3 µg; “together” does not include "
+        "the tilt of the base. Items below 0.01 µg are omitted.",
         [StudyPanel("", "", "RMS of K0, µg", lines, log_y=False, names=names)],
     )

@@ -1,4 +1,4 @@
-"""The accuracy by method: what each knows of each coefficient, and what the head's error does."""
+"""Accuracy of each method for each coefficient, and the effect of the head's error."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -32,14 +32,14 @@ _CHARTED_METHODS = ("single", "dual, Bayes", "patent, no centrifuge", JOINT_METH
 
 @dataclass(frozen=True, eq=False)
 class MethodAccuracy:
-    """What the methods reach on one bench, by method and column, µg.
+    """Accuracy of the methods on one bench, by method and column, µg.
 
     Parameters
     ----------
     rms : mapping of str to mapping of str to Rms
     nees : mapping of str to Rms
-        Mean squared error in units of the stated covariance, over the number of coefficients: 1
-        where an estimate knows how well it knows.
+        Mean squared error in units of the stated covariance, per coefficient; 1 if the stated
+        uncertainty is correct.
     """
 
     rms: Mapping[str, Mapping[str, Rms]]
@@ -47,12 +47,12 @@ class MethodAccuracy:
 
 
 def method_accuracy_calls(trials: int, seed: int) -> list[Call]:
-    """Return the calls, one a method, that `combine_methods` needs."""
+    """Return the calls that `combine_methods` needs, one per method."""
     return [partial(_assess_method, name, trials, seed) for name in METHODS]
 
 
 def combine_methods(found: Sequence[tuple[dict[str, Rms], Rms | None]]) -> MethodAccuracy:
-    """Return the accuracy of the methods with a head of 3″, from the results of the calls."""
+    """Return the accuracy of the methods with a head of 3″ from the results of the calls."""
     by_name = dict(zip(METHODS, found, strict=True))
     return MethodAccuracy(
         {name: columns for name, (columns, _) in by_name.items()},
@@ -78,18 +78,18 @@ def _normalized_error(found: Estimate, case: DividingHeadCase) -> Rms:
 
 
 def accuracy_section(found: MethodAccuracy) -> StudySection:
-    """Return the section of the table of methods."""
+    """Build the section with the table of methods."""
     patent, pairs = found.rms["patent, no centrifuge"], found.rms[JOINT_METHOD]
     reasons = {
-        "K0": "by the four points, each pair trimmed on the autocollimator",
+        "K0": "from the four points, with each pair aligned by the autocollimator",
         "k1": f"k1 + K3 is known to {format_significant(patent['k1 + K3'].value)} µg, but K_A3 and "
         "K_B3 act "
-        "alike on what is seen; with a K3 of a centrifuge, to 0.5 µg, k1 is known to "
+        "in the same way on the readings; with K3 from a centrifuge, to 0.5 µg, k1 is known to "
         f"{format_significant(found.rms['patent']['k1'].value)} µg, and with the autocollimator "
         f"read at every position to {format_significant(found.rms[EVERY_FACE]['k1'].value)} µg "
-        "without any",
-        "δ": "by g² beside the four points",
-        "K2": "K3 of a centrifuge would make it "
+        "without a centrifuge",
+        "δ": "from g² in addition to the four points",
+        "K2": "with K3 from a centrifuge it would be "
         f"{format_significant(found.rms['patent']['K2'].value)} µg",
         "Kip": f"from a prior of 20 µg; joint reaches {format_significant(pairs['Kip'].value)} µg",
     }
@@ -101,7 +101,7 @@ def accuracy_section(found: MethodAccuracy) -> StudySection:
     largest = max(x.u / x.value for by_column in found.rms.values() for x in by_column.values())
     places = np.arange(float(len(COLUMNS)))
     lines = [
-        # Side by side: some methods agree.
+        # Drawn side by side, because some methods agree.
         Curve(name, places + 0.1 * (k - 2), np.array([x.value for x in found.rms[name].values()]),
              connected=False)
         for k, name in enumerate(_CHARTED_METHODS)
@@ -110,8 +110,8 @@ def accuracy_section(found: MethodAccuracy) -> StudySection:
         findings,
         (StudyTable("RMS of the errors, µg (δ µrad, k1 ppm)", "method", COLUMNS, rows),),
         (
-            Chart("methods", "RMS of the errors by coefficient. The goal is 1 µg: what lies above "
-                  "wants a centrifuge, or a face at every position.",
+            Chart("methods", "RMS of the errors by coefficient. The goal is 1 µg; values above it "
+            "need a centrifuge, or a face at every position.",
                   [StudyPanel("", "", "RMS, µg", lines, names=COLUMNS)]),
         ),
         largest=largest,
@@ -119,7 +119,7 @@ def accuracy_section(found: MethodAccuracy) -> StudySection:
 
 
 def faces_section(found: MethodAccuracy) -> StudySection:
-    """Return the section of the polygon read at every position."""
+    """Build the section about a polygon that is read at every position."""
     few, all_ = found.rms[JOINT_METHOD], found.rms[EVERY_FACE]
     gain = {name: few[name].value / all_[name].value for name in COLUMNS}
     rows = [
@@ -131,7 +131,8 @@ def faces_section(found: MethodAccuracy) -> StudySection:
     return FACES_TEXT.section(
         (),
         (
-            StudyTable("RMS of joint, µg (δ µrad, k1 ppm), by where the autocollimator is read",
+            StudyTable("RMS of joint, µg (δ µrad, k1 ppm), by the positions where the "
+                "autocollimator is read",
                   "read at", COLUMNS, rows),
         ),
         gain=gain,
@@ -148,20 +149,20 @@ _CASES = (*((name, head) for name in SHOWN_METHODS for head in HEAD_ERRORS), ("p
 
 @dataclass(frozen=True, eq=False)
 class HeadComparison:
-    """RMS of K0 by method and size of the head, µg, and the patent's of 10″ over a perfect one."""
+    """RMS of K0 by method and head error, µg, and the patent's ratio for 10″ and no error."""
 
     k0: dict[str, list[Rms]]
     perfect_head_ratio: Rms
-    head_change: float  # µg, RMS change of the patent's K0 by the head of 10″
+    head_change: float  # µg, RMS change of the patent's K0 from a head of 10″
 
 
 def head_calls(trials: int, seed: int) -> list[Call]:
-    """Return the calls, one a method and head, that `combine_heads` needs."""
+    """Return the calls that `combine_heads` needs, one per method and head."""
     return [partial(_bias_error, name, head, trials, seed) for name, head in _CASES]
 
 
 def combine_heads(found: Sequence[Array]) -> HeadComparison:
-    """Return the errors of K0 by method and size of the head, from the results of the calls."""
+    """Return the errors of K0 by method and head error, from the results of the calls."""
     error = dict(zip(_CASES, found, strict=True))
     k0 = {name: [rms(error[name, head]) for head in HEAD_ERRORS] for name in SHOWN_METHODS}
     none, worst = error["patent", 0.0], error["patent", HEAD_ERRORS[-1]]
@@ -173,13 +174,14 @@ def _bias_error(name: str, head: float, trials: int, seed: int) -> Array:
 
 
 def head_section(found: HeadComparison) -> StudySection:
-    """Return the section of the head's error."""
+    """Build the section about the head's error."""
     alone = found.k0["single"][HEAD_ERRORS.index(3.0)]
     findings = (
         HEAD_TEXT.judge("free", found.perfect_head_ratio.value, found.perfect_head_ratio.u,
-            f"it moves the K0 of a trial by {format_significant(found.head_change)} µg"),
+            f"it changes the K0 of a trial by {format_significant(found.head_change)} µg"),
         HEAD_TEXT.judge("alone", alone.value, alone.u,
-            f"a head of 3″; one of 0.5″ makes {format_significant(found.k0['single'][0].value)} "
+            "with a head of 3″; with a head of 0.5″ it is "
+            f"{format_significant(found.k0['single'][0].value)} "
             "µg"),
     )  # fmt: skip
     sizes = np.array(HEAD_ERRORS)
@@ -195,7 +197,8 @@ def head_section(found: HeadComparison) -> StudySection:
                    for name, k0 in found.k0.items()]),
         ),
         (
-            Chart("head", "RMS of K0 by the head's error; the same draws throughout.",
+            Chart("head", "RMS of K0 against the head's error, with the same random draws for all "
+                "heads.",
                   [StudyPanel("", "head's error, ″ rms", "RMS of K0, µg", lines)]),
         ),
     )  # fmt: skip

@@ -1,7 +1,8 @@
-"""The simulated bench: a dividing head with two accelerometers at right angles, read many times.
+"""The simulated bench: a dividing head with two perpendicular accelerometers.
 
-The bench makes the force (`benches.dividing_head.sensed_motion`), the sensor's model the readings.
-Every quantity that errs is drawn by its name: benches of other sizes meet the same draws.
+The bench model gives the specific force (`benches.dividing_head.sensed_motion`), and the sensor
+model gives the readings. Each error is drawn by its name, so benches with other error sizes use the
+same random numbers.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,13 +33,17 @@ from inercal.studies.claim import Rms
 ARCSEC = pi / 648_000  # rad
 MICRO = 1e-6
 SENSOR = mounted_sensor().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
-NOISE = 0.2e-6  # g, of each reading
+NOISE = 0.2e-6  # g, noise of each reading
 HEAD_ERROR = 3.0  # ″ rms
-VARIANCE_SHARES = (0.4, 0.3, 0.3)  # of the head's variance: one turn, half a turn, graduations
-AUTOCOLLIMATOR = 0.1  # ″, of each reading
+VARIANCE_SHARES = (
+    0.4,
+    0.3,
+    0.3,
+)  # shares of the head's variance: one turn, half a turn, graduations
+AUTOCOLLIMATOR = 0.1  # ″, noise of each reading
 HEAD_ZERO, SPINDLE_LEAN = 5.0, 20.0  # ″
 
-SIZES = {  # of the accelerometers' coefficients, 1σ in their natural units
+SIZES = {  # coefficients of the accelerometers, 1σ in their customary units
     "k0": 300e-6,
     "k1": 200e-6,
     "delta_o": 100 * ARCSEC,
@@ -49,13 +54,13 @@ SIZES = {  # of the accelerometers' coefficients, 1σ in their natural units
 LARGE_SIZES = SIZES | {"k0": 1e-3, "k1": 1e-3, "delta_o": 300 * ARCSEC}
 NATURAL_UNITS = {"k0": G0, "k1": 1.0, "delta_o": 1.0, "k2": 1 / G0, "k3": 1 / G0**2, "kip": 1 / G0}
 COLUMNS = ("K0", "k1", "δ", "K2", "K3", "Kip", "k1 + K3")
-"""The judged quantities of an estimate, in µg (ppm, µrad); δ is the angle between both axes."""
+"""The quantities to be judged, in µg (ppm, µrad); δ is the angle between the axes."""
 JUDGED_COLUMNS = ("K0", "k1 + K3", "δ", "K2", "Kip")
-"""The quantities that the bench determines without a K3 of other measurements."""
+"""The quantities that the bench determines without K3 from other measurements."""
 
 
 def nominal_bench(head: float = HEAD_ERROR, collimated: CollimationMode = "pairs") -> DividingHead:
-    """Return the bench with a head of so many arc seconds rms."""
+    """Return the bench with a head error of `head` arc seconds rms."""
     first, second, rest = head * ARCSEC * np.sqrt(VARIANCE_SHARES)
     return DividingHead(
         Measured(G0, 0.0),
@@ -69,23 +74,23 @@ def nominal_bench(head: float = HEAD_ERROR, collimated: CollimationMode = "pairs
 
 
 def standard_normal_draws(seed: int, name: str, shape: tuple[int, ...]) -> Array:
-    """Return standard normal numbers; a seed and a name give the same ones again."""
+    """Return standard normal numbers, which depend only on the seed, the name and the shape."""
     return np.random.default_rng([seed, crc32(name.encode())]).standard_normal(shape)
 
 
 @dataclass(frozen=True, eq=False)
 class DividingHeadCase:
-    """One bench, read in many trials.
+    """One bench with the readings from many trials.
 
     Parameters
     ----------
     observations : Observations
-        (trials, r, 2), m/s².
+        Readings, (trials, r, 2), m/s².
     bench : DividingHead
-        As the estimators know it.
+        The bench as the estimators know it.
     steps : sequence of r Index
     truth : mapping of str to (trials, 2) array
-        Coefficients of a and b by term, in natural units.
+        Coefficients of a and b by term, in customary units.
     seed : int
     """
 
@@ -96,11 +101,11 @@ class DividingHeadCase:
     seed: int
 
     def production_prior(self, term: str, sd: float) -> Gaussian:
-        """Return the prior of a coefficient from its type: about 0, with sd in natural units."""
+        """Return the prior of a coefficient from typical values: mean 0, sd in customary units."""
         return self._prior(term, np.zeros(2), sd)
 
     def measured_prior(self, term: str, sd: float) -> Gaussian:
-        """Return the prior of a coefficient by another test, with standard deviation sd."""
+        """Return the prior of a coefficient from another test, with standard deviation sd."""
         truth = self.truth[term]
         return self._prior(
             term,
@@ -114,12 +119,12 @@ class DividingHeadCase:
 
     @property
     def true_values(self) -> Array:
-        """Coefficients in the order of the sensor's, (trials, 12) SI."""
+        """Return the true coefficients in the order of the sensor's, (trials, 12) SI."""
         return coefficient_vector(self.truth)
 
 
 def coefficient_vector(truth: dict[str, Array]) -> Array:
-    """Return coefficients by term, (..., 2) in natural units, as the sensor's, (..., 12) SI."""
+    """Convert coefficients by term, (..., 2), to those of the sensor, (..., 12) SI."""
     parts = [CoefficientName(name).parts for name in SENSOR.coefficients]
     columns = [NATURAL_UNITS[term] * truth[term][..., "ab".index(axis)] for axis, term in parts]
     return np.stack(columns, axis=-1)
@@ -135,21 +140,21 @@ def simulate(
     sizes: dict[str, float] = SIZES,
     noise: float = NOISE,
 ) -> DividingHeadCase:
-    """Return readings of so many trials.
+    """Simulate the readings for a number of trials.
 
     Parameters
     ----------
     drawn : DividingHead
-        The sizes of the bench's errors.
+        Bench with the sizes of its errors.
     trials, seed : int
     steps : sequence of Index, optional
-        By default twelve positions.
+        Positions; by default twelve.
     stated : DividingHead, optional
-        The bench that the estimators know, where it differs.
+        The bench as the estimators know it, if it differs.
     sizes : dict of str to float
-        Of the coefficients.
+        Standard deviations of the coefficients.
     noise : float
-        Of each reading, g; without noise, estimators assume the usual noise.
+        Noise of each reading, g. If it is 0, the estimators assume the usual noise.
     """
     steps = position_plan(12) if steps is None else steps
     r = len(steps)
@@ -176,7 +181,7 @@ def simulate(
 
 
 def estimate_errors(found: Estimate, case: DividingHeadCase) -> dict[str, Array]:
-    """Return the errors by `COLUMNS`, (trials, 2) or (trials,) in µg."""
+    """Return the errors by `COLUMNS`, (trials, 2) or (trials,), in µg."""
     off: dict[str, Array] = {}
     for term in SIZES:
         value = found.select([f"{axis}.{term}" for axis in "ab"]).value / NATURAL_UNITS[term]
@@ -187,29 +192,29 @@ def estimate_errors(found: Estimate, case: DividingHeadCase) -> dict[str, Array]
 
 
 def rms_ratio(error: Array, other: Array) -> Rms:
-    """Return the RMS of errors over that of others from the same draws, with its error."""
+    """Return the ratio of two RMS errors from the same draws, with its error."""
     one, two = (np.mean(e.reshape(len(e), -1) ** 2, axis=1) for e in (error, other))
     value = float(np.sqrt(one.mean() / two.mean()))
     spread = (one / one.mean() - two / two.mean()).std()
     return Rms(value, float(value * spread / 2 / np.sqrt(len(one))))
 
 
-CENTRIFUGE_K3_SD = 0.5 * MICRO  # g, how well a centrifuge knows K3
-SINGLE_TESTS = 5  # single tests behind the Kip of `dual`; the source has several
+CENTRIFUGE_K3_SD = 0.5 * MICRO  # g, uncertainty of K3 from a centrifuge
+SINGLE_TESTS = 5  # number of single tests for the Kip of `dual`; the source uses several
 
 
 @dataclass(frozen=True)
 class StudiedMethod:
-    """A method of the table.
+    """A method in the table.
 
     Parameters
     ----------
     collimated : "pairs", "every" or "none"
-        What the autocollimator reads.
+        Positions that the autocollimator reads.
     estimator : callable
-        Of `methods.dual_orthogonal`.
+        Estimator from `methods.dual_orthogonal`.
     priors : callable
-        Priors in addition to the readings.
+        Function that returns priors in addition to the readings.
     """
 
     collimated: CollimationMode
@@ -217,7 +222,7 @@ class StudiedMethod:
     priors: Callable[[DividingHeadCase], Sequence[Gaussian]]
 
     def __call__(self, case: DividingHeadCase) -> Estimate:
-        """Return the estimate."""
+        """Return the estimate for a case."""
         return self.estimator(case.observations, SENSOR, case.bench, case.steps, self.priors(case))
 
 
@@ -226,17 +231,17 @@ def _no_priors(_: DividingHeadCase) -> Sequence[Gaussian]:
 
 
 def _production_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
-    """Return the priors of Kip and K3 by the typical values of such accelerometers."""
+    """Return priors for Kip and K3 from the typical values of such accelerometers."""
     return case.production_prior("kip", SIZES["kip"]), case.production_prior("k3", SIZES["k3"])
 
 
 def _centrifuge_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
-    """Return the make's Kip, and K3 of a centrifuge."""
+    """Return priors: Kip from typical values, and K3 from a centrifuge."""
     return case.production_prior("kip", SIZES["kip"]), case.measured_prior("k3", CENTRIFUGE_K3_SD)
 
 
 def _single_test_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
-    """Return Kip of several single tests of twelve positions, and K3 of a centrifuge."""
+    """Return priors: Kip from several twelve-position tests, and K3 from a centrifuge."""
     test = simulate(case.bench, 1, case.seed)
     once = single(test.observations, SENSOR, test.bench, test.steps).select(["a.kip"]).std
     sd = float(np.max(once)) / NATURAL_UNITS["kip"] / np.sqrt(SINGLE_TESTS)
@@ -252,7 +257,7 @@ METHODS = {
     "joint": StudiedMethod("pairs", joint, _production_priors),
     EVERY_FACE: StudiedMethod("every", joint, _production_priors),
 }
-"""By name; the second and the third have K3 of a centrifuge."""
+"""Methods by name; the second and the third use K3 from a centrifuge."""
 
 
 def method_errors(
@@ -266,24 +271,24 @@ def method_errors(
     sizes: dict[str, float] = SIZES,
     noise: float = NOISE,
 ) -> dict[str, Array]:
-    """Return the errors of a method, by `COLUMNS`.
+    """Return the errors of a method by `COLUMNS`.
 
     Parameters
     ----------
     name : str
-        Of `METHODS`.
+        Name of a method in `METHODS`.
     trials, seed : int
     steps : sequence of Index, optional
-        By default twelve positions.
+        Positions; by default twelve.
     head, pier : float
-        Deviations of the head and of the base's tilt, ″.
+        Standard deviations of the head and of the base's tilt, ″.
     sizes, noise
-        As for `simulate`.
+        As in `simulate`.
 
     Raises
     ------
     NotObserved
-        Steps that the method cannot do with.
+        The method cannot use these steps.
     """
     method = METHODS[name]
     drawn = replace(nominal_bench(head, method.collimated), pier=pier * ARCSEC)

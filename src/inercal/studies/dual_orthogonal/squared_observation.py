@@ -1,7 +1,7 @@
-"""The g² observation: what it does not separate, and what its linear form neglects.
+"""The g² observation: combinations that it cannot separate, and errors of its linear form.
 
 To first order z = ½(y_A² + y_B² − 1) = A(θ) c (`methods.dual_orthogonal.g_squared`), with harmonics
-up to the fourth. Products of coefficients are neglected there.
+up to the fourth. This linear form neglects products of coefficients.
 """
 
 from dataclasses import dataclass, replace
@@ -43,7 +43,7 @@ def matrix_rank(rows: Array) -> int:
 
 
 def null_space_dimensions(n: int = 12) -> tuple[int, int, float]:
-    """Return how many combinations are open, K3 unknown and known, and the largest |A v|."""
+    """Return the number of undetermined combinations (K3 unknown, known) and the largest |A v|."""
     rows = g_squared.design_matrix(2 * np.pi * np.arange(n) / n)
     without = [k for k, name in enumerate(g_squared.TERMS) if not name.endswith("k3")]
     vectors = [
@@ -55,7 +55,7 @@ def null_space_dimensions(n: int = 12) -> tuple[int, int, float]:
 
 
 def linear_form_errors(case: DividingHeadCase) -> Array:
-    """Return the errors of the harmonics of z by the linear form, (trials, 8) µg."""
+    """Return the errors of the linear form in the harmonics of z, (trials, 8) µg."""
     theta = np.array([step.angle for step in case.steps])
     y = case.observations.mean / G0
     z = (np.sum(y**2, axis=-1) - 1) / 2
@@ -79,14 +79,14 @@ def _true_terms(case: DividingHeadCase) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class FormErrors:
-    """What the linear form leaves, by harmonic, and the exact one, in µg."""
+    """Errors of the linear form by harmonic, and error of the exact form, in µg."""
 
     linear: list[Rms]
     exact: float
 
 
 def compare_forms(sizes: dict[str, float], trials: int, seed: int) -> FormErrors:
-    """Return the errors of both forms for readings without noise, with a head of 3″."""
+    """Return the errors of both forms for noise-free readings with a head of 3″."""
     level = replace(nominal_bench(collimated="none"), lean=0.0)
     case = simulate(level, trials, seed, sizes=sizes, noise=0.0)
     off = linear_form_errors(case)
@@ -98,12 +98,12 @@ def compare_forms(sizes: dict[str, float], trials: int, seed: int) -> FormErrors
 
 
 def section(trials: int, seed: int) -> StudySection:
-    """Return the section of the g² observation."""
+    """Build the section about the g² observation."""
     open_, known, left = null_space_dimensions()
     small, large = compare_forms(SIZES, trials, seed), compare_forms(LARGE_SIZES, trials, seed)
     findings = [
         TEXT.judge("dependent", known, 0.0,
-            f"with K3 unknown they are {open_}, k1 against K3 being the third: rank "
+            f"with K3 unknown there are {open_}, the third being k1 against K3: rank "
             f"{len(g_squared.TERMS) - open_} of {len(g_squared.TERMS)}")
     ]  # fmt: skip
     for claim, form in (("products", small), ("large_products", large)):
@@ -111,8 +111,8 @@ def section(trials: int, seed: int) -> StudySection:
         worst = form.linear[k]
         findings.append(
             TEXT.judge(claim, worst.value, worst.u,
-                f"the RMS of what it adds to the coefficient of {HARMONICS[k]}, the worst; the "
-                f"exact form ‖f̂‖ = g leaves {format_significant(form.exact)} µg")
+                f"the RMS of its error in the coefficient of {HARMONICS[k]}, the worst; the "
+                f"error of the exact form ‖f̂‖ = g is {format_significant(form.exact)} µg")
         )  # fmt: skip
     nulls = "; ".join(
         f"{words}: ({', '.join(map(_source_symbol, weights))}) = "
@@ -123,7 +123,7 @@ def section(trials: int, seed: int) -> StudySection:
         findings,
         (
             StudyTable(
-                "What the linear form adds to each harmonic of z, RMS, µg", "coefficients",
+                "Error of the linear form in each harmonic of z, RMS, µg", "coefficients",
                 HARMONICS,
                 [(words, format_all(form.linear))
                  for words, form in (("nominal", small), ("large", large))],
@@ -136,13 +136,13 @@ def section(trials: int, seed: int) -> StudySection:
 
 
 def _source_symbol(name: str) -> str:
-    """Return a coefficient as the source writes it: "K_A0" of "a.k0"."""
+    """Return a coefficient in the notation of the source: "K_A0" for "a.k0"."""
     axis, term = CoefficientName(name).parts
     return f"{'k' if term == 'k1' else 'K'}_{axis.upper()}{term[1:]}"
 
 
 def _size_table(trials: int, seed: int) -> StudyTable:
-    """Return the table of large coefficients against nominal ones, from the same draws."""
+    """Return the table that compares large coefficients with nominal ones, from the same draws."""
     rows: list[tuple[str, list[str]]] = []
     for method in SHOWN_METHODS:
         small = method_errors(method, trials, seed, sizes=SIZES)
@@ -154,6 +154,6 @@ def _size_table(trials: int, seed: int) -> StudyTable:
         ]
         rows.append((method, cells))
     return StudyTable(
-        "RMS with large coefficients, µg; in brackets over that with nominal ones", "method",
+        "RMS with large coefficients, µg; in brackets, divided by that with nominal ones", "method",
         COLUMNS, rows,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The step between positions: what g² shows, which estimators work, and whether 30° is best."""
+"""The step between positions: rank of g², usable estimators, and whether 30° is best."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,14 +28,14 @@ from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "step")
 
 COUNTS = (6, 7, 8, 9, 10, 12, 16, 18, 24)
-CLAIMED_COUNTS = range(9, 19)  # positions of whole turns in steps from 40° to 20°
+CLAIMED_COUNTS = range(9, 19)  # numbers of positions in a turn, for steps from 40° to 20°
 CLAIMED_BEST = 12
-_DUAL_TRIAL_RATIO = 8  # one trial of dual for so many: at eight positions they go one by one
-_CHART_MAXIMUM = 1.0  # µg, the most in the chart
+_DUAL_TRIAL_RATIO = 8  # trials per trial of dual, which solves trials one by one at eight positions
+_CHART_MAXIMUM = 1.0  # µg, largest value in the chart
 
 
 def positions_with_cardinals(n: int) -> tuple[Index, ...]:
-    """Return n even positions and those of the four cardinal ones that are not among them."""
+    """Return n evenly spaced positions, plus the cardinal positions that are missing among them."""
     steps = position_plan(n)
     lacking = [
         Index(f"c{k}", k * pi / 2)
@@ -48,7 +48,7 @@ def positions_with_cardinals(n: int) -> tuple[Index, ...]:
 def judged_errors(
     name: str, steps: Sequence[Index], trials: int, seed: int, noise: float = NOISE
 ) -> Array | None:
-    """Return the errors in `JUDGED_COLUMNS`, (trials, 9) µg; None if a method refuses."""
+    """Return the errors in `JUDGED_COLUMNS`, (trials, 9) µg, or None if the method fails."""
     try:
         found = method_errors(name, trials, seed, steps, noise=noise)
     except NotObserved:
@@ -58,15 +58,15 @@ def judged_errors(
 
 @dataclass(frozen=True, eq=False)
 class StepEffect:
-    """What a step does: errors by way, as for `judged_errors`.
+    """Effect of a step: errors by method variant, as in `judged_errors`.
 
     Parameters
     ----------
     n, rank : int
-        Even positions, and the rank of g² there.
+        Number of evenly spaced positions, and the rank of g².
     dual : array or None
     equal_per_position, equal_in_total : mapping of str to array or None
-        By way; as many readings at each position, or in all.
+        Errors by method variant, with the same number of readings at each position or in total.
     """
 
     n: int
@@ -86,14 +86,14 @@ _PLANS = {
 
 
 def step_calls(trials: int, seed: int) -> list[Call]:
-    """Return the calls that `section` needs: one for each step, then one for each plan."""
+    """Return the calls that `section` needs: first one per step, then one per plan."""
     effects = [partial(_step_effect, n, trials, seed) for n in reversed(COUNTS)]
     plans = (position_plan, positions_with_cardinals)
     return [*effects, *(partial(_serving_counts, plan, seed) for plan in plans)]
 
 
 def _serving_counts(plan: Callable[[int], Sequence[Index]], seed: int) -> list[int]:
-    """Return the claimed numbers of positions that the patent's method accepts of a plan."""
+    """Return the claimed numbers of positions for which the patent's method accepts a plan."""
     return [n for n in CLAIMED_COUNTS if judged_errors("patent", plan(n), 20, seed) is not None]
 
 
@@ -103,7 +103,7 @@ def _step_effect(n: int, trials: int, seed: int) -> StepEffect:
     for way, (name, plan) in _PLANS.items():
         visited = plan(n)
         each[way] = judged_errors(name, visited, trials, seed)
-        # As many readings in all as BEST positions have, shared by more or fewer positions.
+        # The same total number of readings as with BEST positions, distributed among the positions.
         shared = NOISE * sqrt(len(visited) / CLAIMED_BEST)
         total[way] = judged_errors(name, visited, trials, seed, shared)
     rank = matrix_rank(g_squared.design_matrix(2 * pi * np.arange(n) / n))
@@ -114,7 +114,7 @@ def _step_effect(n: int, trials: int, seed: int) -> StepEffect:
 
 
 def ratio_to_best_other_step(by_count: Mapping[int, Array | None]) -> tuple[Rms, int]:
-    """Return the RMS at 30° over the least at other steps, and how many positions that one has."""
+    """Return the RMS at 30° over the smallest at other steps, and that step's positions."""
     others = {n: e for n, e in by_count.items() if e is not None and n != CLAIMED_BEST}
     n = min(others, key=lambda k: rms(others[k]).value)
     here = by_count[CLAIMED_BEST]
@@ -123,10 +123,11 @@ def ratio_to_best_other_step(by_count: Mapping[int, Array | None]) -> tuple[Rms,
 
 
 def best_step(by_count: Mapping[int, Array | None]) -> tuple[float, float, str]:
-    """Return the step with the least RMS, °, its standard uncertainty, and the reason.
+    """Return the step with the smallest RMS, °, its standard uncertainty and the reason.
 
-    Where another step is better than 30°, the two are as many uncertainties apart as their ratio of
-    RMS is from one: the Monte Carlo error may make a step the best that is not.
+    If another step is better than 30°, the uncertainty is chosen so that the two steps differ by as
+    many uncertainties as their RMS ratio differs from one, because the Monte Carlo error may make a
+    wrong step appear best.
     """
     over, n = ratio_to_best_other_step(by_count)
     words = f"RMS at 30° over that at {360 / n:g}° is {over.value:.3f} ± {over.u:.3f} (k = 1)"
@@ -136,13 +137,14 @@ def best_step(by_count: Mapping[int, Array | None]) -> tuple[float, float, str]:
 
 
 def section(results: Sequence[Any]) -> StudySection:
-    """Return the section of the step, from the results of the calls."""
+    """Build the section about the step from the results of the calls."""
     *effects, serving, helped = results
     found: list[StepEffect] = effects[::-1]
     why = (
-        f"{len(serving)} of {len(CLAIMED_COUNTS)} even steps serve: the four points are among "
-        f"{' and '.join(map(str, serving))} positions alone; with the cardinal ones added "
-        f"{len(helped)} serve"
+        f"{len(serving)} of {len(CLAIMED_COUNTS)} even steps work: the four points are included "
+        "only in "
+        f"{' and '.join(map(str, serving))} positions; with the cardinal positions added, "
+        f"{len(helped)} work"
     )
     findings = [
         TEXT.judge(claim, 360 / n, 0.0, why)
@@ -154,7 +156,7 @@ def section(results: Sequence[Any]) -> StudySection:
             for s in found
         }
         at, u, words = best_step(added)
-        text = f"{words}; cardinal positions are added where a step lacks them"
+        text = f"{words}; cardinal positions are added if a step does not include them"
         findings.append(TEXT.judge(claim, at, u, text))
     finer, here = found[-1], next(s for s in found if s.n == CLAIMED_BEST)
     full = next(s.n for s in found if s.rank == max(t.rank for t in found))
@@ -184,7 +186,7 @@ def _table(found: Sequence[StepEffect]) -> StudyTable:
             for way in _PLANS for by in (s.equal_per_position, s.equal_in_total))])
         for s in found
     ]  # fmt: skip
-    heads = [f"{way},\n{what}" for way in _PLANS for what in ("each alike", "in all alike")]
+    heads = [f"{way},\n{what}" for way in _PLANS for what in ("same at each", "same in total")]
     return StudyTable(
         "Rank of g² and RMS, µg, by the number of positions",
         "positions, step", ("rank", "dual, Bayes", *heads), rows,
@@ -204,9 +206,10 @@ def _chart(found: Sequence[StepEffect]) -> Chart:
     names = [str(s.n) for s in found]
     return Chart(
         "step",
-        "RMS by the number of positions, as many readings at each (left) or in all (right). For "
-        "patent cardinal positions are added; joint without both pairs, at more than "
-        f"{_CHART_MAXIMUM:g} µg, is left out.",
+        "RMS against the number of positions, with the same number of readings at each (left) or "
+        "in total (right). For patent, cardinal positions are added; joint without both pairs, "
+        "which "
+        f"exceeds {_CHART_MAXIMUM:g} µg, is omitted.",
         [
             StudyPanel("", "", "RMS, µg", lines(totals), log_y=False, names=names)
             for totals in (False, True)

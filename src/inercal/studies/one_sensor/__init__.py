@@ -1,7 +1,7 @@
-"""One sensor through all methods: calibrations by different benches agree within their U, or not.
+"""One sensor calibrated by all methods, to test whether the results agree within their U.
 
-Every method calibrates the same simulated IMU in a laboratory of its own, whose bench errs as its
-run file states. Run files and the sensor are in `laboratories`.
+Every method calibrates the same simulated IMU in a separate laboratory, whose bench has errors as
+stated in its run file. The run files and the sensor are in `laboratories`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,13 +44,13 @@ _SIZES = {
     "delta_o": (10.0, "′"),
     "delta_p": (10.0, "′"),
 }
-"""Standard deviations of the truth."""
+"""Standard deviations of the true coefficients."""
 _TRIANGULAR = ("ax.delta_o", "ax.delta_p", "ay.delta_o")
-"""Zero in the truth: the body frame is that of the accelerometers in every laboratory."""
+"""True values that are zero, because every laboratory uses the accelerometers' body frame."""
 
 
 class PairTest(NamedTuple):
-    """χ² of the difference of two calibrations, its degrees of freedom, and p."""
+    """χ² of the difference between two calibrations, its degrees of freedom and p."""
 
     chi2: float
     dof: int
@@ -61,7 +61,7 @@ Pair = tuple[str, str]
 
 
 def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
-    """Return the study; see `inercal.studies.reproduce`."""
+    """Compute the study; see `inercal.studies.reproduce`."""
     sensors = max(trials // TRIALS_PER_SENSOR, FEWEST)
     indices = [executor.submit(compare_pairs, seed, k) for k in range(sensors)]
     found: list[Mapping[Pair, PairTest]] = []
@@ -78,18 +78,20 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
 
 
 def compare_pairs(seed: int, k: int) -> Mapping[Pair, PairTest]:
-    """Return how each two laboratories agree on sensor `k` of a seed."""
+    """Test how well each pair of laboratories agrees on sensor number `k` for a seed."""
     made = calibrations(seed, k)
     found: dict[Pair, PairTest] = {}
     for pair in combinations(LABORATORIES, 2):
         joint = compare(*(made[name] for name in pair)).joint_test
-        assert joint is not None  # all find the biases and scale factors of accelerometers
+        assert (
+            joint is not None
+        )  # all laboratories find the biases and scale factors of the accelerometers
         found[pair] = PairTest(joint.chi2, joint.rank, joint.p_value)
     return found
 
 
 def calibrations(seed: int, k: int) -> dict[str, Calibration]:
-    """Return the calibration of sensor `k` of a seed by each laboratory."""
+    """Return each laboratory's calibration of sensor number `k` for a seed."""
     truth = draw_truth(np.random.default_rng((seed, k)))
     made: dict[str, Calibration] = {}
     with TemporaryDirectory() as name:
@@ -108,7 +110,7 @@ def calibrations(seed: int, k: int) -> dict[str, Calibration]:
 
 
 def draw_truth(rng: np.random.Generator) -> dict[str, str]:
-    """Return a sensor's true coefficients as a run file states them."""
+    """Draw a sensor's true coefficients, as text for a run file."""
     truth: dict[str, str] = {}
     for axis in ("ax", "ay", "az", "gx", "gy", "gz"):
         terms = ("k0", "k1") if axis.startswith("a") else ("bias", "scale")
@@ -121,7 +123,7 @@ def draw_truth(rng: np.random.Generator) -> dict[str, str]:
 
 
 def run_file_text(laboratory: str, truth: Mapping[str, str]) -> str:
-    """Return the run file of a laboratory for a sensor of this truth."""
+    """Return the run file of a laboratory for a sensor with these true coefficients."""
     folder = files(__name__).joinpath("laboratories")
     sensor = folder.joinpath("sensor.toml").read_text(encoding="utf-8")
     if laboratory in _ACCELEROMETERS_ALONE:
@@ -133,7 +135,7 @@ def run_file_text(laboratory: str, truth: Mapping[str, str]) -> str:
 
 
 def section(found: Sequence[Mapping[Pair, PairTest]]) -> StudySection:
-    """Return the section: both claims, and a table of the pairs."""
+    """Build the section with both claims and a table of the pairs."""
     pairs = list(found[0])
     chi2 = np.array([[one[pair].chi2 for pair in pairs] for one in found])
     dof = np.array([[one[pair].dof for pair in pairs] for one in found])

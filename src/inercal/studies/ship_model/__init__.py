@@ -1,8 +1,8 @@
 """The study of Xiao, Liu and Liu 2014: a ship model's accelerometer on a home-made rate table.
 
 The paper prints conclusions and no data, and its formulas are illegible in our copy, so the study
-simulates a table. Each module computes one question and its section of the page; the text and the
-claims of a section are in the TOML file of its name.
+simulates a table. Each module answers one question and builds the section of the page about it. The
+text and the claims of a section are in the TOML file with the section's name.
 """
 
 from itertools import islice
@@ -13,12 +13,12 @@ from inercal.studies.ship_model import equation_rank, estimators, optimiser, pla
 from inercal.studies.ship_model.simulated_rate_table import simulate
 from inercal.studies.study import MessageCallback, Study
 
-TRIALS_PER_DEVICE = 4  # of the tables
+TRIALS_PER_DEVICE = 4  # number of trials in the tables
 TRIALS_PER_SEARCH = 500
 
 
 def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
-    """Return the study; see `inercal.studies.reproduce`."""
+    """Compute the study; see `inercal.studies.reproduce`."""
     devices, searches = max(trials // TRIALS_PER_DEVICE, 20), max(trials // TRIALS_PER_SEARCH, 3)
     say(f"estimators on {devices} devices")
     case = simulate(devices, seed)
@@ -27,7 +27,7 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
     indices = [executor.submit(call) for call in calls]
     results = in_order(executor, indices[0])
     found = estimators.combine_estimators(case, seed, list(islice(results, len(estimates))))
-    # The searches go on meanwhile in other processes.
+    # Meanwhile the searches continue in other processes.
     for call in wave_check.wave_calls(found):
         executor.submit(call)
     say("the planar calibration")

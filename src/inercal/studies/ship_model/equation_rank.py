@@ -1,4 +1,4 @@
-"""The rank of the multi-angle equations, the directions they leave free, and their damping."""
+"""Rank of the multi-angle equations, their null directions and their damping."""
 
 from math import radians
 from typing import NamedTuple
@@ -39,15 +39,15 @@ PLANS: dict[str, tuple[TiltConvention, TiltAxis]] = {
 
 
 class PlanInformation(NamedTuple):
-    """The information of a plan without errors: free directions, and a check of the rotations."""
+    """Observability of a plan without errors: null directions and a check of rotations."""
 
     left: FreeDirections
     gauge: float  # ‖J·rotation‖ / (‖J‖ ‖rotation‖), the largest
-    turned: float  # change of the exact equations by a turn of 30°, g²
+    turned: float  # change in the exact equations for a rotation of 30°, g²
 
 
 def plan_information(reading: TiltConvention, about: TiltAxis) -> PlanInformation:
-    """Return the information of sixteen groups of a plan on an ideal sensor."""
+    """Return the observability of an ideal sensor in a plan of sixteen groups."""
     f = nominal_force(multi_angle_plan(reading, about))
     model = AffineModel.of(IDENTITY_PARAMETERS)
     j, turns = norm_jacobian(model, f), rotation_directions(model)
@@ -59,20 +59,20 @@ def plan_information(reading: TiltConvention, about: TiltAxis) -> PlanInformatio
 
 
 def section() -> StudySection:
-    """Return the section of the rank."""
+    """Build the section about the rank."""
     found = {name: plan_information(*plan) for name, plan in PLANS.items()}
     ranks = {name: one.left.rank for name, one in found.items()}
     blind = found["dihedral"].left.unobserved
     named = _free_direction_names(found["dihedral"].left)
     findings = (
         TEXT.judge("always", max(ranks.values()), 0.0,
-            "a turn of M and p by any rotation keeps every norm: three null directions of "
-            "twelve, whatever the data"),
+            "any rotation of M and p keeps every norm: there are three null directions of "
+            "twelve for any data"),
         TEXT.judge("enough", ranks["azimuth"], 0.0,
-            "a norm tells nothing of the rotations, however many groups there are"),
+            "norms provide no information on rotations, however many groups there are"),
         TEXT.judge("datum", len(blind), 0.0,
-            f"{named} is free besides: no pose of one tilt presses on x and y together, and "
-            "as dihedral angles 135° and 45° are the pose of 135° again"),
+            f"{named} is also free: no pose with one tilt loads x and y together, and "
+            "as dihedral angles, 135° and 45° are the same pose as 135°"),
     )  # fmt: skip
     table = [
         (
@@ -91,7 +91,7 @@ def section() -> StudySection:
         findings,
         (
             StudyTable("Rank of 16 equations in 12 unknowns, readings without error",
-                  "two tilts read as", ("rank", "rotations free", "free besides"), table),
+                  "two tilts read as", ("rank", "rotations free", "also free"), table),
         ),
         turned=_bound_text(turned),
         gauge=_bound_text(gauge),
@@ -99,7 +99,7 @@ def section() -> StudySection:
 
 
 def damped_section(found: EstimatorComparison) -> StudySection:
-    """Return the section of the damped least squares."""
+    """Build the section about the damped least squares."""
     norms, vectors = (
         [median_estimate(of(name) / MILLI) for name in ("damped", "planar")]
         for of in (found.norms, found.vector_errors)
@@ -108,11 +108,11 @@ def damped_section(found: EstimatorComparison) -> StudySection:
     findings = (
         DAMPING_TEXT.judge("fits", *median_ratio(*norms),
             f"{format_significant(norms[1].value)} mg before, {format_significant(norms[0].value)} "
-            "mg after: what is minimised falls"),
+            "mg after: the minimised quantity decreases"),
         DAMPING_TEXT.judge("betters", *median_ratio(*vectors),
             f"{format_significant(vectors[1].value)} mg before, "
-            f"{format_significant(vectors[0].value)} mg after; of {worse:.0%} of the devices it is "
-            "worse"),
+            f"{format_significant(vectors[0].value)} mg after; it is worse for {worse:.0%} of "
+            "the devices"),
     )  # fmt: skip
     return DAMPING_TEXT.section(findings)
 

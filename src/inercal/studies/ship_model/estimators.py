@@ -1,4 +1,4 @@
-"""The estimators on the same devices, in the norms they see and in the vectors they are for."""
+"""Comparison of the estimators on the same devices, by norm errors and vector errors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ TEXT = read_section_text("inercal.studies.ship_model", "estimators")
 
 ESTIMATORS = {"planar": planar, "damped": damped, "planar_norm": planar_norm, "joint": joint}
 UNCALIBRATED, UNDAMPED = "uncalibrated", "Gauss–Newton"
-_STEPS, _DIVERGED = 20, 1e6  # of θ
+_STEPS, _DIVERGED = 20, 1e6  # θ
 _DESCRIPTIONS = {
     UNCALIBRATED: "M = 1, p = 0",
     "planar": "9 untilted states, as vectors",
@@ -48,20 +48,20 @@ class EstimatorComparison:
     models: Mapping[str, AffineModel]
 
     def with_only(self, name: str) -> "EstimatorComparison":
-        """Return the same devices with one estimator."""
+        """Return the comparison with only one estimator."""
         return replace(self, models={name: self.models[name]})
 
     def vector_errors(self, name: str) -> Array:
-        """Return the rms error on fresh poses, (trials,) g."""
+        """Return the rms vector error on fresh poses, (trials,) g."""
         return vector_rms(self.models[name], self.case.device, self.seed)
 
     def norms(self, name: str) -> Array:
-        """Return the rms error of the groups' norms, (trials,) g."""
+        """Return the rms norm error at the groups, (trials,) g."""
         return norm_rms(self.models[name], self.case)
 
 
 def estimator_calls(case: ShipModelCase) -> list[Call]:
-    """Return the calls, one an estimator, that `combine_estimators` needs."""
+    """Return the calls that `combine_estimators` needs, one per estimator."""
     return [*(partial(_estimate_model, case, name) for name in ESTIMATORS),
             partial(_undamped_from_planar, case)]  # fmt: skip
 
@@ -69,7 +69,7 @@ def estimator_calls(case: ShipModelCase) -> list[Call]:
 def combine_estimators(
     case: ShipModelCase, seed: int, found: Sequence[AffineModel]
 ) -> EstimatorComparison:
-    """Return the estimates of all estimators, from the results of the calls."""
+    """Return the comparison of all estimators from the results of the calls."""
     trials = len(case.readings)
     none = AffineModel.of(np.broadcast_to(IDENTITY_PARAMETERS, (trials, 12)))
     names = (*ESTIMATORS, UNDAMPED)
@@ -88,9 +88,9 @@ def _undamped_from_planar(case: ShipModelCase) -> AffineModel:
 
 
 def undamped_model(case: ShipModelCase, start: AffineModel) -> AffineModel:
-    """Return where undamped steps lead, which divide by the rounding errors of null directions.
+    """Return the result of undamped steps, which divide by rounding errors in null directions.
 
-    It hangs on the rounding of the machine; a device that runs away is left where it went.
+    The result depends on the rounding of the machine. A device that diverges keeps its last values.
     """
     a = case.readings[..., case.group_rows, :]
     theta = start.theta.copy()
@@ -104,27 +104,28 @@ def undamped_model(case: ShipModelCase, start: AffineModel) -> AffineModel:
 
 
 def section(found: EstimatorComparison, searched: MedianEstimate, devices: int) -> StudySection:
-    """Return the section of the table; the optimiser reaches `searched`, mg, of so many devices."""
+    """Build the section with the table; `searched` is the optimiser's result, mg, for `devices`."""
     apart = found.vector_errors(UNDAMPED)
     lost = float(np.mean(apart > 10 * found.vector_errors("planar")))
     table: list[tuple[str, list[str]]] = []
     for name, words in _DESCRIPTIONS.items():
         vector = median_estimate(found.vector_errors(name) / MILLI)
-        # Undamped, no two machines have the same figures.
+        # Without damping, the numbers differ from machine to machine.
         digits = 1 if name == UNDAMPED else 3
         norm = median_estimate(found.norms(name) / MILLI)
         cells = format_all((norm.value, vector.value, vector.percentile_95), digits)
         table.append((f"{name}: {words}", cells))
     of_search = ["as damped", *format_all((searched.value, searched.percentile_95))]
-    table.append((f"global: the same norms, {devices} devices and the largest", of_search))
+    table.append((f"global: the same norms, {devices} devices, with the largest error", of_search))
     best, plain = (
         median_estimate(found.vector_errors(name) / MILLI) for name in ("joint", "planar")
     )
     return TEXT.section(
         (),
         (
-            StudyTable("Errors, mg: rms of the groups' norms, and rms as a vector on 300 fresh "
-                       "poses",
+            StudyTable("Errors, mg: rms norm error at the groups, and rms vector error on 300 "
+                "fresh "
+            "poses",
                   "estimator", ("norms, median", "vectors, median", "vectors, 95 %"),
                   table),
         ),

@@ -1,4 +1,4 @@
-"""The commercial optimiser's part, by differential evolution: the same norms, another sensor."""
+"""Differential evolution in place of the commercial optimiser: same norms, other sensor."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -39,19 +39,19 @@ _WITHIN = 0.01
 
 
 class OptimiserComparison(NamedTuple):
-    """One device: both searches, the damped solution, and how far each is off, g."""
+    """Results for one device: both searches, the damped solution and their errors, g."""
 
     searches: dict[str, SearchResult]
     vector_error: dict[str, float]
-    solution_distance: float  # of the default search and the damped solution
-    cost_ratio: float  # of their sums of squares
+    solution_distance: float  # difference between the default search and the damped solution
+    cost_ratio: float  # ratio of their sums of squares
     norm: float  # rms error of their norms
-    largest: dict[str, float]  # relative error as a vector in a fresh pose
+    largest: dict[str, float]  # relative vector error in a fresh pose
 
 
 def search_calls(case: ShipModelCase, devices: int, seed: int) -> list[Call]:
-    """Return the calls that compare the searches on the first devices, one a device."""
-    # Chance decides the null directions: each search has its own.
+    """Return the calls that compare the searches on the first devices, one per device."""
+    # Each search has its own seed, because the null directions are random.
     return [
         partial(_search_device, case.single_device(k), seed, 1000 * seed + k)
         for k in range(devices)
@@ -91,16 +91,16 @@ def _search_device(case: ShipModelCase, seed: int, chance: int) -> OptimiserComp
 
 
 def median_of_few(values: Sequence[float]) -> MedianEstimate:
-    """Return the median of few values, its error by their scatter, and the largest."""
+    """Return the median of a few values, its error from their scatter, and the largest value."""
     e = np.array(values)
-    # Of few normal values the median scatters 1.25 times as much as the mean.
+    # For normal values, the median scatters 1.25 times as much as the mean.
     return MedianEstimate(
         float(np.median(e)), float(1.25 * e.std(ddof=1) / np.sqrt(len(e))), float(e.max())
     )
 
 
 def section(searched: Sequence[OptimiserComparison]) -> StudySection:
-    """Return the section of the optimiser."""
+    """Build the section about the optimiser."""
     off = {name: median_of_few([one.vector_error[name] for one in searched]) for name in BOUNDS}
     largest = {name: 100 * max(one.largest[name] for one in searched) for name in BOUNDS}
     ratio = median_of_few([one.cost_ratio for one in searched])
@@ -110,17 +110,19 @@ def section(searched: Sequence[OptimiserComparison]) -> StudySection:
     goals = ", ".join(str(one.searches["default"].goal or "none") for one in searched)
     findings = [
         TEXT.judge("met", 100 * worst, 0.0,
-            f"of {len(searched)} devices, polished; before that met at generations {goals}"),
+            f"for {len(searched)} devices after polishing; before that, met at generations "
+            f"{goals}"),
         *(TEXT.judge(f"far_{name}", largest[name], 0.0,
-                f"rms {format_significant(off[name].value)} g in the median, up to "
-                f"{format_significant(off[name].percentile_95)} g, where the norms err by no more "
-                f"than {format_significant(100 * max(w.searches[name].worst for w in searched))} %")
+                f"rms {format_significant(off[name].value)} g (median), up to "
+                f"{format_significant(off[name].percentile_95)} g, while the norm errors are at "
+                "most "
+                f" {format_significant(100 * max(w.searches[name].worst for w in searched))} %")
           for name in BOUNDS),
         TEXT.judge("same", ratio.value, np.hypot(ratio.u, _WITHIN / 2),
-            "1 % counts as similar; they have one least sum, and reach it"),
+            "within 1 % is considered similar; both reach the same minimum"),
         TEXT.judge("verifies", apart.value, norm,
-            f"u is the {format_significant(norm)} mg by which either errs in the norms; a triad "
-            "turned by any rotation has the same sum, so that two programs can agree on it and "
+            f"u is the norm error of either, {format_significant(norm)} mg; a triad "
+            "rotated in any way has the same sum, so two programs can agree on it and "
             "both be wrong"),
     ]  # fmt: skip
     rows = [
@@ -134,7 +136,7 @@ def section(searched: Sequence[OptimiserComparison]) -> StudySection:
     return TEXT.section(
         findings,
         (
-            StudyTable("Device by device, mg; sums of squares as a ratio", "device",
+            StudyTable("Results by device, mg, with the ratio of the sums of squares", "device",
                   ("sum, optimiser\nover damped", "norms", "vectors,\ndamped",
                    "vectors,\noptimiser", "vectors,\nwide bounds", "optimiser\nto damped"), rows),
         ),
@@ -154,9 +156,9 @@ def _history(one: OptimiserComparison) -> Chart:
     goal = Curve("goal", np.array([1.0, last]), np.full(2, 100 * GOAL))
     return Chart(
         "history",
-        "The optimiser's history on one device, as the source's Fig. 6: the best member after each "
-        "generation, before polishing. The goal is met long before the end, and says nothing of "
-        "the coefficients.",
+        "The optimiser's progress for one device, as in the source's Fig. 6: the best member after "
+        "each generation, before polishing. The goal is met long before the end, and says nothing "
+        "about the accuracy of the coefficients.",
         [
             StudyPanel("", "generation", "largest error of a norm, %", [*lines("worst"), goal]),
             StudyPanel("", "generation", "sum of squares, g⁴", lines("cost")),

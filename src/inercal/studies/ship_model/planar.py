@@ -1,4 +1,4 @@
-"""The planar calibration: its deviations, and the causes of its errors at tilted poses."""
+"""The planar calibration: its deviations and the causes of its errors in tilted poses."""
 
 import numpy as np
 
@@ -31,26 +31,26 @@ _SHOWN_ESTIMATORS = (UNCALIBRATED, "planar", "joint")
 
 
 def level_deviations(model: AffineModel, case: ShipModelCase) -> Array:
-    """Return the deviations at the untilted states from the bench's force, (..., 9, 3) g."""
+    """Return the deviations from the nominal force at the untilted states, (..., 9, 3) g."""
     return model.correct(case.readings[..., case.level_rows, :]) - case.nominal[case.level_rows]
 
 
 def level_norm_deviations(model: AffineModel, case: ShipModelCase) -> Array:
-    """Return the rms of the norms' deviations at the untilted states, (...) g."""
+    """Return the rms norm deviation at the untilted states, (...) g."""
     result = np.linalg.norm(model.correct(case.readings[..., case.level_rows, :]), axis=-1)
     away = result - np.linalg.norm(case.nominal[case.level_rows], axis=-1)
     return np.sqrt((away**2).mean(-1))
 
 
 def exact_mounting_norm_error(trials: int, seed: int) -> Array:
-    """Return planar's norm error at the groups with exact mountings, (trials,) g."""
+    """Return the norm error of planar at the groups with exact mountings, (trials,) g."""
     case = simulate(trials, seed, EXACT_BENCH)
     model = fit_level_states(case.readings[:, case.level_rows], case.nominal[case.level_rows]).model
     return norm_rms(model, case)
 
 
 def section(found: EstimatorComparison) -> StudySection:
-    """Return the section of the planar calibration."""
+    """Build the section about the planar calibration."""
     case, model = found.case, found.models["planar"]
     inside, outside = (
         median_estimate(rms_length(level_deviations(model, case))),
@@ -67,13 +67,13 @@ def section(found: EstimatorComparison) -> StudySection:
     findings = (
         TEXT.judge("itself", *ratios[0],
             f"{said_mg['in']} mg at the states it was fitted to, {said_mg['out']} mg elsewhere: "
-            "the least squares fit the errors of the three mountings too"),
+            "the least squares also fit the errors of the three mountings"),
         TEXT.judge("grows", *ratios[1],
             f"{said_mg['there']} mg at the groups, {format_significant(here.value / MILLI)} mg at "
             "its own"),
         TEXT.judge("coupling", *ratios[2],
-            "M has all nine elements, coupling included; were every mounting exact, "
-            f"{said_mg['left']} mg would be left, by noise"),
+            "M has all nine elements, including coupling; with exact mountings, "
+            f"{said_mg['left']} mg would remain, from noise"),
     )  # fmt: skip
     return TEXT.section(
         findings,
@@ -89,7 +89,7 @@ def _device_rms(e: Array) -> Array:
 
 
 def _speed_chart(found: EstimatorComparison) -> Chart:
-    """Each axis toward the centre, as in Figs. 3–5."""
+    """Draw the errors of each axis when it points to the centre, as in Figs. 3–5."""
     case, used = found.case, np.array([0.0, 46.0, 86.0])
     speeds = np.array(SPEEDS)
     f = nominal_force(planar_plan([w * RPM for w in SPEEDS]))
@@ -113,15 +113,15 @@ def _speed_chart(found: EstimatorComparison) -> Chart:
         panels.append(StudyPanel("", "r/min", f"{axis.upper()} in {plane}, rms, mg", lines))
     return Chart(
         "speeds",
-        "Error of the axis toward the centre against speed, untilted and exactly mounted, rms "
-        "over devices, and what the source's Figs. 3–5 would show of planar: its deviation from "
-        "nominal in the mountings it was fitted to.",
+        "Error of the axis that points to the centre against speed, untilted and exactly mounted, "
+        "rms over devices. In addition, the deviation of planar from nominal in the mountings it "
+        "was fitted to, which the source's Figs. 3–5 would show.",
         panels,
     )
 
 
 def _group_chart(found: EstimatorComparison) -> Chart:
-    """Each axis in each group, as in Figs. 7–9."""
+    """Draw the errors of each axis in each group, as in Figs. 7–9."""
     f = found.case.nominal[found.case.group_rows]
     numbers = np.arange(1.0, len(f) + 1)
     rms = {
@@ -136,10 +136,12 @@ def _group_chart(found: EstimatorComparison) -> Chart:
     whole = {name: format_significant(float(rms_length(e))) for name, e in rms.items()}
     return Chart(
         "groups",
-        "Error of each axis in the sixteen groups, exactly mounted, as the source's Figs. 7–9; rms "
+        "Error of each axis in the sixteen groups, exactly mounted, as in the source's Figs. 7–9; "
+        "rms "
         "over devices. Groups are numbered as planned: XY, YX and ZY at 30°, 60° and 135°, the "
-        "pose of two tilts, then 30° and 135° at 46 r/min. Over all groups damped errs by "
-        f"{whole['damped']} mg in the very poses it was fitted to, planar by {whole['planar']}, "
-        f"joint by {whole['joint']}.",
+        "pose of two tilts, then 30° and 135° at 46 r/min. Over all groups the error of damped is "
+        f"{whole['damped']} mg in the poses it was fitted to, that of planar {whole['planar']} mg "
+        "and "
+        f"that of joint {whole['joint']} mg.",
         panels,
     )

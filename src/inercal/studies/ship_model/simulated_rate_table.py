@@ -1,8 +1,8 @@
-"""The simulated rate table: drawn devices, read in nine untilted states and sixteen groups.
+"""The simulated rate table: random devices, read in nine untilted states and sixteen groups.
 
-The bench makes the force (`benches.rate_table.sensed_motion`), the sensor's model the readings. A
-calibration is judged on fresh poses: any attitude, at any speed up to the fastest, without noise.
-Inside, everything is in g.
+The bench model gives the specific force (`benches.rate_table.sensed_motion`), and the sensor model
+gives the readings. A calibration is judged on fresh poses without noise: any attitude, at any speed
+up to the fastest. Internally, everything is in g.
 """
 
 from collections.abc import Sequence
@@ -34,8 +34,13 @@ from inercal.recordings import Observations
 SENSOR = triad().with_coefficients("k0", "k1", "delta_o", "delta_p")
 RADIUS = 0.25  # m
 POSE_SD, SEAT_SD, SPEED_SD = radians(0.2), 0.5e-3, 0.05e-2  # rad, m, relative
-NOISE = 0.3e-3  # g, of each mean
-SIZES = {"k0": 0.04 * G0, "k1": 0.02, "delta_o": 0.012, "delta_p": 0.012}  # 1σ of the devices
+NOISE = 0.3e-3  # g, noise of each mean
+SIZES = {
+    "k0": 0.04 * G0,
+    "k1": 0.02,
+    "delta_o": 0.012,
+    "delta_p": 0.012,
+}  # 1σ of the devices' coefficients
 SPEEDS = (0.0, 20.0, 46.0, 56.0, 66.0, 76.0, 86.0)  # r/min
 POSE_COUNT = 300  # poses
 MILLI = 1e-3
@@ -45,18 +50,18 @@ EXACT_BENCH = replace(BENCH, seat=0.0, pose=0.0, speed=0.0)
 
 @dataclass(frozen=True, eq=False)
 class ShipModelCase:
-    """Devices on one bench.
+    """Simulated devices on one bench.
 
     Parameters
     ----------
     observations : Observations
-        (trials, r, 3), m/s².
+        Readings, (trials, r, 3), m/s².
     steps : tuple of r Spin
         Nine untilted states, then the groups.
     device : AffineModel
-        H and b of what a device reads, a = H f + b, of (trials,).
+        H and b in the readings a = H f + b of each device, (trials,).
     bench : RateTable
-        As the estimators know it.
+        The bench as the estimators know it.
     """
 
     observations: Observations
@@ -66,31 +71,31 @@ class ShipModelCase:
 
     @property
     def level_rows(self) -> slice:
-        """The rows of the untilted states."""
+        """Return the rows of the untilted states."""
         return slice(0, len(planar_plan()))
 
     @property
     def group_rows(self) -> slice:
-        """The rows of the tilted ones."""
+        """Return the rows of the tilted groups."""
         return slice(len(planar_plan()), None)
 
     @cached_property
     def readings(self) -> Array:
-        """In g, (trials, r, 3)."""
+        """Return the readings, (trials, r, 3) g."""
         return self.observations.mean / G0
 
     @cached_property
     def nominal(self) -> Array:
-        """The specific force by the bench, (r, 3) g."""
+        """Return the nominal specific force on the bench, (r, 3) g."""
         return nominal_force(self.steps)
 
     @cached_property
     def squared_norm(self) -> Array:
-        """A² + 1 of the groups, g²."""
+        """Return A² + 1 for the groups, g²."""
         return np.asarray((self.nominal[self.group_rows] ** 2).sum(-1))
 
     def single_device(self, trial: int) -> "ShipModelCase":
-        """Return one device by itself."""
+        """Return the case with only one device."""
         return replace(
             self,
             observations=replace(self.observations, mean=self.observations.mean[trial]),
@@ -99,12 +104,12 @@ class ShipModelCase:
 
 
 def select_trials(model: AffineModel, trials: int | slice) -> AffineModel:
-    """Return the model of some trials, or of one."""
+    """Return the model for some trials, or for one trial."""
     return AffineModel(model.matrix[trials], model.offset[trials])
 
 
 def nominal_force(steps: Sequence[Spin]) -> Array:
-    """Return the sensed motion without any error, (r, 3) g."""
+    """Return the specific force without any error, (r, 3) g."""
     return sensed_motion(EXACT_BENCH, steps, {}).f / G0
 
 
@@ -116,17 +121,17 @@ def simulate(
     reading: TiltConvention = "azimuth",
     noise: float = NOISE,
 ) -> ShipModelCase:
-    """Return the readings of a number of devices; estimators assume the usual bench.
+    """Simulate the readings of devices; the estimators assume the usual bench.
 
     Parameters
     ----------
     trials, seed : int
     drawn : RateTable
-        The sizes of the bench's errors.
+        Bench with the sizes of its errors.
     reading : "azimuth", "dihedral" or "successive"
-        Of the pose of two tilts.
+        Interpretation of the pose with two tilts.
     noise : float
-        Of each mean, g.
+        Noise of each mean, g.
     """
     steps = (*planar_plan(), *multi_angle_plan(reading))
     rng = np.random.default_rng([seed, 2014])
@@ -156,7 +161,7 @@ def model_from_estimate(found: Estimate) -> AffineModel:
 
 
 def random_pose_forces(seed: int) -> Array:
-    """Return the sensed motion in fresh poses, (300, 3) g: any direction, at any speed."""
+    """Return the specific force in fresh poses, (300, 3) g, for any direction and speed."""
     rng = np.random.default_rng([seed, POSE_COUNT])
     direction = rng.standard_normal((POSE_COUNT, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -165,7 +170,7 @@ def random_pose_forces(seed: int) -> Array:
 
 
 def calibration_errors(model: AffineModel, device: AffineModel, f: Array) -> Array:
-    """Return M a + p − f, (..., r, 3), for the sensed f (r, 3) and its reading a without noise."""
+    """Return M a + p − f, (..., r, 3), for the force f, (r, 3), and its noise-free reading a."""
     return model.correct(device.correct(f)) - f
 
 
@@ -175,7 +180,7 @@ def rms_length(vectors: Array) -> Array:
 
 
 def vector_rms(model: AffineModel, device: AffineModel, seed: int) -> Array:
-    """Return the rms length of the error on fresh poses, (...) g."""
+    """Return the rms length of the error vector on fresh poses, (...) g."""
     return rms_length(calibration_errors(model, device, random_pose_forces(seed)))
 
 
@@ -186,7 +191,7 @@ def norm_rms(model: AffineModel, case: ShipModelCase) -> Array:
 
 
 class MedianEstimate(NamedTuple):
-    """A median over devices, its Monte Carlo error, and the 95 % point."""
+    """A median over devices, its Monte Carlo error and the 95 % quantile."""
 
     value: float
     u: float
@@ -194,15 +199,15 @@ class MedianEstimate(NamedTuple):
 
 
 def median_estimate(values: Array) -> MedianEstimate:
-    """Return the median of values (trials,); its error by the distribution's middle quarter."""
+    """Return the median of values, (trials,), with its error from the middle quarter."""
     low, middle, up, high = np.quantile(values, [0.375, 0.5, 0.625, 0.95])
-    # A quantile scatters by √(q(1 − q)/n) of probability: half, over the density there.
+    # The probability of a quantile scatters by √(q(1 − q)/n); divide by the density there.
     return MedianEstimate(
         float(middle), float((up - low) / 0.25 / 2 / np.sqrt(len(values))), float(high)
     )
 
 
 def median_ratio(one: MedianEstimate, other: MedianEstimate) -> tuple[float, float]:
-    """Return the ratio of two medians, and its error as of independent draws."""
+    """Return the ratio of two medians, and its error for independent draws."""
     ratio = one.value / other.value
     return ratio, ratio * float(np.hypot(one.u / one.value, other.u / other.value))

@@ -1,17 +1,17 @@
-"""What a calibration is worth on the model: the error of acceleration it leaves in waves.
+"""Value of a calibration on the ship model: acceleration error in waves.
 
-Axes of the model: x forward, y to port, z up. It heaves by z, pitches by θ (bow down) and rolls by
-φ (to starboard)::
+The axes of the model are x forward, y to port and z up. It heaves by z, pitches by θ (bow down) and
+rolls by φ (to starboard)::
 
     R = R_y(θ) R_x(φ),   ω = (φ', θ' cos φ, −θ' sin φ)
     f = Rᵀ (0, 0, z'' + g) + ω' × ℓ + ω × (ω × ℓ)
 
-ℓ leads from the centre of the motion to the accelerometer. In regular waves each motion is one
-sine of the wave's period. In irregular ones each has the spectrum of Bretschneider,
+ℓ is the vector from the centre of the motion to the accelerometer. In regular waves each motion is
+a sine with the wave period. In irregular waves each motion has the Bretschneider spectrum,
 
     S(ω) ∝ ω⁻⁵ exp(−1.25 (ω_p/ω)⁴),   0.6 ω_p < ω < 1.8 ω_p
 
-its amplitude being the significant one, twice the root of the variance.
+where the amplitude is the significant amplitude, twice the root of the variance.
 """
 
 from collections.abc import Sequence
@@ -37,12 +37,15 @@ from inercal.studies.ship_model.simulated_rate_table import (
 from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 
 _COMPONENTS = 60
-_FREQUENCY_BAND = (0.6, 1.8)  # of ω_p; a model does not follow waves much shorter than itself
+_FREQUENCY_BAND = (
+    0.6,
+    1.8,
+)  # in units of ω_p; a model does not follow waves much shorter than itself
 
 
 @dataclass(frozen=True)
 class OscillationParameters:
-    """One motion: amplitude, m or rad; period, s; and phase in regular waves, rad."""
+    """Parameters of one motion: amplitude, m or rad; period, s; phase in regular waves, rad."""
 
     amplitude: float
     period: float
@@ -51,7 +54,7 @@ class OscillationParameters:
 
 @dataclass(frozen=True)
 class WaveConditions:
-    """How a model moves, and where on it the accelerometer is, m."""
+    """Motion of a model, and position of its accelerometer, m."""
 
     heave: OscillationParameters
     pitch: OscillationParameters
@@ -75,18 +78,21 @@ IRREGULAR_WAVES = WaveConditions(
     SENSOR_POSITION,
     False,
 )
-"""Of a model of 4 m in waves of 4 m and 0.1 m height, and in a sea of that significant height."""
+"""Conditions for a 4 m model in 4 m waves, 0.1 m high, and in a sea of that significant height."""
 
 
 def motion_derivatives(swing: OscillationParameters, t: Array, seed: int | None = None) -> Array:
-    """Return a motion and its first two derivatives at t (n,), (3, n); irregular with a seed."""
+    """Return a motion and its first two derivatives at t (n,), as (3, n).
+
+    The motion is irregular if a seed is given.
+    """
     peak = 2 * pi / swing.period
     if seed is None:
         w, amplitude, phase = np.array([peak]), np.array([swing.amplitude]), swing.phase
     else:
         rng = np.random.default_rng(seed)
         edges = peak * np.linspace(*_FREQUENCY_BAND, _COMPONENTS + 1)
-        # Anywhere in its band: evenly spaced ones would repeat within minutes.
+        # Random within their bands, because evenly spaced frequencies would repeat within minutes.
         w = rng.uniform(edges[:-1], edges[1:])
         power = w**-5 * np.exp(-1.25 * (peak / w) ** 4)
         amplitude = swing.amplitude * np.sqrt(power / power.sum() / 2)
@@ -107,12 +113,12 @@ class ShipMotion:
 
     @property
     def attitude(self) -> Array:
-        """R, model to basin, (n, 3, 3)."""
+        """Return the rotation R from model to basin, (n, 3, 3)."""
         return _axis_rotation(1, self.pitch[0]) @ _axis_rotation(0, self.roll[0])
 
 
 def simulate_ship_motion(waves: WaveConditions, t: Array, seed: int = 0) -> ShipMotion:
-    """Return the motion at t (n,) s and the specific force on the accelerometer."""
+    """Return the motion at t (n,), s, and the specific force on the accelerometer."""
     seeds = (None,) * 3 if waves.regular else (3 * seed, 3 * seed + 1, 3 * seed + 2)
     swings = (waves.heave, waves.pitch, waves.roll)
     heave, pitch, roll = (motion_derivatives(s, t, k) for s, k in zip(swings, seeds, strict=True))
@@ -144,23 +150,23 @@ WAVES = {"regular": REGULAR_WAVES, "irregular": IRREGULAR_WAVES}
 SHOWN_ESTIMATORS = (UNCALIBRATED, "planar", "damped", "joint")
 _RATE, _SECONDS = 10.0, 400.0
 _TIME = np.arange(0, _SECONDS, 1 / _RATE)
-_BATCH = 100  # devices at a time
-_CHART_SECONDS = 10.0  # s in the chart
+_BATCH = 100  # devices per block
+_CHART_SECONDS = 10.0  # s shown in the chart
 
 
 class ResidualError(NamedTuple):
-    """Errors by axis over a run, of (trials, 3), g."""
+    """Errors by axis over a run, (trials, 3), g."""
 
     rms: Array
     peak: Array
-    rest_corrected: Array  # rms, what is left at rest taken off
+    rest_corrected: Array  # rms after subtracting the error at rest
 
 
 def residual_error(found: EstimatorComparison, name: str, f: Array) -> ResidualError:
-    """Return the error that a calibration leaves for the sensed f (n, 3), g, without noise."""
+    """Return the error that remains after calibration, for f (n, 3), g, without noise."""
     rms, peak, rest_corrected = np.zeros((3, len(found.case.readings), 3))
     model, device = found.models[name], found.case.device
-    # At rest at last: one more row.
+    # One more row at the end, at rest.
     f = np.concatenate([f, [[0.0, 0.0, 1.0]]])
     for k in range(0, len(rms), _BATCH):
         some = slice(k, k + _BATCH)
@@ -172,7 +178,7 @@ def residual_error(found: EstimatorComparison, name: str, f: Array) -> ResidualE
 
 
 def wave_calls(found: EstimatorComparison) -> list[Call]:
-    """Return the calls that `section` needs: one a run and estimator."""
+    """Return the calls that `section` needs, one per run and estimator."""
     runs = _wave_runs(found.seed)
     return [
         partial(residual_error, found.with_only(way), way, run.f / G0)
@@ -186,7 +192,7 @@ def _wave_runs(seed: int) -> dict[str, ShipMotion]:
 
 
 def section(found: EstimatorComparison, results: Sequence[ResidualError]) -> StudySection:
-    """Return the section of the ship motion check, from the results of the calls."""
+    """Build the section about the ship motion check from the results of the calls."""
     runs = _wave_runs(found.seed)
     rest = iter(results)
     by_run = {name: {way: next(rest) for way in SHOWN_ESTIMATORS} for name in runs}
@@ -204,11 +210,12 @@ def section(found: EstimatorComparison, results: Sequence[ResidualError]) -> Stu
     value, u = 100 * worst["damped"].value, 100 * worst["damped"].u
     findings = (
         TEXT.judge("of_force", value, u,
-            f"{mg['damped']} mg; planar leaves {mg['planar']} mg, joint {mg['joint']} mg, no "
+            f"{mg['damped']} mg; with planar {mg['planar']} mg, with joint {mg['joint']} mg, "
+            "without "
             f"calibration {mg[UNCALIBRATED]} mg"),
         TEXT.judge("of_heave", value / heave, u / heave,
             f"heave is {format_significant(heave / MILLI)} mg rms; planar leaves {parts['planar']} "
-            f"%, joint {parts['joint']} %; zeroed at rest they leave {rests['damped']} %, "
+            f"%, joint {parts['joint']} %; after zeroing at rest they leave {rests['damped']} %, "
             f"{rests['planar']} % and {rests['joint']} %, and no calibration {rests[UNCALIBRATED]} "
             "%"),
     )  # fmt: skip
@@ -221,7 +228,7 @@ def section(found: EstimatorComparison, results: Sequence[ResidualError]) -> Stu
 
 
 def _heave_acceleration(run: ShipMotion) -> tuple[float, float]:
-    """Return rms and peak of the heave acceleration, g."""
+    """Return the rms and the peak of the heave acceleration, g."""
     a = run.heave[2] / G0
     return float(np.sqrt((a**2).mean())), float(np.abs(a).max())
 
@@ -240,7 +247,8 @@ def _table(name: str, run: ShipMotion, by_way: dict[str, ResidualError]) -> Stud
                          + [f"{format_significant(100 * x / size)} %"
                             for x in middle]))  # fmt: skip
     return StudyTable(
-        f"{name.capitalize()} waves: error left, median over devices, mg and over the heave "
+        f"{name.capitalize()} waves: remaining error, median over devices, in mg and relative to "
+        "the heave "
         f"acceleration ({format_significant(rms / MILLI)} mg rms, "
         f"{format_significant(peak / MILLI)} mg peak)",
         "calibration", ("x", "y", "z", "x, rel.", "y, rel.", "z, rel."), rows,
@@ -266,7 +274,7 @@ def _chart(found: EstimatorComparison, t: Array, run: ShipMotion) -> Chart:
     )
     return Chart(
         "motion-error",
-        "The first seconds of the irregular waves, one device: the error that each calibration "
-        f"leaves, where the axes feel {largest} mg beside 1 g along z.",
+        "The first seconds in irregular waves, one device: the error that remains with each "
+        f"calibration, while the axes sense {largest} mg in addition to 1 g along z.",
         panels,
     )

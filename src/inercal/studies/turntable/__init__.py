@@ -1,8 +1,9 @@
-"""The study of Liu, Cui, Zhang and Xu: an IMU on a turntable by two Kalman filters in half an hour.
+"""The study of Liu, Cui, Zhang and Xu: an IMU on a turntable with two Kalman filters.
 
-The paper prints bounds on the errors of one device, neither noise nor table, and its formulas are
-illegible in our copy, so the study simulates a table. Each module computes one question and its
-section of the page; the text and the claims of a section are in the TOML file of its name.
+The paper prints bounds on the errors of one device but neither its noise nor the table's errors,
+and its formulas are illegible in our copy, so the study simulates a table. Each module answers one
+question and builds the section of the page about it. The text and the claims of a section are in
+the TOML file with the section's name.
 """
 
 from inercal.basics.parallel import Executor
@@ -11,12 +12,12 @@ from inercal.studies.study import MessageCallback, Study
 from inercal.studies.turntable import printed_accuracy, state_models
 from inercal.studies.turntable import turntable_trials as of_devices
 
-TRIALS_PER_DEVICE = 250  # a device is half an hour of samples
+TRIALS_PER_DEVICE = 250  # each device has half an hour of samples
 MIN_DEVICES = 6
 
 
 def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
-    """Return the study; see `inercal.studies.reproduce`."""
+    """Compute the study; see `inercal.studies.reproduce`."""
     devices = max(trials // TRIALS_PER_DEVICE, MIN_DEVICES)
     found = of_devices.run_filters(devices, seed, say, executor)
     return build_study(

@@ -1,4 +1,4 @@
-"""The printed accuracy, and half an hour instead of three: what the filters and the paths reach."""
+"""Accuracy and duration claimed in print, compared with those of filters and paths."""
 
 from math import sqrt
 
@@ -24,7 +24,7 @@ from inercal.studies.turntable.turntable_trials import (
 
 ACCURACY_TEXT = read_section_text("inercal.studies.turntable", "accuracy")
 BIAS_BOUND = ACCURACY_TEXT.claims["gyro_bias"].expected  # °/min
-REST_SECONDS = 72.0  # of the rest
+REST_SECONDS = 72.0  # s, duration of the rest
 OWN_PATH, WHOLE_RECORDING = "15 states, own path", "19 states, whole recording"
 FULL_STATES, EIGHTEEN_STATES = "full, whole recording", "18 states"
 _PRINTED_UNITS = {"g": {"bias": 1.0, "scale": PPM, "misalignment": 1.0},
@@ -35,9 +35,10 @@ _CHARTED_FILTERS = {OWN_PATH: "15", "19 states, own path": "19", WHOLE_RECORDING
 
 
 def required_random_walk(seconds: float, bound: float = BIAS_BOUND) -> float:
-    """Return the angle random walk that limits a bias to a bound, °/min, within a rest, °/√h.
+    """Return the largest angle random walk, °/√h, with which a rest gives a bias to a bound.
 
-    The error of a mean over T is N/√T: N [°/√h] / √T [h] is °/h, and 1 °/min is 60 °/h.
+    The bound is in °/min. The error of a mean over T is N/√T: N [°/√h] / √T [h] is in °/h, and 1
+    °/min is 60 °/h.
 
     >>> round(required_random_walk(72.0), 3)
     0.034
@@ -46,7 +47,7 @@ def required_random_walk(seconds: float, bound: float = BIAS_BOUND) -> float:
 
 
 def accuracy_section(found: TurntableTrials) -> StudySection:
-    """Return the section of the printed accuracy."""
+    """Build the section about the printed accuracy."""
     return ACCURACY_TEXT.section(
         (*_gyro_findings(found), *_accelerometer_findings(found)),
         (),
@@ -78,8 +79,8 @@ def _gyro_findings(found: TurntableTrials) -> list[ClaimResult]:
     return [
         ACCURACY_TEXT.judge("gyro_bias", *own["bias"], reasons["bias"]),
         ACCURACY_TEXT.judge("at_rest", *rest,
-            f"RMS of one axis; its white noise alone makes {alone} °/min, and "
-            f"{format_significant(required_random_walk(REST_SECONDS))} °/√h would do"),
+            f"RMS of one axis; its white noise already gives {alone} °/min, and "
+            f"{format_significant(required_random_walk(REST_SECONDS))} °/√h would be sufficient"),
         ACCURACY_TEXT.judge("better", *whole["bias"],
             f"{share[WHOLE_RECORDING]} of the devices reach it on all three axes, with an RMS of "
             f"one axis of {format_significant(result[WHOLE_RECORDING].bias.value)} °/min"),
@@ -114,7 +115,7 @@ def _share_text(found: TurntableTrials, name: str) -> str:
 
 
 def _in_printed_unit(one: Rms, of: str, kind: str) -> Rms:
-    """Return a figure in the printed unit."""
+    """Convert a result to the printed unit."""
     size = _PRINTED_UNITS[of][kind]
     return Rms(one.value * size, one.u * size)
 
@@ -136,15 +137,16 @@ def _chart(found: TurntableTrials) -> Chart:
     ]  # fmt: skip
     return Chart(
         "methods",
-        "Error of the worst axis, RMS over devices, over the bound in print: above 1 it is missed. "
-        "Filters by their states; 19 once on the source's path and once on the whole recording. "
-        "Scale factors and the accelerometers' bias are a hundred times better than in print.",
+        "Error of the worst axis, RMS over devices, divided by the printed bound; above 1 the "
+        "bound is not met. Filters are named by their number of states; 19 is used on the source's "
+        "path and on the whole recording. Scale factors and the accelerometers' bias are a hundred "
+        "times better than in print.",
         panels,
     )
 
 
 def _filter_marks(one: FilterScore, of: str, name: str, aside: float) -> Curve:
-    """Return the marks of one filter, a little aside: some agree."""
+    """Return the marks of one filter with a small offset, because some filters agree."""
     over_bound = [
         _in_printed_unit(one.largest_axis[kind], of, kind).value
         / ACCURACY_TEXT.claims[f"{_SENSOR_NAMES[of]}_{kind}"].expected
@@ -159,18 +161,18 @@ _PATHS = {"paper": paper_path, "fast": fast_path, "discrete": discrete_path}
 
 
 def path_minutes() -> dict[str, float]:
-    """Return the duration of each path with all its moves, min."""
+    """Return the duration of each path including all moves, min."""
     return {name: turntable_path_duration(TABLE, path()) / 60 for name, path in _PATHS.items()}
 
 
 def rms_ratio(one: Rms, other: Rms) -> Rms:
-    """Return the ratio of independent figures."""
+    """Return the ratio of two independent results."""
     value = one.value / other.value
     return Rms(value, value * ((one.u / one.value) ** 2 + (other.u / other.value) ** 2) ** 0.5)
 
 
 def time_section(found: TurntableTrials) -> StudySection:
-    """Return the section of the time."""
+    """Build the section about the duration."""
     minutes = path_minutes()
     gyros = {
         name: score_filter(found.gyros[name], "g")
@@ -182,20 +184,20 @@ def time_section(found: TurntableTrials) -> StudySection:
     }
     angles = {
         of: ", ".join(
-            f"{format_significant(x.misalignment.value)}″ by {name}" for name, x in some.items()
+            f"{format_significant(x.misalignment.value)}″ with {name}" for name, x in some.items()
         )
         for of, some in (("g", gyros), ("a", held))
     }
     findings = (
         TIME_TEXT.judge("short", minutes["paper"], 0.0,
-            "2 min of warm-up, ten positions of 90 s, three turns, 72 s of rest and all moves at "
+            "2 min of warm-up, ten positions of 90 s, three turns, 72 s at rest and all moves at "
             "30 °/s and 30 °/s²"),
         TIME_TEXT.judge("long", minutes["discrete"], 0.0,
             "six positions of 90 s and ±1080° at 30 °/s about the vertical in each, on the same "
-            "table; by hand and without a plan it may well take three hours"),
+            "table; by hand and without a plan it may easily take three hours"),
         TIME_TEXT.judge("gyro_as_good",
             *rms_ratio(gyros[OWN_PATH].misalignment, gyros[DISCRETE_PROCEDURE].misalignment),
-            f"{angles['g']}: at 30 °/s scale and misalignment are known better than at 10 °/s"),
+            f"{angles['g']}: scale and misalignment are known better at 30 °/s than at 10 °/s"),
         TIME_TEXT.judge("accelerometer_as_good",
             *rms_ratio(held[EIGHTEEN_STATES].misalignment, held[DISCRETE_PROCEDURE].misalignment),
             angles["a"]),
@@ -217,5 +219,5 @@ def _time_table(
     ]
     heads = ("min", "bias,\n°/min", "scale,\nppm", "angles,\n″", "bias,\nµg", "scale,\nppm",
              "angles,\n″")  # fmt: skip
-    return StudyTable("Time, and RMS of the gyros' and of the accelerometers' errors", "way", heads,
+    return StudyTable("Duration, and RMS errors of the gyros and accelerometers", "way", heads,
                  rows)  # fmt: skip

@@ -1,8 +1,8 @@
-"""The simulated turntable with an IMU of grade T on it, one device after the other.
+"""The simulated turntable with an IMU of grade T.
 
-The bench makes motion and readback (`simulate_turntable_motion`), the sensor's model the readings,
-with white noise and a Gauss–Markov drift of the biases. Filters know the sizes of the table's
-errors, and of the delay no more than that it is within 5 ms.
+The bench model gives the motion and the readback (`simulate_turntable_motion`), and the sensor
+model gives the readings, with white noise and a Gauss–Markov drift of the biases. The filters know
+the sizes of the table's errors; they know only that the delay is within 5 ms.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -46,7 +46,7 @@ SIZES = {  # 1σ of the devices, SI
     "delta_p": radians(15 / 60),
 }
 LATENCY, LARGE_LATENCY = 2e-3, 20e-3  # s
-G_SENSITIVITY = 10 * DEG_H / G0  # each of nine
+G_SENSITIVITY = 10 * DEG_H / G0  # for each of nine coefficients
 TABLE = Turntable(
     Measured(G0, 0.0),
     radians(38),
@@ -58,11 +58,11 @@ TABLE = Turntable(
     latency=Measured(LATENCY, 0.0),
 )
 ASSUMED_TABLE = replace(TABLE, latency=Measured(0.0, 5e-3))
-_SETTLING_SECONDS = 0.25  # s that a hold is cut by at both ends
+_SETTLING_SECONDS = 0.25  # s by which a hold is shortened at both ends
 
 
 def tactical_imu(*also: str) -> Sensor:
-    """Return the IMU with the noise of grade T; bias, scale and misalignment are wanted."""
+    """Return the IMU with grade-T noise and with bias, scale and misalignment to estimate."""
     result = imu()
     noise = {"w": GYRO, "f": ACCELEROMETER}
     axes = tuple(replace(axis, noise=noise[axis.measures]) for axis in result.axes)
@@ -74,20 +74,20 @@ SENSOR = tactical_imu()
 
 @dataclass(frozen=True, eq=False)
 class TurntableCase:
-    """One device on one path.
+    """One simulated device on one path.
 
     Parameters
     ----------
     track : Track
-        As the filters follow it.
+        Recording that the filters process.
     labels : (n,) array of str
-        The step of each sample; empty of a move between steps.
+        Step of each sample; empty during a move between steps.
     truth : (24,) array
-        Coefficients of `SENSOR`, SI.
+        True coefficients of `SENSOR`, in SI units.
     bench_errors : dict of str to float
-        The table's errors, SI.
+        Errors of the table, in SI units.
     motion : Motion
-        f and ω, (n, 3).
+        Specific force f and angular rate ω, (n, 3) each.
     """
 
     track: Track
@@ -113,7 +113,7 @@ class TurntableCase:
 
 
 def simulate(steps: Sequence[TableStep], seed: int, table: Turntable = TABLE) -> TurntableCase:
-    """Return one device, drawn by the seed, on a path of the table."""
+    """Simulate one device, drawn with the seed, on a path of the table."""
     rng = np.random.default_rng([seed, 1])
     sd = np.array([SIZES[CoefficientName(name).term] for name in SENSOR.coefficients])
     truth = sd * rng.standard_normal(sd.size)
@@ -134,7 +134,7 @@ def simulate(steps: Sequence[TableStep], seed: int, table: Turntable = TABLE) ->
 
 
 def _gauss_markov_drift(rng: np.random.Generator, sd: Array, n: int) -> Array:
-    """Return Gauss–Markov processes, (n, m) SI, stationary from the start."""
+    """Return Gauss–Markov processes, (n, m) SI, which are stationary from the start."""
     kept = np.exp(-1 / (RATE_HZ * CORRELATION))
     noise = np.sqrt(1 - kept**2) * rng.standard_normal((n, sd.size))
     noise[0] /= np.sqrt(1 - kept**2)
@@ -149,7 +149,7 @@ def _hold_numbers(steps: Sequence[TableStep], labels: NDArray[np.str_]) -> NDArr
 
 
 def step_means(case: TurntableCase, steps: Sequence[TableStep]) -> Observations:
-    """Return the means over steps, with the samples behind them."""
+    """Return the means over steps, with their numbers of samples."""
     at = [np.flatnonzero(case.labels == step.label) for step in steps]
     seconds = np.array([one.size for one in at]) / RATE_HZ
     white = np.diag([axis.noise.white**2 for axis in SENSOR.axes])

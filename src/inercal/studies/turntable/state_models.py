@@ -1,4 +1,4 @@
-"""The states: the source's 15 and 18 beside fuller ones, and where the method fails."""
+"""Filter states: the source's 15 and 18 compared with fuller models, and failures."""
 
 from collections.abc import Sequence
 
@@ -41,7 +41,7 @@ _HEADS = ("bias", "scale, ppm", "misalignment, ″", "NEES", "its error")
 
 
 def states_section(found: TurntableTrials) -> StudySection:
-    """Return the section of the states."""
+    """Build the section about the filter states."""
     findings: list[ClaimResult] = []
     for of, runs, name, better in (
         ("g", found.gyros, OWN_PATH, FULL_STATES),
@@ -50,7 +50,7 @@ def states_section(found: TurntableTrials) -> StudySection:
         one, other = nees(runs[name]), nees(runs[better])
         findings.append(
             STATES_TEXT.judge(f"know_{of}", *one,
-                f"squared errors over stated variances, 1 where these are right; with the "
+                f"squared errors over stated variances, 1 if these are correct; with the "
                 f"table's errors as states it is {format_significant(other.value)} ± "
                 f"{format_significant(other.u, 1)}")
         )  # fmt: skip
@@ -93,8 +93,8 @@ def _states_chart(found: TurntableTrials, of: str, names: tuple[str, str]) -> Ch
     return Chart(
         f"convergence-{of}",
         f"RMS error of the {what} over the devices, and the RMS that the filter states, against "
-        "time. Where the error stays above what is stated, the filter is too sure of itself. "
-        "Filters by their states; the gyros' 15 begin with the first turn.",
+        "time. If the error stays above the stated value, the filter is overconfident. Filters are "
+        "named by their number of states; the gyros' filter with 15 begins with the first turn.",
         panels,
     )
 
@@ -126,19 +126,21 @@ _FAILURE_ROWS = (
 
 
 def failures_section(found: TurntableTrials) -> StudySection:
-    """Return the section of the failures."""
+    """Build the section about the failures."""
     result = {name: score_filter(runs, "g") for name, runs in found.gyros.items()}
     lost, own, sensed = result[OPEN_LOOP], result[OWN_PATH], result[G_SENSITIVE_OWN_PATH]
     findings = (
         FAILURES_TEXT.judge("fed_back", *lost.largest_axis["misalignment"],
-            f"a raw bias of 0.3 °/s turns the attitude away until first-order equations hold no "
-            f"more; fed back it is {format_significant(own.largest_axis['misalignment'].value)}″"),
+            f"a raw bias of 0.3 °/s rotates the attitude until the first-order equations no longer "
+            "hold; with feedback it is "
+            f"{format_significant(own.largest_axis['misalignment'].value)}″"),
         FAILURES_TEXT.judge("ends", float(max(found.decided_at_ends)), 0.0,
-            "after whole turns all that misalignments did has gone again: all six are lost, and "
-            "continuous attitudes it must be"),
+            "after whole turns the effects of misalignments cancel, so none of the six can be "
+            "determined; attitudes must be compared continuously"),
         FAILURES_TEXT.judge("enough", *sensed.largest_axis["misalignment"],
             f"bias {format_significant(sensed.bias.value)} °/min and NEES "
-            f"{format_significant(sensed.nees.value)} besides; with nine more states and the whole "
+            f"{format_significant(sensed.nees.value)} in addition; with nine more states and the "
+            "whole "
             "recording "
             f"{format_significant(result[G_SENSITIVE_MODELLED].largest_axis['misalignment'].value)}″"),
         FAILURES_TEXT.judge("on_time", *result[DELAYED_15_STATES].largest_axis["misalignment"],
@@ -159,5 +161,5 @@ def failures_section(found: TurntableTrials) -> StudySection:
 
 def _failures_table(made: dict[str, FilterScore]) -> StudyTable:
     rows = [(name, format_all(made[name][:4])) for name in _FAILURE_ROWS]
-    return StudyTable("Gyros: RMS of the errors where something is left out", "filter",
+    return StudyTable("Gyros: RMS of the errors if an effect is not modelled", "filter",
                  ("bias, °/min", "scale, ppm", "misalignment, ″", "NEES"), rows)  # fmt: skip

@@ -1,4 +1,4 @@
-"""The compared filters, their results on all devices by the name of the run, and their scores."""
+"""The filters that are compared, their results on all devices, and their scores."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,15 +35,15 @@ from inercal.studies.turntable.simulated_turntable import (
     tactical_imu,
 )
 
-DISCRETE_STEPS = discrete_path()[1:]  # without the warm-up
-FIRST_TURN = "x+"  # the step that the gyros' own part begins with
+DISCRETE_STEPS = discrete_path()[1:]  # the source's path without the warm-up
+FIRST_TURN = "x+"  # first step of the gyros' part of the path
 
 
-TRACE_STRIDE = 50  # of so many epochs of a course one is kept: every 5 s
+TRACE_STRIDE = 50  # one in this many epochs is kept, that is one every 5 s
 
 
 class ErrorTrace(NamedTuple):
-    """Errors and stated standard deviations on the way, (e, 12) each, at times (e,) s."""
+    """Errors and stated standard deviations over time, (e, 12) each, at times (e,) s."""
 
     time: Array
     error: Array
@@ -51,7 +51,7 @@ class ErrorTrace(NamedTuple):
 
 
 class FilterErrors(NamedTuple):
-    """The result of one filter on one device: errors (12,), their stated covariance, the course."""
+    """The result of one filter on one device: errors (12,), their covariance, and the trace."""
 
     error: Array
     covariance: Array
@@ -62,7 +62,7 @@ FilterRun = Callable[[TurntableCase], FilterErrors]
 
 
 def build_gyro_filter(case: TurntableCase, way: str, sensor: Sensor = SENSOR) -> GyroFilter:
-    """Return the gyros' filter of a way."""
+    """Build the gyros' filter for a set of states."""
     one = FILTER_CONFIGS[way]
     return GyroFilter.from_track(
         sensor,
@@ -75,7 +75,7 @@ def build_gyro_filter(case: TurntableCase, way: str, sensor: Sensor = SENSOR) ->
 
 
 def gyro_run(way: str, start: str = "", sensor: Sensor = SENSOR) -> FilterRun:
-    """Return a run of the gyros' filter from a step to the end, or over the full recording."""
+    """Return a function that runs the gyros' filter from a step or over the full recording."""
 
     def run(case: TurntableCase) -> FilterErrors:
         return run_gyro_filter(
@@ -86,12 +86,12 @@ def gyro_run(way: str, start: str = "", sensor: Sensor = SENSOR) -> FilterRun:
 
 
 def run_gyro_filter(filter_: GyroFilter, case: TurntableCase, first: int = 0) -> FilterErrors:
-    """Return the result of a filter from a given sample to the end."""
+    """Run a filter from a given sample to the end, and return the result."""
     piece = case.track.slice(first, case.track.time.size)
     state, course = filter_.step(filter_.start(piece), piece)
     names, known = filter_.triad.sensor.coefficients, SENSOR.select_axes("w").coefficients
     at = np.array([names.index(name) for name in known])
-    # Open loop leaves in the states what closed loop has fed back.
+    # Without feedback, the estimates remain in the states.
     value = (state.theta + state.x[3 : 3 + len(names)])[at]
     trace = _error_trace(course, at, case.of("g"))
     return FilterErrors(value - case.of("g"), state.p[3:, 3:][np.ix_(at, at)], trace)
@@ -105,7 +105,7 @@ def _error_trace(course: FilterHistory, at: NDArray[np.int64], truth: Array) -> 
 
 
 def accelerometer_run(way: str) -> FilterRun:
-    """Return a run of the accelerometers' filter."""
+    """Return a function that runs the accelerometers' filter."""
     one = FILTER_CONFIGS[way]
 
     def run(case: TurntableCase) -> FilterErrors:
@@ -122,7 +122,7 @@ def accelerometer_run(way: str) -> FilterRun:
 
 
 def discrete_estimates(case: TurntableCase) -> dict[str, FilterErrors]:
-    """Return gyros ("g") and accelerometers ("a") by the discrete procedure."""
+    """Return the results of the discrete procedure for gyros ("g") and accelerometers ("a")."""
     estimate = least_squares(
         step_means(case, DISCRETE_STEPS), SENSOR, ASSUMED_TABLE, DISCRETE_STEPS
     )
@@ -137,7 +137,7 @@ def discrete_estimates(case: TurntableCase) -> dict[str, FilterErrors]:
 
 
 def open_loop_estimate(case: TurntableCase) -> FilterErrors:
-    """Return the gyros' filter started from raw biases, without feedback of its estimates."""
+    """Return the result of the gyros' filter started from raw biases, without feedback."""
     filter_ = build_gyro_filter(case, "paper")
     raw = replace(filter_, initial_values=np.zeros(12), feedback=False)
     return run_gyro_filter(raw, case, case.first(FIRST_TURN))
@@ -173,7 +173,7 @@ _G_SENSITIVE_IMU = tactical_imu("g")
 
 @dataclass(eq=False)
 class TurntableTrials:
-    """The results of the filters on the same devices, of both kinds, by the name of the run."""
+    """The results of the filters on the same devices, by kind of sensor and name of the run."""
 
     gyros: dict[str, list[FilterErrors]] = field(default_factory=dict[str, list[FilterErrors]])
     accelerometers: dict[str, list[FilterErrors]] = field(
@@ -181,7 +181,7 @@ class TurntableTrials:
     )
     decided_at_ends: list[int] = field(
         default_factory=list[int]
-    )  # with attitudes at the ends of turns
+    )  # with attitudes compared at the ends of turns
 
     def add(self, kind: str, name: str, found: FilterErrors) -> None:
         """Append the errors of one run."""
@@ -199,7 +199,7 @@ class TurntableTrials:
 def run_filters(
     devices: int, seed: int, say: MessageCallback, executor: Executor | None = None
 ) -> TurntableTrials:
-    """Return the results of all filters on a number of devices."""
+    """Run all filters on a number of devices, and return the results."""
     executor = executor or SerialExecutor()
     for k in range(devices):
         executor.submit(_run_device, seed * 1_000_003 + k)
@@ -212,7 +212,7 @@ def run_filters(
 
 
 def _run_device(seed: int) -> TurntableTrials:
-    """Return the results of all filters on one device."""
+    """Run all filters on one device, and return the results."""
     made = TurntableTrials()
     case = simulate(paper_path(), seed)
     for name, of_gyros in GYRO_RUNS.items():
@@ -237,7 +237,7 @@ def _run_device(seed: int) -> TurntableTrials:
 
 
 def coefficients_decided_at_ends(case: TurntableCase) -> int:
-    """Return how many of 12 coefficients attitudes at the ends of turns decide."""
+    """Return how many of 12 coefficients the attitudes at the ends of turns determine."""
     filter_ = build_gyro_filter(case, "drift")
     ends = run_gyro_filter(
         replace(filter_, compare_while_turning=False), case, case.first(FIRST_TURN)
@@ -261,38 +261,38 @@ _GYROS = SENSOR.select_axes("w").coefficients
 
 
 class FilterScore(NamedTuple):
-    """Of many devices with one filter, bias °/min or µg, scale ppm, misalignment ″.
+    """Accuracy of one filter over many devices, in °/min or µg, ppm and ″.
 
-    `worst` has the same with only the largest error of each device: what a bound is about.
+    `worst` contains the same for only the largest error of each device, to which a bound applies.
     """
 
     bias: Rms
     scale: Rms
     misalignment: Rms
-    nees: Rms  # a coefficient
+    nees: Rms  # per coefficient
     largest_axis: dict[CoefficientKind, Rms]
 
 
 def errors_of_kind(found: Sequence[FilterErrors], kind: CoefficientKind, of: str) -> Array:
-    """Return the errors of one kind of the gyros ("g") or accelerometers ("a"), (devices, k)."""
+    """Return one kind of error of the gyros ("g") or accelerometers ("a"), (devices, k)."""
     off = np.array([one.error for one in found])
     return off[:, coefficient_indices(kind)] / printed_unit_size(kind, of)
 
 
 def coefficient_indices(kind: CoefficientKind) -> list[int]:
-    """Return the indices of the coefficients of a kind; both triads have the same order."""
+    """Return the indices of one kind of coefficient; both triads have the same order."""
     return [
         k for k, name in enumerate(_GYROS) if CoefficientName(name).term in COEFFICIENT_KINDS[kind]
     ]
 
 
 def printed_unit_size(kind: CoefficientKind, of: str) -> float:
-    """Return °/min or µg, ppm, ″ in SI."""
+    """Return the size of the printed unit (°/min, µg, ppm or ″) in SI units."""
     return {"bias": DEG_MIN if of == "g" else MICRO_G, "scale": PPM, "misalignment": ARCSEC}[kind]
 
 
 def nees(found: Sequence[FilterErrors]) -> Rms:
-    """Return the mean squared error over the stated variance per coefficient; 1 is right."""
+    """Return the mean squared error over the stated variance per coefficient; 1 is ideal."""
     each = np.array(
         [one.error @ np.linalg.solve(one.covariance, one.error) / one.error.size for one in found]
     )

@@ -1,14 +1,14 @@
-"""The azimuth of a table by the earth's rate.
+"""The azimuth of a table, measured with the earth's rate.
 
-A gyro with a level input axis, at the azimuth α + ψ − θ as the table turns by θ about the vertical
-(counter-clockwise seen from above), senses::
+The input axis of a gyro is level and has the azimuth α + ψ − θ when the table is turned by θ about
+the vertical (counter-clockwise seen from above). The gyro reads::
 
     reading = b + K Ω cos φ cos(α + ψ − θ) + e
 
-α is the azimuth at the angle zero, clockwise from north, ψ the input axis against the axis of the
-body whose azimuth it is, clockwise seen from above, φ the latitude. From n positions evenly over a
-turn u(α) = σ √(2/n)/(K Ω cos φ). The amplitude is known: a wrong scale factor or latitude shows
-there.
+α is the azimuth of a body axis at the angle zero, clockwise from north. ψ is the angle from that
+axis to the input axis, clockwise seen from above, and φ is the latitude. With n positions evenly
+spaced over a turn, u(α) = σ √(2/n)/(K Ω cos φ). The expected amplitude is known, so a wrong scale
+factor or latitude is detected.
 
 Source: IEEE Std 1431, 12.13 (north by a rate gyro).
 """
@@ -31,7 +31,7 @@ from inercal.benches.qualification.measurements.measured_parameters import (
 from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
 from inercal.physics.earth import earth_rate_up_north
 
-_FLAT = 5.0  # u; below it the amplitude is not seen
+_FLAT = 5.0  # standard uncertainties: a smaller amplitude is not detected
 
 
 def earth_rate_azimuth(
@@ -42,33 +42,33 @@ def earth_rate_azimuth(
     offset: tuple[float, float],
     scale_sd: float = 0.01,
 ) -> MeasuredParameters:
-    """Return "azimuth", rad.
+    """Estimate the parameter "azimuth", rad.
 
     Parameters
     ----------
     angle : (m,) array
-        Of the table, rad.
+        Angles of the table, rad.
     reading : (m,) array
-        rad/s.
+        Readings of the gyro, rad/s.
     sd : float
-        Of one reading, rad/s.
+        Standard deviation of one reading, rad/s.
     latitude : float
-        rad.
+        Latitude, rad.
     offset : two float
         ψ and its standard uncertainty, rad.
     scale_sd : float
-        Relative, of the gyro's scale factor.
+        Relative standard uncertainty of the gyro's scale factor.
 
     Raises
     ------
     InputError
-        Angles that do not determine it, or an amplitude that is not seen.
+        The angles do not determine the azimuth, or the earth's rate is not detected.
     """
     columns = np.stack([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=-1)
     hour = 180 / pi * 3600
     missing = {
-        f"harmonic {k} of the angle, of {{size:.2g}} °/h, is not the earth's rate: check the level "
-        "and the magnetic sensitivity of the gyro": np.stack(
+        f"harmonic {k} of the angle ({{size:.2g}} °/h) is not due to the earth's rate: check the "
+        "level and the magnetic sensitivity of the gyro": np.stack(
             [np.cos(k * angle), np.sin(k * angle)], axis=-1
         )
         / hour
@@ -100,9 +100,9 @@ def earth_rate_azimuth(
     if 2 * special.ndtr(-abs(pull)) < (1 - SCORE_TEST_SHARE) * SIGNIFICANCE_LEVEL:
         suspects = (
             *suspects,
-            f"the amplitude is {hour * amplitude:.4g} °/h where the earth's rate has "
-            f"{hour * expected:.4g} °/h, {abs(pull):.1f} standard deviations off: check scale "
-            "factor, latitude and the level",
+            f"the amplitude is {hour * amplitude:.4g} °/h instead of {hour * expected:.4g} °/h for "
+            f"the earth's rate, {abs(pull):.1f} standard deviations off: check scale factor, "
+            "latitude and the level",
         )
     # cos(α + ψ − θ) = cos(α + ψ) cos θ + sin(α + ψ) sin θ
     value = (atan2(s, c) - offset[0] + pi) % (2 * pi) - pi

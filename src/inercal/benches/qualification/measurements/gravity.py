@@ -1,11 +1,12 @@
-"""Local gravity where the sensor is: absolute, tied to a point of a network, or computed.
+"""Gravity at the sensor: measured absolutely, tied to a network point, or computed.
 
     g = g_point + δ − γ h + tide
 
-with h the height of the sensor above the measured point and γ the gradient, 0.3086 mGal/m in free
-air; within a building it differs by some percent. A tie measures δ by a gravimeter whose zero
-drifts: it must come back to the point. Readings that are not corrected for the tide have u = 0.15
-mGal/√3 each; a value that is to hold on any day has it too, unless the run is corrected.
+Here h is the height of the sensor above the measured point and γ the gradient. In free air γ is
+0.3086 mGal/m; in a building it differs by a few percent. A tie measures δ with a gravimeter whose
+zero drifts, so the gravimeter must be read at the first point again. Each reading without tide
+correction has u = 0.15 mGal/√3. A value for use on any day also has this uncertainty, unless the
+run is corrected for the tide.
 """
 
 from math import sqrt
@@ -37,53 +38,53 @@ def local_gravity(
     fit: LinearFit = NO_FIT,
     remarks: tuple[str, ...] = (),
 ) -> MeasuredParameters:
-    """Return "g", m/s², at a height above the point where it is known.
+    """Return the parameter "g", m/s², at a height above the point where gravity is known.
 
     Parameters
     ----------
     point : Measured
-        m/s².
+        Gravity at the point, m/s².
     height : float
-        m.
+        Height of the sensor above the point, m.
     gradient : Measured, optional
-        Decrease with the height, 1/s²; the one of free air ± 10 %.
+        Decrease of gravity with height, 1/s²; by default the free-air gradient ± 10 %.
     tide : bool
-        Whether runs are corrected for the tide; otherwise its deviation is added.
+        Whether runs are corrected for the tide; otherwise its standard deviation is added.
     fit : LinearFit
-        Of the measurement of the point, for its tests.
+        Fit of the measurement at the point, which provides the tests.
     remarks : tuple of str
     """
     slope = gradient or Measured(GRADIENT, _GRADIENT_SHARE * GRADIENT)
     value = point.value - slope.value * height
     variance = point.sd**2 + (slope.sd * height) ** 2 + (0.0 if tide else TIDE**2 / 3)
-    unseen = () if tide else ("the tide of the day: the uncertainty includes ± 0.15 mGal",)
+    unseen = () if tide else ("the tide on the day; the uncertainty includes ± 0.15 mGal",)
     return from_fit(fit, ("g",), "m/s²", np.array([value]), np.array([[variance]]), unseen, remarks)
 
 
 def tied_gravity(
     known: Measured, site: Array, hours: Array, reading: Array, sd: float, scale_sd: float = 0.0
 ) -> tuple[Measured, LinearFit]:
-    """Return gravity at the laboratory's point by a gravimeter, and the fit of its readings.
+    """Return gravity at the laboratory, measured with a gravimeter, and the fit of its readings.
 
     Parameters
     ----------
     known : Measured
-        Gravity of the point of the network, m/s².
+        Gravity at the network point, m/s².
     site : (m,) array
-        1 at the laboratory, 0 at the point of the network.
+        1 at the laboratory, 0 at the network point.
     hours : (m,) array
-        Time of each reading.
+        Time of each reading, h.
     reading : (m,) array
-        m/s², but for a constant.
+        Readings of the gravimeter except for a constant, m/s².
     sd : float
-        Of one reading, m/s².
+        Standard deviation of one reading, m/s².
     scale_sd : float
-        Relative, of the gravimeter's scale.
+        Relative standard uncertainty of the gravimeter's scale.
 
     Raises
     ------
     InputError
-        No reading at one of the two, or none that shows the drift.
+        There is no reading at one of the two points, or no repeated reading that shows the drift.
     """
     before = site[0] != 0 if len(site) else False
     changes = int(np.count_nonzero(np.diff(site)))
@@ -96,7 +97,7 @@ def tied_gravity(
         )
     time = hours - hours.mean()
     columns = np.stack([site, np.ones_like(time), time], axis=-1)
-    missing = {"the zero drifts other than steadily": MILLIGAL * (time**2)[:, None]}
+    missing = {"the drift of the zero is not steady": MILLIGAL * (time**2)[:, None]}
     fit = linear_fit(
         columns, reading, np.full(len(reading), sd), missing, "read more often at both points"
     )

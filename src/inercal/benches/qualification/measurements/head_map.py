@@ -1,14 +1,15 @@
-"""The error of a dividing head, or of a table's readback, by a polygon and an autocollimator.
+"""The error of a dividing head or a table's readback, from a polygon and an autocollimator.
 
-At the angle θ the autocollimator reads what the spindle is ahead of θ, less the deviation p of the
-face::
+At the angle θ the autocollimator reads the angle by which the spindle leads θ, minus the deviation
+p of the face::
 
     reading + p = Δ(θ) + a,   Δ = Σ_h s_h sin hθ + c_h cos hθ + division
 
-a is the zero of the autocollimator, one for each series. With n positions and a known polygon each
-amplitude has u = σ √(2/n). Of an unknown polygon, n series with the polygon turned by a face each
-(closure) give head and polygon: the sum of each is zero by definition. Harmonics n, 2n, … and the
-mean are the same at all positions: no closure sees them, and they remain in `division` and `base`.
+a is the zero of the autocollimator, which is constant in each series. With n positions and a known
+polygon, each amplitude has u = σ √(2/n). If the polygon is unknown, it is turned by one face after
+each of n series (closure). These determine both the head and the polygon, because the errors of
+each sum to zero by definition. Harmonics n, 2n, … and the mean are the same at all positions, so a
+closure cannot measure them. They remain in `division` and `base`.
 
 Source: JCGM 100:2008, H.3 (least squares); Probert & Rittman 1992, 10.1088/0957-0233/3/1/008.
 """
@@ -29,7 +30,7 @@ from inercal.benches.qualification.measurements.measured_parameters import (
 from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 
 ARCSEC = pi / 648000
-_FEWEST = 3  # positions
+_FEWEST = 3  # fewest positions
 
 
 def head_map(
@@ -44,31 +45,32 @@ def head_map(
     face: NDArray[np.intp] | None = None,
     series: NDArray[np.intp] | None = None,
 ) -> MeasuredParameters:
-    """Return the amplitudes "sin1", "cos1", … of Δ, rad.
+    """Estimate the amplitudes "sin1", "cos1", … of Δ, rad.
 
     Parameters
     ----------
     angle : (m,) array
-        Nominal, rad.
+        Nominal angles, rad.
     reading : (m,) array
-        Of the autocollimator, rad, in the sense of the angle.
+        Readings of the autocollimator in the sense of the angle, rad.
     sd : float
-        Of one reading, rad.
+        Standard deviation of one reading, rad.
     harmonics : int
-        How many.
+        Number of harmonics.
     deviation : (n,) array or None
-        Certified deviations of the faces, rad; None of an unknown polygon.
+        Certified deviations of the faces, rad; None for an unknown polygon.
     certificate_sd, division_sd : float
-        Of each deviation, and of each graduation beyond the harmonics, rad.
+        Standard deviations of each certified deviation, and of the error of each graduation that
+        the harmonics do not describe, rad.
     face, series : (m,) array of int, optional
-        The face of each reading, from 0, and its series; by default the face at the angle, and one
-        series.
+        The face of each reading, counted from 0, and its series. By default each reading belongs to
+        the face at its angle, and all readings to one series.
 
     Raises
     ------
     InputError
-        Positions that are not evenly spaced over the turn, harmonics that these positions cannot
-        tell apart, or, of an unknown polygon, series that do not separate it from the head.
+        The positions are not evenly spaced over the turn or cannot separate the harmonics, or the
+        series cannot separate an unknown polygon from the head.
     """
     place, n = _positions(angle)
     if not 1 <= harmonics < n / 2:
@@ -94,13 +96,13 @@ def head_map(
         own = place * len(deviation) // n if face is None else face
         if face is None and (place * len(deviation) % n).any():
             raise InputError(
-                f"{n} positions do not all lie on a face of a polygon of {len(deviation)} faces; "
+                f"{n} positions do not all lie on a face of a polygon with {len(deviation)} faces; "
                 "add the column face",
                 key="[measurement] face",
             )
         if own.min() < 0 or own.max() >= len(deviation):
             raise InputError(
-                f"the polygon has {len(deviation)} faces, but no face {int(own.max()) + 1}",
+                f"the polygon has only {len(deviation)} faces, no face {int(own.max()) + 1}",
                 key="[measurement] face",
             )
         noise = sd**2 * np.eye(len(angle))
@@ -112,15 +114,15 @@ def head_map(
     k = 2 * harmonics
     names = tuple(f"{wave}{h}" for h in range(1, harmonics + 1) for wave in ("sin", "cos"))
     unseen = (
-        f"harmonics {n}, {2 * n}, … of the head, which are equal at all {n} positions: they remain "
+        f"harmonics {n}, {2 * n}, … of the head, which are equal at all {n} positions; they remain "
         "in the error of each graduation",
-        "the mean of the head's error: it remains in the zero of the head",
+        "the mean of the head's error, which remains in the zero of the head",
     )
     return from_fit(fit, names, "rad", fit.value[:k], fit.covariance[:k, :k], unseen)
 
 
 def _positions(angle: Array) -> tuple[NDArray[np.intp], int]:
-    """Return the number of each position, and how many there are in a turn."""
+    """Return the number of each position, and the number of positions in a turn."""
     turned = np.mod(angle, 2 * pi)
     distinct = np.unique(np.round(turned / (1e-3 * pi / 180)).astype(int) % 360000)
     n = len(distinct)
@@ -136,7 +138,7 @@ def _positions(angle: Array) -> tuple[NDArray[np.intp], int]:
 
 
 def _waves(theta: Array, harmonics: int, n: int) -> tuple[Array, dict[str, Array]]:
-    """Return the columns of the harmonics, and those of harmonics that the model lacks."""
+    """Return the columns of the harmonics, and of further harmonics that may be missing."""
 
     def pair(h: int) -> Array:
         if 2 * h == n:
@@ -145,8 +147,7 @@ def _waves(theta: Array, harmonics: int, n: int) -> tuple[Array, dict[str, Array
 
     columns = np.hstack([pair(h) for h in range(1, harmonics + 1)])
     missing = {
-        f"harmonic {h}, of {{size:.2g}}″, is not in the model: qualify {h} harmonics": ARCSEC
-        * pair(h)
+        f"harmonic {h} ({{size:.2g}}″) is not in the model: qualify {h} harmonics": ARCSEC * pair(h)
         for h in range(harmonics + 1, n // 2 + 1)
     }
     return columns, missing
@@ -162,7 +163,7 @@ def _closure(
     harmonics: int,
     division_sd: float,
 ) -> LinearFit:
-    """Return the fit of the harmonics to the head's errors of a closure."""
+    """Fit the harmonics to the errors of the head in a closure."""
     faces = int(face.max()) + 1
     head = _sum_free_basis(n)
     columns = np.hstack(
@@ -192,5 +193,5 @@ def _closure(
 
 
 def _sum_free_basis(n: int) -> Array:
-    """Return orthonormal columns that span the vectors with the sum zero, (n, n − 1)."""
+    """Return orthonormal columns, (n, n − 1), that span the vectors whose sum is zero."""
     return np.linalg.qr(np.eye(n) - 1 / n)[0][:, : n - 1]

@@ -1,4 +1,4 @@
-"""What a measurement of a bench gives."""
+"""The parameters that a measurement of a bench determines."""
 
 from dataclasses import dataclass
 
@@ -8,22 +8,22 @@ from inercal.benches.qualification.linear_fit import LinearFit
 
 @dataclass(frozen=True, eq=False)
 class MeasuredParameters:
-    """Parameters found by a measurement.
+    """Parameters of a bench that a measurement determines.
 
     Parameters
     ----------
     names : tuple of k str
-        As the bench calls them.
+        Names of the bench's parameters.
     unit : tuple of k str
-        SI.
+        SI units.
     value : (k,) array
     covariance : (k, k) array
     chi2, dof, p_value
-        Of the residuals.
+        χ² of the residuals, its degrees of freedom and its p-value.
     suspects : tuple of str
         Violations of the model that the residuals show.
     unseen : tuple of str
-        What the measurement cannot see.
+        Effects that the measurement cannot detect.
     remarks : tuple of str
     """
 
@@ -48,7 +48,7 @@ def from_fit(
     unseen: tuple[str, ...] = (),
     remarks: tuple[str, ...] = (),
 ) -> MeasuredParameters:
-    """Return parameters of one unit with the tests of a fit."""
+    """Return parameters that share one unit, with the test results of a fit."""
     return MeasuredParameters(
         names,
         (unit,) * len(names),

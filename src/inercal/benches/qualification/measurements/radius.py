@@ -1,17 +1,19 @@
 """The static radius of a centrifuge's or rate table's arm, and its stretch.
 
-By a coordinate measuring machine the radius is the mean of its readings. By an accelerometer S of
-known scale factor, whose input axis points to the axis of rotation, at the rates ω::
+With a coordinate measuring machine, the radius is the mean of the readings. With an accelerometer
+whose scale factor S is known and whose input axis points to the axis of rotation, at the rates ω::
 
     S reading = (1 + s) a + k₂ a² + e,   a = R (1 + κ R ω²) (ω (1 + ρ))²
 
-s is the error of its scale factor, k₂ its quadratic term, ρ the relative error of the rate, so that
+s is the error of its scale factor, k₂ its quadratic term, and ρ the relative error of the rate, so
+that
 
     u_R/R = √(u_s² + (u_g/g)² + 4 u_ρ² + …)
 
-where the scale factor was found with gravity g: s contains the error of g, and R is correlated with
-it. The stretch κ and k₂/R grow alike with the rate: κ is no better than k₂, which must be known
-from a measurement at 1 g. R and κ are correlated.
+if the scale factor was determined with gravity g. Then s contains the error of g, and R is
+correlated with it. The effects of the stretch κ and of k₂/R grow with the rate in the same way. κ
+is therefore not known better than k₂, which must be known from a measurement at 1 g. R and κ are
+correlated.
 
 Source: IEEE Std 836-2009, 7 (radius by the sensor).
 """
@@ -30,41 +32,43 @@ from inercal.benches.qualification.measurements.measured_parameters import (
     from_fit,
 )
 
-_FEWEST = 3  # speeds of a stretch
-_STEPS = 5  # of Gauss and Newton
+_FEWEST = 3  # speeds needed to estimate a stretch
+_STEPS = 5  # Gauss-Newton steps
 
 
 def radius_by_machine(reading: Array, sd: float, certificate_sd: float) -> MeasuredParameters:
-    """Return "radius", m, by a coordinate measuring machine.
+    """Estimate the parameter "radius", m, from readings of a coordinate measuring machine.
 
     Parameters
     ----------
     reading : (m,) array
-        m.
+        Readings, m.
     sd, certificate_sd : float
-        Of one reading, and of the machine as certified, common to all, m.
+        Standard deviation of one reading, and certified standard uncertainty of the machine, which
+        all readings share, m.
     """
     fit = linear_fit(np.ones((len(reading), 1)), reading, np.full(len(reading), sd))
-    unseen = ("the growth of the radius as the arm turns",)
+    unseen = ("the growth of the radius while the arm turns",)
     return from_fit(fit, ("radius",), "m", fit.value, fit.covariance + certificate_sd**2, unseen)
 
 
 @dataclass(frozen=True)
 class RadiusSensor:
-    """What is known of the accelerometer and the rate.
+    """The accelerometer that measures the radius, and the uncertainty of the rate.
 
     Parameters
     ----------
     sd : float
-        Of one reading, m/s².
+        Standard deviation of one reading, m/s².
     scale_sd : float
-        Relative, of its scale factor, without gravity's part.
+        Relative standard uncertainty of its scale factor, without the part from gravity.
     k2 : Measured or None
-        Its quadratic term, 1/(m/s²); None is unknown.
+        Quadratic term of the accelerometer, 1/(m/s²); None if it is unknown.
     rate_sd : float
-        Relative, of all rates.
+        Relative standard uncertainty that all rates share.
     gravity : Measured or None
-        With which its scale factor was found, m/s², where the result is to be correlated with it.
+        Gravity with which its scale factor was determined, m/s², if the result is to be correlated
+        with it.
     """
 
     sd: float
@@ -83,26 +87,28 @@ def radius_by_sensor(
     rate_value: float = 0.0,
     keep_rate: bool = False,
 ) -> MeasuredParameters:
-    """Return "radius", m, and with `stretch` "stretch", 1/(m/s²), by an accelerometer.
+    """Estimate the radius of an arm and, if requested, its stretch with an accelerometer.
+
+    The results are "radius", m, and "stretch", 1/(m/s²).
 
     Parameters
     ----------
     rate : (m,) array
-        rad/s.
+        Rates of the arm, rad/s.
     reading : (m,) array
-        m/s², toward the axis positive.
+        Readings, positive toward the axis, m/s².
     sensor : RadiusSensor
     stretch : bool
-        Whether the stretch is found; otherwise the arm is taken as stiff.
+        Whether to estimate the stretch; otherwise the arm is taken as rigid.
     rate_value : float
-        Qualified error of the rate.
+        Qualified relative error of the rate.
     keep_rate : bool
-        Whether the error of the rate is a result too, with its correlations.
+        Whether the result includes the error of the rate, with its correlations.
 
     Raises
     ------
     InputError
-        Fewer than three speeds for a stretch, or a quadratic term that is not known.
+        There are fewer than three speeds for a stretch, or the quadratic term is not known.
     """
     speeds = len(np.unique(np.round(np.abs(rate), 6)))
     if stretch and speeds < _FEWEST:
@@ -145,11 +151,8 @@ def radius_by_sensor(
         fit.dof,
         fit.p_value,
         fit.suspects,
-        ("the attitude of the sensor: it is assumed to point to the axis",),
-        (
-            f"u of the radius, relative: {1e6 * np.sqrt(fit.covariance[0, 0]) / x['radius']:.2g} "
-            "ppm",
-        ),
+        ("the attitude of the sensor, which is assumed to point to the axis",),
+        (f"relative u of the radius: {1e6 * np.sqrt(fit.covariance[0, 0]) / x['radius']:.2g} ppm",),
     )
 
 
@@ -161,7 +164,7 @@ def _step(
     free: tuple[str, ...],
     priors: Mapping[str, Measured],
 ) -> LinearFit:
-    """Return the step from x of the free parameters and of those with priors."""
+    """Return one Gauss-Newton step from x, for the free parameters and those with priors."""
     predicted, slopes = _prediction(w2, x, sensor)
     columns = np.stack([slopes[name] for name in (*free, *priors)], axis=-1)
     rows = np.vstack([columns, np.eye(len(priors), columns.shape[1], len(free))])
@@ -171,19 +174,19 @@ def _step(
     missing: dict[str, Array] = {}
     if "stretch" not in free:
         lack = np.concatenate([slopes["stretch"], np.zeros(len(priors))])[:, None]
-        missing = {"the arm stretches, by {size:.2g} ppm per m/s²: state stretch": 1e-6 * lack}
+        missing = {"the arm stretches by {size:.2g} ppm per m/s²: state stretch": 1e-6 * lack}
     return linear_fit(rows, np.concatenate([reading - predicted, off]), sd, missing)
 
 
 def _prediction(
     w2: Array, x: Mapping[str, float], sensor: RadiusSensor
 ) -> tuple[Array, dict[str, Array]]:
-    """Return the readings at x, and their derivatives."""
+    """Return the predicted readings at x, and their derivatives."""
     radius, grown = x["radius"], 1 + x["stretch"] * x["radius"] * w2
     turned = (1 + x["rate"]) ** 2 * w2
     a = radius * grown * turned
     gravity = sensor.gravity
-    # A scale factor that was found with a g that is too small gives readings that are too small.
+    # If the scale factor was determined with a g that is too small, the readings are too small.
     by_g = 1.0 if gravity is None else gravity.value / x.get("g", gravity.value)
     slope = by_g * (1 + x["scale"] + 2 * x["k2"] * a)
     reading = by_g * ((1 + x["scale"]) * a + x["k2"] * a**2)

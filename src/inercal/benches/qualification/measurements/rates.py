@@ -1,13 +1,13 @@
-"""The rate of a table or of a centrifuge's arm by a counter, and its stability.
+"""The rate of a table or a centrifuge's arm, measured with a counter, and its stability.
 
-In T seconds N whole turns pass a mark, so that the mean rate is 2πN/T, with u = √2 u_t/T of the two
-time stamps. Against the rate Ω that the bench states::
+N whole turns in T seconds give the mean rate 2πN/T, with the relative uncertainty u = √2 u_t/T from
+two time stamps. Compared with the rate Ω that the bench states::
 
     2πN/(TΩ) − 1 = ρ + γ sgn Ω + e,   u(e) = √2 u_t/T
 
-ρ is the relative error of all rates and γ its asymmetry. The error of the counter's timebase is
-common to all counts and adds to ρ. Of repeated counts at one set rate the scatter beyond √2 u_t/T
-is the stability of the rate.
+ρ is the relative error that all rates share, and γ its asymmetry. The error of the counter's
+timebase is common to all counts and adds to ρ. In repeated counts at one set rate, the scatter that
+exceeds √2 u_t/T is the instability of the rate.
 """
 # pyright: reportMissingTypeStubs=false
 
@@ -24,7 +24,7 @@ from inercal.benches.qualification.measurements.measured_parameters import (
     from_fit,
 )
 
-_FEWEST = 4  # counts of a scatter
+_FEWEST = 4  # counts needed to estimate a scatter
 _LEVEL = 0.05
 
 
@@ -36,16 +36,16 @@ def counted_rates(
     Parameters
     ----------
     rate : (m,) array
-        As the bench states it, rad/s, with its sign.
+        Rates that the bench states, with sign, rad/s.
     turns, seconds : (m,) arrays
-        Whole turns, and the time that they took, s.
+        Number of whole turns, and the time that they took, s.
     timer_sd : float
-        Of one time stamp, s.
+        Standard deviation of one time stamp, s.
 
     Raises
     ------
     InputError
-        A count that is not possible.
+        A count is not possible.
     """
     if (rate == 0).any() or (turns <= 0).any() or (seconds <= 0).any():
         raise InputError(
@@ -72,25 +72,25 @@ def rate_error(
     timebase_sd: float,
     names: tuple[str, ...],
 ) -> MeasuredParameters:
-    """Return the relative error of the rate.
+    """Estimate the relative error of the rate.
 
     Parameters
     ----------
     rate, turns, seconds, timer_sd
-        As of `counted_rates`.
+        The same as for `counted_rates`.
     timebase_sd : float
         Relative standard uncertainty of the counter's timebase.
     names : tuple of one or two str
-        Of ρ, and of γ where it is to be found.
+        Name of ρ and, if γ is to be estimated, name of γ.
 
     Raises
     ------
     InputError
-        γ with rates of one sense.
+        γ is requested, but all rates have the same sense.
     """
     found, u = counted_rates(rate, turns, seconds, timer_sd)
     sense, size = np.sign(rate), np.abs(rate)
-    columns, unseen = np.ones((len(rate), 1)), ("changes within a count",)
+    columns, unseen = np.ones((len(rate), 1)), ("changes during a count",)
     if len(names) > 1:
         if len(set(sense.tolist())) < 2:
             raise InputError(
@@ -102,11 +102,11 @@ def rate_error(
     missing: dict[str, Array] = {}
     if np.ptp(size) > 1e-3 * size.max():
         trend = (size - size.mean()) / np.ptp(size)
-        missing["the error changes with the rate, by {size:.2g} ppm over the rates"] = (
+        missing["the error changes with the rate, by {size:.2g} ppm over the range"] = (
             1e-6 * trend[:, None]
         )
     if len(names) == 1 and len(set(sense.tolist())) > 1:
-        missing["the error differs between the senses, by 2 × {size:.2g} ppm"] = (
+        missing["the error differs between the senses by 2 × {size:.2g} ppm"] = (
             1e-6 * sense[:, None]
         )
     fit = linear_fit(columns, found, u, missing)
@@ -118,23 +118,24 @@ def rate_error(
 def rate_stability(
     rate: Array, turns: Array, seconds: Array, timer_sd: float, name: str
 ) -> MeasuredParameters:
-    """Return the standard deviation of the rate from count to count, as a parameter's variance.
+    """Estimate the variance of the rate from count to count.
 
-    The estimate s² less the counter's share has ν = m − k degrees of freedom, of k set rates. It is
-    multiplied by ν/(ν − 2), so that a normal prior with it covers as the t distribution; a variance
-    within the counter's noise is replaced by its upper limit of 95 %.
+    The estimate is s² minus the variance due to the counter. With m counts at k set rates it has
+    ν = m − k degrees of freedom. It is multiplied by ν/(ν − 2), so that a normal prior with this
+    variance has the same coverage as the t distribution. If the counter's noise explains s², the
+    95 % upper limit is used instead.
 
     Parameters
     ----------
     rate, turns, seconds, timer_sd
-        As of `counted_rates`; in the order of time.
+        The same as for `counted_rates`, in the order of time.
     name : str
-        Of the parameter.
+        Name of the parameter.
 
     Raises
     ------
     InputError
-        Fewer than four counts beyond one of each set rate.
+        Too few counts are repeated at the same set rate.
     """
     found, u = counted_rates(rate, turns, seconds, timer_sd)
     fraction: Array = rate / np.abs(rate).max()
@@ -155,14 +156,14 @@ def rate_stability(
     upper = scatter * dof / special.chdtri(dof, 1 - _LEVEL)
     variance = (scatter - noise) * dof / max(dof - 2, 1) if seen else upper
     remarks = (
-        f"scatter {1e6 * sqrt(scatter):.3g} ppm of {len(found)} counts, of which the counter has "
-        f"{1e6 * sqrt(noise):.3g} ppm"
-        + ("" if seen else ": none was detected; the 95 % limit is stated"),
+        f"scatter {1e6 * sqrt(scatter):.3g} ppm in {len(found)} counts, of which the counter "
+        f"causes {1e6 * sqrt(noise):.3g} ppm"
+        + ("" if seen else "; no instability was detected, so the 95 % limit is stated"),
     )
     suspects: tuple[str, ...] = ()
     step = np.diff(residual)[np.diff(of) == 0]
     if step.size >= 2 * _FEWEST:
-        # von Neumann 1941: the mean square of differences is 2 s² of independent values.
+        # von Neumann 1941: for independent values the mean square of differences is 2 s².
         ratio = float(step @ step) / step.size / scatter
         z = (ratio / 2 - 1) * sqrt(step.size)
         if z < -2.33:
@@ -179,6 +180,6 @@ def rate_stability(
         0,
         1.0,
         suspects,
-        ("changes of the rate that are slower than all counts together",),
+        ("changes of the rate that are slower than the whole series of counts",),
         remarks,
     )

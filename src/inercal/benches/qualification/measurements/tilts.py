@@ -1,20 +1,20 @@
-"""Tilts by a level: lean and wobble of a table, and the right angle between two axes.
+"""Tilts measured with a level: lean and wobble of a table, and the right angle between two axes.
 
-A level that turns with a table, at the table's angle θ (counter-clockwise seen from above) along
-the azimuth A = A₀ − θ, reads its zero, the lean of the axis and the wobble of its bearing::
+A level turns with a table. At the table's angle θ (counter-clockwise seen from above) it points to
+the azimuth A = A₀ − θ. It reads its zero, the lean of the axis and the wobble of the bearing::
 
     reading = z + λ_x cos A − λ_y sin A + Σ_{k ≥ 2} (a_k cos kθ + b_k sin kθ)
 
-λ_x and λ_y are the rotations about east and north; the reading is positive where the end of the
-level at A is high. A wobble once a turn is a lean; a level on the base sees wobble alone.
+λ_x and λ_y are the rotations about east and north. The reading is positive if the end of the level
+at A is high. A wobble once per turn looks like a lean. A level on the base reads only the wobble.
 
-On a horizontal axis that an axis with a vertical direction carries, direct (s = 1) and reversed
-(s = −1), a level reads::
+A level on a horizontal axis, which a vertical axis carries, reads in the direct (s = 1) and
+reversed (s = −1) position::
 
     reading = z + s (σ + c cos θ + d sin θ)
 
-with σ the deviation from the right angle and c, d the lean. In one sense alone σ is not told
-from z.
+with σ the deviation from the right angle and c, d the lean. In only one position σ cannot be
+distinguished from z.
 """
 
 import numpy as np
@@ -28,33 +28,33 @@ from inercal.benches.qualification.measurements.measured_parameters import (
     from_fit,
 )
 
-_MOST = 6  # highest wobble that is looked for
+_MOST = 6  # highest harmonic of the wobble that is tested
 
 
 def table_tilt(
     angle: Array, reading: Array, sd: float, azimuth: float, scale_sd: float = 0.0, wobble: int = 1
 ) -> MeasuredParameters:
-    """Return "lean_x" and "lean_y", rad, by a level that turns with the table.
+    """Estimate "lean_x" and "lean_y", rad, with a level that turns with the table.
 
     Parameters
     ----------
     angle : (m,) array
-        Of the table, rad.
+        Angles of the table, rad.
     reading : (m,) array
-        rad.
+        Readings of the level, rad.
     sd : float
-        Of one reading, rad.
+        Standard deviation of one reading, rad.
     azimuth : float
-        Of the level at the angle zero, clockwise from north, rad.
+        Azimuth of the level at the angle zero, clockwise from north, rad.
     scale_sd : float
         Relative standard uncertainty of the level's scale.
     wobble : int
-        Highest harmonic of the wobble in the model; 1 is none.
+        Highest harmonic of the wobble in the model; 1 means no wobble.
 
     Raises
     ------
     InputError
-        Angles that do not determine the harmonics.
+        The angles do not determine the harmonics.
     """
     along = azimuth - angle
     first = np.stack([np.cos(along), -np.sin(along), np.ones_like(angle)], axis=-1)
@@ -64,7 +64,7 @@ def table_tilt(
 
     columns = np.hstack([first, *(pair(k) for k in range(2, wobble + 1))])
     missing = {
-        f"wobble {k} times a turn, of {{size:.2g}}″, is not modelled: state wobble = {k}": ARCSEC
+        f"a wobble {k} times per turn ({{size:.2g}}″) is not modelled: state wobble = {k}": ARCSEC
         * pair(k)
         for k in range(wobble + 1, _MOST + 1)
     }
@@ -79,21 +79,22 @@ def table_tilt(
     covariance = fit.covariance[:2, :2] + scale_sd**2 * np.outer(lean, lean)
     amplitudes = [np.hypot(*fit.value[2 * k - 1 : 2 * k + 1]) for k in range(2, wobble + 1)]
     remarks = tuple(
-        f"wobble {k} times a turn: {size / ARCSEC:.2g}″" for k, size in enumerate(amplitudes, 2)
+        f"wobble {k} times per turn: {size / ARCSEC:.2g}″" for k, size in enumerate(amplitudes, 2)
     )
-    unseen = ("a wobble once a turn, which looks like lean",)
+    unseen = ("a wobble once per turn, which looks like a lean",)
     return from_fit(fit, ("lean_x", "lean_y"), "rad", lean, covariance, unseen, remarks)
 
 
 def refuse_base_level() -> None:
-    """Refuse a level on the base for a lean.
+    """Refuse to determine a lean with a level on the base.
 
     Raises
     ------
     InputError
+        Always, with the reason.
     """
     raise InputError(
-        "a level on the base sees only the wobble of the table, and its zero cannot be "
+        "a level on the base measures only the wobble of the table, and its zero cannot be "
         "distinguished from the lean; set the level on the table",
         key="[measurement] level_at",
     )
@@ -102,29 +103,30 @@ def refuse_base_level() -> None:
 def right_angle(
     angle: Array, sense: Array, reading: Array, sd: float, name: str, sign: float, scale_sd: float
 ) -> MeasuredParameters:
-    """Return the deviation of two axes from a right angle, rad.
+    """Estimate the deviation of two axes from a right angle, rad.
 
     Parameters
     ----------
     angle : (m,) array
-        Of the carrying axis, rad.
+        Angles of the carrying axis, rad.
     sense : (m,) array
-        1 with the level direct, −1 reversed.
+        1 for the level in the direct position, −1 if it is reversed.
     reading : (m,) array
-        rad, positive where the end of the level toward the carried axis is high, direct.
+        Readings of the level, rad. In the direct position they are positive if the end of the level
+        toward the carried axis is high.
     sd : float
-        Of one reading, rad.
+        Standard deviation of one reading, rad.
     name : str
-        "square_1" or "square_2".
+        Name of the parameter, "square_1" or "square_2".
     sign : float
-        Of the parameter where the carried axis points up beyond the level.
+        Sign of the parameter if the carried axis points above the horizontal.
     scale_sd : float
         Relative standard uncertainty of the level's scale.
 
     Raises
     ------
     InputError
-        The level was not reversed, or the axis not turned.
+        The level was not reversed, or the carrying axis was not turned.
     """
     if not ({1.0, -1.0} == set(np.unique(sense).tolist())):
         raise InputError(
@@ -135,7 +137,7 @@ def right_angle(
     even = np.ones_like(angle)
     columns = np.stack([sense, even, sense * np.cos(angle), sense * np.sin(angle)], axis=-1)
     missing = {
-        f"a wobble {k} times a turn, of {{size:.2g}}″, is not in the model": ARCSEC
+        f"a wobble {k} times per turn ({{size:.2g}}″) is not in the model": ARCSEC
         * sense[:, None]
         * np.stack([np.cos(k * angle), np.sin(k * angle)], axis=-1)
         for k in (2, 3)
@@ -156,22 +158,22 @@ def right_angle(
 
 
 def right_angle_sign(axes: str, number: int) -> float:
-    """Return the sign of `right_angle` for the axes of a turntable.
+    """Return the sign that `right_angle` needs for the axes of a turntable.
 
-    The parameter turns the carried axis a_j about the third axis e, a_j + σ e × a_j; its component
-    along the carrying axis a_i, which points up, is σ (e × a_j)·a_i.
+    The parameter turns the carried axis a_j about the third axis e, to a_j + σ e × a_j. Its
+    component along the carrying axis a_i, which points up, is σ (e × a_j)·a_i.
 
     Parameters
     ----------
     axes : str
         Body axes, outermost first.
     number : int
-        1 of the outermost and the next.
+        Number of the right angle; 1 is between the outermost axis and the next.
 
     Raises
     ------
     InputError
-        No such pair.
+        The axes have no right angle with this number.
     """
     if not 1 <= number < len(axes):
         raise InputError(

@@ -1,1 +1,1 @@
-"""From a recording on a turntable to the track that its methods follow."""
+"""Read the track that the methods follow from a recording on a turntable."""

@@ -1,14 +1,15 @@
-"""Samples that a turntable's recording lost without a gap in its times.
+"""Find samples that a turntable's recording lost without a gap in its times.
 
-Two cases are detected; at 10 °/s one sample of 100 Hz is 360″:
+Two cases are detected; at 10 °/s one sample at 100 Hz corresponds to 360″:
 
-* A row lost with its readback: over one step the readback turns by the angle of two steps, the
-  gyros by that of one. It is isolated; latency, bias and scale have no isolated effects.
-* A sample of the IMU alone, with a readback that has its own clock: from then on the readback is
+* A row was lost together with its readback. Over one step the readback then turns by the angle of
+  two steps, but the gyros turn by the angle of one. The effect is isolated, unlike the effects of
+  latency, bias and scale.
+* Only the IMU lost a sample, and the readback has its own clock. From then on the readback is
   delayed by one step, as local offsets at changes of rate show (`implied_rates`). The loss is
   located between two changes of rate.
 
-A row lost at rest is not detected: only the earth turned, 0.15″ in 10 ms.
+A row that is lost at rest is not detected, because only the earth turned, by 0.15″ in 10 ms.
 """
 
 from typing import NamedTuple
@@ -32,42 +33,42 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR, Finding, Track
 
 _PIECE = 1 << 19  # samples
-_MARGIN = 60.0  # s beside a piece: a change of rate is shorter
+_MARGIN = 60.0  # s on each side of a piece; every change of rate is shorter
 _FEWEST_SAMPLES = 100
 _ALONE = 10.0  # times the usual difference between readback and gyros over one step
-_CLEAR = 6.0  # standard deviations of a step between local offsets
-_NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
-_SEEN = 3.0  # the same, next to a clear step
-_HALF = 0.5  # of a sample
-_DUST, _COARSEST = 1e-9, np.radians(0.2)  # rad, of steps that are rounding
-_SHAPED = 0.01  # of the rate: a larger residual is caused by the table's zeros, not by time
-_MOVING = np.radians(5)  # rad/s, of turns
+_CLEAR = 6.0  # standard deviations: a significant step between local offsets
+_NORMAL = 1.4826  # standard deviation over median absolute deviation for a normal distribution
+_SEEN = 3.0  # the same for steps next to a significant one
+_HALF = 0.5  # samples
+_DUST, _COARSEST = 1e-9, np.radians(0.2)  # rad: range of steps that are due to rounding
+_SHAPED = 0.01  # times the rate: a larger residual is due to the table's zeros, not to time
+_MOVING = np.radians(5)  # rad/s: turns are faster
 _TURNING = np.radians(0.05)  # rad/s
 
 
 class SampleDrop(NamedTuple):
-    """Samples lost after sample `first` and before `last`; extra samples are negative."""
+    """Samples lost after sample `first` and before `last`; a negative number means extra ones."""
 
     first: int
     last: int
     samples: float
-    row: bool  # with their readback
+    row: bool  # whether their readback was lost too
 
 
 def dropped_sample_findings(
     track: Track, sensor: Sensor, bench: Turntable, known: RateRegression | None = None
 ) -> tuple[Finding, ...]:
-    """Return a warning for each loss: its time and the number of samples.
+    """Return a warning for each loss, with its time and the number of samples.
 
     Parameters
     ----------
     track : Track
-        Of one trial, (n, m) readings, with the times that the run uses.
+        Track of one trial, (n, m) readings, with the times that the run uses.
     sensor : Sensor
-        With three gyros; otherwise there are no findings.
+        Sensor with three gyros; without them there are no findings.
     bench : Turntable
     known : RateRegression, optional
-        `fit_track_rates` of the track, where it is known.
+        Result of `fit_track_rates` for the track, if already known.
     """
     findings: list[Finding] = []
     for drop in find_dropped_samples(track, sensor, bench, known):
@@ -76,7 +77,7 @@ def dropped_sample_findings(
         start, stop = track.time[drop.first], track.time[drop.last]
         if drop.row:
             text = f"{size} without a gap at {start:.6g} s: the readback jumps by "
-            text += f"{drop.samples:+.2f} steps of time against the gyros"
+            text += f"{drop.samples:+.2f} time steps relative to the gyros"
         else:
             delay = drop.samples * float(np.median(np.diff(track.time))) * 1e3
             text = f"{size} by the sensor without a gap between {start:.6g} s and {stop:.6g} s: "
@@ -90,9 +91,9 @@ def dropped_sample_findings(
 def find_dropped_samples(
     track: Track, sensor: Sensor, bench: Turntable, known: RateRegression | None = None
 ) -> tuple[SampleDrop, ...]:
-    """Return the losses of which `dropped_sample_findings` warns, in their order.
+    """Return the losses that `dropped_sample_findings` warns about, in order.
 
-    A long track is searched piece by piece, in the memory of a piece with its margins.
+    A long track is searched piece by piece, so that only one piece and its margins are in memory.
     """
     gyros = [axis.measures == "w" for axis in sensor.axes]
     n = track.time.size
@@ -121,7 +122,7 @@ def find_dropped_samples(
         return ()
     local = LocalOffsets(*map(np.concatenate, zip(*offsets, strict=True)))
     steps = _offset_steps(local, track.time[:_PIECE])
-    # The loss may be within one of the two changes.
+    # The loss may lie within one of the two changes of rate.
     alone = [
         SampleDrop(int(local.spans[k, 0]), int(local.spans[j, 1]), count, False)
         for k, j, count in steps
@@ -130,7 +131,7 @@ def find_dropped_samples(
 
 
 def _turns(piece: Track) -> bool:
-    """Return whether the table turns within a piece."""
+    """Return whether the table turns during a piece."""
     rates = np.diff(piece.angles, axis=0) / np.diff(piece.time)[:, None]
     return float(np.abs(rates).max()) > _MOVING
 
@@ -138,7 +139,7 @@ def _turns(piece: Track) -> bool:
 def _search_piece(
     piece: Track, reading: Array, bench: Turntable, known: RateRegression
 ) -> tuple[list[SampleDrop], LocalOffsets]:
-    """Return the rows that a piece lost, and its local offsets; samples count from its first."""
+    """Return the lost rows and local offsets in a piece; sample numbers start at its beginning."""
     table, read = table_rates(bench, piece.time, piece.angles), gyro_rates(piece.time, reading)
     fastest = float(np.percentile(np.linalg.norm(table.change, axis=-1), 99.9))
     rows = _dropped_rows(piece.time, reading, piece.angles, bench, known, fastest)
@@ -148,9 +149,9 @@ def _search_piece(
     turning = np.linalg.norm(table.rate, axis=-1) > _MOVING
     residual = np.linalg.norm(known.residual_rates(read.rate, table.rate)[turning], axis=-1)
     speed = np.linalg.norm(table.rate[turning], axis=-1)
-    # Where the two motions differ, their offsets in time have no meaning.
+    # If the two motions differ, their time offsets have no meaning.
     alike = not turning.any() or float(np.median(residual / speed)) <= _SHAPED
-    # A row lost within a change of rate disturbs only the offset of this change.
+    # A row lost during a change of rate disturbs only the offset at this change.
     usable = np.array(
         [
             alike and not any(first - 2 * h <= row.first - h <= last for row in rows)
@@ -171,7 +172,7 @@ def _dropped_rows(
     known: RateRegression,
     fastest: float,
 ) -> list[SampleDrop]:
-    """Return the steps over which only the readback advances by more or less than one step."""
+    """Return the steps in which the readback, but not the gyros, skips or repeats time steps."""
     dt = np.diff(time)
     usual = float(np.median(dt))
     turned = np.diff(angles, axis=0) / dt[:, None]
@@ -182,17 +183,17 @@ def _dropped_rows(
     more = (np.sum(v * w, axis=-1) / np.maximum(size, 1e-12) - size) * dt  # rad
     moving = (size > _TURNING) & (dt < GAP_FACTOR * usual)
     more[~moving] = 0.0
-    # Beyond both neighbours: latency and bias have the same effect on the neighbours.
+    # Compare with both neighbours, on which latency and bias have the same effect.
     before, after = np.roll(more, 1), np.roll(more, -1)
     alone = np.maximum(more - np.maximum(before, after), 0)
     alone -= np.maximum(np.minimum(before, after) - more, 0)
     noise = _NORMAL * float(np.median(np.abs(more[moving] - before[moving]))) if moving.any() else 0
-    # One step of a readback that is rounded, up and down.
+    # One resolution step of a rounded readback, up and down.
     stepped = np.abs(np.diff(angles, axis=0))
     resolution = 2 * float(stepped[stepped > _DUST].min(initial=np.inf))
     resolution = resolution if resolution < _COARSEST else 0.0
     least = np.maximum(_ALONE * noise + fastest * usual**2, size * usual / 2) + resolution
-    # Where a turn begins or ends, a delayed readback looks like lost samples.
+    # At the beginning and end of a turn, a delayed readback looks like lost samples.
     speed = np.linalg.norm(v, axis=-1)
     steady = np.minimum(np.roll(speed, 2), np.roll(speed, -2)) > size / 2
     steady &= np.maximum(np.roll(speed, 2), np.roll(speed, -2)) < 2 * size
@@ -202,7 +203,7 @@ def _dropped_rows(
 
 
 def _offset_steps(local: LocalOffsets, sampled: Array) -> list[tuple[int, int, float]]:
-    """Return the pairs of local offsets between which samples are lost, and their number."""
+    """Return pairs of local offsets with lost samples between them, and the number of samples."""
     time, value, sd, _ = local
     if time.size < 3:
         return []
@@ -210,7 +211,7 @@ def _offset_steps(local: LocalOffsets, sampled: Array) -> list[tuple[int, int, f
     jump = jump - float(np.median(jump / span)) * span  # clocks may drift
     samples = jump / float(np.median(np.diff(sampled)))
     size = jump / np.hypot(sd[1:], sd[:-1])
-    # A loss within a change of rate is divided between the step before it and the step after it.
+    # A loss during a change of rate is shared between the steps before and after it.
     signs = np.sign(samples) * (np.abs(size) > _SEEN)
     cut = np.flatnonzero(np.diff(signs) != 0) + 1
     steps: list[tuple[int, int, float]] = []

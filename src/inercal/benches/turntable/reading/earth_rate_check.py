@@ -1,12 +1,12 @@
-"""Check of the earth's rate that the gyros measure against latitude and azimuth, before filtering.
+"""Compare the earth's rate that the gyros measure with latitude and azimuth, before filtering.
 
-In hold k of attitude C_k, with scale and misalignment from the turns, gyros read::
+In hold k with the attitude C_k, and with scale and misalignment from the turns, the gyros read::
 
-    w_k = b + C_kᵀ e + G C_kᵀ u        u up; G only where the method estimates it
+    w_k = b + C_kᵀ e + G C_kᵀ u        u up; G only if the method estimates it
 
-The biases b and the earth's rate e, in the level frame of the stated azimuth, follow by weighted
-least squares; drift beyond the stated noise is in the residuals and enlarges their covariance. An
-azimuth with the error δ turns e by δ about the vertical.
+The biases b and the earth's rate e, in the level frame with the stated azimuth, are estimated by
+weighted least squares. Drift that exceeds the stated noise appears in the residuals and enlarges
+the covariance. An azimuth error δ rotates e by δ about the vertical.
 """
 
 from math import atan2, degrees, hypot, pi
@@ -24,7 +24,7 @@ from inercal.recordings import Finding, Track
 
 _AXES = 3
 _CLEAR, _ODD = 100.0, 30.0  # χ² of three components
-_FAR = 0.3  # of the earth's rate: the effect of a smaller error is small
+_FAR = 0.3  # times the earth's rate: smaller errors have little effect
 _NEAR_UNIT = 0.2
 _G_SENSITIVITY = np.radians(20) / 3600 / G0  # standard deviation of G, (rad/s)/(m/s²)
 
@@ -32,23 +32,25 @@ _G_SENSITIVITY = np.radians(20) / 3600 / G0  # standard deviation of G, (rad/s)/
 def check_earth_rate(
     where: str, track: Track, sensor: Sensor, bench: Turntable, known: RateRegression | None
 ) -> tuple[Finding, ...]:
-    """Return a warning where the gyros measure another earth rate than the stated one.
+    """Return a warning if the gyros measure a different earth rate than the stated one.
 
     Parameters
     ----------
     where : str
-        What an error begins with.
+        Start of error messages.
     track : Track
-        Of one trial, (n, m) readings.
+        Track of one trial, (n, m) readings.
     sensor : Sensor
     bench : Turntable
     known : RateRegression or None
-        `fit_track_rates` of the track; without three gyros there is none, and nothing is checked.
+        Result of `fit_track_rates` for the track; None without three gyros, in which case nothing
+        is checked.
 
     Raises
     ------
     InputError
-        The rate has the size of the earth's rate, but is that of another azimuth or latitude.
+        The measured rate has the size of the earth's rate, but belongs to another azimuth or
+        latitude.
     """
     if known is None:
         return ()
@@ -56,7 +58,7 @@ def check_earth_rate(
         return ()
     measured, covariance = result
     stated = earth_rate_level_frame(bench)
-    # The uncertainty of the stated azimuth turns the horizontal part.
+    # The uncertainty of the stated azimuth rotates the horizontal part.
     azimuth_error = np.array([stated[1], 0.0, 0.0]) * bench.azimuth.sd
     off = measured - stated
     total = covariance + np.outer(azimuth_error, azimuth_error)
@@ -82,13 +84,13 @@ def check_earth_rate(
 
 
 def _describe_implied_place(rate: Array, bench: Turntable) -> str:
-    """Return in words the azimuth and latitude of an earth rate, (3,) rad/s in the level frame."""
+    """Describe the azimuth and latitude implied by an earth rate, (3,) rad/s in the level frame."""
     east, north, up = rate.tolist()
     azimuth = bench.azimuth.value + atan2(-east, north)
     azimuth = degrees(pi - (pi - azimuth) % (2 * pi))
     latitude = degrees(atan2(up, hypot(east, north)))
     return (
-        f"it is that of azimuth {azimuth:.0f}° and latitude {latitude:.0f}°, not of the stated "
+        f"it implies azimuth {azimuth:.0f}° and latitude {latitude:.0f}°, not the stated "
         f"{degrees(bench.azimuth.value):.3g}° and {degrees(bench.latitude):.3g}°"
     )
 
@@ -96,7 +98,7 @@ def _describe_implied_place(rate: Array, bench: Turntable) -> str:
 def _measured_earth_rate(
     track: Track, sensor: Sensor, bench: Turntable, known: RateRegression
 ) -> tuple[Array, Array] | None:
-    """Return the earth's rate in the level frame and its covariance; None if not observed."""
+    """Return the earth's rate in the level frame and its covariance, or None if not observable."""
     reading = track.reading[:, [axis.measures == "w" for axis in sensor.axes]]
     held = track.hold >= 0
     count = np.bincount(track.hold[held])

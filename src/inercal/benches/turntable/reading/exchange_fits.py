@@ -1,13 +1,14 @@
-"""Fits of the readings to a turntable's readback as recorded, and with columns or signs exchanged.
+"""Fit the readings to a turntable's readback as recorded, and with exchanged columns or signs.
 
-All fits are of means over 0.1 s: of the readings, and of the motion that the readback implies
+All fits use means over 0.1 s of the readings and of the motion that the readback implies
 (`inercal.benches.turntable.attitude.motion` at the table's nominal values). Three readings y are
-those of a sound sensor in the motion p if the cost is small::
+consistent with a faultless sensor in the motion p if the cost is small::
 
     J = min over D, b of  Σ|y − (I + D) p − b|² / (0.05² S) + Σ D² / 0.1²
 
-with S the readings' sum of squares about their mean. Scale factors of 5 % and misalignments of 5°
-cost about 5, any bias nothing, and a reversed or exchanged axis more than 100.
+with S the sum of squares of the readings about their mean. Scale factor errors of 5 % and
+misalignments of 5° cost about 5, and a bias costs nothing. A reversed or exchanged axis costs more
+than 100.
 """
 
 from dataclasses import dataclass, replace
@@ -26,15 +27,15 @@ from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import GAP_FACTOR, Track, sample_count
 
 MAX_SOUND_COST = 30.0
-"""Largest cost of a sound sensor."""
+"""Largest cost for a faultless sensor."""
 _BLOCK = 0.1  # s
 _MOST = 4000  # blocks; more of them add no information
 _MISFIT, _SOUND = 0.05, 0.1
-_LEAST = {"w": np.radians(1), "f": 0.05 * G0}  # of the readings' changes, rad/s or m/s²
+_LEAST = {"w": np.radians(1), "f": 0.05 * G0}  # smallest change of the readings, rad/s or m/s²
 
 
 class SignedPermutation(NamedTuple):
-    """Columns in another order, each with a sign: new[i] = signs[i] · old[order[i]]."""
+    """Another order of columns, each with a sign: new[i] = signs[i] · old[order[i]]."""
 
     order: tuple[int, ...]
     signs: tuple[int, ...]
@@ -45,11 +46,11 @@ class SignedPermutation(NamedTuple):
         return self.order == tuple(range(len(self.order))) and min(self.signs) > 0
 
     def reorder(self, columns: Array) -> Array:
-        """Return columns (..., k) in this order with these signs."""
+        """Return the columns (..., k) in this order with these signs."""
         return columns[..., list(self.order)] * np.array(self.signs, dtype=float)
 
     def signed_names(self, names: tuple[str, ...]) -> str:
-        """Return the columns' names in this order with their signs, as a run file states them."""
+        """Return the names of the columns in this order, with signs as in a run file."""
         each = (
             names[k] if sign > 0 else names[k][1:] if names[k].startswith("-") else f"-{names[k]}"
             for k, sign in zip(self.order, self.signs, strict=True)
@@ -58,12 +59,12 @@ class SignedPermutation(NamedTuple):
 
 
 def identity_permutation(k: int) -> SignedPermutation:
-    """Return the permutation that changes nothing of k columns."""
+    """Return the permutation that leaves k columns unchanged."""
     return SignedPermutation(tuple(range(k)), (1,) * k)
 
 
 def signed_permutations(k: int) -> tuple[SignedPermutation, ...]:
-    """Return all orders and signs of k columns, the identity first."""
+    """Return all orders and signs of k columns, starting with the identity."""
     return tuple(
         SignedPermutation(o, s) for o in permutations(range(k)) for s in product((1, -1), repeat=k)
     )
@@ -71,7 +72,7 @@ def signed_permutations(k: int) -> tuple[SignedPermutation, ...]:
 
 @dataclass(frozen=True, eq=False)
 class BlockMeans:
-    """Means of 0.1 s: s, rad and rad/s of the k axes, rad/s and m/s² of gyros, accelerometers."""
+    """Means over 0.1 s of time, axis angles and rates, and the readings of each triad, in SI."""
 
     time: Array  # (b,)
     angles: Array  # (b, k)
@@ -81,21 +82,21 @@ class BlockMeans:
 
     @cached_property
     def is_still(self) -> NDArray[np.bool_]:
-        """Whether the readback is constant, (b,): in any unit, relative to each axis' fastest."""
+        """Whether the readback is constant in each block, (b,), relative to the fastest rate."""
         speed = np.abs(self.rates)
         fastest = np.percentile(speed, 99.5, axis=0)
-        # The rate of an axis that never turns is noise.
+        # If an axis never turns, its rate is only noise.
         return np.all(speed <= np.maximum(0.02 * fastest, 1e-3 * fastest.max()), axis=-1)
 
     def subsample(self) -> "BlockMeans":
-        """Return at most `_MOST` blocks, evenly over the run."""
+        """Return at most `_MOST` blocks, evenly spread over the run."""
         at = slice(None, None, -(-self.time.size // _MOST))
         readings = {kind: y[at] for kind, y in self.readings.items()}
         return BlockMeans(self.time[at], self.angles[at], self.rates[at], readings, self.step)
 
 
 def block_means(track: Track, sensor: Sensor) -> BlockMeans:
-    """Return the means over one trial's track, (n, m) readings, without blocks that have a gap."""
+    """Return the block means for one trial's track, (n, m) readings, without blocks with a gap."""
     step = float(np.median(np.diff(track.time)))
     size = max(sample_count(_BLOCK, step), 1)
     first = np.arange(0, track.time.size - size, size)
@@ -113,15 +114,15 @@ def block_means(track: Track, sensor: Sensor) -> BlockMeans:
 
 
 class Moments(NamedTuple):
-    """Sums of products about the means, of readings y and of expected readings p: (3, 3)."""
+    """Sums of products of readings y and expected readings p about their means, (3, 3) each."""
 
     yy: Array
     yp: Array
     pp: Array
-    minimum_sum: float  # of squares of p about its mean
+    minimum_sum: float  # smallest sum of squares that y is taken to have about its mean
 
     def cost(self, way: SignedPermutation) -> float:
-        """Return J with the readings exchanged by `way`."""
+        """Return the cost J for the readings exchanged by `way`."""
         at = list(way.order)
         yp = self.yp[at] * np.array(way.signs)[:, None]
         total = max(float(np.trace(self.yy)), self.minimum_sum)
@@ -132,14 +133,14 @@ class Moments(NamedTuple):
         return float(residual / total / _MISFIT**2 + np.sum(d**2) / _SOUND**2)
 
     def factors(self) -> Array:
-        """Return the change of each reading over its expected change, (3,)."""
+        """Return the ratio of each reading's change to its expected change, (3,)."""
         return np.diagonal(self.yp @ np.linalg.pinv(self.pp, rcond=1e-3)).copy()
 
 
 def moments(
     bench: Turntable, sensor: Sensor, made: BlockMeans, way: SignedPermutation, times: float = 1.0
 ) -> dict[str, Moments]:
-    """Return the moments by "f" and "w" of a sensor's triads.
+    """Return the moments for a sensor's triads, by "f" and "w".
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ def moments(
     way : SignedPermutation
         Exchange of the readback's columns.
     times : float
-        Factor of the readback.
+        Factor by which the readback is multiplied.
     """
     angles, rates = times * way.reorder(made.angles), times * way.reorder(made.rates)
     sensed = motion(bench, angles, rates, np.zeros_like(rates), {})
@@ -164,7 +165,7 @@ def moments(
 
 
 class ExchangeFit(NamedTuple):
-    """Exchanges with which readings and readback agree, and their largest cost."""
+    """Exchanges that make readings and readback agree, and their largest cost."""
 
     cost: float
     readback: SignedPermutation
@@ -175,8 +176,9 @@ class ExchangeFit(NamedTuple):
 def find_exchanges(bench: Turntable, sensor: Sensor, made: BlockMeans) -> tuple[ExchangeFit, ...]:
     """Return the simplest exchanges that explain the readings.
 
-    In order of simplicity: the readback's columns, those of one triad, or those of both triads
-    together (another mounting of the IMU); then those of each triad; then all.
+    The simplest exchanges are of the readback's columns, of one triad, or of both triads together
+    (another mounting of the IMU). Different exchanges of both triads come next, then exchanges of
+    readback and triads.
     """
     by = {
         table: moments(bench, sensor, made, table) for table in signed_permutations(len(bench.axes))
@@ -192,7 +194,7 @@ def find_exchanges(bench: Turntable, sensor: Sensor, made: BlockMeans) -> tuple[
 def alternative_axis_orders(
     bench: Turntable, sensor: Sensor, made: BlockMeans
 ) -> tuple[tuple[float, str], ...]:
-    """Return the orders of axes, with their costs, with which the columns fit unchanged."""
+    """Return other orders of the axes, with their costs, for which the columns fit unchanged."""
     k = len(bench.axes)
     found: list[tuple[float, str]] = []
     for axes in map("".join, permutations("xyz", k)):
@@ -203,7 +205,7 @@ def alternative_axis_orders(
 
 
 def _simple_exchanges(by: dict[SignedPermutation, dict[str, Moments]]) -> list[ExchangeFit]:
-    """Return the best exchange of the readback, of each triad, and of both triads together."""
+    """Return the best exchanges of the readback, of each triad, and of both triads together."""
     ways, (table, triads) = signed_permutations(3), next(iter(by.items()))
     same = ways[0]
     w, f = ([triads[kind].cost(way) if kind in triads else 0.0 for way in ways] for kind in "wf")
@@ -218,7 +220,7 @@ def _simple_exchanges(by: dict[SignedPermutation, dict[str, Moments]]) -> list[E
 
 
 def _best_exchange(table: SignedPermutation, triads: dict[str, Moments]) -> ExchangeFit:
-    """Return the best independent exchanges of both triads."""
+    """Return the best exchange of each triad, independently of the other."""
     best = {
         kind: min((m.cost(way), way) for way in signed_permutations(3))
         for kind, m in triads.items()

@@ -1,23 +1,24 @@
-"""Compares a table's readback with the gyros over each window of ten seconds, turning or at rest.
+"""Compare a table's readback with the gyros in windows of ten seconds, turning or at rest.
 
-The increments of a window, from knot to knot each 0.05 s, are those of the gyros' integrated
-readings g, and of the readback turned into the body's rotation v (which includes the earth's
-rate). With ω = v/Δt, u the upward direction in the body, θ the axes' angles::
+Each window is divided by knots every 0.05 s. The increments between knots are g, the integrated
+readings of the gyros, and v, the rotation of the body from the readback and the earth's rate. With
+ω = v/Δt, u the upward direction in the body and θ the axes' angles::
 
     g − v = δA v + (b + G u + p |ω| + q ω² + c ω³) Δt + τ Δv̇ + κ Δv̈ + harmonics of θ + noise
 
-where δA are scale factors and misalignments, b biases, G the gyros' sensitivity to acceleration, p,
-q and c nonlinearities, τ the delay of the readback against the gyros and κ their lag of second
-order; each gyro has its own. They begin with the standard deviations below, and every window that
-passes narrows them for the next, so that a turn is compared with all those before it. Biases may
-wander by 0.002 °/s and the stated instability, τ by the stated rate of the readback's clock. The
-noise is that of the gyros (as stated, or as the window shows it where that is more) and of the
-readback; where an interpolated readback nearly stands, its angle is within 10″.
+Here δA are scale factors and misalignments, b biases, G the gyros' sensitivity to acceleration, and
+p, q and c nonlinearities. τ is the delay of the readback relative to the gyros, and κ is their
+second-order lag. Each gyro has its own parameters. The parameters start with the standard
+deviations below, and every window without a fault narrows them, so that a turn is compared with all
+turns before it. Biases may wander by 0.002 °/s and the stated instability, and τ by the stated rate
+of the readback's clock. The noise consists of the gyros' noise (stated, or as seen in the window if
+that is more) and the readback's noise. If an interpolated readback nearly stands still, its angle
+is taken to be within 10″.
 
-With W the inverse covariance of g − v by all of that, a fault of signature s has the significance
-sᵀ W r / √(sᵀ W s). Signatures are, axis by axis, a step at a knot, a drift from a knot on, and a
-delay; noise of the readback is known by neighbouring increments, which it correlates by −½.
-`window_fit` calculates W.
+With r = g − v minus its prediction, and W the inverse of its covariance, a fault with the signature
+s has the significance sᵀ W r / √(sᵀ W s). The signatures are, for each axis, a step at a knot, a
+drift that begins at a knot, and a delay. Noise of the readback is recognised because it correlates
+neighbouring increments by −½. `window_fit` calculates W.
 """
 
 # SciPy has no stubs.
@@ -44,38 +45,38 @@ from inercal.recordings import Finding, Track, join_tracks
 _Fault = Literal["step", "drift", "delay", "noise"]
 _WINDOW = 10.0  # s
 _FEWEST = 20  # increments
-_DRIFT_STEP = 5  # increments between two begins of a drift
-# Standard deviations: a run has thousands of places for a step, and one noise in each window.
+_DRIFT_STEP = 5  # increments between possible beginnings of a drift
+# Standard deviations: a run has thousands of places for a step, but one noise value per window.
 _SIGNIFICANT: dict[_Fault, float] = {"step": 6.0, "drift": 6.0, "delay": 6.0, "noise": 4.5}
-# Below these no table is blamed: nonlinear gyros, g sensitivity and arrivals have such sizes.
+# Smaller differences are ignored: nonlinear gyros, g sensitivity and arrival times can cause them.
 _LEAST: dict[_Fault, float] = {"step": radians(10 / 3600), "drift": radians(0.03), "delay": 3e-4,
                              "noise": radians(2 / 3600)}  # fmt: skip
 _NOISE_FACTOR = 3.0  # times the stated noise of the readback
 # Standard deviations before the first window: δA, b in rad/s, G in rad/s per g, and p, q and c in
 # powers of rad/s.
 _SCALE, _BIAS, _SENSITIVITY, _NONLINEARITY = 0.05, radians(1), radians(0.2), (2e-3, 5e-3, 5e-3)
-_SMALL = radians(5 / 3600)  # rad, of harmonics that make no difference
-_ARRIVAL = 0.02  # s, by which arrival ties the clocks of readback and gyros
+_SMALL = radians(5 / 3600)  # rad: smaller harmonics are neglected
+_ARRIVAL = 0.02  # s: uncertainty of the clocks if arrival times connect readback and gyros
 _LAG = 1e-4  # s², standard deviation of κ
 _BIAS_WANDER = radians(0.002)  # rad/s from window to window
 _DELAY_WANDER = 5e-5  # s
-_NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute deviation
+_NORMAL = 1.4826  # standard deviation over median absolute deviation for a normal distribution
 
 
 class ReadbackDifference(NamedTuple):
-    """What the readback does and the gyros do not.
+    """A change in the readback that the gyros do not show.
 
     Parameters
     ----------
     kind : "step", "drift", "delay" or "noise"
     axis : int
-        Of the table, 0 the outermost; −1 where all may be the cause.
+        Axis of the table, where 0 is the outermost; −1 if any axis may be the cause.
     start, stop : float
-        s of the track: the step or the begin of the drift, and the end of its window.
+        Times in the track, s: the step or the beginning of the drift, and the end of the window.
     size : float
-        rad of a step or of noise, rad/s of a drift, s of a delay.
+        Size of the change: rad for a step or noise, rad/s for a drift, s for a delay.
     significance : float
-        Standard deviations.
+        Size divided by its standard deviation.
     """
 
     kind: _Fault
@@ -86,7 +87,7 @@ class ReadbackDifference(NamedTuple):
     significance: float
 
     def describe(self, names: tuple[str, ...]) -> str:
-        """Return it in words; `names` are those of the axes."""
+        """Describe the difference in words; `names` are the names of the axes."""
         window = f"between {self.start:.1f} s and {self.stop:.1f} s"
         if self.kind == "delay":
             late = "later" if self.size > 0 else "earlier"
@@ -96,27 +97,27 @@ class ReadbackDifference(NamedTuple):
             )
         if self.kind == "noise":
             return (
-                f"{window} the readback scatters by {degrees(self.size):.2g}° against the gyros, "
-                "more than its stated noise"
+                f"{window} the readback scatters by {degrees(self.size):.2g}° relative to the "
+                "gyros, which is more than its stated noise"
             )
         what, unit = ("jumps", "°") if self.kind == "step" else ("drifts", " °/s")
         when = f"at {self.start:.1f} s" if self.kind == "step" else window
         return (
-            f"{when} the readback of axis {names[self.axis]} {what} against the gyros by "
+            f"{when} the readback of axis {names[self.axis]} {what} relative to the gyros by "
             f"{degrees(abs(self.size)):.2g}{unit}"
         )
 
 
 class GyroComparison:
-    """The comparison along one track, in the order of its samples.
+    """The running comparison of readback and gyros along one track.
 
     Parameters
     ----------
     bench : Turntable
     sensor : Sensor
-        Without gyros nothing is compared.
+        The sensor. If it has no gyros, nothing is compared.
     delay : float
-        s by which the readback is late as far as is known.
+        Known delay of the readback, s.
     """
 
     def __init__(self, bench: Turntable, sensor: Sensor, delay: float = 0.0):
@@ -127,7 +128,7 @@ class GyroComparison:
         self._white = np.array([axis.noise.white for axis in gyros])
         wander = [hypot(axis.noise.bias_instability, _BIAS_WANDER) for axis in gyros]
         late = hypot(bench.latency.sd, _ARRIVAL)
-        # In the order of `readback_increments`.
+        # The parameters are in the order of `readback_increments`.
         own = [_BIAS, late, hypot(_LAG, late * delay)]
         self._harmonics = [(h, of) for h, of in enumerate(bench.harmonics, start=1) if of > _SMALL]
         waves = [of for _, of in self._harmonics for _ in range(2 * len(bench.axes))]
@@ -135,7 +136,7 @@ class GyroComparison:
         mean = np.zeros(sd.size)
         mean[1:3] = delay, -(delay**2) / 2
         self._mean = np.tile(mean, (len(gyros), 1))
-        # A root of the covariance, P = S Sᵀ, of each gyro; and what is added for each window.
+        # A root S of each gyro's covariance, P = S Sᵀ, and the part that each window adds.
         self._root = np.tile(np.diag(sd), (len(gyros), 1, 1))
         self._wander = np.zeros((len(gyros), sd.size, 2))
         self._wander[:, 0, 0] = wander
@@ -144,12 +145,12 @@ class GyroComparison:
         self._step = 0.0  # s between samples; 0 before there are any
 
     def feed(self, track: Track) -> list[ReadbackDifference]:
-        """Return what is found in the windows that these samples complete.
+        """Return the differences found in the windows that these samples complete.
 
         Parameters
         ----------
         track : Track
-            Of one trial, with known angles; it follows the one before.
+            Next part of the track of one trial, with known angles.
         """
         if not self._inputs.size or not track.time.size:
             return []
@@ -159,7 +160,7 @@ class GyroComparison:
         return self._compare(last=False)
 
     def finish(self) -> list[ReadbackDifference]:
-        """Return what is found in the last window, which may be shorter."""
+        """Return the differences found in the last window, which may be shorter."""
         return self._compare(last=True) if self._waiting else []
 
     def _compare(self, *, last: bool) -> list[ReadbackDifference]:
@@ -186,7 +187,7 @@ class GyroComparison:
     def _compare_windows(
         self, track: Track, spacing: KnotSpacing, at: Indices
     ) -> list[ReadbackDifference]:
-        """Return what is found in windows, one after the other; (w, n + 1) samples are knots."""
+        """Return the differences in consecutive windows whose knots are the samples (w, n + 1)."""
         if not at.size:
             return []
         orders = np.array([h for h, _ in self._harmonics], dtype=float)
@@ -196,7 +197,7 @@ class GyroComparison:
         return [one for window in windows for one in self._compare_window(window)]
 
     def _compare_window(self, knots: Increments) -> list[ReadbackDifference]:
-        """Return what is found in one window, and learn from it where that is nothing."""
+        """Return the differences in one window; if there are none, update the parameters."""
         if knots.dt.size < _FEWEST:
             return []
         residual = knots.difference - np.einsum("gnp,gp->gn", knots.columns, self._mean)
@@ -231,7 +232,7 @@ class GyroComparison:
         return knots.readback + white[:, None] * knots.dt + knots.dynamic
 
     def _noise_of_readback(self, knots: Increments, noise: Array) -> list[ReadbackDifference]:
-        """Return the readback's noise where it is more than stated."""
+        """Return the readback's noise if it is larger than stated."""
         scale = sqrt(float(np.sum(noise[:, 1] ** 2)))
         stated = max(self._bench.white, knots.resolution / sqrt(12))
         known = knots.variance + knots.resolution**2 / 12
@@ -249,7 +250,7 @@ def gyro_comparison_findings(track: Track, sensor: Sensor, bench: Turntable) -> 
     Parameters
     ----------
     track : Track
-        Of one trial, with known angles.
+        Track of one trial, with known angles.
     sensor : Sensor
     bench : Turntable
     """
@@ -276,7 +277,7 @@ _CAUSE = "; check the encoder, its cable and the controller"
 
 
 def _median(values: Array) -> Array:
-    """Return the medians along the last axis; `numpy` looks for NaN too, which takes longer."""
+    """Return the medians along the last axis, faster than NumPy, which also checks for NaN."""
     k, ordered = values.shape[-1], np.sort(values)
     return (ordered[..., k // 2] + ordered[..., (k - 1) // 2]) / 2
 
@@ -290,7 +291,7 @@ def _steps_and_drifts(knots: Increments, fit: WindowFit) -> list[ReadbackDiffere
     best: dict[_Fault, ReadbackDifference] = {}
 
     def keep(kind: _Fault, at: Array, score: Array, information: Array, of_noise: Array) -> None:
-        # What the parameters explain wholly has no information, but for its rounding.
+        # If the parameters explain a fault completely, the information is only a rounding error.
         known = np.where(information > LEAST_LEFT * of_noise, information, inf)
         squares = score**2 / known
         at_most = int(squares.argmax())
@@ -305,11 +306,11 @@ def _steps_and_drifts(knots: Increments, fit: WindowFit) -> list[ReadbackDiffere
             best[kind] = one
 
     keep("step", knots.time, score, information, of_noise)
-    # A step between two readings is in two increments where their interpolation is.
+    # With interpolation, a step between two readings is spread over two increments.
     neighbours = np.einsum("gnk,gn->nk", s[:, 1:] * s[:, :-1], fit.neighbours)
     pairs = information[1:] + information[:-1] + 2 * neighbours
     keep("step", knots.time, (score[1:] + score[:-1]) / 2, pairs / 4, of_noise[1:])
-    # Sums from each knot to the end of the window; each fifth is near enough to any.
+    # Sums from a knot to the end of the window; every fifth knot is close enough to any other.
     of_turn, dt = s * knots.dt[:, None], knots.dt[:, None]
     later = np.sum(of_turn * fit.later(of_turn), axis=0)
     blocks = np.arange(0, knots.dt.size, _DRIFT_STEP)
@@ -324,7 +325,7 @@ def _steps_and_drifts(knots: Increments, fit: WindowFit) -> list[ReadbackDiffere
 
 
 def _block_sums(turns: Array, known: Array) -> Array:
-    """Return Σ of products of (g, n, k) and (g, n, q) values over each block, (k, g, m, q)."""
+    """Return the sums of products of (g, n, k) and (g, n, q) values per block, (k, g, m, q)."""
     (g, n, k), m = turns.shape, -(-turns.shape[1] // _DRIFT_STEP)
     left, right = np.zeros((g, m * _DRIFT_STEP, k)), np.zeros((g, m * _DRIFT_STEP, known.shape[-1]))
     left[:, :n], right[:, :n] = turns, known
@@ -334,7 +335,7 @@ def _block_sums(turns: Array, known: Array) -> Array:
 
 
 def _from_here(values: Array, blocks: Indices) -> Array:
-    """Return the sums of (n, k) values from the begin of each block to the end."""
+    """Return the sums of (n, k) values from the beginning of each block to the end."""
     return np.cumsum(np.add.reduceat(values, blocks, axis=0)[::-1], axis=0)[::-1]
 
 
@@ -343,7 +344,7 @@ def _counts(one: ReadbackDifference) -> bool:
 
 
 def _delay(knots: Increments, fit: WindowFit) -> list[ReadbackDifference]:
-    """Return a delay beyond that of the windows before, if there is one."""
+    """Return a change of the delay since the windows before, if it is significant."""
     score, information = float(np.sum(knots.rate * fit.weighted)), fit.quadratic(knots.rate)
     if not information:
         return []

@@ -1,7 +1,7 @@
-"""Reads what a bench host adds to a recording about its readings of the table.
+"""Read the information that a bench host adds to a recording about its readings of the table.
 
-The group `bench` of the HDF5 file has the quality of the interpolated angles, a row per sample
-(`recording.AngleQuality`), and as attributes the numbers of omitted readings.
+The group `bench` in the HDF5 file contains the quality of the interpolated angles, with one row per
+sample (`recording.AngleQuality`). Its attributes are the numbers of omitted readings.
 """
 
 import json
@@ -22,14 +22,14 @@ BENCH_GROUP = "bench"
 POLLS, IMPLAUSIBLE_POLLS = "polls", "polls left out as implausible"
 UNUSABLE_ANGLES = "samples with unusable angle"
 INTERRUPTIONS = "interruptions"
-_MARGIN = 2.0  # s by which an interruption is noticed late, and the samples are back late
-_NAMED = 5  # interruptions that are stated with their times
-_FEW = 0.01  # of the readings, that may be left out without a word in the verdict
+_MARGIN = 2.0  # s: delay until an interruption is noticed, and until samples come back
+_NAMED = 5  # most interruptions that are listed with their times
+_FEW = 0.01  # fraction of readings that may be left out without a remark in the verdict
 _SUFFIXES = (".h5", ".hdf5")
 
 
 class Interruption(NamedTuple):
-    """A time in which a run was stopped or had no host: s from the first sample on, and why."""
+    """An interruption of a run: its start and stop, s since the first sample, and its cause."""
 
     start: float
     stop: float
@@ -47,7 +47,7 @@ class HostReadback(NamedTuple):
 def are_interrupted(
     start: Array, stop: Array, interruptions: Sequence[Interruption]
 ) -> NDArray[np.bool_]:
-    """Return which of the times from `start` to `stop`, (n,) s, lie in an interruption."""
+    """Return which of the intervals from `start` to `stop`, (n,) s, lie in an interruption."""
     known = np.zeros(start.size, np.bool_)
     for one in interruptions:
         known |= (start >= one.start - _MARGIN) & (stop <= one.stop + _MARGIN)
@@ -55,12 +55,12 @@ def are_interrupted(
 
 
 def write_interruptions(interruptions: Sequence[Interruption]) -> str:
-    """Return interruptions as the text of an attribute, which `read_host_readback` reads."""
+    """Return interruptions as the text of the attribute that `read_host_readback` reads."""
     return json.dumps([tuple(one) for one in interruptions])
 
 
 def describe_interruptions(interruptions: Sequence[Interruption]) -> str:
-    """Return in a sentence when a run was interrupted, and why; empty where it never was."""
+    """Describe when and why a run was interrupted; return an empty text if it was not."""
     if not interruptions:
         return ""
     said = [
@@ -75,19 +75,19 @@ def describe_interruptions(interruptions: Sequence[Interruption]) -> str:
 
 
 def read_host_readback(path: Path, recording: Recording) -> HostReadback:
-    """Return what a host wrote of its readings; no quality where the file has none.
+    """Read the information that a host wrote about its readings, including the angle quality.
 
     Parameters
     ----------
     path : Path
-        The file of the recording.
+        File of the recording.
     recording : Recording
-        As it was read, of which the audit may have left out samples.
+        The recording as it was read; the audit may have left out samples.
 
     Raises
     ------
     InputError
-        The file is damaged, or the quality is not that of its samples.
+        The file is damaged, or the number of quality rows differs from the number of samples.
     """
     if path.suffix.lower() not in _SUFFIXES:
         return HostReadback(None)
@@ -100,7 +100,7 @@ def read_host_readback(path: Path, recording: Recording) -> HostReadback:
     if any(one.shape[:1] < (rows,) or (kept is None and one.shape != (rows,)) for one in quality):
         raise InputError(
             f"{path.name}: group {BENCH_GROUP!r} has the quality of {quality.noise_gain.size} "
-            f"angles, but the recording {rows} samples; use the file as the host wrote it",
+            f"angles, but the recording has {rows} samples; use the file that the host wrote",
             file=path,
         )
     if kept is not None:
@@ -110,7 +110,7 @@ def read_host_readback(path: Path, recording: Recording) -> HostReadback:
 
 
 def _read_interruptions(text: object) -> tuple[Interruption, ...]:
-    """Return the interruptions that a host wrote; none where the text says nothing of the kind."""
+    """Return the interruptions that a host wrote, or none if the text describes none."""
     try:
         found: Any = json.loads(str(text))
         return tuple(Interruption(float(a), float(b), str(why)) for a, b, why in found)
@@ -119,7 +119,7 @@ def _read_interruptions(text: object) -> tuple[Interruption, ...]:
 
 
 def _findings(attributes: dict[str, object]) -> tuple[Finding, ...]:
-    """Return a line for readings that were left out, and for angles that are not usable."""
+    """Return a finding for omitted readings, and one for unusable angles."""
     implausible, polls, unusable = (
         int(number) if isinstance(number := attributes.get(name, 0), int | float) else 0
         for name in (IMPLAUSIBLE_POLLS, POLLS, UNUSABLE_ANGLES)
@@ -130,8 +130,8 @@ def _findings(attributes: dict[str, object]) -> tuple[Finding, ...]:
             Finding(
                 "note" if implausible < _FEW * polls else "warning",
                 "implausible",
-                f"the host left out {implausible} of {polls} readings of the table: position, rate "
-                "and following error were not those of a motion within the bench's limits; look at "
+                f"the host left out {implausible} of {polls} readings of the table, because their "
+                "position, rate and following error imply motion beyond the bench's limits; check "
                 "the cable to its controller",
             )
         )
@@ -140,8 +140,8 @@ def _findings(attributes: dict[str, object]) -> tuple[Finding, ...]:
             Finding(
                 "note",
                 "angles",
-                f"{unusable} samples have an angle that the filters do not use: the table was read "
-                "too seldom while it turned",
+                f"{unusable} samples have an angle that the filters do not use, because the table "
+                "was read too rarely while it turned",
             )
         )
     return tuple(result)

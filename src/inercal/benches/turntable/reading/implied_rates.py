@@ -1,12 +1,14 @@
-"""The rate of a turntable's readback, that of the gyros, and the delay between them.
+"""The rates from a turntable's readback and from the gyros, and the delay between them.
 
-Both are means over the same short window, of the gyros' readings by integration and of the readback
-by differences, so that the window cancels. Readings w and the readback's rate v, delayed by δ::
+Both rates are means over the same short window, from the integrated gyro readings and from
+differences of the readback, so that the effect of the window cancels. With the readings w and the
+readback's rate v, which is delayed by δ::
 
     w(t) = A v(t + δ) + b   ⇒   δ ≈ Σ (A v̇) · (w − A v − b) / Σ |A v̇|²
 
-over a stretch where the rate changes. A and b approximate bias, scale and misalignment and are
-fitted over the run. Positive δ: the readback shows at t + δ the motion that the gyros show at t.
+summed over a stretch in which the rate changes. A and b approximate bias, scale and misalignment
+and are fitted over the whole run. If δ is positive, the readback shows at t + δ the motion that the
+gyros show at t.
 """
 
 from typing import NamedTuple
@@ -20,43 +22,43 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.recordings import GAP_FACTOR
 
 _HALF = 0.02  # s, half a window
-_CHANGING = 0.1  # of the largest change of rate
-_NEAR = 0.1  # s: stretches nearer than this are one
-_FEWEST = 3  # samples of a stretch
+_CHANGING = 0.1  # times the largest change of rate
+_NEAR = 0.1  # s: stretches that are closer together are joined
+_FEWEST = 3  # samples in a stretch
 _BLOCK = 1 << 16  # samples
 
 
 class WindowedRates(NamedTuple):
-    """Means over windows: time, s, rate, rad/s, and its derivative, rad/s²."""
+    """Means over windows of the time, s, the rate, rad/s, and its derivative, rad/s²."""
 
     time: Array  # (n,)
     rate: Array  # (n, 3)
     change: Array  # (n, 3)
-    is_complete: NDArray[np.bool_]  # (n,) whether the windows have no gap
+    is_complete: NDArray[np.bool_]  # (n,) whether each window is without a gap
 
 
 def half_window(time: Array) -> int:
-    """Return half a window in samples."""
+    """Return half the length of a window in samples."""
     return max(round(_HALF / float(np.median(np.diff(time)))), 1)
 
 
 def table_rates(bench: Turntable, time: Array, angles: Array) -> WindowedRates:
-    """Return the body's rate by the readback.
+    """Return the angular rate of the body that the readback implies.
 
     Parameters
     ----------
     bench : Turntable
     time : (n,) array
-        s.
+        Times, s.
     angles : (n, k) array
-        rad.
+        Readback of the axes, rad.
     """
     h = half_window(time)
     return _differentiate_rates(time, _mean_table_rates(bench, time, angles, h), h)
 
 
 def gyro_rates(time: Array, reading: Array) -> WindowedRates:
-    """Return the gyros' readings (n, 3), rad/s, as means over the same windows."""
+    """Return the gyros' readings, (n, 3) rad/s, averaged over the same windows."""
     h = half_window(time)
     return _differentiate_rates(time, _mean_gyro_rates(time, reading, h), h)
 
@@ -84,14 +86,14 @@ def _differentiate_rates(time: Array, rate: Array, h: int) -> WindowedRates:
 
 
 class RateRegression(NamedTuple):
-    """Readings are `matrix` @ rate + `bias`, (3, 3) and (3,), but for `sd` rad/s."""
+    """A linear model: readings are `matrix` @ rate + `bias` with residuals of `sd` rad/s."""
 
     matrix: Array
     bias: Array
     sd: float
 
     def residual_rates(self, reading: Array, rate: Array) -> Array:
-        """Return readings (n, 3) minus those predicted at a rate (n, 3)."""
+        """Return the readings (n, 3) minus the readings predicted for a rate (n, 3)."""
         return reading - rate @ self.matrix.T - self.bias
 
 
@@ -106,18 +108,18 @@ def fit_rates(reading: Array, rate: Array) -> RateRegression:
 
 
 def fit_track_rates(bench: Turntable, time: Array, angles: Array, reading: Array) -> RateRegression:
-    """Return `fit_rates` of the windowed rates of a track, in the memory of a block.
+    """Apply `fit_rates` to the windowed rates of a track, block by block to save memory.
 
     Parameters
     ----------
     bench : Turntable
     time, angles, reading : (n,), (n, k) and (n, 3) arrays
-        s, rad and rad/s.
+        Times, axis angles and gyro readings, in s, rad and rad/s.
     """
     h, n = half_window(time), time.size
     total, squares = np.zeros(6), np.zeros((6, 6))
     for start in range(0, n - 2 * h, _BLOCK):
-        part = slice(start, start + _BLOCK + 2 * h)  # its windows begin where the last ones ended
+        part = slice(start, start + _BLOCK + 2 * h)  # its windows continue those of the last part
         gyros = _mean_gyro_rates(time[part], reading[part], h)
         table = _mean_table_rates(bench, time[part], angles[part], h)
         both = np.concatenate([gyros, table], axis=1)
@@ -133,9 +135,9 @@ def fit_track_rates(bench: Turntable, time: Array, angles: Array, reading: Array
 
 
 class LocalOffsets(NamedTuple):
-    """Delay of the readback in each stretch where the rate changes."""
+    """Delay of the readback in each stretch in which the rate changes."""
 
-    time: Array  # (e,) s, of the stretches' middles
+    time: Array  # (e,) s, in the middle of each stretch
     value: Array  # (e,) s
     sd: Array  # (e,) s
     spans: NDArray[np.int64]  # (e, 2) first and last sample of each
@@ -144,19 +146,19 @@ class LocalOffsets(NamedTuple):
 def local_offsets(
     table: WindowedRates, gyros: WindowedRates, known: RateRegression
 ) -> LocalOffsets:
-    """Return local offsets with their standard deviations.
+    """Return the local offsets with their standard deviations.
 
     Parameters
     ----------
     table, gyros : WindowedRates
-        At the same times.
+        Rates from the readback and from the gyros at the same times.
     known : RateRegression
     """
     spans = _changing_stretches(table)
     h = half_window(table.time)
     residual = known.residual_rates(gyros.rate, table.rate)
     slope = table.change @ known.matrix.T
-    # Windows overlap: this many neighbouring residuals are one independent residual.
+    # Because windows overlap, this many neighbouring residuals count as one independent residual.
     overlap, least = 2.0 * h + 1, float(np.median(np.abs(residual))) ** 2
     value, sd = np.zeros(len(spans)), np.zeros(len(spans))
     for k, (first, last) in enumerate(spans):
@@ -169,7 +171,7 @@ def local_offsets(
 
 
 def _changing_stretches(table: WindowedRates) -> NDArray[np.int64]:
-    """Return first and last sample of the stretches without a gap where the rate changes."""
+    """Return the first and last sample of each stretch without a gap in which the rate changes."""
     size = np.linalg.norm(table.change, axis=-1)
     step = float(np.median(np.diff(table.time)))
     at = np.flatnonzero(size > _CHANGING * np.percentile(size, 99.9))

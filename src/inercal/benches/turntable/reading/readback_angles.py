@@ -1,4 +1,4 @@
-"""The table's angles of a run: columns of the recording, or of a file with its own clock."""
+"""The angles of the table in a run, from columns of the recording or from a separate file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -35,31 +35,31 @@ from inercal.recordings.data.recording_loader import (
 from inercal.recordings.io.audit import gap_findings
 from inercal.recordings.io.read import Columns, read_readback
 
-# The clocks are compared by the same turns that the filter uses. The filter has larger deviations
-# than were found, so that these turns do not count twice.
+# The clocks are compared using the same turns that the filter uses. The filter therefore gets
+# larger standard deviations than were found, so that these turns do not count twice.
 _LOOSER = 3.0
-_LONG = 0.5  # s without a reading: no cubic follows a change of rate in it
-_SLOWEST = 0.0505  # s between readings: 20 a second and their jitter
+_LONG = 0.5  # s without a reading: no cubic can follow a change of rate during this time
+_SLOWEST = 0.0505  # s between readings: 20 per second with some jitter
 _MOVED = np.radians(0.1)
 _KEY = "[data] table_file"
 
 
 @dataclass(frozen=True, eq=False)
 class RecordingWithAngles:
-    """A recording with the table's angles at its times.
+    """A recording with the table's angles at the times of its samples.
 
     Parameters
     ----------
     recording : Recording
-        Its readback in rad, cumulative.
+        Recording with the cumulative readback in rad.
     bench : Turntable
-        With the remaining uncertainty of the readback's delay, where the clocks were compared.
+        Bench with the remaining uncertainty of the readback's delay, if the clocks were compared.
     clock : ClockAlignment or None
-        Of the table's clock against the recording's; None where both are one clock.
+        Alignment of the table's clock with the recording's clock; None if they are the same.
     quality : AngleQuality or None
-        Uncertainty of the angles at each sample, where a bench host interpolated its readings.
+        Uncertainty of the angles at each sample, if a bench host interpolated its readings.
     interruptions : tuple of Interruption
-        Of the run, where a bench host stated them.
+        Interruptions of the run, if a bench host stated them.
     """
 
     recording: Recording
@@ -70,7 +70,7 @@ class RecordingWithAngles:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Interruptions and the estimate of the table's clock, in plain words."""
+        """Sentences about the interruptions and the estimate of the table's clock."""
         if (clock := self.clock) is None:
             return tuple(filter(None, [describe_interruptions(self.interruptions)]))
         size = replace(clock, offset=abs(clock.offset), drift=abs(clock.drift))
@@ -84,7 +84,7 @@ class RecordingWithAngles:
 
 
 def describe_clock(clock: ClockAlignment) -> dict[str, str]:
-    """Return offset and drift of a table's clock in words with units, k = 1."""
+    """Describe the offset and drift of a table's clock with units and k = 1 uncertainties."""
     unit = "ms" if abs(clock.offset) < MAX_CLOCK_OFFSET else "s"
     return {
         "table's clock ahead (k = 1)": format_quantity(clock.offset, clock.offset_sd, unit),
@@ -102,12 +102,12 @@ def add_table_angles(
     InputError
         The file of the readback cannot be used.
     ClockMismatch
-        Its motion is not that of the recording.
+        The motion in the file differs from the motion in the recording.
     """
     sizes = readback_units(run)
     if run.data.table_file is None:
         if run.data.hold is not None:
-            # The angles of a bench host are cumulative, over outages too.
+            # The angles from a bench host are cumulative, even across outages.
             counted = {name: recording.readback[name] * sizes[name] for name in bench.names}
             counted[HOLD_COLUMN] = recording.readback[HOLD_COLUMN]
             host = read_host_readback(run.file(run.data.file), recording)
@@ -130,7 +130,7 @@ def add_table_angles(
     except InputError as error:  # a ClockMismatch keeps its angles
         where = f"{run.path}: {_KEY}: {run.data.table_file}"
         raise error.located(where, file=run.file(run.data.table_file), key=_KEY) from None
-    # The sample numbers of these findings are of the table's file.
+    # The sample numbers in these findings refer to the table's file.
     findings = [
         replace(finding, message=f"{table.source}: {finding.message}", start=None, stop=None)
         for finding in table.findings
@@ -144,7 +144,7 @@ def add_table_angles(
 
 
 def _without_interruptions(recording: Recording, host: HostReadback) -> tuple[Finding, ...]:
-    """Return the findings of a recording without the gaps of interruptions."""
+    """Return the findings of a recording without gaps that are due to interruptions."""
     if not host.interruptions:
         return recording.findings
     ends = recording.time[recording.gaps]
@@ -154,10 +154,10 @@ def _without_interruptions(recording: Recording, host: HostReadback) -> tuple[Fi
 
 
 def _read_table_file(run: RunBase[TurntableData], origin: Fraction | None) -> Recording:
-    """Return the table's file: its axes as channels, in units of their columns.
+    """Read the table's file, with the axes as channels in the units of their columns.
 
-    Times are counted from the `origin` of the recording; those of its own clock where it has none,
-    as [bench] latency then states how far that clock is ahead.
+    Times are counted from the `origin` of the recording. Without an origin they are the times of
+    the file's own clock, and [bench] latency states how far that clock is ahead.
     """
     data = run.data
     assert data.table_file is not None
@@ -184,7 +184,7 @@ def _unwrap_angles(
     result: dict[str, Array] = {}
     for name in bench.names:
         angle = readback[name] * sizes[name]
-        # Unwrapping cumulative angles would remove turns where samples are missing.
+        # If samples are missing, unwrapping cumulative angles would remove turns.
         result[name] = np.unwrap(angle) if np.ptp(angle) <= 2 * pi * (1 + 1e-6) else angle
     return result
 
@@ -203,12 +203,12 @@ def _gyro_readings(run: RunBase[TurntableData], recording: Recording) -> Array:
 
 
 def _require_readings(time: Array, angles: Array) -> None:
-    """Refuse a readback that is too slow, or has a gap while the table turns."""
+    """Refuse a readback that is too slow or has a gap while the table turns."""
     step = float(np.median(np.diff(time)))
     if step > _SLOWEST:
         raise InputError(
-            f"the readback has {1 / step:.3g} readings per second; record at least 20, which show "
-            "when moves begin and end"
+            f"the readback has {1 / step:.3g} readings per second; record at least 20, because "
+            "fewer do not show when moves begin and end"
         )
     at = np.flatnonzero(np.diff(time) > _LONG)
     moved = np.abs(angles[at + 1] - angles[at]).max(axis=-1, initial=0.0)
@@ -216,6 +216,6 @@ def _require_readings(time: Array, angles: Array) -> None:
     if lost.size:
         k = int(lost[0])
         raise InputError(
-            f"the readback lacks {format_duration(time[k + 1] - time[k])} after {time[k]:.6g} s "
-            "while the table turns; record again, or cut both files at this time"
+            f"the readback has a gap of {format_duration(time[k + 1] - time[k])} after "
+            f"{time[k]:.6g} s while the table turns; record again, or cut both files at this time"
         )

@@ -1,9 +1,9 @@
-"""The readback of a turntable with its own clock, interpolated to the IMU's times.
+"""Interpolate the readback of a turntable with its own clock to the times of the IMU.
 
-The table's clock shows T = t + o + d (t − t₀) when the IMU's shows t, with t₀ its first sample. o
-and d are estimated where rates change: each of these stretches gives a local offset with its
-standard deviation (`implied_rates`), and o and d follow by weighted least squares. A latency of the
-readback is part of o: after `align_readback` it is zero within its standard deviation.
+The table's clock shows T = t + o + d (t − t₀) when the IMU's clock shows t, with t₀ the time of its
+first sample. Each stretch in which the rate changes gives a local offset with its standard
+deviation (`implied_rates`). o and d follow from these offsets by weighted least squares. A latency
+of the readback is part of o, so after `align_readback` it is zero within its standard deviation.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -26,31 +26,32 @@ from inercal.benches.turntable.reading.implied_rates import (
     table_rates,
 )
 
-MAX_CLOCK_OFFSET = 1.0  # s, of the offset
-MAX_CLOCK_DRIFT = 1e-3  # of the relative rate of the clocks
-_GRID = 0.02  # s of the first search
+MAX_CLOCK_OFFSET = 1.0  # s, largest offset
+MAX_CLOCK_DRIFT = 1e-3  # largest relative rate between the clocks
+_GRID = 0.02  # s, grid of the first search
 _MOVING = np.radians(1)  # rad/s
-_PAUSE = 0.5  # s: moves nearer than this are matched together
-_MARGIN = 0.2  # s beyond the possible effect of offset and drift
+_PAUSE = 0.5  # s: moves that are closer together are matched as one
+_MARGIN = 0.2  # s in addition to the possible effect of offset and drift
 _ROUNDS = 6
 _FEWEST = 20  # samples
-_HUBER = 1.5  # standard deviations beyond which an offset weighs less
-_MIDDLE = 0.6745  # standard deviations: the median of normal sizes
-_ALIKE = 0.2  # of the readings' changes; residuals of two rates of one motion are far smaller
+_HUBER = 1.5  # standard deviations beyond which an offset gets less weight
+_MIDDLE = 0.6745  # median magnitude of a standard normal number
+_ALIKE = 0.2  # times the readings' changes; for the same motion, residuals are far smaller
 _ALIKE_SPEEDS = 0.9  # correlation
 _STANDS = np.radians(0.1)  # rad/s
-_BEYOND = 2.0  # s of IMU times before or after the readback's
+_BEYOND = 2.0  # s by which the IMU's times may extend beyond the readback's times
 _NO_ANGLES: Array = np.zeros((0, 0))
 
 
 class ClockMismatch(InputError):
-    """Readback and gyros turn at the same times, but not alike; or the readback is constant.
+    """Readback and gyros turn at the same times but differently, or the readback is constant.
 
     Parameters
     ----------
     message : str
     angles : (n, k) array
-        Readback at the IMU's times, aligned by speeds alone, rad: it shows exchanged columns.
+        Readback at the IMU's times, rad, aligned only by speed, from which exchanged columns can be
+        identified.
     """
 
     def __init__(self, message: str, angles: Array = _NO_ANGLES) -> None:
@@ -60,19 +61,20 @@ class ClockMismatch(InputError):
 
 @dataclass(frozen=True, eq=False)
 class ClockAlignment:
-    """The readback at the IMU's times.
+    """The readback at the IMU's times, with the estimated relation of the clocks.
 
     Parameters
     ----------
     angles : (n, k) array
-        rad.
+        Readback at the IMU's times, rad.
     offset, drift : float
-        o, s, and d, relative: T = t + o + d (t − t₀).
+        Offset o, s, and relative drift d in T = t + o + d (t − t₀).
     offset_sd, drift_sd, correlation : float
-        Standard deviations, enlarged where the local offsets scatter more than their own, and their
-        correlation.
+        Standard deviations of offset and drift, and their correlation. They are enlarged if the
+        local offsets scatter more than their own standard deviations predict.
     time, local, local_sd : (e,) arrays
-        Local offsets T − t by the stretches where rates change, s, at IMU times.
+        Times, local offsets T − t and their standard deviations for each stretch in which the rate
+        changes, s, on the IMU's clock.
     """
 
     angles: Array
@@ -94,35 +96,36 @@ def align_readback(
     angles: Array,
     about: float = 0.0,
 ) -> ClockAlignment:
-    """Return the readback at the IMU's times, aligned by both rates.
+    """Align the readback with the gyros by their rates; return it at the IMU's times.
 
     Parameters
     ----------
     bench : Turntable
     time : (n,) array
-        s, the IMU's.
+        Times on the IMU's clock, s.
     rates : (n, 3) array
-        Gyros' readings, rad/s, rough in bias, scale and misalignment.
+        Readings of the gyros, rad/s; bias, scale and misalignment need not be corrected.
     table_time : (r,) array
-        s, the readback's own clock; its rate may differ by 1000 ppm.
+        Times on the readback's own clock, s; its rate may differ by 1000 ppm.
     angles : (r, k) array
-        Readback, rad, cumulative over whole turns.
+        Readback, cumulative over whole turns, rad.
     about : float
-        s; the offset is searched within ±1 s of it.
+        Expected offset, s; the search covers ±1 s around it.
 
     Returns
     -------
     ClockAlignment
-        Angles by cubic interpolation; constant before the first and after the last reading.
+        The alignment. Angles are interpolated by cubics and are constant before the first and after
+        the last reading.
 
     Raises
     ------
     InputError
-        Times that do not increase, fewer than two changes of rate, a readback that lacks more than
-        2 s at either end of the readings, or begins or ends in a turn; or no offset at which both
+        Times do not increase, there are fewer than two changes of rate, the readback lacks more
+        than 2 s at an end of the readings, it begins or ends during a turn, or at no offset both
         turn at the same times.
     ClockMismatch
-        They turn at the same times, but not alike: columns or units are wrong.
+        Both turn at the same times but differently, because columns or units are wrong.
     """
     for name, clock in (("time", time), ("the readback's time", table_time)):
         if clock.size < _FEWEST:
@@ -148,7 +151,7 @@ def align_readback(
     if refined is None:
         words = (
             "the rates of readback and gyros differ at every clock offset within ±1 s; check that "
-            "both are of one run, and their columns and units, that of time included"
+            "both are from the same run, and check their columns and units, including time"
         )
         if not _motions_coincide(table, gyros, near):
             raise InputError(words)
@@ -179,14 +182,14 @@ def align_readback(
 
 
 def _require_span(said: Array, table_time: Array, reach: float) -> None:
-    """Refuse readings whose times, by the table's clock within `reach`, the readback lacks."""
+    """Refuse readings that the readback does not cover at any clock offset up to `reach`."""
     slack = reach + _BEYOND
     if table_time[0] - slack <= said[0] and said[-1] <= table_time[-1] + slack:
         return
     raise InputError(
         f"the readback covers {table_time[0]:.6g} s to {table_time[-1]:.6g} s of the table's "
-        f"clock, but the recording {said[0]:.6g} s to {said[-1]:.6g} s; cut the recording, or "
-        "state within "
+        f"clock, but the recording covers {said[0]:.6g} s to {said[-1]:.6g} s; cut the recording, "
+        "or state to within "
         '1 s how far that clock is ahead, such as [bench] latency = "12.5 s"',
         names=("[bench] latency",),
     )
@@ -197,7 +200,7 @@ def _refine_alignment(
 ) -> tuple[Array, Array, LocalOffsets] | None:
     """Return drift and offset, (2,), their covariance, and the local offsets T − t.
 
-    None where the rates are not alike.
+    The result is None if the rates do not agree.
     """
     for _ in range(_ROUNDS - 1):
         late = _fit_line(_local_offsets(table, gyros, late)[0])[0]
@@ -209,7 +212,7 @@ def _refine_alignment(
 def _local_offsets(
     table: WindowedRates, gyros: WindowedRates, late: Array
 ) -> tuple[LocalOffsets, float]:
-    """Return local offsets T − t about a line, and the deviation of the rates from it, rad/s."""
+    """Return local offsets T − t relative to a line, and the residual of the rates, rad/s."""
     said = np.asarray(gyros.time + late[1] + late[0] * gyros.time)
     here = _resample_rates(table, said)
     few = (
@@ -228,14 +231,14 @@ def _local_offsets(
 
 
 def _interpolate_angles(table_time: Array, angles: Array, said: Array) -> Array:
-    """Return angles by Hermite's cubics with slopes of central differences."""
+    """Interpolate angles by Hermite cubics with slopes from central differences."""
     slopes = np.gradient(angles, table_time, axis=0)
     within = np.clip(said, table_time[0], table_time[-1])
     return np.asarray(scipy.interpolate.CubicHermiteSpline(table_time, angles, slopes)(within))
 
 
 def _resample_rates(table: WindowedRates, said: Array) -> WindowedRates:
-    """Return the readback's rates at times of its clock."""
+    """Return the readback's rates at other times on its clock."""
     rate, change = np.empty((said.size, 3)), np.empty((said.size, 3))
     for k in range(3):
         rate[:, k] = np.interp(said, table.time, table.rate[:, k])
@@ -246,9 +249,9 @@ def _resample_rates(table: WindowedRates, said: Array) -> WindowedRates:
 
 
 def _search(table: WindowedRates, gyros: WindowedRates) -> Array | None:
-    """Return drift and offset, (2,), from the speeds of each move; good to some 10 ms.
+    """Return drift and offset, (2,), from the speeds during each move, to within about 10 ms.
 
-    None where nothing moves.
+    The result is None if nothing moves.
     """
     speed = np.linalg.norm(table.rate, axis=-1)
     size = np.linalg.norm(gyros.rate - np.median(gyros.rate, axis=0), axis=-1)
@@ -280,21 +283,21 @@ def _search(table: WindowedRates, gyros: WindowedRates) -> Array | None:
 
 
 def _motions_coincide(table: WindowedRates, gyros: WindowedRates, late: Array) -> bool:
-    """Return whether both turn at the same times, about any axes."""
+    """Return whether both turn at the same times, whatever the axes."""
     said = gyros.time + late[1] + late[0] * gyros.time
     speeds = [np.linalg.norm(one.rate, axis=-1) for one in (_resample_rates(table, said), gyros)]
     return float(np.corrcoef(*speeds)[0, 1]) > _ALIKE_SPEEDS
 
 
 def _signal_mismatch(time: Array, size: Array, at: Array, seen: Array) -> float:
-    """Return the norm of the difference of a signal, interpolated to `at`, from `seen`."""
+    """Return the norm of the difference between `seen` and a signal interpolated to `at`."""
     return float(np.linalg.norm(np.interp(at, time, size) - seen))
 
 
 def _fit_line(found: LocalOffsets) -> tuple[Array, Array]:
     """Return slope and value at zero, (2,), and their covariance, enlarged by the scatter.
 
-    Outlying offsets, as a lost sample makes them, have less weight (Huber).
+    Outlying offsets, such as those after a lost sample, get less weight (Huber).
     """
     columns = np.stack([found.time, np.ones_like(found.time)], axis=-1)
     sd, line, covariance = found.sd, np.zeros(2), np.eye(2)

@@ -1,6 +1,6 @@
 """Increments of a turntable's readback and of the gyros between knots, for their comparison.
 
-`gyro_comparison` says what the increments are compared by.
+`gyro_comparison` describes the model of the comparison.
 """
 
 # SciPy has no stubs.
@@ -19,73 +19,73 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.recordings import GAP_FACTOR, Track
 
 KNOT = 0.05  # s
-_HALF = 0.02  # s, half of the span of a rate
+_HALF = 0.02  # s, half of the span over which a rate is taken
 _NEAR = 3  # knots beside an acceleration that belong to it
-_LONG = 10  # knots before and after, over which a slow change of the rate shows
+_LONG = 10  # knots before and after, over which a slow change of the rate is visible
 _NOISY = 12.0  # times the noise of a reading over the span: six standard deviations of a change
-_CLEAR = 50.0  # times the noise of a reading from knot to knot: a turn that its noise leaves clear
-_SLOW = radians(0.5)  # rad/s: an interpolated angle that nearly stands
-_DUST = 1e-9  # rad, of steps that are rounding
-_TIMING = 5e-4  # s, by which single readings are early or late while the rate changes
-_SETTLED = radians(10 / 3600)  # rad, within which an interpolated angle stands
+_CLEAR = 50.0  # times the noise of a reading from knot to knot: a turn well above the noise
+_SLOW = radians(0.5)  # rad/s: slower than this, an interpolated angle nearly stands still
+_DUST = 1e-9  # rad: smaller steps are rounding errors
+_TIMING = 5e-4  # s by which single readings are early or late while the rate changes
+_SETTLED = radians(10 / 3600)  # rad within which an interpolated angle stands still
 _COMMON = 12  # parameters that every comparison has
 _COARSEST = radians(0.2)  # rad, of a readback's resolution
 
 
 @dataclass(frozen=True)
 class KnotSpacing:
-    """Where the knots of a track are.
+    """The spacing of the knots in a track.
 
     Parameters
     ----------
     step : float
-        s between samples.
+        Time between samples, s.
     """
 
     step: float
 
     @property
     def every(self) -> int:
-        """Samples from knot to knot."""
+        """Number of samples from knot to knot."""
         return max(round(KNOT / self.step), 1)
 
     @property
     def half(self) -> int:
-        """Half of the samples over which a rate is taken."""
+        """Half the number of samples over which a rate is taken."""
         return max(round(_HALF / self.step), 1)
 
     @property
     def margin(self) -> int:
-        """Samples before the first knot and after the last."""
+        """Number of samples needed before the first knot and after the last."""
         return 2 * self.half
 
 
 @dataclass(frozen=True)
 class Increments:
-    """Increments of g gyros in one window: the n between neighbouring knots without a gap.
+    """Increments of g gyros in one window, for n intervals between knots without a gap.
 
     Parameters
     ----------
     time, dt : (n,) arrays
-        s when each begins, and how long it is.
+        Start and length of each increment, s.
     end : float
-        s of the last knot.
+        Time of the last knot, s.
     difference : (g, n) array
-        Readings integrated, less what ideal gyros on the table would have integrated, rad.
+        Integrated readings minus the integral for ideal gyros on the table, rad.
     columns : (g, n, p) array
-        What each parameter of a gyro adds to the difference.
+        Derivative of the difference by each parameter of a gyro.
     rate : (g, n) array
-        Changes of the rate by the readback, rad/s.
+        Changes of the rate according to the readback, rad/s.
     readback, between : (g, n) and (g, n − 1) arrays
-        Variance that the readback has in an increment, and covariance with the next, rad².
+        Variance of an increment due to the readback, and its covariance with the next one, rad².
     dynamic : (g, n) array
-        Variance of what the rate does between samples, rad².
+        Variance due to changes of the rate between samples, rad².
     axes : (g, n, k) array
-        What a gyro has of each axis' turn, rad/rad.
+        Component of each axis' turn that a gyro senses, rad/rad.
     variance : float
-        Of one angle of the readback in the middle of all, rad².
+        Median variance of one angle of the readback, rad².
     resolution : float
-        Of the readback, rad.
+        Resolution of the readback, rad.
     """
 
     time: Array
@@ -117,16 +117,17 @@ def find_increments(
     ----------
     bench : Turntable
     track : Track
-        Of one trial, with known angles.
+        Track of one trial, with known angles.
     gyros : (m,) array of bool
-        Which columns of the readings are gyros.
+        Whether each column of the readings is a gyro.
     inputs : (g, 3) array
-        Their nominal axes in the body.
+        Nominal input axes of the gyros in the body.
     harmonics : (q,) array
         Orders of the readback's harmonics that have parameters.
     spacing : KnotSpacing
     at : (w, n + 1) array of int
-        The samples of the knots of each window; `spacing.margin` samples are beside them.
+        Sample numbers of the knots in each window, with at least `spacing.margin` samples on each
+        side.
     """
     time, angles, h, step = track.time, track.angles, spacing.half, spacing.step
     reading = track.reading[:, gyros]
@@ -138,11 +139,11 @@ def find_increments(
     span = (time[at + h] - time[at - h])[..., None]
     rate = (v[at + h] - v[at - h]) / span
     acceleration = (v[at + 2 * h] - 2 * v[at] + v[at - 2 * h]) / span**2
-    # Where the table does not accelerate, these are noise that the increments have too.
+    # If the table does not accelerate, these are noise that is also in the increments.
     faster, jerk = np.diff(rate, axis=1), np.diff(acceleration, axis=1)
     least = _NOISY * bench.white / span[:, 1:]
     accelerates = (np.abs(faster) > least).any(axis=-1)
-    # A slow acceleration shows over a longer time: the rates at its ends have the same noise.
+    # A slow acceleration is visible over a longer time, because the noise of the rates is the same.
     knots, end = np.arange(at.shape[1]), at.shape[1] - 1
     first, last = rate[:, np.maximum(knots - _LONG, 0)], rate[:, np.minimum(knots + _LONG, end)]
     accelerates |= (np.abs(last - first)[:, 1:] > least).any(axis=-1)
@@ -157,7 +158,7 @@ def find_increments(
     up = reference_attitude(bench, there)[:, 2, :].reshape(*at.shape, 3)
     variance, slow = track.angle_variance(bench.white**2)[at], np.zeros(at.shape, np.bool_)
     if track.angle_quality is not None:
-        # An angle that stands is that of the nearest reading, which may be used elsewhere.
+        # An angle that stands still comes from the nearest reading, which may be used elsewhere.
         variance = np.where(np.isfinite(variance), variance, bench.white**2)
         slow = np.linalg.norm(rate, axis=-1) < _SLOW
     increments, spans = np.diff(v[at], axis=1), np.diff(time[at], axis=1)
@@ -185,7 +186,7 @@ def find_increments(
     readback += (slow[:, 1:] | slow[:, :-1])[:, None] * _SETTLED**2 / 3
     between = np.sqrt(share[..., 1:] * share[..., :-1])
     between *= -np.where(usable[:, :-1], variance[:, 1:-1], 0.0)[:, None]
-    # Trapezoids miss what the rate does between samples where an acceleration begins.
+    # Where an acceleration begins, trapezoids miss changes of the rate between samples.
     dynamic = (jerked * step**2 / 8) ** 2 + (changed * _TIMING) ** 2
     difference = _of_gyros(np.diff(g[at], axis=1), np.eye(len(inputs)))
     difference -= _of_gyros(increments, inputs)
@@ -216,33 +217,34 @@ def find_increments(
 
 
 def _of_gyros(vectors: Array, inputs: Array) -> Array:
-    """Return components of vectors (w, n, 3) along the gyros' axes, (w, g, n)."""
+    """Return the components of vectors (w, n, 3) along the gyros' axes, (w, g, n)."""
     return np.ascontiguousarray((vectors @ inputs.T).swapaxes(1, 2))
 
 
 def _without_noise(increments: Array, dt: Array, rate: Array, usable: Bools, clear: float) -> Array:
     """Return the body's increments, (w, n, 3), averaged where the table turns too slowly.
 
-    The readings of a table that stands are noise. A scale factor that is fitted to them tends to
-    −1, because the same noise, reversed, is in the difference between gyros and readback.
+    While the table stands still, its readings are only noise. A scale factor that is fitted to them
+    tends to −1, because the difference between gyros and readback contains the same noise with the
+    opposite sign.
 
     Parameters
     ----------
     increments : (w, n, 3) array
-        rad.
+        Increments of the body's rotation, rad.
     dt : (w, n) array
-        s of each.
+        Length of each increment, s.
     rate : (w, n + 1, 3) array
-        At the knots, rad/s.
+        Rates at the knots, rad/s.
     usable : (w, n) array of bool
-        Those without a gap; the others serve no average.
+        Whether each increment is without a gap; the others are not averaged.
     clear : float
-        rad/s, above which noise makes no difference.
+        Rate above which noise makes no difference, rad/s.
     """
     size = np.linalg.norm(rate, axis=-1)
     slow = (usable & (np.maximum(size[:, 1:], size[:, :-1]) < clear))[..., None]
     both = np.where(slow, np.concatenate([increments, dt[..., None]], axis=-1), 0.0)
-    # Sums over the increments within `_LONG` of each.
+    # Sums over the increments within `_LONG` knots of each increment.
     sums = np.pad(np.cumsum(both, axis=1), [(0, 0), (_LONG + 1, _LONG), (0, 0)], "edge")
     sums[:, : _LONG + 1] = 0.0
     around = sums[:, 2 * _LONG + 1 :] - sums[:, : -2 * _LONG - 1]
@@ -251,6 +253,6 @@ def _without_noise(increments: Array, dt: Array, rate: Array, usable: Bools, cle
 
 
 def _integrals(dt: Array, rate: Array) -> Array:
-    """Return the integral of a rate (n, c) from the first sample to each, (n + 1, c)."""
+    """Return the integral of a rate, (n, c), from the first sample to each sample, (n + 1, c)."""
     whole = np.cumsum(dt[:, None] * rate, axis=0)
     return np.concatenate([np.zeros((1, rate.shape[1])), whole])

@@ -1,8 +1,8 @@
-"""Checks of single samples and columns of a turntable's recording, before motions are compared.
+"""Check single samples and columns of a turntable's recording, before motions are compared.
 
-Readings at the end of their range, a row far from both its neighbours, a readback that is constant
-while the gyros measure a turn, or that repeats each value: in later checks all of them look like a
-wrong unit or an exchanged column.
+The checks find readings at the end of their range, a row that is far from both its neighbours, and
+a readback that is constant while the gyros measure a turn or that repeats each value. In later
+checks all of these would look like a wrong unit or an exchanged column.
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ from inercal.recordings import Finding, Recording, Track, sample_count
 from inercal.recordings.segments.attitudes import INVALID_SAMPLES
 
 _TURNING = radians(1)  # rad/s
-_LASTING = 1.0  # s that gyros measure a turn while the readback is constant
-_FLAT = 0.3  # s of gyros at one value while the table turns, all together
-_ALONE = {"f": 0.3 * G0, "w": radians(5)}  # of a spike beyond both neighbours, and
-_SIGMAS = 30.0  # times the usual second difference
-_JUMP = radians(10)  # of a readback beyond both neighbours
-_REPEATED = 0.6  # of the steps while the table turns
+_LASTING = 1.0  # s during which gyros measure a turn while the readback is constant
+_FLAT = 0.3  # s in total during which gyros stay at one value while the table turns
+_ALONE = {"f": 0.3 * G0, "w": radians(5)}  # a spike exceeds both neighbours by this, and
+_SIGMAS = 30.0  # by this many times the usual second difference
+_JUMP = radians(10)  # a jump of the readback exceeds both neighbours by this
+_REPEATED = 0.6  # fraction of the steps while the table turns
 _NORMAL = 1.4826
-_NAMED = 3  # spikes
+_NAMED = 3  # most spikes that are named
 _BLOCK = 1 << 16  # samples
 
 
@@ -36,7 +36,7 @@ def require_range(where: str, recording: Recording, track: Track, sensor: Sensor
     Raises
     ------
     InputError
-        With the channel, the time in all and the first place.
+        A gyro is clipped. The message names the channel, the total time and the first place.
     """
     turning = _largest_axis_rate(track) > _TURNING
     step = float(np.median(np.diff(track.time)))
@@ -57,7 +57,8 @@ def require_range(where: str, recording: Recording, track: Track, sensor: Sensor
         if seconds > _FLAT:
             raise InputError(
                 f"{where}: {flaws[0].message}; for {format_duration(seconds)} in all it is at "
-                "the end of its range while the table turns; turn slower, or set a wider range",
+                "the end of its range while the table turns; turn more slowly, or set a wider "
+                "range",
                 names=(name,),
             )
 
@@ -68,17 +69,17 @@ def require_readback(where: str, recording: Recording, angles: Array, names: Seq
     Parameters
     ----------
     where : str
-        What an error begins with.
+        Start of error messages.
     recording : Recording
     angles : (n, k) array
         Readback, rad.
     names : sequence of k str
-        Its columns.
+        Names of the readback's columns.
 
     Raises
     ------
     InputError
-        With the row, the time and the column.
+        A row jumps. The message names the row, the time and the column.
     """
     for name, column in zip(names, angles.T, strict=True):
         k = _isolated_samples(column, _JUMP)
@@ -99,7 +100,8 @@ def require_turning(where: str, track: Track, sensor: Sensor, names: Sequence[st
     Raises
     ------
     InputError
-        With the axes that never change, or are constant from a time on.
+        The readback is constant. The message names the axes that never change, or the time from
+        which they are constant.
     """
     gyros = [axis.measures == "w" for axis in sensor.axes]
     if not any(gyros):
@@ -162,15 +164,15 @@ def repeated_readback_finding(track: Track) -> Finding | None:
     step = float(np.median(np.diff(track.time)))
     rate = 1 / (step * turning.sum() / max((~same[turning]).sum(), 1))
     text = (
-        f"the readback has {rate:.3g} Hz, the readings {1 / step:.4g} Hz: rows repeat its values "
-        "while the table turns, so that its delay varies; record it with its times in [data] "
-        "table_file, or a new value for each row"
+        f"the readback has {rate:.3g} Hz, but the readings have {1 / step:.4g} Hz: rows repeat its "
+        "values while the table turns, so its delay varies; record it with its own times in [data] "
+        "table_file, or record a new value in each row"
     )
     return Finding("warning", "readback", text)
 
 
 def _largest_axis_rate(track: Track) -> Array:
-    """Return the fastest axis' speed by readback over half a second about each sample, rad/s."""
+    """Return the fastest axis' speed within half a second around each sample, rad/s."""
     step = float(np.median(np.diff(track.time)))
     h = max(sample_count(0.25, step), 1)
     n = track.time.size
@@ -184,7 +186,7 @@ def _largest_axis_rate(track: Track) -> Array:
 
 
 def _isolated_samples(column: Array, least: float) -> NDArray[np.int64]:
-    """Return the samples that lie beyond both neighbours, while these differ as usual."""
+    """Return samples that differ from both neighbours, while the neighbours differ as usual."""
     before, after = column[1:-1] - column[:-2], column[1:-1] - column[2:]
     beyond = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
     if not (beyond > least).any():

@@ -1,6 +1,6 @@
-"""Labels of the steps of a turntable's recording, and the comparison of the steps with the plan.
+"""Label the steps of a turntable's recording, and compare the steps with the plan.
 
-The labels are those of the recording, else those of the plan, else numbers in order.
+The labels come from the recording, otherwise from the plan, otherwise they are numbers in order.
 """
 
 from collections import Counter
@@ -15,25 +15,25 @@ from inercal.physics.plan import Position, Rotation, TableStep, table_steps
 from inercal.recordings import Finding
 from inercal.recordings.data import RunBase
 
-_NEAR = radians(1)  # of a planned angle
-_TURN_TOLERANCE = 0.05  # of a planned turn
-_NAMED = 6  # labels
-_SHARE = 0.5  # of the steps: if fewer agree, the recording is of another path
+_NEAR = radians(1)  # tolerance of a planned angle
+_TURN_TOLERANCE = 0.05  # relative tolerance of a planned turn
+_NAMED = 6  # most labels that are named
+_SHARE = 0.5  # fraction of the steps: if fewer agree, the recording is of another path
 
 
 def label_steps(
     steps: Sequence[TableStep], own: Sequence[str] | None, run: RunBase[TurntableData]
 ) -> tuple[TableStep, ...]:
-    """Return the steps with their names, each once.
+    """Return the steps with unique labels.
 
     Parameters
     ----------
     steps : sequence of Position or Rotation
-        Of the recording, without names.
+        Steps found in the recording, without labels.
     own : sequence of str or None
-        The recording's label of each; "" is none.
+        The recording's label of each step; "" means no label.
     run : RunBase
-        Its plan gives the names where its steps are those of the recording.
+        The run, whose plan gives the labels if its steps match the recording.
     """
     names = [name.strip() for name in own] if own is not None else [""] * len(steps)
     if not any(names):
@@ -50,14 +50,14 @@ def label_steps(
 
 
 def _planned_names(steps: Sequence[TableStep], run: RunBase[TurntableData]) -> list[str] | None:
-    """Return the plan's names, if its steps are those of the recording."""
+    """Return the labels of the plan if its steps match the recording."""
     plan = _merge_positions(_planned_steps(run) or [])
     fits = len(plan) == len(steps) and all(map(_steps_match, steps, plan))
     return [step.label for step in plan] if fits else None
 
 
 def _planned_steps(run: RunBase[TurntableData]) -> list[TableStep] | None:
-    """Return the plan; None where it is refused, because a calibration does not need it."""
+    """Return the plan, or None if it is refused, because a calibration does not need it."""
     try:
         return table_steps(run.steps)
     except InputError:
@@ -76,7 +76,7 @@ def _merge_positions(plan: Sequence[TableStep]) -> list[TableStep]:
 
 
 def _steps_match(done: TableStep, planned: TableStep) -> bool:
-    """Return whether a step of the recording is the planned one."""
+    """Return whether a step of the recording agrees with the planned step."""
     if isinstance(done, Position) and isinstance(planned, Position):
         pairs = zip(done.angles, planned.angles, strict=True)
         return all(abs(pi - (pi - (a - b)) % (2 * pi)) < _NEAR for a, b in pairs)
@@ -91,18 +91,18 @@ def compare_with_plan(
     run: RunBase[TurntableData],
     repeated: Container[str] = (),
 ) -> tuple[Finding, ...]:
-    """Return warnings of missing steps, and of labels that are blank or of another step.
+    """Return warnings about missing steps, and about labels that are blank or wrong.
 
     Parameters
     ----------
     steps : sequence of Position or Rotation
-        Of the recording, with labels.
+        Steps found in the recording, with labels.
     own : sequence of str or None
-        The recording's label of each; "" is none.
+        The recording's label of each step; "" means no label.
     run : RunBase
-        Without a path in [method] nothing is compared.
+        The run. If [method] states no path, nothing is compared.
     repeated : container of str
-        Labels of steps that the recording has without a label because they were repeated.
+        Labels of steps that have no label in the recording because they were repeated.
     """
     plan = _planned_steps(run) if run.has_plan_keys else None
     if plan is None:
@@ -139,7 +139,7 @@ def _compare_labels(
     without = [step.label for step, name in zip(steps, labels, strict=True) if not name]
     blank = [name for name in without if name not in repeated]
     unknown = [name for name in dict.fromkeys(labels) if name and name not in planned]
-    for names, words in ((blank, "without a label"), (unknown, "with a label that the path lacks")):
+    for names, words in ((blank, "without a label"), (unknown, "with a label not in the path")):
         if names:
             count = format_count(len(names), "step")
             texts.append(f"{count} {words}: {_abbreviated_list(names)}")
@@ -150,13 +150,13 @@ def _compare_labels(
 def _missing_step_findings(names: Sequence[str]) -> tuple[Finding, ...]:
     if not names:
         return ()
-    text = f"the recording lacks steps of the path: {_abbreviated_list(names)}"
+    text = f"steps of the path are missing in the recording: {_abbreviated_list(names)}"
     return (Finding("warning", "path", f"{text}; check whether it was cut"),)
 
 
 def _other_path_finding(count: int, of: int) -> Finding:
-    text = f"the recording has {count} of the {of} steps of [method] path"
-    return Finding("warning", "path", f"{text}; check whether it is of another path")
+    text = f"the recording has only {count} of the {of} steps in [method] path"
+    return Finding("warning", "path", f"{text}; check whether it is a recording of another path")
 
 
 def _abbreviated_list(names: Sequence[str]) -> str:

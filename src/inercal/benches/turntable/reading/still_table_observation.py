@@ -1,7 +1,8 @@
-"""From a recording on a turntable that nobody reads to its rests, found in the gyros.
+"""Find the rests in a recording on a turntable without readback, using the gyros.
 
-A rest is where the mean rate over 0.2 s is within 0.05 °/s of its median on every axis. One second
-is cut off at the side of a turn, where the table settles; rests under 5 s are parts of turns.
+The table is at rest while the mean rate over 0.2 s is within 0.05 °/s of its median on every axis.
+One second is cut off next to each turn, because the table settles. Rests shorter than 5 s count as
+parts of turns.
 """
 
 from collections.abc import Sequence
@@ -30,21 +31,21 @@ from inercal.recordings.segments.attitudes import INVALID_SAMPLES
 
 _WINDOW = 0.2  # s
 _MOVING = radians(0.05)  # rad/s
-_SIGMAS = 6.0  # of the noise of a window, where it exceeds that
+_SIGMAS = 6.0  # standard deviations of a window's noise, if they exceed that threshold
 _SETTLING = 1.0  # s
 _SHORTEST = 5.0  # s
 _MIN_RESTS = 6
-_NEAR = cos(radians(10))  # of a rest's up to that of the plan
+_NEAR = cos(radians(10))  # between the upward directions of a rest and of the plan
 
 
 def observe_without_angles(run: RunBase[TurntableData]) -> EstimatorInput:
-    """Return the rests of a recording and the track with their numbers.
+    """Return the rests in a recording, and the track with their numbers.
 
     Raises
     ------
     InputError
-        Means or marks; noise that is not stated; a recording that is clipped,
-        that begins or ends in a turn, that has a gap in a turn, or fewer than six rests.
+        The data are means or have marks, the noise is not stated, or the recording is clipped,
+        begins or ends in a turn, has a gap in a turn, or has fewer than six rests.
     """
     _require_samples(run)
     bench = StillTable.from_turntable(run.bench)
@@ -87,14 +88,14 @@ def observe_without_angles(run: RunBase[TurntableData]) -> EstimatorInput:
         {
             "gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²"),
             "latitude": format_quantity(bench.latitude.value, bench.latitude.sd, "°"),
-            "path": f"{len(rests)} rests and {len(rests) - 1} turns, found in the gyros",
+            "path": f"{len(rests)} rests and {len(rests) - 1} turns, found with the gyros",
         },
         bench=bench,
     )
 
 
 def _require_samples(run: RunBase[TurntableData]) -> None:
-    """Refuse keys that change nothing here, and noise that is not stated."""
+    """Refuse keys that have no effect here, and noise that is not stated."""
     if run.data.kind == "means":
         raise key_error(
             "[data] kind",
@@ -104,35 +105,35 @@ def _require_samples(run: RunBase[TurntableData]) -> None:
     unused = ["seconds"] if run.data.seconds is not None else []
     unused += ["marks"] if run.data.marks != "found" else []
     if unused:
-        key, reason = unused[0], "finds rests in the gyros"
+        key, reason = unused[0], "finds rests with the gyros"
         raise key_error(
             f"[data] {key}", f"method {run.method.name} {reason}; remove {key}", run.path
         )
     if {axis.measures for axis in run.sensor.axes} != {"f", "w"}:
         raise key_error(
-            "[sensor.gyro]", "is missing: the gyros carry the attitude from rest to rest", run.path
+            "[sensor.gyro]", "is missing: gyros must carry the attitude between rests", run.path
         )
     for axis in run.sensor.axes:
         if not axis.noise.white > 0:
             section = "accelerometer" if axis.measures == "f" else "gyro"
             raise key_error(
                 f"[sensor.{section}] white",
-                "the rows of rests and turns are weighed by the noise density; add it",
+                "rests and turns are weighted by the noise density; state it",
                 run.path,
             )
 
 
 def find_rests(time: Array, reading: Array, sensor: Sensor) -> Indices:
-    """Return the rests, (m, 2): half-open ranges of samples.
+    """Return the rests as half-open ranges of samples, (m, 2).
 
     Parameters
     ----------
     time : (n,) array
-        s.
+        Times, s.
     reading : (n, m) array
-        SI, in the order of the sensor's axes.
+        Readings, SI, in the order of the sensor's axes.
     sensor : Sensor
-        Its gyros show the rests; their noise may raise the threshold.
+        The sensor, whose gyros show the rests. Their noise may raise the threshold.
     """
     gyros = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
     dt = float(np.median(np.diff(time)))
@@ -157,10 +158,10 @@ def find_rests(time: Array, reading: Array, sensor: Sensor) -> Indices:
 def _name_rests(
     run: RunBase[TurntableData], recording: Recording, rests: Indices, up: Array
 ) -> tuple[list[str], tuple[Finding, ...]]:
-    """Return a name of each rest, (m,), and a warning where a stated plan has other attitudes.
+    """Return a name for each rest, (m,), and a warning if a stated plan has other attitudes.
 
-    The names are the recording's labels, else those of the plan, else numbers. `up` is the
-    direction of the mean force at each rest, (m, 3).
+    The names are the labels in the recording, otherwise the labels of the plan, otherwise numbers.
+    `up` is the direction of the mean force during each rest, (m, 3).
     """
     names, findings = [f"rest {k}" for k in range(1, len(rests) + 1)], tuple[Finding, ...]()
     if run.has_plan_keys:
@@ -168,11 +169,11 @@ def _name_rests(
         nominal = np.array([reference_attitude(run.bench, np.array([s.angles]))[0, 2]
                             for s in planned])  # fmt: skip
         if len(planned) != len(rests):
-            findings = (_plan_finding(f"{len(rests)} rests, the plan has {len(planned)}"),)
+            findings = (_plan_finding(f"{len(rests)} rests, but the plan has {len(planned)}"),)
         elif (cosine := (nominal * up).sum(axis=1)).min() < _NEAR:
             k = int(cosine.argmin())
-            text = f"rest {k + 1} is {degrees(acos(cosine[k])):.0f}° off {planned[k].label}"
-            findings = (_plan_finding(f"{text} of the plan"),)
+            text = f"rest {k + 1} {degrees(acos(cosine[k])):.0f}° away from {planned[k].label}"
+            findings = (_plan_finding(f"{text} in the plan"),)
         else:
             names = [step.label for step in planned]
     if recording.labels is not None:
@@ -187,8 +188,8 @@ def _plan_finding(text: str) -> Finding:
     return Finding(
         "warning",
         "path",
-        f"the recording is not of the stated plan: it has {text}; check [method] path and [bench] "
-        "axes. The result does not depend on the plan",
+        f"the recording does not follow the stated plan: it has {text}; check [method] path and "
+        "[bench] axes. The result does not depend on the plan",
     )
 
 
@@ -207,7 +208,7 @@ def _require_rests(where: str, recording: Recording, rests: Indices) -> None:
 def _require_whole_turns(
     where: str, recording: Recording, rests: Indices, labels: Sequence[str]
 ) -> None:
-    """Refuse turns without a rest at an end, and gaps inside of turns."""
+    """Refuse turns without a rest at each end, and gaps during turns."""
     time, n = recording.time, recording.time.size
     margin = 2 * _SETTLING
     if time[rests[0, 0]] - time[0] > margin:
@@ -224,7 +225,7 @@ def _require_whole_turns(
     for before, after in np.asarray(recording.gaps, dtype=np.int64).reshape(-1, 2).tolist():
         k = int(np.searchsorted(rests[:, 1], before, side="right"))
         if k < len(rests) and rests[k, 0] <= before and after < rests[k, 1]:
-            continue  # within a rest, whose mean needs no complete samples
+            continue  # the gap is within a rest, whose mean does not need all samples
         name = f"{labels[max(k - 1, 0)]} to {labels[min(k, len(rests) - 1)]}"
         raise InputError(
             f"{where}: samples are missing between {time[before]:.6g} s and {time[after]:.6g} s, "
@@ -238,7 +239,7 @@ def _require_within_range(where: str, recording: Recording, sensor: Sensor) -> N
     for flaw in recording.findings:
         if flaw.what in INVALID_SAMPLES and flaw.channel in (None, *sensor.channels):
             raise InputError(
-                f"{where}: {flaw.message}; the integral of a clipped reading is wrong: turn "
-                "slower, or set a wider range",
+                f"{where}: {flaw.message}; the integral of a clipped reading is wrong: turn more "
+                "slowly, or set a wider range",
                 names=() if flaw.channel is None else (flaw.channel,),
             )

@@ -1,8 +1,8 @@
-"""Checks of a turntable's readback against the readings, before they are filtered.
+"""Check a turntable's readback against the readings, before they are filtered.
 
-Units, signs and the order of columns are checked: the rate vector of the readback against that of
-the gyros, and the direction of gravity against that of the accelerometers. A sound sensor passes:
-scale factors within 5 %, misalignments of 5°, biases of 1 °/s and 100 mg.
+The checks find wrong units, signs and orders of columns. They compare the rate vector from the
+readback with the gyros, and the direction of gravity with the accelerometers. A usable sensor
+passes, with scale factor errors up to 5 %, misalignments of 5°, and biases of 1 °/s and 100 mg.
 """
 
 from collections.abc import Sequence
@@ -33,20 +33,20 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR, Finding, Track
 
 _STILL = 1e-3  # rad; every usable run turns more, in any unit
-_TURNS = radians(1)  # rad/s that gyros read beyond their bias where a table turns
-_SIZE = 1.2  # times, or 1 over it: limits of a usable scale factor
-_SPHERE = 4  # readings that determine a centre and a radius
-_ALL_ROUND = 0.3  # least spread of attitudes over the largest, for that
-_WEIGHT = (0.7, 1.4)  # times g, of the norm at rest
+_TURNS = radians(1)  # rad/s that gyros read in addition to their bias while the table turns
+_SIZE = 1.2  # a usable scale factor is between 1 over this and this
+_SPHERE = 4  # readings needed to determine a centre and a radius
+_ALL_ROUND = 0.3  # ratio of the smallest to the largest spread of attitudes needed for that
+_WEIGHT = (0.7, 1.4)  # possible norm at rest in g
 _USUAL = (0.9, 1.1)
-_NEAR = 1.1  # of the factor between two units
-_NAMED = 5  # gaps
+_NEAR = 1.1  # tolerance factor for the ratio between two units
+_NAMED = 5  # most gaps that are named
 _ATTITUDES, _APART = 6, radians(10)
 _TURNED = 2 * pi  # rad about each axis of the body
 
 
 class ColumnNames(NamedTuple):
-    """Names of the columns as the user knows them."""
+    """Names of the columns in the user's files."""
 
     accelerometer: tuple[str, ...]
     gyro: tuple[str, ...]
@@ -61,27 +61,29 @@ def check_track(
     columns: ColumnNames | None = None,
     interruptions: Sequence[Interruption] = (),
 ) -> tuple[Finding, ...]:
-    """Return the findings of a track: gaps, too few attitudes or turns.
+    """Check a track, and return findings about gaps and about too few attitudes or turns.
 
     Parameters
     ----------
     where : str
-        What an error begins with, such as the run file's path.
+        Start of error messages, such as the path of the run file.
     track : Track
-        Readings (..., n, m) in SI in the order of the sensor's axes; every trial is checked.
+        Track with readings (..., n, m) in SI in the order of the sensor's axes. Every trial is
+        checked.
     sensor : Sensor
-        Triads of accelerometers and gyros; one of them may be missing.
+        Sensor with triads of accelerometers and gyros; one of them may be missing.
     bench : Turntable
     columns : ColumnNames, optional
-        For messages; without them the names of the sensor's and the table's axes.
+        Names for messages; by default the names of the sensor's and the table's axes.
     interruptions : sequence of Interruption
-        Of the run: what is missing there is no fault of the recording.
+        Interruptions of the run, during which missing samples are not a fault of the recording.
 
     Raises
     ------
     InputError
-        A table that never moved; readback, gyros or accelerometers in another unit, exchanged or
-        reversed. `key` is the key to change; `names` are the settings of the run file that fit.
+        The table never moved, or the columns of readback, gyros or accelerometers have a wrong unit
+        or are exchanged or reversed. `key` is the key to change, and `names` are the settings in
+        the run file that would fit.
     """
     if columns is None:
         by = {kind: tuple(a.name for a in sensor.axes if a.measures == kind) for kind in "fw"}
@@ -100,7 +102,7 @@ def check_track(
 
 
 def _rate_beyond_bias(made: BlockMeans) -> Array:
-    """Return the norm of the gyros' readings minus those at rest, (b,) rad/s."""
+    """Return the norm of the gyros' readings after subtracting the readings at rest, (b,) rad/s."""
     w = made.readings["w"]
     bias = np.median(w[made.is_still], axis=0) if made.is_still.any() else np.median(w, axis=0)
     return np.linalg.norm(w - bias, axis=-1)
@@ -118,13 +120,13 @@ def _require_motion(where: str, track: Track, made: BlockMeans) -> None:
             key="[data] table",
         )
     raise InputError(
-        f"{where}: by its readback the table never moved; check [data] table, or record holds in "
-        "several attitudes and turns about all axes"
+        f"{where}: according to its readback the table never moved; check [data] table, or record "
+        "holds in several attitudes and turns about all axes"
     )
 
 
 def _check_gravity_norm(where: str, made: BlockMeans, bench: Turntable) -> tuple[Finding, ...]:
-    """Refuse accelerometers whose norm at rest is far from g, and warn where it is not near."""
+    """Refuse accelerometers if their norm at rest is far from g, and warn if it is not near g."""
     if made.readings["f"].shape[-1] != 3 or not made.is_still.any():
         return ()
     times = _size_at_rest(made.readings["f"][made.is_still]) / bench.gravity.value
@@ -147,8 +149,8 @@ def _check_gravity_norm(where: str, made: BlockMeans, bench: Turntable) -> tuple
 def _size_at_rest(force: Array) -> float:
     """Return the norm of readings (n, 3) at rest in several attitudes, without biases.
 
-    Readings at rest lie near a sphere about the biases, |f|² = 2 c·f + R² − |c|². Where the
-    attitudes do not determine its centre, the median norm stands for its radius.
+    Readings at rest lie near a sphere about the biases, |f|² = 2 c·f + R² − |c|². If the attitudes
+    do not determine the centre of the sphere, the median norm replaces its radius.
     """
     centred = force - force.mean(axis=0)
     spread = np.linalg.svd(centred, compute_uv=False)
@@ -162,7 +164,7 @@ def _size_at_rest(force: Array) -> float:
 def _require_rate_ratio(
     where: str, made: BlockMeans, sensor: Sensor, bench: Turntable, columns: ColumnNames
 ) -> None:
-    """Refuse rates of the readback that differ in size from those of the gyros."""
+    """Refuse a readback whose rates differ in size from the rates that the gyros measure."""
     if made.readings["w"].shape[-1] != 3:
         return
     by = _rate_ratios(made)
@@ -182,7 +184,7 @@ def _require_rate_ratio(
         )
 
     def gravity_fits(factor: float) -> bool:
-        """Whether the direction of gravity is that of the readback times a factor."""
+        """Return whether gravity fits the attitudes from the readback multiplied by a factor."""
         fit = moments(bench, sensor, made, identity_permutation(len(bench.axes)), factor).get("f")
         return fit is not None and fit.cost(identity_permutation(3)) <= MAX_SOUND_COST
 
@@ -203,16 +205,17 @@ def _require_rate_ratio(
 
 
 def describe_sampling(time: Array, step: float | None = None) -> str:
-    """Return the duration of a recording and the time between its samples, in words."""
+    """Describe the duration of a recording and the time between its samples in words."""
     duration, step = time[-1] - time[0], step or float(np.median(np.diff(time)))
     between = format_quantity(step, 0.0, "s", 3)
     return (
-        f"by its times the recording lasts {format_duration(duration)}, with {between} per sample"
+        f"according to its times the recording lasts {format_duration(duration)}, with {between} "
+        "per sample"
     )
 
 
 def _rate_ratios(made: BlockMeans) -> dict[int, float]:
-    """Return the gyros' rate over the readback's by the axis that turns alone."""
+    """Return the ratio of gyro rate to readback rate for each axis that turns by itself."""
     speed, size = np.abs(made.rates), _rate_beyond_bias(made)
     fastest = np.percentile(speed, 99.5, axis=0)
     found: dict[int, float] = {}
@@ -225,7 +228,7 @@ def _rate_ratios(made: BlockMeans) -> dict[int, float]:
 
 
 def _describe_unit_error(times: float, large: str, small: str) -> str:
-    """Return in words the unit of readings that are `times` too large; "" if no unit fits."""
+    """Describe the unit error of readings that are `times` too large, or return "" if none fits."""
     one = degrees(1)
     if one / _NEAR < times < one * _NEAR:
         return f"it is in {large}, read as {small}; state its unit"
@@ -237,7 +240,7 @@ def _describe_unit_error(times: float, large: str, small: str) -> str:
 def _require_axes(
     where: str, made: BlockMeans, sensor: Sensor, bench: Turntable, columns: ColumnNames
 ) -> None:
-    """Refuse columns that are exchanged or reversed, and axes of another scale."""
+    """Refuse columns that are exchanged or reversed, and axes with another scale."""
     by = moments(bench, sensor, made, identity_permutation(len(bench.axes)))
     off = {kind: m for kind, m in by.items() if m.cost(identity_permutation(3)) > MAX_SOUND_COST}
     if not off:
@@ -270,7 +273,7 @@ def _require_axes(
 
 
 def _describe_exchange(fit: ExchangeFit, columns: ColumnNames) -> tuple[str, ...]:
-    """Return the keys of the run file with which a fit's exchanges are undone."""
+    """Return the settings in the run file that undo the exchanges of a fit."""
     exchanges = (
         ("table", fit.readback, columns.readback),
         ("gyro", fit.gyro, columns.gyro),
@@ -284,7 +287,7 @@ def _describe_exchange(fit: ExchangeFit, columns: ColumnNames) -> tuple[str, ...
 
 
 def _attitude_findings(track: Track, bench: Turntable) -> tuple[Finding, ...]:
-    """Warn of holds that point gravity along fewer than six directions."""
+    """Return a warning if the holds have fewer than six directions of gravity in the body."""
     numbers = np.unique(track.hold[track.hold >= 0])
     middles = [int(np.median(np.flatnonzero(track.hold == k))) for k in numbers]
     up = reference_attitude(bench, track.angles[middles])[:, 2, :]  # in the body
@@ -302,7 +305,7 @@ def _attitude_findings(track: Track, bench: Turntable) -> tuple[Finding, ...]:
 
 
 def _turn_findings(made: BlockMeans, bench: Turntable) -> tuple[Finding, ...]:
-    """Warn of axes of the body about which the table hardly turned."""
+    """Return a warning about axes of the body about which the table hardly turned."""
     sensed = motion(bench, made.angles, made.rates, np.zeros_like(made.rates), {})
     step = float(np.median(np.diff(made.time)))
     turned = np.abs(sensed.w[~made.is_still]).sum(axis=0) * step
@@ -316,7 +319,7 @@ def _turn_findings(made: BlockMeans, bench: Turntable) -> tuple[Finding, ...]:
 
 
 def _gap_findings(time: Array, interruptions: Sequence[Interruption]) -> tuple[Finding, ...]:
-    """Note gaps, and warn of each gap that is too long for the filters to predict the attitude."""
+    """Return a note on gaps, and a warning for gaps over which filters cannot predict attitude."""
     steps = np.diff(time)
     usual = float(np.median(steps))
     at = np.flatnonzero(steps > GAP_FACTOR * usual)

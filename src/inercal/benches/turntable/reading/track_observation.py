@@ -1,4 +1,4 @@
-"""From a recording on a turntable to the track for its filters, and the means of its steps."""
+"""Read the track for the filters, and the means of the steps, from a recording on a turntable."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -67,11 +67,11 @@ _WIDEST = 0.05  # s
 _GYROS = 3
 _NOT_LATE = 1e-3  # s
 _MOVED = radians(0.1)
-_EXACT = 4  # decimals of degrees of the angles of positions
+_EXACT = 4  # decimals in degrees for the angles of positions
 
 
 def observe(run: RunBase[TurntableData]) -> EstimatorInput:
-    """Return the track of a run on a turntable, with means of its holds and turns.
+    """Return the track of a run on a turntable, with the means of its holds and turns.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
         return observe_without_angles(run)
     if "sample" in run.data.model_fields_set:
         raise key_error(
-            "[data] sample", f"{run.method.name} takes readings at their times; remove it", run.path
+            "[data] sample", f"{run.method.name} needs instantaneous readings; remove it", run.path
         )
     bench: Turntable = run.bench
     _require_track(run)
@@ -106,8 +106,8 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
         holds = find_holds(recording.time, angles, recording.labels, settling_time(bench))
     if not len(holds):
         raise InputError(
-            f"{recording.source}: by its readback the table never rests for one second; check "
-            f"[data] table, which is {', '.join(named)}, time_unit and rate: "
+            f"{recording.source}: according to its readback the table never rests for one second; "
+            f"check [data] table, which is {', '.join(named)}, time_unit and rate: "
             f"{describe_sampling(recording.time)}",
             key="[data] table",
             names=named,
@@ -122,7 +122,7 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
     )
     turns = find_turns(recording.time, angles, recording.labels)
     if HOLD_COLUMN in recording.readback and recording.labels is not None:
-        # The settling of a servo at the beginning of a hold is no turn.
+        # The settling of a servo at the beginning of a hold is not a turn.
         rests = {str(recording.labels[start]) for start, _ in holds.tolist()}
         turns = tuple(
             t for t in turns if str(recording.labels[(t.start + t.stop) // 2]) not in rests
@@ -135,7 +135,7 @@ def observe(run: RunBase[TurntableData]) -> EstimatorInput:
     try:
         observations = average_sections(recording, run.sensor, marks, steps, found=True)
     except InputError as error:
-        # Turns fall apart where the readback is wrong: what it does is the cause.
+        # If turns are split, an error of the readback is the cause, so report that.
         causes = [one.message for one in findings if one.what == "readback"]
         raise error.located(f"{run.path}: {'; '.join(causes)}") if causes else error from None
     return EstimatorInput(
@@ -159,9 +159,9 @@ def _check_track(
     *,
     alike: bool = True,
 ) -> tuple[Finding, ...]:
-    """Return the findings of the checks of a track, before filters follow it.
+    """Check a track before filters follow it, and return the findings.
 
-    Where the clocks are not `alike`, the readback may be constant while the gyros measure a turn.
+    If the clocks are not `alike`, the readback may be constant while the gyros measure a turn.
     """
     kinds = {axis.measures for axis in run.sensor.axes}
     columns = ColumnNames(
@@ -172,7 +172,7 @@ def _check_track(
     where = str(run.path)
     late = bench.latency.value
     if abs(late) > _NOT_LATE:
-        # The readback gives the angles of the time `late` ago.
+        # The readback shows the angles at a time earlier by `late`.
         time = track.time
         angles: list[Array] = [np.interp(time + late, time, axis) for axis in track.angles.T]
         track = replace(track, angles=np.stack(angles, axis=-1))
@@ -193,7 +193,7 @@ def _check_track(
 def _require_complete_first_rest(
     run: RunBase[TurntableData], time: Array, angles: Array, holds: Indices
 ) -> None:
-    """Refuse a first rest that a gap cuts short: filters begin with a rest without a gap."""
+    """Refuse a gap in the first rest, because filters begin with a rest without a gap."""
     if run.method.sequential is None or len(holds) < 2:
         return
     (_, stop), (after, _) = holds[:2].tolist()
@@ -212,7 +212,7 @@ def _require_complete_first_rest(
 
 
 def _require_track(run: RunBase[TurntableData]) -> None:
-    """Refuse keys of other benches: filters follow the samples of one recording."""
+    """Refuse keys for other benches, because filters follow the samples of one recording."""
     if run.data.kind == "means":
         raise key_error(
             "[data] kind",
@@ -229,7 +229,7 @@ def _require_track(run: RunBase[TurntableData]) -> None:
 
 
 def _require_small_latency(run: RunBase[TurntableData], bench: Turntable) -> None:
-    """Refuse a latency so uncertain that the filters' linear model does not hold."""
+    """Refuse a latency that is too uncertain for the linear model of the filters."""
     if run.data.table_file is None and bench.latency.sd > _WIDEST:
         raise key_error(
             "[bench] latency",
@@ -246,15 +246,15 @@ def _numbered_holds(run: RunBase[TurntableData], recording: Recording) -> Indice
     Raises
     ------
     InputError
-        Numbers that are not whole, or no hold.
+        A number is not whole, or there is no hold.
     """
     number = recording.readback[HOLD_COLUMN]
     if (number != np.round(number)).any():
         k = int(np.argmax(number != np.round(number)))
         raise key_error(
             "[data] hold",
-            f"{recording.where(k)} has {number[k]:.6g}; the number of a hold is whole, and "
-            "negative where the table moves",
+            f"{recording.where(k)} has {number[k]:.6g}; the number of a hold must be whole, and "
+            "negative while the table moves",
             run.path,
         )
     holds = holds_from_numbers(recording.time, number)
@@ -290,7 +290,7 @@ def _build_steps(
     holds: Indices,
     turns: Sequence[AxisTurn],
 ) -> tuple[tuple[Mark, ...], tuple[TableStep, ...], list[str] | None]:
-    """Return marks and steps of holds and turns, in the order of time, and their own labels."""
+    """Return marks and steps for holds and turns in the order of time, and the recorded labels."""
     sections: list[tuple[int, int, TableStep]] = []
     for start, stop in holds.tolist():
         mean = angles[start:stop].mean(axis=0)
@@ -317,9 +317,9 @@ def _repeated_steps(
     own: Sequence[str] | None,
     interruptions: Sequence[Interruption],
 ) -> frozenset[str]:
-    """Return the labels of steps that an interruption ended, and of moves until they were repeated.
+    """Return the labels of steps that were interrupted, and of moves until they were repeated.
 
-    The host gave them no label of their own: they lie between two steps that have one.
+    The host gave these steps no label. They lie between two steps that have one.
     """
     blank = [not name.strip() for name in own or ()]
     repeated: set[str] = set()

@@ -1,9 +1,9 @@
-"""The weighted residuals of several gyros over one window, in a time that grows with its length.
+"""The weighted residuals of several gyros in one window, computed in linear time.
 
 The noise of n increments has a tridiagonal covariance T = L D Lᵀ, and the parameters add C P Cᵀ.
 With A = D^−½ L⁻¹ C P^½, and Q the upper part of the orthogonal factor in [A; 1] = Q R, the inverse
 of the sum is W = T⁻¹ − B Bᵀ, where B = L⁻ᵀ D^−½ Q. No n × n matrix is formed, and no digits are
-lost where C P Cᵀ is much larger than T.
+lost if C P Cᵀ is much larger than T.
 """
 
 # SciPy has no stubs.
@@ -15,39 +15,39 @@ import scipy.linalg
 
 from inercal.basics.arrays import Array
 
-LEAST_LEFT = 1e-9  # of what the noise alone would tell: less is rounding
+LEAST_LEFT = 1e-9  # times the information with only noise: less is a rounding error
 
 
 class WindowFit:
-    """What one window leaves of the residuals, and how much it tells.
+    """The weighted residuals in one window, and the information that they contain.
 
     Parameters
     ----------
     variance, between : (g, n) and (g, n − 1) arrays
-        The tridiagonal covariance of the noise, rad².
+        Diagonal and off-diagonal of the noise's tridiagonal covariance, rad².
     residual : (g, n) array
-        rad.
+        Residuals, rad.
     columns : (g, n, q) array
-        What the parameters add to the residuals, per standard deviation.
+        Change of the residuals for one standard deviation of each parameter.
 
     Attributes
     ----------
     triangle : (g, q, q) array
-        R, as above.
+        The matrix R defined in the module.
     known : (g, n, q) array
-        B, as above.
+        The matrix B defined in the module.
     explained : (g, q) array
-        Qᵀ D^−½ L⁻¹ of the residuals.
+        Qᵀ D^−½ L⁻¹ times the residuals.
     weighted : (g, n) array
         W times the residuals.
     of_noise, information : (g, n) arrays
         Diagonals of T⁻¹ and of W.
     neighbours : (g, n − 1) array
-        Beside the diagonal of W.
+        Elements of W next to its diagonal.
     """
 
     def __init__(self, variance: Array, between: Array, residual: Array, columns: Array):
-        # The gyros' covariances side by side are one tridiagonal matrix.
+        # The covariances of all gyros together form one tridiagonal matrix.
         beside = np.zeros(variance.shape)
         beside[:, :-1] = between
         self._factor = _Bidiagonal(variance.ravel(), beside.ravel()[:-1])
@@ -74,11 +74,11 @@ class WindowFit:
         )
 
     def later(self, values: Array) -> Array:
-        """Return the part of T⁻¹ above its diagonal times (g, n, k) values."""
+        """Multiply (g, n, k) values by the part of T⁻¹ above its diagonal."""
         return self._factor.later(values.reshape(-1, values.shape[-1])).reshape(values.shape)
 
     def quadratic(self, signature: Array) -> float:
-        """Return sᵀ W s of (g, n) values s, and 0 where nothing but rounding is left of it."""
+        """Return sᵀ W s for (g, n) values s, or 0 if it is only a rounding error."""
         white = self._factor.whitened(signature.reshape(-1, 1)).reshape(signature.shape)
         explained = np.einsum("gnq,gn->gq", self._span, white)
         left = float(np.sum(white**2) - np.sum(explained**2))
@@ -86,12 +86,12 @@ class WindowFit:
 
 
 class _Bidiagonal:
-    """The factors L D Lᵀ of a tridiagonal covariance T; L has 1 on its diagonal.
+    """The factors L D Lᵀ of a tridiagonal covariance T, where L has ones on its diagonal.
 
     Parameters
     ----------
     variance, between : (n,) and (n − 1,) arrays
-        The diagonal of T, and the values beside it.
+        The diagonal of T, and the elements next to it.
     """
 
     def __init__(self, variance: Array, between: Array):
@@ -109,19 +109,19 @@ class _Bidiagonal:
         self.inverse_neighbours: Array = -self._below * self.inverse_diagonal[1:]
 
     def whitened(self, values: Array) -> Array:
-        """Return D^−½ L⁻¹ of (n, k) values."""
+        """Multiply (n, k) values by D^−½ L⁻¹."""
         return self._solved(self._band, values, "N") / self._root
 
     def unwhitened(self, values: Array) -> Array:
-        """Return L⁻ᵀ D^−½ of (n, k) values."""
+        """Multiply (n, k) values by L⁻ᵀ D^−½."""
         return self._solved(self._band, values / self._root, "T")
 
     def later(self, values: Array) -> Array:
-        """Return the part of T⁻¹ above its diagonal times (n, k) values."""
+        """Multiply (n, k) values by the part of T⁻¹ above its diagonal."""
         right = np.zeros_like(values)
         right[:-1] = self.inverse_neighbours[:, None] * values[1:]
         return self._solved(self._band, right, "T")
 
     def _solved(self, band: Array, right: Array, transposed: str) -> Array:
-        """Return the solution of L x = right, or of Lᵀ x = right where `transposed` is "T"."""
+        """Solve L x = right, or Lᵀ x = right if `transposed` is "T"."""
         return self._solve(band, right, uplo="L", trans=transposed, diag="U")[0]

@@ -1,16 +1,16 @@
-/** Alarms stay on top until the viewer has acknowledged them, also when the page is loaded anew. */
+/** Alarms stay on top until the viewer acknowledges them, even if the page is reloaded. */
 
 import { byId, make, put } from "./dom.js";
 import { clock } from "./format.js";
 import { seen } from "./live.js";
 import { ofTab } from "./store.js";
 
-const KNOWN = "inercal.alarms"; // of this tab: those that were acknowledged, with their run
+const KNOWN = "inercal.alarms"; // acknowledged alarms of this tab, with their run
 const MOST = 500;
 
 export function makeAlarms() {
   const region = byId("alarms");
-  let ringing = new Map(); // by words: the line, how often it was said, and the keys
+  let ringing = new Map(); // by text: the line, how often the alarm occurred, and its keys
 
   function event({ level, time, words, at }) {
     if (level !== "alarm") return;

@@ -1,14 +1,14 @@
-/** Where the body is: by the table's angles, and beside it by the IMU's readings alone. */
+/** The attitude of the body: from the table's angles, and from the IMU's readings only. */
 
 import { byId, make, mark, put } from "./dom.js";
 import { fixed, signed } from "./format.js";
 import { draw } from "./solid.js";
 import { calm } from "./theme.js";
 
-const OFTEN = 30; // ms between pictures
-const NEAR = 0.12; // s in which a picture comes near to what was said last
-const SAME = 1e-5; // of a matrix' elements: nothing is to be seen of less
-const JUMP = 1.2; // more is no motion but a new place
+const OFTEN = 30; // ms between two frames
+const NEAR = 0.12; // s in which the picture approaches the latest attitude
+const SAME = 1e-5; // difference of matrix elements that is too small to see
+const JUMP = 1.2; // a larger difference is not motion but a new attitude
 const ENDED = "Live estimation has stopped, and with it the attitude from the IMU.";
 const WORDS = {
   waits: "The attitude from the IMU appears once the coefficients are estimated.",
@@ -16,7 +16,7 @@ const WORDS = {
   none: "With this method only the attitude of the table is shown.",
 };
 const DEGREES = 180 / Math.PI;
-const STEEP = 80; // ° of pitch: beyond, small errors of attitude are large ones of roll and heading
+const STEEP = 80; // ° of pitch; beyond it, small attitude errors are large errors of roll and heading
 const POLE = "Near ±90° of pitch, only the sum of roll and heading is defined. Look at the attitude "
   + "difference instead.";
 
@@ -27,7 +27,7 @@ export function makeAttitude(theme) {
     ({ canvas: byId(id), key, wanted: null, shown: null, stale: true }));
   const cells = {};
   let last = 0;
-  let found = null; // what was said last of the navigation
+  let found = null; // the latest navigation result
   const redraw = () => views.forEach((view) => (view.stale = true));
   theme.changed.push(redraw);
   new ResizeObserver(redraw).observe(byId("by-table"));
@@ -63,7 +63,7 @@ export function makeAttitude(theme) {
     // Some methods estimate too few coefficients for navigation.
     explain(live === "on" && attitude && !attitude.navigation ? "none" : live);
     if (!attitude) return;
-    // What was found last stays, greyed, where the navigation broke off.
+    // The last result stays visible, greyed out, when navigation has stopped.
     const both = live === "ended" && found ? { ...found, table: attitude.table } : attitude;
     for (const view of views) {
       view.wanted = both[view.key] ?? null;
@@ -115,13 +115,13 @@ export function makeAttitude(theme) {
   return { plan, state, frame };
 }
 
-/** An angle as it is read; a heading that rounds to a whole turn is north. */
+/** An angle for display; a heading that rounds to a full turn is shown as north. */
 function angle(key, value) {
   const text = fixed(value, 3);
   return key === "heading" && text === "360.000" ? "0.000" : text;
 }
 
-/** Bring what is shown nearer to what is wanted; true while it is not there. */
+/** Move the shown attitude toward the wanted one; true until it is reached. */
 function approach(view, share) {
   const { wanted, shown } = view;
   if (!wanted || !shown || share > 0.99) {
@@ -139,7 +139,7 @@ function approach(view, share) {
   return true;
 }
 
-/** Make the columns orthogonal and one long again. */
+/** Make the columns orthonormal again. */
 function square(c) {
   for (let k = 0; k < 2; k++) {
     if (k) {
@@ -154,7 +154,7 @@ function square(c) {
   c[8] = c[0] * c[4] - c[3] * c[1];
 }
 
-/** Roll, pitch and heading, °: heading of the body's y axis, clockwise from north. */
+/** Roll, pitch and heading in °; the heading is that of the body's y axis, clockwise from north. */
 function angles(c) {
   if (!c) return [NaN, NaN, NaN];
   const pitch = Math.asin(Math.max(-1, Math.min(1, c[7])));

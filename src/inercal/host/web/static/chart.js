@@ -1,4 +1,4 @@
-/** One plot of the readings: up to three channels, whose names stand at the ends of their lines. */
+/** One plot of the readings: up to three channels, with names at the ends of their lines. */
 
 import { make, put, svg } from "./dom.js";
 import { fixed } from "./format.js";
@@ -7,8 +7,8 @@ import { DASHES } from "./theme.js";
 
 const TITLES = { f: "accelerometers", w: "gyros" };
 const LETTERS = ["x", "y", "z"];
-const CALMS = 20; // pictures after which a range that is too wide becomes narrower
-const APART = 13; // px between letters
+const CALMS = 20; // frames after which a range that is too wide becomes narrower
+const APART = 13; // px between two letters
 
 export function makeChart(box, channels, ring, { theme, marks, zoom, height }) {
   const [legend, place] = [box.querySelector(".legend"), box.querySelector(".plot")];
@@ -24,8 +24,8 @@ export function makeChart(box, channels, ring, { theme, marks, zoom, height }) {
   place.replaceChildren(...letters);
 
   const range = { low: NaN, high: NaN, wide: 0 };
-  let first = 0; // of the ring, that is drawn
-  let last = 0; // the one behind
+  let first = 0; // index in the ring of the first sample that is drawn
+  let last = 0; // index after the last sample
   let pointed = false;
   const plot = makePlot(place, {
     label: `${title}: ${channels.map(({ name }) => name).join(", ")} over time`,
@@ -43,7 +43,7 @@ export function makeChart(box, channels, ring, { theme, marks, zoom, height }) {
     })),
   });
 
-  /** Draw what is in sight from one time to another. */
+  /** Draw the visible samples from one time to another. */
   function draw(from, to) {
     first = Math.max(0, ring.from(from) - 1);
     last = Math.min(ring.from(to) + 1, ring.end);
@@ -59,7 +59,7 @@ export function makeChart(box, channels, ring, { theme, marks, zoom, height }) {
     channels.forEach(({ i }, n) => put(values[n], fixed(ring.values[i][k], places)));
   }
 
-  /** Name each line at its end; names that would lie on one another give way. */
+  /** Name each line at its end; names move apart so that they do not overlap. */
   function name() {
     const ends = channels.map(({ i }, k) => ({ k, y: plot.y(ring.values[i][last - 1]) }))
       .sort((a, b) => a.y - b.y);
@@ -75,8 +75,8 @@ export function makeChart(box, channels, ring, { theme, marks, zoom, height }) {
 }
 
 /**
- * A line with dashes that stay with the data while it moves, and nothing where samples are missing.
- * `period` is a share of what is in sight, of which a share `drawn` is drawn.
+ * Dash a line so that its dashes move with the data, and leave gaps where samples are missing.
+ * `period` is a share of the visible range, and a share `drawn` of each period is drawn.
  */
 function path(u, series, first, last, { period, drawn }) {
   const stroke = new Path2D();
@@ -99,7 +99,7 @@ function path(u, series, first, last, { period, drawn }) {
   return { stroke, fill: null, clip: null, band: null, gaps: null, flags: 0 };
 }
 
-/** Widen a range at once where values leave it; narrow it after a while. */
+/** Widen a range at once when values leave it; narrow it after a while. */
 function follow(range, channels) {
   let [low, high] = [Infinity, -Infinity];
   for (const values of channels) {
@@ -108,7 +108,7 @@ function follow(range, channels) {
       if (y > high) high = y;
     }
   }
-  if (low > high) [low, high] = [0, 0]; // nothing is known of these channels
+  if (low > high) [low, high] = [0, 0]; // no values of these channels are known
   const span = Math.max(high - low, 0.02 * Math.max(Math.abs(low), Math.abs(high)), 1e-3);
   const inside = low >= range.low && high <= range.high;
   range.wide = inside && range.high - range.low > 2.2 * span ? range.wide + 1 : 0;
@@ -117,7 +117,7 @@ function follow(range, channels) {
   Object.assign(range, { low: low - margin, high: high + margin, wide: 0 });
 }
 
-/** A piece of the line for the legend. */
+/** A short piece of the line for the legend. */
 function swatch(k) {
   const size = { width: 28, height: 12, "aria-hidden": "true", class: `line ${LETTERS[k % 3]}` };
   const dash = { "stroke-width": 2, "stroke-dasharray": DASHES[k % 3].legend };

@@ -1,4 +1,4 @@
-/** The six channels: accelerometers and gyros, each with x, y, z, over the last ten seconds. */
+/** The six channels in the last ten seconds: accelerometers and gyros, each with x, y and z. */
 
 import { makeChart } from "./chart.js";
 import { byId, put } from "./dom.js";
@@ -8,10 +8,10 @@ import { makeZoom, zoomButtons } from "./plot.js";
 import { Ring } from "./ring.js";
 import { calm } from "./theme.js";
 
-const OFTEN = 32; // ms between pictures, on average
-const CALM = 400; // ms between them where the device asks for little motion
-const HEIGHTS = [110, 214]; // px: the least and the most of a plot
-const BESIDE = 548; // px of a window that header, table and last events need above and below both plots
+const OFTEN = 32; // ms between two frames, on average
+const CALM = 400; // ms between two frames if the device asks for reduced motion
+const HEIGHTS = [110, 214]; // px: smallest and largest height of a plot
+const BESIDE = 548; // px of a window's height for header, table and latest events, above and below both plots
 
 export function makeCharts(theme, marks) {
   const head = new Playhead();
@@ -22,9 +22,9 @@ export function makeCharts(theme, marks) {
   });
   let ring = null;
   let charts = [];
-  let span = 10; // s that are in sight
+  let span = 10; // visible time range, s
   let every = 1;
-  let due = 0; // ms: when the next picture is
+  let due = 0; // ms: time of the next frame
   let stale = false;
 
   tools.append(...zoomButtons("Last 10 s"));
@@ -63,18 +63,18 @@ export function makeCharts(theme, marks) {
     stale = true;
   }
 
-  /** A bench that is sped up has more of the recording in as much of the wall's time. */
+  /** An accelerated bench produces more recording time in the same wall time. */
   function state({ speed }) {
     span = speed > 1.5 ? 10 * round(speed) : 10;
   }
 
-  /** Draw what is in sight, moved on a little; return 1 when the picture changed. */
+  /** Advance and draw the visible range; return 1 if the picture changed. */
   function frame(now) {
     const pause = calm.matches ? CALM : OFTEN;
     if (!ring?.end || now < due) return 0;
     const moved = head.move(now) && !zoom.zoomed;
     if (!stale && !moved) return 0;
-    // After a picture that came late the next one comes sooner.
+    // After a late frame, the next one comes sooner.
     [stale, due] = [false, Math.max(due, now - pause) + pause];
     const [from, to] = zoom.shown;
     const means = every > 1 ? `, means of ${every} samples` : "";
@@ -86,7 +86,7 @@ export function makeCharts(theme, marks) {
     return seen.length ? 1 : 0;
   }
 
-  /** Show what was read at a time, where that is still there. */
+  /** Show the readings at a time, if they are still available. */
   function showTime(time) {
     if (!ring?.end || time < ring.time[0] || time > head.newest) return false;
     zoom.set(time - 5, time + 5);
@@ -99,7 +99,7 @@ export function makeCharts(theme, marks) {
   return { plan, samples, coarse: samples, state, frame, showTime };
 }
 
-/** A number near to another one: 1, 2, 5, 10, 20 … */
+/** The nearest round number: 1, 2, 5, 10, 20 … */
 function round(x) {
   const power = 10 ** Math.floor(Math.log10(x));
   const lead = x / power;

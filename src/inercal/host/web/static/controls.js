@@ -10,7 +10,7 @@ export function makeControls() {
   const [stop, pause, goOn, abort] = ["stop", "pause", "go-on", "abort"].map(byId);
   const asking = byId("ask-abort");
   const note = byId("note-form");
-  let stopped = NaN; // ms: when STOP was sent last
+  let stopped = NaN; // ms: time of the last STOP
 
   stop.addEventListener("click", stopNow);
   pause.addEventListener("click", () => ask(pause, "pause", "Pause requested."));
@@ -35,7 +35,7 @@ export function makeControls() {
   });
   show();
 
-  /** Any viewer may: it goes to the watchdog. */
+  /** Any viewer may stop; the request goes to the watchdog. */
   function stopNow() {
     if (!say({ do: "stop" })) {
       notice("STOP was NOT sent because there is no connection: use the emergency stop.");
@@ -49,7 +49,7 @@ export function makeControls() {
     notice(going() ? "STOP was sent." : "STOP was sent, although no run seems to be active.");
   }
 
-  /** The server may be there though it has no place for the socket of this page. */
+  /** The server may be reachable even if it has no place for the socket of this page. */
   async function stopWithoutSocket() {
     const answer = await fetch("/api/stop", { method: "POST" }).catch(() => null);
     if (!answer?.ok) return;
@@ -61,7 +61,7 @@ export function makeControls() {
       + "emergency stop.");
   }
 
-  /** A connection may have been broken already when STOP was sent by it. */
+  /** The connection may already have been broken when STOP was sent over it. */
   function link({ link: now }) {
     if (["quiet", "lost"].includes(now) && !Number.isNaN(stopped) && !heardSince(stopped)) {
       unsure();
@@ -75,10 +75,10 @@ export function makeControls() {
     else notice(button.title);
   }
 
-  /** Which of them can do something now, and why not. */
+  /** Update which buttons can be used, and why the others cannot. */
   function show() {
     const paused = Boolean(seen.state?.paused) || seen.state?.phase === "paused";
-    const phase = seen.state?.phase; // also while it is said in other words what is made of the run
+    const phase = seen.state?.phase; // stays set while the results of the run are being made
     const why = !going() ? "no run is active"
       : seen.plan?.manual ? "the table is under manual control: use its panel"
       : phase === "done" ? "the table is at rest and the results are being computed"

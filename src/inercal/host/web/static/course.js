@@ -13,7 +13,7 @@ export function makeCourse(theme, marks) {
   const edge = { stroke: () => theme.accent, width: 1, dash: [4, 3], points: { show: false } };
   let [coefficient, history, index, close] = [null, null, 0, true];
   let rows = [];
-  let first = 0; // of the history, that is known
+  let first = 0; // index of the first known value in the history
   let stale = false;
   const value = make("span", { class: "value" });
   const said = make("span", { class: "small at" });
@@ -52,7 +52,7 @@ export function makeCourse(theme, marks) {
     draw();
   }
 
-  /** In a close-up the scale follows the present 2σ: early guesses, much wider, are cut off. */
+  /** In a close-up the scale follows the present 2σ; early, much wider estimates are cut off. */
   function range(low, high) {
     const last = history ? history.size - 1 : -1;
     const middle = last < 0 ? NaN : history.value[index][last];

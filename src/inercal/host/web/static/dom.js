@@ -1,9 +1,9 @@
-/** The few things that all parts do with the document. Text only ever enters as text. */
+/** Helpers for the document that all parts use. Text is only inserted as text, never as HTML. */
 
-/** The element with an id. */
+/** Return the element with an id. */
 export const byId = (id) => document.getElementById(id);
 
-/** Set a text where it differs: nothing is laid out anew for what stays. */
+/** Set a text if it differs, so that an unchanged text causes no new layout. */
 export function put(node, text) {
   if (node.said !== text) {
     node.said = text;
@@ -11,7 +11,7 @@ export function put(node, text) {
   }
 }
 
-/** Set a mark of which styles depend, where it differs. */
+/** Set an attribute on which styles depend, if it differs. */
 export function mark(node, name, value) {
   if (node.dataset[name] !== value) node.dataset[name] = value;
 }
@@ -27,23 +27,23 @@ export function make(tag, attributes = {}, ...children) {
   return node;
 }
 
-/** Make an element of a drawing. */
+/** Make an SVG element. */
 export function svg(tag, attributes) {
   const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
   return node;
 }
 
-/** A button that cannot be used stays in the order of Tab and says so. */
+/** Disable a button but keep it in the Tab order, so that it can say why. */
 export function allow(button, may, why = "") {
   button.setAttribute("aria-disabled", String(!may));
   button.title = may ? "" : why;
 }
 
-/** Whether a button may be used. */
+/** Whether a button can be used. */
 export const allowed = (button) => button.getAttribute("aria-disabled") !== "true";
 
-/** Open a dialog. Not as a modal one: that would keep a hand from STOP. */
+/** Open a dialog that is not modal, because a modal one would block STOP. */
 export function open(dialog) {
   if (dialog.open) return;
   dialog.opener = document.activeElement;
@@ -51,7 +51,7 @@ export function open(dialog) {
   dialog.querySelector("[autofocus]")?.focus();
 }
 
-/** Close it, and give the focus back. */
+/** Close a dialog, and return the focus. */
 export function close(dialog) {
   if (!dialog.open) return;
   dialog.close();

@@ -1,4 +1,4 @@
-/** Runs of before: one that was interrupted is resumed, one that is done has its report. */
+/** Earlier runs: an interrupted run can be resumed, and a finished run has its report. */
 
 import { byId, make } from "./dom.js";
 import { moment } from "./format.js";
@@ -7,7 +7,7 @@ import { order } from "./notice.js";
 const SIGNS = { done: "✓ done", interrupted: "‖ interrupted", running: "▶ running",
   "carried out": "▷ measured, not yet calibrated" };
 
-const LATER = [3000, 10_000]; // ms after STOP: a run without a page says nothing of its end
+const LATER = [3000, 10_000]; // ms after STOP; a run without a page does not report its end
 
 export function makeEarlier(people, setup) {
   const list = byId("runs");
@@ -16,7 +16,7 @@ export function makeEarlier(people, setup) {
     const focused = list.contains(document.activeElement) && labelOf(document.activeElement);
     list.replaceChildren(...runs.map(line));
     if (!runs.length) list.append(make("li", {}, "None yet."));
-    // To the same again, and where that is gone to no other: Enter would do what nobody wanted.
+    // Focus the same run again, but no other one if it is gone: Enter would do something unwanted.
     if (focused === false) return;
     const same = [...list.querySelectorAll("button, a")].find((one) => labelOf(one) === focused);
     (same ?? list).focus({ preventScroll: true });
@@ -40,7 +40,7 @@ export function makeEarlier(people, setup) {
       offers.append(button);
     }
     if (run.state === "running") {
-      // One that goes on without this page: the server was started anew meanwhile.
+      // The run continues without this page, because the server was restarted meanwhile.
       const label = `STOP ${named}`;
       const looks = { type: "button", class: "grave", "aria-label": label };
       const button = make("button", looks, "STOP");

@@ -1,11 +1,11 @@
-/** The coefficients as they are estimated: by kind and axis, each with how its ±2σ shrank. */
+/** The live estimates by kind and axis, each with a small plot of how its ±2σ decreased. */
 
 import { byId, make, mark, put, svg } from "./dom.js";
 import { digits, fixed } from "./format.js";
 import { History } from "./history.js";
 
 const KINDS = { f: "accelerometers", w: "gyros" };
-const PARTS = { ...KINDS, all: "all axes" }; // of the sensor, each estimated by itself
+const PARTS = { ...KINDS, all: "all axes" }; // parts of the sensor that are estimated separately
 const WORDS = {
   waits: "No estimates yet: the method needs more samples.",
   ended: "Live estimation has stopped; the grey values are the last ones. The recording is complete: "
@@ -14,12 +14,12 @@ const WORDS = {
 };
 const NIS = "normalised innovation squared";
 const NIS_MEANING = "Squared innovation divided by its stated variance: about 1 if noise and bench are as stated";
-export const SIGNS = { good: "✓", care: "▲", bad: "✗" }; // beside the colours
-const DECADES = 3; // of shrinking from the top of a small picture to its bottom
-const POINTS = 100; // of a small picture
-const OFTEN = 300; // ms between pictures
+export const SIGNS = { good: "✓", care: "▲", bad: "✗" }; // shown in addition to the colours
+const DECADES = 3; // decades of decrease from the top to the bottom of a small plot
+const POINTS = 100; // points in a small plot
+const OFTEN = 300; // ms between two frames
 
-/** A word with the way to its definition. */
+/** A term with a link to its definition. */
 function term(shown, name, meaning) {
   const anchor = name.toLowerCase().replace(/[^a-z0-9]+/g, "-");
   return make("a", { class: "term", href: `/glossary#term-${anchor}`, target: "_blank",
@@ -32,11 +32,11 @@ export function makeEstimates(course) {
   const found = make("span", { class: "grades" });
   let cells = [];
   let history = null;
-  let chosen = ""; // by its name: the page keeps it when it connects again
-  let last = null; // the latest
+  let chosen = ""; // name of the chosen coefficient; the page keeps it when it reconnects
+  let last = null; // the latest estimate
   let drawn = 0;
   let stale = false;
-  let final = null; // of the calibration file
+  let final = null; // values from the calibration file
 
   nis.prepend(make("p", {}, term("NIS", NIS, NIS_MEANING), " ", found));
 
@@ -53,7 +53,7 @@ export function makeEstimates(course) {
     choose(Math.max(before, 0), false);
   }
 
-  /** How it is with live estimation; greyed is what is estimated no longer. */
+  /** The state of live estimation; estimates that are no longer updated are greyed out. */
   function state({ live }) {
     explain(live);
   }
@@ -64,7 +64,7 @@ export function makeEstimates(course) {
     waits.hidden = !WORDS[live];
   }
 
-  /** A table: what belongs to one kind of coefficient in a row, an axis a column. */
+  /** A table with one row for each kind of coefficient and one column for each axis. */
   function table(kind, coefficients) {
     const all = coefficients.map((one, i) => ({ ...one, i }));
     const own = all.filter((one) => one.measures === kind);
@@ -113,7 +113,7 @@ export function makeEstimates(course) {
     course.choose?.(cells[i].coefficient, history, i);
   }
 
-  /** By arrows to the nearest cell in that direction. */
+  /** Move to the nearest cell in the direction of an arrow key. */
   function move(event) {
     const ways = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] };
     const way = ways[event.key];
@@ -132,14 +132,14 @@ export function makeEstimates(course) {
     stale = true;
   }
 
-  /** Hundreds come at once to who looks in late: only the last is drawn. */
+  /** A viewer who connects late gets hundreds of messages at once; only the last one is drawn. */
   function frame(now) {
     if (!stale || now - drawn < OFTEN) return;
     [stale, drawn] = [false, now];
     show();
   }
 
-  /** What the live estimate is, or, once there is one, the calibration file. */
+  /** Show the live estimate or, when it exists, the calibration file. */
   function show() {
     const { values, u2 } = final ?? last ?? { values: [], u2: [] };
     cells.forEach((one, i) => {
@@ -154,7 +154,7 @@ export function makeEstimates(course) {
     course.redraw?.();
   }
 
-  /** How the innovations of each part agree with what was stated: colour, sign and word. */
+  /** How well the innovations of each part agree with their stated size: colour, sign and word. */
   function grade(ratios) {
     const parts = Object.entries(PARTS).filter(([kind]) => Number.isFinite(ratios?.[kind]?.ratio));
     nis.hidden = !parts.length;
@@ -165,7 +165,7 @@ export function makeEstimates(course) {
     }));
   }
 
-  /** The end has the values of the calibration file, in the order of its own names. */
+  /** The end message has the values of the calibration file, in the order of its own names. */
   function done(message) {
     if (!message.final || !history) return;
     const at = cells.map(({ coefficient }) => message.final.names.indexOf(coefficient.name));
@@ -174,7 +174,7 @@ export function makeEstimates(course) {
     title(final);
     stale = true;
     if (sections[0].dataset.live !== "none") return;
-    // Nothing was estimated live, but the results are there now.
+    // Nothing was estimated live, but the results are available now.
     mark(sections[0], "live", "on");
     waits.hidden = true;
   }
@@ -185,7 +185,7 @@ export function makeEstimates(course) {
       : "live: value ± 2σ");
   }
 
-  /** Half the width of the band is 2σ, logarithmic: a third of the height for a factor of ten. */
+  /** Half the width of the band is 2σ on a logarithmic scale: a third of the height per factor of ten. */
   function spark({ funnel }, i) {
     const { size, time } = history;
     const spread = history.spread[i];

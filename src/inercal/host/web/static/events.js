@@ -1,4 +1,4 @@
-/** What was said: newest first. Levels have a word and a sign besides their colour. */
+/** The events, newest first. Levels have a word and a sign in addition to their colour. */
 
 import { byId, make, put } from "./dom.js";
 import { clock } from "./format.js";
@@ -7,10 +7,10 @@ import { seen } from "./live.js";
 const SIGNS = { info: "·", warning: "▲ warning", note: "✎ note", alarm: "■ ALARM" };
 const MOST = 500;
 
-/** `show(time)` shows in the plots what was read at a time. */
+/** `show(time)` shows the readings at a time in the plots. */
 export function makeEvents(marks, show) {
   const [list, said] = ["event-list", "said"].map(byId);
-  let lines = new Map(); // of each event
+  let lines = new Map(); // the line of each event
 
   function line(event) {
     const { level, time, words, at } = event;
@@ -36,7 +36,7 @@ export function makeEvents(marks, show) {
   function event(message) {
     add([message]);
     const { level, words } = message;
-    // What came before this page did is not read aloud, and alarms are by their own region.
+    // Events from before the page was opened are not read aloud; alarms have their own region.
     if (seen.state && level !== "alarm") put(said, level === "info" ? words : `${level}: ${words}`);
   }
 

@@ -1,21 +1,21 @@
-/** The filters' parameters of the chosen plan: defaults shown, changes judged by the server. */
+/** The filter parameters of the chosen plan: shows defaults; the server checks changes. */
 
 import { byId, make, put } from "./dom.js";
 
-const INITIAL = "initial."; // begins the keys of standard deviations before the data
+const INITIAL = "initial."; // prefix of the keys for initial standard deviations
 
-/** `changed` is called when what is wrong with the form may have changed. */
+/** `changed` is called when the errors in the form may have changed. */
 export function makeFilterForm(changed) {
   const [place, summary, fields] = ["filter", "filter-summary", "filter-fields"].map(byId);
-  let shown = ""; // the plan and its parameters, as they are in the form
+  let shown = ""; // the plan and its parameters that the form shows
   let planId = null;
   let inputs = [];
   let errors = {};
-  let asked = 0; // the last question: an older answer is no news
+  let asked = 0; // number of the last request; answers to earlier ones are ignored
 
   fields.addEventListener("change", judge);
 
-  /** Show the parameters of a plan; what was typed for another one is gone. */
+  /** Show the parameters of a plan; input for another plan is discarded. */
   function plan(one) {
     const offered = JSON.stringify([one?.id, one?.filter]);
     if (offered === shown) return;
@@ -54,7 +54,7 @@ export function makeFilterForm(changed) {
     return { key, stated, input, wrong, node };
   }
 
-  /** The parameters that differ from the run file's; null where none does. */
+  /** The parameters that differ from the run file's; null if there are none. */
   function changes() {
     const found = inputs.filter(({ input, stated }) => input.value.trim() !== stated);
     return found.length ? Object.fromEntries(found.map(({ key, input }) => [key, input.value.trim()])) : null;
@@ -88,7 +88,7 @@ export function makeFilterForm(changed) {
     changed();
   }
 
-  /** Why a run cannot start with these parameters; empty where it can. */
+  /** Why a run cannot start with these parameters; empty if it can. */
   function trouble() {
     const [key] = Object.keys(errors);
     return key === undefined ? "" : `correct ${key ? `the filter parameter ${key.replace(INITIAL, "").replaceAll("_", " ")}` : "the filter parameters"}`;

@@ -5,7 +5,7 @@ import { SIGNS } from "./estimates.js";
 import { seen } from "./live.js";
 import { order } from "./notice.js";
 
-const AGAIN = new Set(["carried out", "interrupted"]); // what can be resumed
+const AGAIN = new Set(["carried out", "interrupted"]); // states in which a run can be resumed
 const LINKS = [
   ["report", "Report"],
   ["calibration", "Calibration file"],
@@ -21,7 +21,7 @@ const TITLES = {
 
 export function makeFinished(people) {
   const [section, results, resume, away] = ["finished", "results", "resume", "put-away"].map(byId);
-  let told = ""; // the end that was said: who connects again is not moved by it once more
+  let told = ""; // the end that was shown; a page that reconnects does not jump to it again
 
   away.addEventListener("click", () => {
     people.whenOperating(() => order({ do: "put away" }, ""));
@@ -37,11 +37,11 @@ export function makeFinished(people) {
     section.className = `verdict ${tone}`;
     mark(section, "state", state);
     put(byId("verdict"), TITLES[state] ?? state);
-    const byHand = state === "manual"; // nothing was tested: why it ended is all there is
+    const byHand = state === "manual"; // nothing was tested, so only the reason for the end is shown
     put(byId("verdict-words"), verdict ? `${SIGNS[tone] ?? ""} ${verdict.words}` : byHand ? message.words : "");
     put(byId("verdict-reasons"), verdict?.reasons?.join("; ") ?? "");
     put(byId("done-words"), message.words ?? "");
-    // The numbers behind a verdict are one click away; why there is none is in sight.
+    // The numbers behind a verdict are one click away; the reason for a missing verdict is visible.
     byId("verdict-details").open = !verdict;
     byId("verdict-details").hidden = !message.words || byHand;
     const link = { target: "_blank", rel: "noopener", class: "button" };
@@ -61,7 +61,7 @@ export function makeFinished(people) {
     section.hidden = true;
   }
 
-  /** The same end can be that of another attempt. */
+  /** The same end message may come from another attempt. */
   function begins() {
     told = "";
     hide();
@@ -70,7 +70,7 @@ export function makeFinished(people) {
   return { plan: hide, phase: begins, idle: begins, done };
 }
 
-/** A place on this server, and nothing else. */
+/** Return a link only if it leads to this server. */
 function own(href) {
   return typeof href === "string" && new URL(href, location.href).origin === location.origin;
 }

@@ -1,11 +1,11 @@
-/** Numbers as text. What is not known is a dash. */
+/** Numbers as text. An unknown number is shown as a dash. */
 
 const NOTHING = "—";
 
-/** True minus signs: a hyphen is too short beside digits. */
+/** Use real minus signs, because a hyphen is too short next to digits. */
 export const minus = (text) => text.replaceAll("-", "\u2212");
 
-/** A number with so many places. */
+/** A number with a given number of decimals. */
 export function fixed(x, places) {
   return Number.isFinite(x) ? minus((+x.toFixed(places) + 0).toFixed(places)) : NOTHING;
 }
@@ -17,7 +17,7 @@ export function signed(x, places) {
   return text.startsWith("\u2212") ? text : `+${text}`;
 }
 
-/** Both numbers, rounded to two significant digits of the uncertainty, as all reports do. */
+/** Value and uncertainty, rounded to two significant digits of the uncertainty, as in all reports. */
 export function digits(value, uncertainty) {
   if (!Number.isFinite(value)) return [NOTHING, NOTHING];
   if (!(Number.isFinite(uncertainty) && uncertainty > 0)) {
@@ -33,7 +33,7 @@ function rounded(x, places) {
   return fixed(Math.round(x / unit) * unit, 0);
 }
 
-/** Seconds as minutes and seconds, from an hour on with hours. */
+/** Seconds as minutes and seconds, and with hours from one hour on. */
 export function clock(seconds) {
   if (!Number.isFinite(seconds)) return NOTHING;
   const whole = Math.max(0, Math.floor(seconds));
@@ -43,7 +43,7 @@ export function clock(seconds) {
   return `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(whole % 60)}`;
 }
 
-/** The time of the run as `clock`, with as many places as a picture of so many seconds needs. */
+/** The run time as `clock`, with as many decimals as a plot of the given length needs. */
 export function instant(seconds, span) {
   const places = span < 0.1 ? 3 : span < 1 ? 2 : span < 4 ? 1 : 0;
   if (!places || !Number.isFinite(seconds)) return clock(Math.round(seconds));
@@ -52,14 +52,14 @@ export function instant(seconds, span) {
   return `${clock(Math.floor(units / one))}.${String(units % one).padStart(places, "0")}`;
 }
 
-/** How long a step or a plan takes. */
+/** The duration of a step or a plan. */
 export function lasting(seconds) {
   if (!Number.isFinite(seconds)) return NOTHING;
   if (seconds >= 120) return `${fixed(seconds / 60, 0)} min`;
   return `${fixed(seconds, seconds < 10 ? 1 : 0)} s`;
 }
 
-/** A moment of the calendar, by this device's clock. */
+/** A date and time, by this device's clock. */
 export function moment(iso) {
   const at = new Date(iso);
   if (Number.isNaN(at.getTime())) return String(iso ?? "");

@@ -1,4 +1,4 @@
-/** What is going on, in words: phase, time, connection. */
+/** The status as text: phase, time and connection. */
 
 import { byId, mark, put } from "./dom.js";
 import { clock, fixed } from "./format.js";
@@ -31,7 +31,7 @@ export function makeHeader() {
   const [over, sensor, phase, time] = ["over", "sensor", "phase", "clock"].map(byId);
   const [link, lost, trouble, progress] = ["link", "lost", "trouble", "progress"].map(byId);
 
-  // What the focus moves to is not scrolled to a place behind the header, whose height changes.
+  // Do not scroll a focused element behind the header, whose height changes.
   new ResizeObserver(() => {
     document.documentElement.style.setProperty("--header", `${header.offsetHeight}px`);
   }).observe(header);
@@ -54,7 +54,7 @@ export function makeHeader() {
     show();
   }
 
-  /** Phase and times by what was heard last. */
+  /** Show phase and times from the latest messages. */
   function show() {
     put(phase, words());
     const state = seen.state;
@@ -94,7 +94,7 @@ export function makeHeader() {
   };
 }
 
-/** Whole multiples of 5 s: a screen reader reads each change aloud. */
+/** Round to multiples of 5 s, because a screen reader reads each change aloud. */
 const fives = (seconds) => Math.floor(seconds / 5) * 5;
 
 function words() {
@@ -108,7 +108,7 @@ function words() {
   return step ? `${step.label}, ${doing}` : doing;
 }
 
-/** The step that is being run; undefined before the first, after the last and between them. */
+/** The current step; undefined before the first, after the last and between steps. */
 function currentStep() {
   const { state, plan, done } = seen;
   if (done || !state || ["enable", "home", "return", "done", "aborted"].includes(state.phase)) return undefined;

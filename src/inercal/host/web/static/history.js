@@ -1,4 +1,4 @@
-/** The estimates over time: of each coefficient value and 2σ, every so often. */
+/** The history of the estimates: value and 2σ of each coefficient, at intervals. */
 
 const MOST = 1200;
 
@@ -12,8 +12,8 @@ export class History {
   }
 
   /**
-   * Take in what was found at a time; nulls are not known yet. Who comes late is told the latest
-   * first, then what was before, ever finer. Return whether it is the latest.
+   * Store the estimates at a time; null means not known yet. A viewer who connects late gets the
+   * latest first, then earlier ones in increasing detail. Return whether this is the latest.
    */
   add(time, values, spreads) {
     if (this.size === MOST) this.#thin();
@@ -30,7 +30,7 @@ export class History {
     return at === this.size - 1;
   }
 
-  /** Keep every second: the last hours of a long run cost no more than its first minutes. */
+  /** Thin out the history, so that the last hours of a long run cost no more than the first minutes. */
   #thin() {
     for (const row of [this.time, ...this.value, ...this.spread]) {
       for (let k = 0; k < MOST / 2; k++) row[k] = row[2 * k + 1];

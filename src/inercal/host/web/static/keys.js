@@ -1,6 +1,6 @@
 /**
- * Keys. STOP wants the same key twice within a second: a hand that hits it in fright does that by
- * itself, one that misses another key does not; a key that is held counts too.
+ * Keyboard shortcuts. STOP needs the same key twice within a second: a frightened hand does this by
+ * itself, but a slip from another key does not. Holding the key also counts.
  */
 
 import { byId, close, open } from "./dom.js";
@@ -10,7 +10,7 @@ import { ofDevice } from "./store.js";
 const TWICE = 1000; // ms
 const OFF = "inercal.basics.keys-off";
 
-/** Listen; what keys do is what the buttons do. */
+/** Listen for keys, which do the same as the buttons. */
 export function listen(controls) {
   const on = byId("keys-on");
   const help = byId("show-help");
@@ -31,7 +31,7 @@ export function listen(controls) {
     const key = event.key.toLowerCase();
     if (key === "s") {
       const now = event.timeStamp;
-      if (now - sent < TWICE) return; // a key that is held goes on repeating
+      if (now - sent < TWICE) return; // a key that is held keeps repeating
       if (now - first < TWICE) {
         [first, sent] = [-Infinity, now];
         controls.stop();
@@ -49,7 +49,7 @@ export function listen(controls) {
   });
 }
 
-/** Letters that are written somewhere are no commands; a list jumps to what they begin. */
+/** Letters typed in a field are not commands; in a list they select an entry. */
 function typing(target) {
   if (target instanceof HTMLInputElement) return !["checkbox", "radio"].includes(target.type);
   return target instanceof HTMLTextAreaElement || target instanceof HTMLSelectElement;

@@ -1,28 +1,28 @@
 /**
- * The socket to the bench, and what was heard last.
+ * The socket to the bench, and the latest messages.
  *
- * Every part of the page reads `seen`; only this file writes it. A lost connection is looked for
- * again by itself, and what is shown meanwhile is marked as old. No command waits for a connection:
+ * Every part of the page reads `seen`, and only this file writes it. A lost connection is restored
+ * automatically, and what is shown meanwhile is marked as old. Commands are never queued, because
  * what was meant for a table a minute ago may be wrong now.
  *
- * The server sends a beat every 2 s, also when nothing goes on: a connection that broke without a
- * word is known by its silence alone.
+ * The server sends a heartbeat every 2 s, even if nothing happens. Only its absence shows that a
+ * connection has broken without notice.
  */
 
 import { ofTab } from "./store.js";
 
-const TAB = "inercal.tab"; // by which the server knows that it is this page that connects again
+const TAB = "inercal.tab"; // key by which the server recognises this page when it reconnects
 const WAITS = [0.5, 1, 2, 3]; // s until the next attempt
-const SILENT = 2.5; // s without a word of a run that goes on: what is shown is old
-const QUIET = 5; // s without a word of any kind: the connection may be broken
-const DEAD = 9; // s: it is given up; an operator's place is kept for 10 s
+const SILENT = 2.5; // s without news of an active run, after which the shown state is old
+const QUIET = 5; // s without any message, after which the connection may be broken
+const DEAD = 9; // s after which the connection is given up; an operator's place is kept for 10 s
 const HANGS = 4; // s that an attempt may take
-const STARTS = new Set(["start", "resume", "go on", "mounted", "begin manual", "manual"]); // what sets a table in motion
+const STARTS = new Set(["start", "resume", "go on", "mounted", "begin manual", "manual"]); // commands that move a table
 
-/** What the bench has said last. */
+/** The latest messages from the bench. */
 export const seen = {
-  link: "connecting", // "live", "silent" (no news of the run), "quiet" (no word) or "lost"
-  since: 0, // ms of performance.now(): when there was news of the run
+  link: "connecting", // "live", "silent" (no news of the run), "quiet" (no messages) or "lost"
+  since: 0, // ms of performance.now() at the last news of the run
   version: "",
   people: { viewers: 0, operator: null, yours: false },
   idle: false,
@@ -33,13 +33,13 @@ export const seen = {
 };
 
 let socket = null;
-let opened = 0; // ms: when the attempt began
-let word = 0; // ms: when anything was heard, or the attempt began
-let newest = NaN; // s of the run: what is told again to who connects again is no news
+let opened = 0; // ms: beginning of the connection attempt
+let word = 0; // ms: time of the last message, or beginning of the attempt
+let newest = NaN; // s of the run; messages that are repeated after reconnecting are not news
 let attempts = 0;
 let tell = () => {};
 
-/** Connect, and hand each message to `hear`; a change of the link is one of kind "link". */
+/** Connect, and pass each message to `hear`; a change of the link is a message of kind "link". */
 export function connect(hear) {
   tell = hear;
   attempt();
@@ -52,8 +52,9 @@ export function connect(hear) {
 }
 
 /**
- * Send a command; false when there is no connection, and it is not kept. One that starts something
- * is not sent either where what is shown is old: who wants it does not see what it starts from.
+ * Send a command; return false without a connection, as commands are not queued. A command that
+ * starts something is also not sent while the shown state is old, because the user does not see
+ * from which state it would start.
  */
 export function say(command) {
   if (socket?.readyState !== WebSocket.OPEN) return false;
@@ -62,19 +63,19 @@ export function say(command) {
   return true;
 }
 
-/** Whether a run is going on, as far as is known. */
+/** Whether a run is active, if known. */
 export const going = () => seen.done === null && (seen.plan !== null || seen.phase !== "");
 
-/** Seconds since there was news of the run. */
+/** Seconds since the last news of the run. */
 export const age = () => (performance.now() - seen.since) / 1000;
 
-/** Seconds since there was a word of any kind. */
+/** Seconds since the last message of any kind. */
 export const quiet = () => (performance.now() - word) / 1000;
 
-/** Whether there was a word since then, ms. */
+/** Whether there was a message since a time, ms. */
 export const heardSince = (then) => word > then;
 
-/** Whether states should come, ten a second. */
+/** Whether states are expected, ten per second. */
 const expected = () => going() && seen.state !== null && !seen.phase;
 
 function attempt() {
@@ -99,7 +100,7 @@ function tab() {
   return ofTab.get(TAB);
 }
 
-/** Drop the connection or the attempt, which says nothing of its end any more. */
+/** Drop the connection or the attempt, and ignore its closing event. */
 function giveUp() {
   const given = socket;
   socket = null;
@@ -112,7 +113,7 @@ function failed() {
   if (attempts % 3 === 0) askForToken();
 }
 
-/** The page that asks for a token comes up where the one of before is no longer taken. */
+/** Show the page that asks for a token if the earlier token is no longer accepted. */
 async function askForToken() {
   const answer = await fetch("/api/setup").catch(() => null);
   if (answer?.status === 401) location.reload();
@@ -127,7 +128,7 @@ function heard(text) {
   }
   attempts = 0;
   word = performance.now();
-  // The server sends more once it knows that this has come.
+  // The server sends more when it knows that this has arrived.
   if (message.kind === "mark") return socket?.send(JSON.stringify({ do: "seen", n: message.n }));
   keep(message);
   tell(message);
@@ -149,7 +150,7 @@ function keep(message) {
       Object.assign(seen, { idle: false, plan: message, phase: "", state: null, done: null });
       break;
     case "phase":
-      // After its end a run that is resumed, or another one, begins.
+      // After the end, a resumed run or another run begins.
       if (seen.done) Object.assign(seen, { plan: null, state: null, done: null });
       seen.idle = false;
       seen.phase = message.words;
@@ -173,13 +174,13 @@ function change(link) {
   tell({ kind: "link", link });
 }
 
-/** A socket may be open with nobody at its other end, and an attempt may never come to an end. */
+/** A socket may stay open without another end, and a connection attempt may never end. */
 function watch() {
   if (!socket) return;
   if (socket.readyState === WebSocket.CONNECTING) {
     if (performance.now() - opened > 1000 * HANGS) again();
   } else if (quiet() > DEAD) again();
-  else if (seen.link === "lost") return; // it is open, but nothing has come by it
+  else if (seen.link === "lost") return; // the socket is open, but nothing has arrived yet
   else if (quiet() > QUIET) mark("quiet");
   else if (expected() && age() > SILENT) mark("silent");
 }
@@ -190,7 +191,7 @@ function again() {
   attempt();
 }
 
-/** Say it each time: for how long is said too. */
+/** Report this each time, because the duration is also shown. */
 function mark(link) {
   seen.link = link;
   tell({ kind: "link", link });

@@ -1,9 +1,9 @@
 /**
- * The page, as one reads it first.
+ * The main module of the page; start reading here.
  *
- * `live.js` keeps the connection and hands each message of the bench to the parts below; each part
- * has a function for each kind of message that it shows, named after the kind. What is drawn is
- * drawn in `frame`, once for each picture of the screen, and only while somebody can see it.
+ * `live.js` keeps the connection and passes each message from the bench to the parts below. Each
+ * part has a function for each kind of message that it shows, with the name of this kind. Parts
+ * draw in `frame`, once per screen frame, and only while the page is visible.
  */
 
 import { makeAlarms } from "./alarms.js";
@@ -29,9 +29,9 @@ import { makeSetup } from "./setup.js";
 import { makeSteps } from "./steps.js";
 import { followTheme } from "./theme.js";
 
-const broken = new Set(); // the parts of which that was said
+const broken = new Set(); // parts whose failure was reported
 
-// STOP first: whatever of the rest cannot be made, it is there.
+// Make STOP first, so that it is there even if another part cannot be made.
 const people = made("people", makePeople);
 const controls = made("controls", makeControls);
 const theme = made("theme", followTheme);
@@ -41,7 +41,7 @@ const course = made("course", () => makeCourse(theme, marks));
 const setup = made("set-up", () => makeSetup(people));
 const attitude = made("attitude", () => makeAttitude(theme));
 const estimates = made("estimates", () => makeEstimates(course));
-// A run does not need it: it is fetched when a manual session begins.
+// A run does not need this part; it is loaded when a manual session begins.
 const manual = fetched("manual panel", (plan) => plan.manual,
   async () => (await import("./manual.js")).makeManual(theme, marks));
 
@@ -65,7 +65,7 @@ const parts = Object.entries({
   end: made("end", () => makeFinished(people)),
 });
 
-/** What is measured of the page: pictures drawn of the charts, and messages heard. */
+/** Measurements of the page: frames drawn by the charts, and messages received. */
 const counts = { frames: 0, messages: 0 };
 window.inercal = counts;
 
@@ -76,7 +76,7 @@ connect((message) => {
 });
 requestAnimationFrame(frame);
 
-/** Do something of a part; one that fails is said once, and silences no other. */
+/** Call a function of a part; a failure is reported once and does not affect other parts. */
 function safely(name, what) {
   try {
     return what();
@@ -90,12 +90,12 @@ function safely(name, what) {
   }
 }
 
-/** Make a part; one that cannot be made shows nothing. */
+/** Make a part; a part that cannot be made shows nothing. */
 function made(name, make) {
   return safely(name, make) ?? {};
 }
 
-/** A part that is fetched once a plan needs it, and then hears what it has missed. */
+/** A part that is loaded when a plan needs it, and then receives the messages that it missed. */
 function fetched(name, needs, load) {
   let part = null;
   let missed = null;
@@ -109,11 +109,11 @@ function fetched(name, needs, load) {
     }
     missed?.push([kind, message]);
   };
-  const own = ["frame", "showTime"]; // what is asked of a part and is no message
+  const own = ["frame", "showTime"]; // functions of a part that are not messages
   return new Proxy({}, { get: (_, kind) => (part ? part[kind] : own.includes(kind) ? undefined : hear(kind)) });
 }
 
-/** Draw what moves. A tab that is hidden is given no frames. */
+/** Draw moving parts. The browser gives no frames to a hidden tab. */
 function frame(now) {
   requestAnimationFrame(frame);
   if (!seen.plan) return;
@@ -124,14 +124,14 @@ function frame(now) {
   safely("manual panel", () => manual.frame?.());
 }
 
-/** Show in the plots what was read at a time of the run. */
+/** Show the readings at a run time in the plots. */
 function showTime(time) {
   const trends = manual.showTime?.(time);
   if (!charts.showTime?.(time) && !trends) notice("This page no longer has the readings of that time: see the report.");
   course.showTime?.(time);
 }
 
-/** The set-up until a run begins, then the run. */
+/** Show the set-up until a run begins, then the run. */
 function showView() {
   const view = seen.plan || seen.done ? "run" : seen.phase ? "start" : seen.idle ? "setup" : "wait";
   byId("live").hidden = !seen.plan;
@@ -141,7 +141,7 @@ function showView() {
   document.body.dataset.view = view;
   notice("");
   scrollTo(0, 0);
-  // Once the title says what this is. What had the focus may be gone: a reader would begin at none.
+  // When the title has changed: the focused element may be gone, and a screen reader would start nowhere.
   if (before !== "wait") queueMicrotask(focusTitle);
 }
 

@@ -1,9 +1,10 @@
 /**
  * A manual session: for each axis its lamps, set and actual values, their trend, and its commands.
  *
- * A jog lasts as long as a button or a key is held: while it is, the page says so ten times a second,
- * and whatever takes the hand or the eye away ends it at once. That these messages come is checked
- * where the table is driven: it stops 0.3 s after the last, whatever has become of this page.
+ * A jog lasts as long as a button or a key is held. During this time the page sends a message ten
+ * times per second, and anything that distracts hand or eye ends the jog at once. The program that
+ * drives the table checks these messages: it stops 0.3 s after the last one, whatever happens to
+ * this page.
  */
 
 import { allow, allowed, byId, make, mark, put } from "./dom.js";
@@ -13,10 +14,10 @@ import { order, unsent } from "./notice.js";
 import { makePlot, makeZoom, zoomButtons } from "./plot.js";
 import { Ring } from "./ring.js";
 
-const HOLD = 100; // ms between two messages of a key that is held
-const HEIGHT = 136; // px of a trend
-const SPAN = 30; // s of it
-const LEAST = 0.002; // ° that are in sight at least, so that noise of a servo is not all there is
+const HOLD = 100; // ms between two messages about a held key
+const HEIGHT = 136; // height of a trend, px
+const SPAN = 30; // length of a trend, s
+const LEAST = 0.002; // smallest visible range, °, so that servo noise does not fill the plot
 const LAMPS = [
   ["servo", "servo on", "servo off", "good"],
   ["homed", "homed", "not homed", "good"],
@@ -28,19 +29,19 @@ const LAMPS = [
 ];
 const SHORT = { servo: "servo", homed: "homed", in_position: "in position", moving: "moving",
   low: "limit −", high: "limit +", fault: "fault" };
-const SIGNS = { good: "●", care: "▶", bad: "✗" }; // of a lamp that is lit, beside its colour
+const SIGNS = { good: "●", care: "▶", bad: "✗" }; // of a lamp that is on, in addition to its colour
 const DOES = { idle: "", home: "homing", go: "moving", jog: "jogging", stop: "stopping" };
 const JOG_KEYS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
 
 export function makeManual(theme, marks) {
   const panel = byId("manual");
-  let axes = []; // one for each axis, with its elements
+  let axes = []; // one entry for each axis, with its elements
   let ring = null;
   let limits = [];
   let unsupported = {};
   let stale = false;
-  let press = null; // what is held: axis, number, timer, button
-  let number = Date.now(); // of a press: none comes a second time, not after a reload either
+  let press = null; // the press that is held: axis, number, timer, button
+  let number = Date.now(); // number of a press; no number is used twice, even after a reload
 
   const said = make("p", { id: "manual-said", class: "care", role: "status" });
   const halt = make("button", { type: "button", class: "grave", id: "halt" }, "Halt all axes");
@@ -68,7 +69,7 @@ export function makeManual(theme, marks) {
     if (allowed(end)) order({ do: "abort" }, "Ending manual control …");
     else tell(end.title);
   });
-  // Whatever takes the hand or the eye away.
+  // Anything that distracts hand or eye.
   for (const [target, name] of [[window, "blur"], [window, "pagehide"], [window, "pointerup"],
     [window, "pointercancel"], [document, "visibilitychange"]]) target.addEventListener(name, release);
 
@@ -166,7 +167,7 @@ export function makeManual(theme, marks) {
   function hold(axis, button, sign) {
     button.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
-      button.focus(); // not every browser gives it to what is clicked
+      button.focus(); // not every browser focuses a clicked button
       begin(axis, button, sign);
     });
     for (const name of ["pointerup", "pointercancel", "pointerleave", "blur"]) button.addEventListener(name, release);
@@ -221,7 +222,7 @@ export function makeManual(theme, marks) {
     put(said, words);
   }
 
-  /** What was before this page was opened, newest pieces first: rows of time, angles, set angles. */
+  /** The history before this page was opened, newest first: rows of time, angles, set angles. */
   function trend({ points }) {
     if (!ring || !points.length) return;
     const rows = axes.flatMap((_, i) => [1, 2].map((which) => points.map((point) => point[which][i])));
@@ -258,7 +259,7 @@ export function makeManual(theme, marks) {
     show();
   }
 
-  /** What can be done now, and why not. */
+  /** Update which commands are possible now, and why the others are not. */
   function show() {
     const why = !going() ? "manual control has ended"
       : seen.link !== "live" ? "this page shows old data"
@@ -280,7 +281,7 @@ export function makeManual(theme, marks) {
     }
   }
 
-  /** Refusals and what was stopped stand where they were asked for. */
+  /** Show refusals and stops next to the control that they belong to. */
   function event({ level, words }) {
     if (ring && (level === "warning" || level === "alarm")) tell(words);
   }
@@ -299,7 +300,7 @@ export function makeManual(theme, marks) {
     });
   }
 
-  /** Show what was at a time of the session, where that is still there. */
+  /** Show the values at a session time, if they are still available. */
   function showTime(time) {
     if (!ring?.end || time < ring.time[0] || time > newest()) return false;
     zoom.set(time - 5, time + 5);
@@ -332,7 +333,7 @@ export function makeManual(theme, marks) {
     } };
 }
 
-/** A number as somebody types it; NaN where it is none. */
+/** Parse a typed number; NaN if it is not a number. */
 function typed(field) {
   const text = field.value.trim().replace(",", ".").replace("\u2212", "-");
   return /^[+-]?(\d+\.?\d*|\.\d+)$/.test(text) ? Number(text) : NaN;
@@ -344,7 +345,7 @@ function limitWords({ rate, low, high }) {
   return `Limits: ${ends}; ${Number.isFinite(rate) ? `up to ${minus(String(+rate.toPrecision(6)))} °/s` : "no rate limit"}`;
 }
 
-/** A range about all that is in sight. */
+/** The range of all visible values. */
 function rangeOf(rows) {
   let [low, high] = [Infinity, -Infinity];
   for (const row of rows) {

@@ -1,11 +1,11 @@
-/** The way to the manual panel: a part of the set-up, and a question that names the table. */
+/** Starts a manual session: a part of the set-up, and a question that names the table. */
 
 import { allow, allowed, byId, make, put } from "./dom.js";
 import { order } from "./notice.js";
 
 export function makeManualStart(people, setup) {
   const [start, why, asking, withImu] = ["start-manual", "start-manual-why", "ask-manual", "with-imu"].map(byId);
-  let wanted = null; // what the question names is what is begun
+  let wanted = null; // the session in the question, which is the one that starts
 
   start.addEventListener("click", () => {
     if (allowed(start)) people.whenOperating(confirm);

@@ -1,10 +1,10 @@
-/** What was said, by its time: the events of a run, as every plot marks them. */
+/** The events of a run by time, as every plot marks them. */
 
 export function makeMarks() {
   let events = []; // by number
   const marks = { changed: [], add, between, clear, get all() { return events; } };
 
-  /** Take in events; one that is known already is left out. Return where each new one belongs. */
+  /** Add events, except known ones; return the position of each new one. */
   function add(some) {
     const fresh = [];
     for (const event of some) {

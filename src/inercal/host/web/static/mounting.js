@@ -1,4 +1,4 @@
-/** A remounting: the request to the operator, and the button that confirms it. */
+/** A mounting of the sensor: the request to the operator, and the button that confirms it. */
 
 import { allow, allowed, byId, put } from "./dom.js";
 import { seen } from "./live.js";
@@ -10,7 +10,7 @@ export function makeMounting() {
   button.addEventListener("click", () => {
     const asked = seen.state?.mounting;
     if (!allowed(button) || !asked) return notice(button.title);
-    // The number says which request is answered: a second click answers no other one.
+    // The number identifies the request, so that a second click does not confirm another one.
     const { number, mounting } = asked;
     order({ do: "mounted", number, mounting }, "The confirmation was sent.");
   });

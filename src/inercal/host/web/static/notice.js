@@ -1,4 +1,4 @@
-/** What came of something that this viewer did. */
+/** The outcome of this viewer's actions. */
 
 import { byId } from "./dom.js";
 import { say, seen } from "./live.js";
@@ -6,14 +6,14 @@ import { say, seen } from "./live.js";
 const LASTS = 12_000; // ms
 let timer = 0;
 
-/** Say something for a while. */
+/** Show a text for a while. */
 export function notice(words) {
   byId("notice").textContent = words;
   clearTimeout(timer);
   timer = setTimeout(() => (byId("notice").textContent = ""), LASTS);
 }
 
-/** Send a command; say so, or why not. */
+/** Send a command, and show that it was sent or why not. */
 export function order(command, words) {
   notice(say(command) ? words : unsent());
 }

@@ -1,4 +1,4 @@
-/** Who operates: one, by name; all others watch. */
+/** The operator, shown by name; all others only watch. */
 
 import { byId, close, mark, open, put } from "./dom.js";
 import { say, seen } from "./live.js";
@@ -10,7 +10,7 @@ const NAME = "inercal.name";
 export function makePeople() {
   const [control, shown, name, again] = ["control", "people", "name", "name-again"].map(byId);
   const asking = byId("ask-name");
-  let then = null; // what was wanted of one who did not operate yet
+  let then = null; // the action that a viewer wanted before becoming operator
   let answered = false;
 
   name.value = ofDevice.get(NAME) ?? "";
@@ -28,7 +28,7 @@ export function makePeople() {
     close(asking);
     ask();
   });
-  // What was wanted is not done later on, when control is taken for something else.
+  // The wanted action is not executed later, when control is taken for something else.
   asking.addEventListener("close", () => {
     if (!answered) then = null;
     answered = false;
@@ -38,14 +38,14 @@ export function makePeople() {
     say({ do: "leave" });
   }
 
-  /** Do something as operator: take control first where nobody else has it. */
+  /** Do something as operator: take control first if nobody else has it. */
   function whenOperating(what) {
     if (seen.people.yours) return what?.();
-    if (what && seen.link !== "live") return notice(unsent()); // it would be done when it is, later
+    if (what && seen.link !== "live") return notice(unsent()); // otherwise it would be executed later
     then = what;
     if (name.value.trim()) return ask();
     if (document.body.dataset.view === "setup") {
-      then = null; // what is wanted is pressed again: typing a name moves no table
+      then = null; // the user must press again, so that typing a name moves no table
       notice("Enter your name first.");
       return name.focus();
     }

@@ -1,14 +1,15 @@
 /**
- * Where in the stream the charts' right edge is.
+ * The position of the charts' right edge in the stream.
  *
- * Samples come in pieces of about half a second. The edge moves at the pace of the stream, so far
- * behind its end that the next piece comes before the edge is there: a picture that glides.
+ * Samples arrive in pieces of about half a second. The edge moves at the speed of the stream, far
+ * enough behind its end that the next piece arrives before the edge gets there. So the picture
+ * moves smoothly.
  */
 
-const KEPT = 8; // pieces, of which that with the largest step is left out: it may be a jump
+const KEPT = 8; // pieces; the one with the largest step is ignored, because it may be a jump
 const BEHIND = 1.5; // pieces
-const LEAST = 0.8; // s of the wall: small pieces are drawn several at a time
-const AT_ONCE = 0.02; // s: pieces that come together count as one
+const LEAST = 0.8; // s of wall time; several small pieces are drawn together
+const AT_ONCE = 0.02; // s; pieces that arrive closer together count as one
 
 export class Playhead {
   constructor() {
@@ -16,17 +17,17 @@ export class Playhead {
   }
 
   clear() {
-    this.at = NaN; // s of the recording
-    this.pace = 1; // s of the recording in one of the wall's
+    this.at = NaN; // recording time, s
+    this.pace = 1; // recording time per wall time
     this.newest = NaN;
-    this.piece = 0.5; // s of the recording
-    this.pieces = []; // [s of the recording, s of the wall]
+    this.piece = 0.5; // recording time, s
+    this.pieces = []; // [recording time, wall time], s
     this.came = 0;
     this.moved = 0;
     this.hurry = 0;
   }
 
-  /** A piece came whose last sample is at `newest`; `now` in ms. */
+  /** Add a piece whose last sample is at `newest`; `now` is in ms. */
   hear(newest, now) {
     const waited = (now - this.came) / 1000;
     const step = newest - this.newest;
@@ -45,11 +46,11 @@ export class Playhead {
     const behind = this.#behind();
     const error = newest - behind - this.at;
     if (Math.abs(error) > 2.5 * behind) this.at += error;
-    // What is missing is made up for during the next pieces, by less than eyes see.
+    // Make up for the difference during the next pieces, in steps that are too small to see.
     else this.hurry = Math.max(-0.3, Math.min(0.3, error / (2.5 * behind)));
   }
 
-  /** Move on to `now`, ms; false when the edge stays where it is. */
+  /** Advance to `now`, ms; false if the edge does not move. */
   move(now) {
     const passed = Math.max(0, Math.min((now - this.moved) / 1000, 0.25));
     this.moved = now;

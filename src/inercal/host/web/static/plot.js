@@ -1,23 +1,23 @@
 /**
- * A plot over the time of the run, with what all plots have: a scale of times as the header and the
- * events write them, marks where something was said, a cursor that tells the values at a time, and
- * a zoom by dragging.
+ * A plot over run time, with the features that all plots share: a time scale like that of the header
+ * and the events, marks for events, a cursor that shows the values at a time, and a zoom by
+ * dragging.
  */
 
 import { make, put } from "./dom.js";
 import { instant, minus } from "./format.js";
 
-const SMALL = 3; // px of a drag that is none
-const NEAR = 6; // px from a mark to the cursor that tells it
-const STEP = [1, 10]; // points that an arrow moves the cursor by, alone and with the shift key
+const SMALL = 3; // px; a shorter drag counts as a click
+const NEAR = 6; // px from a mark within which the cursor shows its event
+const STEP = [1, 10]; // points by which an arrow key moves the cursor, without and with the shift key
 const ARROWS = { ArrowLeft: -1, ArrowRight: 1 };
 const KEYS = { "+": "in", "=": "in", "-": "out", 0: "all" };
 const LEVELS = { info: "faint", warning: "care", alarm: "bad" };
 const FONT = "12px system-ui";
-const CHARACTER = 7; // px of it
-const TICKS = 4; // at least in sight
+const CHARACTER = 7; // px per character
+const TICKS = 4; // smallest number of visible ticks
 
-/** As wide as the longest number of a scale: none is cut. */
+/** As wide as the longest number on the scale, so that none is cut off. */
 function scaleWidth(_u, values) {
   return 14 + CHARACTER * Math.max(4, ...(values ?? []).map((one) => one.length));
 }
@@ -25,13 +25,13 @@ function scaleWidth(_u, values) {
 /**
  * Make a plot in `place`, a focusable element.
  *
- * `series` and `bands` are uPlot's; `range(u, low, high)` gives the scale of the values. `read(k)`
- * is called with the index at the cursor, or null, when that changes; `said` is the element that
- * tells the time and what was said at the cursor.
+ * `series` and `bands` are uPlot's, and `range(u, low, high)` returns the scale of the values.
+ * `read(k)` is called with the index at the cursor, or null, when it changes. `said` is the element
+ * that shows the time and the events at the cursor.
  */
 export function makePlot(place, { label, height, series, bands, range, theme, marks, zoom, read, said }) {
-  let own = null; // uPlot's
-  let shown = [0, 1]; // s: what is in sight
+  let own = null; // the uPlot object
+  let shown = [0, 1]; // visible time range, s
   const width = () => place.clientWidth;
 
   place.setAttribute("role", "group");
@@ -69,7 +69,7 @@ export function makePlot(place, { label, height, series, bands, range, theme, ma
     }, data, place);
   }
 
-  /** Draw the data, rows of times and values, from one time to another, s. */
+  /** Draw rows of times and values from one time to another, s. */
   function draw(data, from, to) {
     if (!width()) return;
     shown = [from, to];
@@ -85,7 +85,7 @@ export function makePlot(place, { label, height, series, bands, range, theme, ma
     zoom.set(u.posToVal(left, "x"), u.posToVal(right, "x"));
   }
 
-  /** A line where something was said, below those of the data; warnings and alarms in colour. */
+  /** A line for each event, behind the data; warnings and alarms are coloured. */
   function drawMarks(u) {
     const pen = u.ctx;
     const { left, top, width: wide, height: tall } = u.bbox;
@@ -99,7 +99,7 @@ export function makePlot(place, { label, height, series, bands, range, theme, ma
     }
   }
 
-  /** Say the values at the cursor, and what was said near to it. */
+  /** Show the values at the cursor, and the events near it. */
   function tell(u) {
     const { left, idx } = u.cursor;
     const there = left >= 0 && idx != null;
@@ -128,9 +128,9 @@ export function makePlot(place, { label, height, series, bands, range, theme, ma
     event.preventDefault();
   }
 
-  /** Move the cursor to a time, if that is in sight. */
+  /** Move the cursor to a time, if it is visible. */
   function pointAt(time) {
-    // uPlot takes a new scale at the end of the task: until then a time has the place of before.
+    // uPlot applies a new scale at the end of the task; until then positions follow the old one.
     if (own && time >= shown[0] && time <= shown[1]) queueMicrotask(() => point(own.valToIdx(time)));
   }
 
@@ -140,13 +140,13 @@ export function makePlot(place, { label, height, series, bands, range, theme, ma
 }
 
 /**
- * The part of the time that is in sight: all of what `normal()` gives, or what was zoomed to. Buttons
- * of `tools` do what dragging does: a finger cannot drag where it scrolls the page.
+ * The visible time range: the whole range from `normal()`, or the zoomed one. The buttons in `tools`
+ * do the same as dragging, because dragging with a finger scrolls the page.
  */
 export function makeZoom(tools, { limits, normal, changed }) {
   let range = null;
   const [out, closer, all] = ["out", "in", "all"].map((what) => tools.querySelector(`[data-zoom=${what}]`));
-  const LEAST = 0.05; // s in sight
+  const LEAST = 0.05; // smallest visible range, s
 
   function set(from, to) {
     const [first, last] = limits();
@@ -160,7 +160,7 @@ export function makeZoom(tools, { limits, normal, changed }) {
   function scale(factor) {
     const [from, to] = zoom.shown;
     const [, last] = limits();
-    // What came last stays in sight as long as it is.
+    // The latest samples stay visible if they were visible before.
     const middle = to >= last - 0.2 * (to - from) ? to - (factor * (to - from)) / 2 : (from + to) / 2;
     set(middle - (factor * (to - from)) / 2, middle + (factor * (to - from)) / 2);
   }
@@ -188,7 +188,7 @@ export function makeZoom(tools, { limits, normal, changed }) {
   return zoom;
 }
 
-/** The buttons of a zoom; `words` are those of what is shown where nothing is zoomed. */
+/** The zoom buttons; `words` is the text for the state without zoom. */
 export function zoomButtons(words) {
   const button = (what, shown, label) => make("button", { type: "button", "data-zoom": what,
     "aria-label": label, "aria-pressed": what === "all" && "true" }, shown);

@@ -1,10 +1,10 @@
 /**
- * The last samples of all channels, one after the other in memory, so that a chart takes them as
- * they are. When the end is reached what is still wanted moves to the front; nothing is made anew.
+ * The latest samples of all channels, contiguous in memory, so that a chart can use them directly.
+ * At the end of the memory, the samples still needed move to the front; nothing is reallocated.
  */
 
 const SIZE = 1 << 15;
-const KEPT = 1 << 13; // 33 s at 250 a second, the most that the bench sends
+const KEPT = 1 << 13; // 33 s at 250 samples per second, the highest rate that the bench sends
 
 export class Ring {
   constructor(channels) {
@@ -13,16 +13,16 @@ export class Ring {
     this.end = 0;
   }
 
-  /** Take in samples that follow: times (n), and n values of each channel. */
+  /** Add later samples: times (n), and n values of each channel. */
   append(t, y) {
     const before = this.end ? this.time[this.end - 1] : -Infinity;
-    // A viewer whose link becomes faster is told some samples that it has means of already.
+    // A viewer whose link becomes faster may get samples that earlier means include.
     const known = t.findIndex((one) => one > before);
     if (known < 0 || t.length > SIZE - KEPT) return;
     if (known > 0) [t, y] = [t.slice(known), y.map((channel) => channel?.slice(known))];
     if (this.end + t.length > SIZE) this.#moveToFront();
     this.time.set(t, this.end);
-    // What is not known is written as 0/0, which no line is drawn through.
+    // Unknown values are stored as 0/0, through which no line is drawn.
     this.values.forEach((channel, i) => {
       const from = y[i];
       for (let k = 0; k < t.length; k++) channel[this.end + k] = from?.[k] ?? NaN;
@@ -30,7 +30,7 @@ export class Ring {
     this.end += t.length;
   }
 
-  /** Take in samples that were before all others; those that are known already are left out. */
+  /** Add earlier samples, except those that are known already. */
   prepend(t, y) {
     const first = this.end ? this.time[0] : Infinity;
     const n = t.filter((one) => one < first).length;

@@ -1,4 +1,4 @@
-/** The set-up of a run: what is chosen, probed and started. */
+/** The set-up of a run: choose, probe and start. */
 
 import { allow, allowed, byId, close, make, open, put } from "./dom.js";
 import { makeFilterForm } from "./filter_form.js";
@@ -7,7 +7,7 @@ import { notice, order } from "./notice.js";
 
 const TYPED = "typed";
 const MOVES = "The servos switch on, the axes home, and the table moves: keep clear of it.";
-const ROOM = 3; // times what a run needs: less is little
+const ROOM = 3; // times the space that a run needs; less free space is reported as little
 const TABLES = /^(pmac|acutrol|motor:tcp):\/\/[^\s/?]+(\?\S*)?$/;
 const IMUS = /^tcp:\/\/[^\s/?]+(\?\S*)?$/;
 
@@ -19,7 +19,7 @@ export function makeSetup(people) {
   const motorBaud = byId("motor-baud");
   const [start, probe, answers] = ["start", "probe", "answers"].map(byId);
   const asking = byId("ask-start");
-  let wanted = null; // what the question names is what is started, whatever was chosen since
+  let wanted = null; // the run in the question, which is the one that starts, whatever was chosen since
   const setup = { whole: null, loaded: [], devices, load };
   const filter = makeFilterForm(showStart);
 
@@ -27,10 +27,10 @@ export function makeSetup(people) {
   byId("form").addEventListener("change", (event) => {
     couple(event.target);
     show();
-    if (event.target !== byId("name")) answers.replaceChildren(); // they were of something else
+    if (event.target !== byId("name")) answers.replaceChildren(); // the answers were for other devices
   });
   byId("form").addEventListener("input", show);
-  // Enter in a field is no wish to move a table.
+  // Enter in a field must not move a table.
   byId("form").addEventListener("submit", (event) => event.preventDefault());
   start.addEventListener("click", () => {
     if (!allowed(start)) return notice(start.title);
@@ -50,7 +50,7 @@ export function makeSetup(people) {
   const planId = () => plans.querySelector("input:checked")?.value;
   const planNow = () => setup.whole?.plans.find((one) => one.id === planId());
 
-  /** The name that was chosen or typed; null is the plan's own. */
+  /** The name that was chosen or typed; null means the plan's own. */
   function named() {
     if (sensors.value === TYPED) return sensorName.value.trim();
     return setup.whole?.sensors.find(({ id }) => String(id) === sensors.value)?.name ?? null;
@@ -79,21 +79,21 @@ export function makeSetup(people) {
     show();
   }
 
-  /** Offer the plans; the choice is kept, and with it the focus, which new elements would lose. */
+  /** List the plans; keep the choice, and the focus that new elements would lose. */
   function fillPlans(all) {
     const offered = JSON.stringify(all);
     if (plans.offered === offered) return;
     const [before, focused] = [planId(), plans.contains(document.activeElement)];
     plans.offered = offered;
     plans.replaceChildren(...all.map((one) => planCard(one)));
-    // None is chosen beforehand: a plan that nobody has looked at moves no table.
+    // Choose none at first: a plan that nobody has looked at must not move a table.
     const same = plans.querySelector(`input[value="${CSS.escape(before ?? "")}"]:enabled`);
     if (same) same.checked = true;
     if (focused) (same ?? plans.querySelector("input:enabled"))?.focus();
     if (!all.length) plans.append(make("p", {}, "The plan folder contains no plan."));
   }
 
-  /** The simulated bench is both: a table without its IMU, or the other way round, is not a bench. */
+  /** A simulated bench includes table and IMU; one of them without the other is not possible. */
   function couple(changed) {
     const [mine, other] = changed === table ? [table, imu] : changed === imu ? [imu, table] : [];
     if (!mine || (mine.value === "simulated") === (other.value === "simulated")) return;
@@ -101,7 +101,7 @@ export function makeSetup(people) {
     else other.selectedIndex = [...other.options].findIndex((one) => one.value !== "simulated");
   }
 
-  /** What goes with what is chosen. */
+  /** Update the fields that depend on the choices. */
   function show() {
     const plan = planNow();
     const own = plan ? `${plan.sensor} (name from the plan)` : "name from the plan";
@@ -127,7 +127,7 @@ export function makeSetup(people) {
     showStart();
   }
 
-  /** Whether the devices can be probed, and a run started, and why not. */
+  /** Update whether the devices can be probed and a run can be started, and why not. */
   function showStart() {
     const plan = planNow();
     const [level] = room(plan);
@@ -158,13 +158,13 @@ export function makeSetup(people) {
     open(asking);
   }
 
-  /** The temperature of the room, °C; null where nothing is typed, NaN where it is no number. */
+  /** The room temperature, °C; null if the field is empty, NaN if it is not a number. */
   function ambient() {
     const text = byId("ambient").value.trim().replace(",", ".").replace("\u2212", "-");
     return text === "" ? null : /^-?\d+(\.\d*)?$/.test(text) ? Number(text) : NaN;
   }
 
-  /** Whether the run has room on the disk, in words; the server refuses it where it has not. */
+  /** A text on whether the disk has room for the run; if it has not, the server refuses it. */
   function room(plan) {
     const { free } = setup.whole ?? {};
     if (!plan?.bytes || !Number.isFinite(free)) return ["", ""];
@@ -173,7 +173,7 @@ export function makeSetup(people) {
       : free < ROOM * plan.bytes ? ["care", `▲ ${words}, which is not much.`] : ["small", `${words}.`];
   }
 
-  /** What is missing in what was typed. */
+  /** What is missing or wrong in the typed values. */
   function unclear() {
     const typed = ambient();
     if (typed !== null && !(typed >= -90 && typed <= 100)) return "enter the ambient temperature as a number in °C";
@@ -189,7 +189,7 @@ export function makeSetup(people) {
     return wrong ? "enter the baud rate as a number such as 115200" : "";
   }
 
-  /** The devices as the server takes them. */
+  /** The devices in the form that the server takes. */
   function devices() {
     const of = (device, address, more) => device.value === TYPED ? { address: address.value.trim() }
       : { id: device.value, ...(isPort(device) ? more : {}) };
@@ -217,7 +217,7 @@ export function makeSetup(people) {
       make("pre", { tabindex: "0" }, said[key].lines.join("\n"))]));
   }
 
-  /** What is chosen for a manual session; `why` says what is missing. */
+  /** The choices for a manual session; `why` says what is missing. */
   function chosen(withImu) {
     const plan = planNow();
     const unknown = withImu && isPort(imu) && !preset.value;
@@ -232,17 +232,17 @@ export function makeSetup(people) {
 
 const megabytes = (bytes) => bytes < 1e9 ? `${fixed(Math.max(bytes / 1e6, 1), 0)} MB` : `${fixed(bytes / 1e9, 1)} GB`;
 
-/** A device that is chosen, in words. */
+/** A chosen device as text. */
 function deviceText(device, address) {
   return device.value === TYPED ? address.value.trim() : device.selectedOptions[0]?.textContent ?? "";
 }
 
-/** Whether what is chosen is a port of the bench's computer. */
+/** Whether a chosen device is a port of the bench's computer. */
 function isPort(select) {
   return !["", TYPED, "simulated", "given"].includes(select.value);
 }
 
-/** One plan to choose; a broken one shows what is wrong instead. */
+/** One plan in the list; an unusable one shows what is wrong instead. */
 function planCard(plan) {
   const { id, file, sensor, trouble } = plan;
   const disabled = Boolean(trouble);
@@ -255,13 +255,13 @@ function planCard(plan) {
       make("span", { class: "small" }, words)));
 }
 
-/** A sensor of the register with what was done with it. */
+/** A sensor in the register, with its calibrations. */
 function described({ name, calibrations, last }) {
   const times = `${calibrations} ${calibrations === 1 ? "calibration" : "calibrations"}`;
   return `${name}, ${times}${last ? `, last ${last.slice(0, 10)}` : ""}`;
 }
 
-/** Offer (value, text) pairs, and keep what was chosen where it is still there. */
+/** List (value, text) pairs, and keep the choice if it is still available. */
 function options(select, pairs) {
   const asked = JSON.stringify(pairs);
   if (select.offered === asked) return;

@@ -1,8 +1,9 @@
 /**
  * A shaded box with its axes over a compass card, seen from the south and above.
  *
- * Matrices are row by row and take the body to the level frame, east, north, up. There is no
- * perspective; the viewer looks at an angle A from north, from above by E::
+ * Matrices are stored by rows and transform from the body frame to the level frame (east, north,
+ * up). There is no perspective; the viewer looks in a direction at an angle A from north, and down at
+ * an angle E::
  *
  *     right = (cos A, sin A, 0) · p      up = (−sin A sin E, cos A sin E, cos E) · p
  *     near  = (sin A cos E, −cos A cos E, sin E) · p
@@ -13,16 +14,16 @@ const RIGHT = [Math.cos(A), Math.sin(A), 0];
 const UP = [-Math.sin(A) * Math.sin(E), Math.cos(A) * Math.sin(E), Math.cos(E)];
 const NEAR = [Math.sin(A) * Math.cos(E), -Math.cos(A) * Math.cos(E), Math.sin(E)];
 const LIGHT = [-0.35, -0.45, 0.82]; // from the left, the south and above
-const HALF = [0.46, 0.68, 0.28]; // of the box, along x, y, z: its longest side points ahead
-const REACH = 1.15; // of an axis
-const FLOOR = -0.95; // the card lies below
+const HALF = [0.46, 0.68, 0.28]; // half the size of the box along x, y, z; its longest side points ahead
+const REACH = 1.15; // length of an axis
+const FLOOR = -0.95; // height of the compass card, below the box
 const CARD = 1.15;
-const [WIDE, HIGH, MIDDLE] = [3.05, 3.2, 0.48]; // what is in sight; the body's place from the top
+const [WIDE, HIGH, MIDDLE] = [3.05, 3.2, 0.48]; // visible width and height, and distance of the body from the top
 const LETTERS = ["x", "y", "z"];
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
-/** Draw a body with an attitude, nine numbers; `null` draws the card alone. */
+/** Draw a body with an attitude (nine numbers); `null` draws only the card. */
 export function draw(canvas, c, theme) {
   const ratio = devicePixelRatio;
   const { clientWidth: width, clientHeight: height } = canvas;
@@ -38,7 +39,7 @@ export function draw(canvas, c, theme) {
   pen.lineJoin = "round";
   card(pen, view, theme);
   if (!c) return;
-  const axes = [0, 1, 2].map((k) => [c[k], c[3 + k], c[6 + k]]); // of the body, in the level frame
+  const axes = [0, 1, 2].map((k) => [c[k], c[3 + k], c[6 + k]]); // axes of the body in the level frame
   const order = [0, 1, 2].sort((i, k) => dot(NEAR, axes[i]) - dot(NEAR, axes[k]));
   for (const k of order) if (dot(NEAR, axes[k]) < 0) axis(pen, view, k, axes[k], theme);
   faces(pen, axes, theme);
@@ -53,7 +54,7 @@ function polygon(pen, points) {
   pen.closePath();
 }
 
-/** Letters are written in pixels: type of a fifth of a pixel, enlarged, is none. */
+/** Letters are drawn in pixels, because scaled-up type of a fifth of a pixel is not readable. */
 function write(pen, view, text, p, colour, size) {
   const [x, y] = place(p);
   const [scale, , , , left, top] = view;
@@ -66,7 +67,7 @@ function write(pen, view, text, p, colour, size) {
   pen.setTransform(...view);
 }
 
-/** What is level, and where north is. */
+/** The level plane, and the direction of north. */
 function card(pen, view, theme) {
   const at = (angle, r) => [r * Math.sin(angle), r * Math.cos(angle), FLOOR];
   polygon(pen, Array.from({ length: 48 }, (_, i) => at((i * Math.PI) / 24, CARD)));
@@ -92,7 +93,7 @@ function card(pen, view, theme) {
 
 function faces(pen, axes, theme) {
   for (let k = 0; k < 3; k++) {
-    const side = dot(NEAR, axes[k]) >= 0 ? 1 : -1; // the other one cannot be seen
+    const side = dot(NEAR, axes[k]) >= 0 ? 1 : -1; // the opposite side is not visible
     const [i, j] = [(k + 1) % 3, (k + 2) % 3];
     const corner = (a, b) => [0, 1, 2].map((n) => side * HALF[k] * axes[k][n]
       + a * HALF[i] * axes[i][n] + b * HALF[j] * axes[j][n]);

@@ -1,4 +1,4 @@
-/** The steps of the plan: done, current, to come. */
+/** The steps of the plan: done, current and remaining. */
 
 import { byId, make, put } from "./dom.js";
 import { clock, lasting } from "./format.js";
@@ -31,7 +31,7 @@ export function makeSteps() {
     put(summary, `${message.done} of ${total} done, ${clock(message.remaining)} left`);
   }
 
-  /** Mark the first `done` as done and the next as the one in hand. */
+  /** Mark the first `done` steps as done and the next one as current. */
   function mark(done, going) {
     const key = going ? done : -1 - done;
     if (key === shown) return;
@@ -45,7 +45,7 @@ export function makeSteps() {
       if (what === "now") node.setAttribute("aria-current", "step");
       else node.removeAttribute("aria-current");
     });
-    // The list alone is scrolled: the page stays where the operator looks.
+    // Scroll only the list, so that the page stays where the operator is looking.
     const node = items[Math.min(done, items.length - 1)]?.node;
     if (node) list.scrollTop = node.offsetTop - list.clientHeight / 3;
   }

@@ -1,13 +1,13 @@
 /**
- * What the browser keeps for the page. A browser may refuse to keep anything: then it is kept until
- * the page is left, for no button may fail by that.
+ * Values that the browser stores for the page. If a browser refuses to store anything, the values
+ * are kept until the page is left, so that no button fails because of this.
  */
 
 export const ofDevice = store(() => localStorage);
 export const ofTab = store(() => sessionStorage);
 
 function store(open) {
-  const own = new Map(); // what was not taken
+  const own = new Map(); // values that the browser did not store
 
   return {
     get(key) {
@@ -19,7 +19,7 @@ function store(open) {
       }
     },
 
-    /** Keep a text; null is to keep nothing. */
+    /** Store a text; null removes it. */
     set(key, text) {
       own.delete(key);
       try {

@@ -1,8 +1,8 @@
-/** Colours of what is drawn: those of the style sheet, light or dark, as the device asks for. */
+/** Colours of drawings: those of the style sheet, light or dark, as the device prefers. */
 
 const NAMES = ["ink", "muted", "faint", "band", "paper", "accent", "side", "x", "y", "z", "care", "bad"];
 
-/** Return the colours; they change in place, and `changed` is called, when it turns dark. */
+/** Return the colours; when the preference changes, they are updated and `changed` is called. */
 export function followTheme() {
   const theme = { changed: [] };
   const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -16,10 +16,10 @@ export function followTheme() {
   return theme;
 }
 
-/** Whether what moves should rather jump. */
+/** Whether motion should be reduced. */
 export const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
-/** Axes are told apart without colour too: a line, dashes, dots; as shares of what is in sight. */
+/** Axes can also be distinguished without colour, by dashes and dots; in shares of the visible range. */
 export const DASHES = [
   { legend: "none", period: 1, drawn: 1 },
   { legend: "7 4", period: 0.02, drawn: 0.65 },

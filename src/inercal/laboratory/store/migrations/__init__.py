@@ -1,1 +1,1 @@
-"""The revisions of a register's tables, oldest first; Alembic runs them when one is opened."""
+"""The revisions of the register's tables; Alembic applies them when a register is opened."""

@@ -1,4 +1,4 @@
-"""Runs all migrations for Alembic in the transaction of the connection it is given."""
+"""Run all migrations for Alembic in the transaction of the given connection."""
 
 from alembic import context
 
@@ -11,10 +11,10 @@ def migrate() -> None:
         connection=context.config.attributes["connection"],
         target_metadata=metadata,
         version_table=context.config.attributes["version_table"],
-        transactional_ddl=True,  # so it is on SQLite too: `connection` begins transactions itself
+        transactional_ddl=True,  # also on SQLite, because `connection` begins transactions itself
     )
     context.run_migrations()
 
 
-if __name__ == "env_py":  # the name under which Alembic runs it; others only look at it
+if __name__ == "env_py":  # the name under which Alembic runs it; other imports do not run it
     migrate()

@@ -1,1 +1,1 @@
-"""The revisions, one in each module."""
+"""The revisions of the tables, one in each module."""

@@ -1,6 +1,6 @@
-"""Tables of sensors, benches, runs with their files, calibrations, certificates and noise analyses.
+"""Create the tables of sensors, benches, runs, calibrations, certificates and noise analyses.
 
-Triggers prevent that an issued certificate is changed or deleted.
+Triggers ensure that an issued certificate cannot be changed or deleted.
 """
 
 import sqlalchemy as sa
@@ -92,7 +92,7 @@ def upgrade() -> None:
 
 
 def _create_certificates() -> None:
-    """Create the table of certificates, and triggers that keep its rows unchanged."""
+    """Create the table of certificates, and triggers that protect its rows from changes."""
     op.create_table(
         "certificate",
         sa.Column("id", sa.Integer, nullable=False),
@@ -134,7 +134,7 @@ def _create_certificates() -> None:
             f"CREATE TRIGGER keep_certificate_{event.lower()} BEFORE {event} ON certificate "
             f"BEGIN SELECT RAISE(ABORT, '{_REASON}'); END"
         )
-    # INSERT OR REPLACE deletes rows in its way without the trigger of DELETE.
+    # INSERT OR REPLACE deletes conflicting rows without the DELETE trigger.
     op.execute(
         "CREATE TRIGGER keep_certificate_replace BEFORE INSERT ON certificate WHEN EXISTS "
         "(SELECT 1 FROM certificate WHERE id = NEW.id OR number = NEW.number OR (series, year, "
@@ -144,7 +144,7 @@ def _create_certificates() -> None:
 
 
 def _create_noise_analyses() -> None:
-    """Create the tables of noise analyses and of their coefficients."""
+    """Create the tables of noise analyses and their coefficients."""
     texts = ("measured", "measured_from", "source", "recording_sha256")
     op.create_table(
         "noise_analysis",
