@@ -1,5 +1,6 @@
 """Fixtures shared by all tests."""
 
+import gc
 import os
 from collections.abc import Generator
 from pathlib import Path
@@ -15,6 +16,26 @@ def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest
     """Look for no doctests in tests: there are none, and to look takes as long as all else."""
     collectors = yield
     return [one for one in collectors if not isinstance(one, DoctestModule)]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile each kernel in one of the processes that run tests side by side."""
+    if hasattr(config, "workerinput"):
+        from tests.shared_compilation import compile_each_kernel_once
+
+        compile_each_kernel_once(config.rootpath / ".pytest_cache" / "kernels")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Look for no garbage in what is imported and collected, now or later: it stays to the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.collect()
+        gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.accuracy import warm_ups
 from tests.accuracy.warm_ups import WarmUp
-from tests.base_seeds import SLOW_SEEDS
+from tests.base_seeds import SEEDS
 from tests.evidence.coarse_thermometers import (
     BAD,
     GOOD,
@@ -144,7 +144,7 @@ def test_truncation_is_a_common_error_of_the_temperature_unless_it_is_known():
 
 
 @pytest.mark.evidence
-@pytest.mark.parametrize("seed", SLOW_SEEDS)
+@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("name", ["1 K", "0.5 K"])
 def test_errors_of_a_few_warm_ups_are_as_stated(name: str, seed: int):
     found = row(GOOD[name], 6, seed)

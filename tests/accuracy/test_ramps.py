@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from tests.accuracy import ramps
-from tests.base_seeds import SLOW_SEEDS
+from tests.base_seeds import SEEDS
 from tests.evidence import temperature_ramps
 
 from inercal.basics.units import Measured
@@ -85,7 +85,7 @@ def test_a_warm_up_that_is_estimated_is_not_taken_for_hysteresis():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SLOW_SEEDS)
+@pytest.mark.parametrize("seed", SEEDS)
 def test_errors_up_and_down_are_as_stated(seed: int):
     row = temperature_ramps.row(UP_AND_DOWN, ramps.PROFILES[UP_AND_DOWN], 40, seed)
     assert row.rms < 4.0

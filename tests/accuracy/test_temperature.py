@@ -15,7 +15,7 @@ from scipy.special import chdtri
 from tests.accuracy import ferraris, handheld, turntable
 from tests.accuracy import temperature as thermal
 from tests.accuracy.inercal_inputs import make_bench, make_hold
-from tests.base_seeds import SEEDS, SLOW_SEEDS
+from tests.base_seeds import SEEDS
 from tests.methods import turntable_cases
 
 from inercal.basics.units import Measured
@@ -227,7 +227,7 @@ def test_an_imu_on_a_turntable_finds_biases_and_scales_against_temperature(metho
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SLOW_SEEDS)
+@pytest.mark.parametrize("seed", SEEDS)
 def test_imus_in_a_hand_err_by_what_they_state(seed: int):
     halves = [in_hand(seed, DEVICES // 2, soaked=soaked) for soaked in (True, False)]
     error = np.concatenate([half[0] for half in halves])
@@ -238,7 +238,7 @@ def test_imus_in_a_hand_err_by_what_they_state(seed: int):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SLOW_SEEDS)
+@pytest.mark.parametrize("seed", SEEDS)
 def test_imus_followed_on_a_turntable_err_by_what_they_state(seed: int):
     halves = [
         on_table(seed, DEVICES // 2, "turntable_kalman", soaked=soaked) for soaked in (True, False)

@@ -33,7 +33,7 @@ from inercal.runfile import read
 
 OWN = "tilt_means"
 METHOD = pytest.mark.parametrize("method", [*METHODS, OWN])
-DEVICES, FOLLOWED = 8, 2  # the latter where every sample is followed
+DEVICES, FOLLOWED = 4, 2  # the latter where every sample is followed
 FITTED = pytest.mark.parametrize(
     "method",
     [

@@ -1,15 +1,18 @@
 """A browser for the page: Chromium as the system has it, driven by playwright, no download."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize, sync_playwright
 from tests.browser.scripted_server import ScriptedServer
 
 CHROMIUM = Path("/usr/bin/chromium")
 PATIENCE = 20_000.0  # ms
+SIZE: ViewportSize = {"width": 1400, "height": 1000}
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +28,7 @@ def browser() -> Iterator[Browser]:
 
 
 class PageErrors:
-    """What went wrong in a page.
+    """What went wrong in the pages of a context.
 
     Attributes
     ----------
@@ -35,16 +38,27 @@ class PageErrors:
         Requests to other hosts than 127.0.0.1.
     """
 
-    def __init__(self, context: BrowserContext):
+    def __init__(self):
         self.errors: list[str] = []
         self.elsewhere: list[str] = []
-        context.on("console", self._said)
-        context.on("weberror", lambda error: self.errors.append(str(error.error)))
-        context.on("request", lambda request: self._asked(request.url))
+        self._heard: dict[str, Callable[[Any], None]] = {
+            "console": self._said,
+            "weberror": lambda error: self.errors.append(str(error.error)),
+            "request": lambda request: self._asked(request.url),
+        }
 
-    def watch(self, page: Page) -> None:
-        """Watch the websockets of a page too."""
-        page.on("websocket", lambda made: self._asked(made.url))
+    @contextmanager
+    def watch(self, page: Page) -> Generator[None]:
+        """Watch the context of a page, and the page's websockets."""
+        listeners: list[tuple[Any, str, Callable[[Any], None]]] = [
+            (page.context, event, listener) for event, listener in self._heard.items()
+        ]
+        listeners.append((page, "websocket", lambda made: self._asked(made.url)))
+        for source, event, listener in listeners:
+            source.on(event, listener)
+        yield
+        for source, event, listener in listeners:
+            source.remove_listener(event, listener)
 
     def _said(self, message: ConsoleMessage) -> None:
         if message.type in ("error", "warning"):
@@ -56,31 +70,91 @@ class PageErrors:
             self.elsewhere.append(url)
 
 
-@pytest.fixture
-def context(browser: Browser) -> Iterator[BrowserContext]:
-    context = browser.new_context(viewport={"width": 1400, "height": 1000})
-    context.set_default_timeout(PATIENCE)
-    yield context
-    context.close()
+class Pages:
+    """The page that tests have one after the other: a new one takes four times as long to load."""
+
+    def __init__(self, browser: Browser):
+        self._browser = browser
+        self._page: Page | None = None
+
+    def open(self) -> Page:
+        """Return an empty page of a context without cookies, storage or other pages."""
+        if self._page is None:
+            context = self._browser.new_context(viewport=SIZE)
+            context.set_default_timeout(PATIENCE)
+            self._page = context.new_page()
+        self._page.set_viewport_size(SIZE)
+        self._page.emulate_media(color_scheme="light")
+        self._page.mouse.move(0, 0)
+        return self._page
+
+    def clear(self) -> None:
+        """Leave nothing of a test in the page."""
+        page = self._page
+        assert page is not None
+        for other in page.context.pages:
+            if other is not page:
+                other.close()
+        if page.url.startswith("http"):
+            page.evaluate("localStorage.clear(), sessionStorage.clear()")
+        page.context.clear_cookies()
+        page.goto("about:blank")
+
+    def close(self) -> None:
+        """Close the page with its context; the next test has another."""
+        if self._page is not None:
+            self._page.context.close()
+        self._page = None
+
+
+@pytest.fixture(scope="module")
+def pages(browser: Browser) -> Iterator[Pages]:
+    pages = Pages(browser)
+    yield pages
+    pages.close()
 
 
 @pytest.fixture
-def watched(context: BrowserContext) -> Iterator[PageErrors]:
+def watched() -> Iterator[PageErrors]:
     """Give what goes wrong; at the end that is nothing."""
-    watched = PageErrors(context)
+    watched = PageErrors()
     yield watched
     assert not watched.elsewhere, f"requests to other hosts: {watched.elsewhere}"
     assert not watched.errors, f"the console says {watched.errors}"
 
 
 @pytest.fixture
-def page(context: BrowserContext, watched: PageErrors) -> Page:
-    page = context.new_page()
-    watched.watch(page)
-    return page
+def page(pages: Pages, watched: PageErrors, request: pytest.FixtureRequest) -> Iterator[Page]:
+    """Give an empty page; its document, storage and size are those of this test alone."""
+    failed = request.session.testsfailed
+    page = pages.open()
+    with watched.watch(page):
+        yield page
+        if request.session.testsfailed > failed:  # it may be in any state
+            pages.close()
+        else:
+            pages.clear()
 
 
 @pytest.fixture
-def scripted() -> Iterator[ScriptedServer]:
+def own_page(browser: Browser, watched: PageErrors) -> Iterator[Page]:
+    """Give a page that no other test has, for scripts that are added to it."""
+    context = browser.new_context(viewport=SIZE)
+    context.set_default_timeout(PATIENCE)
+    page = context.new_page()
+    with watched.watch(page):
+        yield page
+        context.close()
+
+
+@pytest.fixture(scope="module")
+def scripted_server() -> Iterator[ScriptedServer]:
     with ScriptedServer() as server:
         yield server
+
+
+@pytest.fixture
+def scripted(scripted_server: ScriptedServer) -> ScriptedServer:
+    """Give a server that nobody is connected to, as it was when it began."""
+    scripted_server.forget()
+    return scripted_server

@@ -53,16 +53,9 @@ class ScriptedServer:
     """
 
     def __init__(self):
-        self.setup: dict[str, Any] = setup()
-        self.probed: dict[str, Any] = {}
-        self.heard: list[dict[str, Any]] = []
-        self.says: list[Message] = [{"kind": "idle"}]
-        self.away = self.hangs = self.mute = False
-        self.operator: str | None = None
-        self._operates: WebSocket | None = None
-        self._seat = ""  # the page that operates, or may be back
         self._sockets: list[WebSocket] = []
         self._changed = Condition()
+        self.forget()
         self._loop: asyncio.AbstractEventLoop | None = None
         routes = [
             Route("/", self._page),
@@ -79,6 +72,22 @@ class ScriptedServer:
         self._listens = socket.create_server(("127.0.0.1", 0))
         self.address = f"http://127.0.0.1:{self._listens.getsockname()[1]}/"
         self._thread = Thread(target=self._server.run, args=([self._listens],), daemon=True)
+
+    def forget(self) -> None:
+        """Wait until nobody is connected, and be as at the beginning."""
+        end = monotonic() + PATIENCE
+        with self._changed:
+            while self._sockets:
+                assert monotonic() < end, "a page is still connected"
+                self._changed.wait(0.01)
+        self.setup: dict[str, Any] = setup()
+        self.probed: dict[str, Any] = {}
+        self.heard: list[dict[str, Any]] = []
+        self.says: list[Message] = [{"kind": "idle"}]
+        self.away = self.hangs = self.mute = False
+        self.operator: str | None = None
+        self._operates: WebSocket | None = None
+        self._seat = ""  # the page that operates, or may be back
 
     def tell(self, *messages: Message, kept: bool = True) -> None:
         """Tell all clients, and by default those that will connect later too."""

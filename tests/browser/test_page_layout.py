@@ -77,35 +77,26 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("size", [LAPTOP, PHONE], ids=["laptop", "phone"])
-@pytest.mark.parametrize("name", SCENES)
-def test_no_text_is_cut_off_and_stop_is_in_sight(
-    page: Page, scripted: ScriptedServer, name: str, size: Any
-):
+def open_scene(page: Page, server: ScriptedServer, name: str, size: Any) -> None:
+    """Open the page in this size, and require that no text is cut off and Stop is in sight."""
     page.set_viewport_size(size)
-    SCENES[name].reach(page, scripted)
+    SCENES[name].reach(page, server)
     expect(page.locator(SCENES[name].visible).first).to_be_visible()
     assert page.evaluate(CUT_OFF) == []
     assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
     expect(page.locator("#stop")).to_be_in_viewport(ratio=1)
 
 
-@pytest.mark.parametrize("name", ["run", "alarm", "finished", "large numbers"])
-def test_all_estimates_are_in_sight_of_a_laptop(page: Page, scripted: ScriptedServer, name: str):
-    page.set_viewport_size(LAPTOP)  # type: ignore[arg-type]
-    SCENES[name].reach(page, scripted)
-    expect(page.locator(SCENES[name].visible).first).to_be_visible()
-    cells = page.locator("#coefficients .value")
-    expect(cells).to_have_count(24)
-    for k in range(24):
-        expect(cells.nth(k)).to_be_in_viewport(ratio=1)
-
-
 @pytest.mark.parametrize("name", SCENES)
-def test_no_line_of_the_header_wraps_on_a_laptop(page: Page, scripted: ScriptedServer, name: str):
-    page.set_viewport_size(LAPTOP)  # type: ignore[arg-type]
-    SCENES[name].reach(page, scripted)
-    expect(page.locator(SCENES[name].visible).first).to_be_visible()
+def test_a_laptop_shows_all_estimates_cuts_nothing_off_and_no_line_of_the_header_wraps(
+    page: Page, scripted: ScriptedServer, name: str
+):
+    open_scene(page, scripted, name, LAPTOP)
+    if name in ("run", "alarm", "finished", "large numbers"):
+        cells = page.locator("#coefficients .value")
+        expect(cells).to_have_count(24)
+        for k in range(24):
+            expect(cells.nth(k)).to_be_in_viewport(ratio=1)
     texts = page.locator("header :is(p, h1, button):visible")
     for k in range(texts.count()):
         assert texts.nth(k).evaluate(LINES) == 1, texts.nth(k).inner_text()
@@ -118,12 +109,10 @@ def test_no_line_of_the_header_wraps_on_a_laptop(page: Page, scripted: ScriptedS
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_the_header_takes_at_most_a_quarter_of_a_phone(
+def test_a_phone_cuts_nothing_off_and_its_header_takes_at_most_a_quarter(
     page: Page, scripted: ScriptedServer, name: str
 ):
-    page.set_viewport_size(PHONE)  # type: ignore[arg-type]
-    SCENES[name].reach(page, scripted)
-    expect(page.locator(SCENES[name].visible).first).to_be_visible()
+    open_scene(page, scripted, name, PHONE)
     assert page.evaluate("document.querySelector('header').offsetHeight") <= PHONE["height"] / 4
     if "alarm" in name:  # its whole text is read without scrolling
         expect(page.locator(".ringing")).to_be_in_viewport(ratio=1)

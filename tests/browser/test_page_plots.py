@@ -59,23 +59,18 @@ def test_header_events_and_plots_count_from_the_start_of_the_run(
         assert seconds(legend(page, plot)) == pytest.approx(shown, abs=1.1)
 
 
-@pytest.mark.parametrize(
-    ("seconds", "span", "text"),
-    [
+def test_a_time_has_as_many_places_as_the_plot_needs(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
+    call = "async ([s, span]) => (await import('/static/format.js')).instant(s, span)"
+    for seconds, span, text in (
         (91.99999999999, 2, "1:32.0"),
         (92.00000000001, 2, "1:32.0"),
         (59.96, 2, "1:00.0"),
         (3600.07, 0.5, "1:00:00.07"),
         (95.4, 10, "1:35"),
         (-1e-9, 0.05, "0:00.000"),
-    ],
-)
-def test_a_time_has_as_many_places_as_the_plot_needs(
-    page: Page, scripted: ScriptedServer, seconds: float, span: float, text: str
-):
-    open_page(page, scripted)
-    call = "async ([s, span]) => (await import('/static/format.js')).instant(s, span)"
-    assert page.evaluate(call, [seconds, span]) == text
+    ):
+        assert page.evaluate(call, [seconds, span]) == text
 
 
 def test_last_10_s_are_10_s(page: Page, scripted: ScriptedServer):
@@ -179,9 +174,9 @@ def test_axes_and_last_events_are_in_sight_of_a_small_laptop(page: Page, scripte
         expect(page.locator(plot)).to_be_in_viewport(ratio=1)
 
 
-@pytest.mark.parametrize("width", [1366, 768, 400])
-def test_no_label_of_a_scale_is_cut(page: Page, scripted: ScriptedServer, width: int):
+def test_no_label_of_a_scale_is_cut(own_page: Page, scripted: ScriptedServer):
     """The text of uPlot's scales is watched as it is drawn, with its place in the canvas."""
+    page = own_page
     page.add_init_script(
         """window.cut = []; const fill = CanvasRenderingContext2D.prototype.fillText;
         CanvasRenderingContext2D.prototype.fillText = function (text, x, y, ...more) {
@@ -192,18 +187,19 @@ def test_no_label_of_a_scale_is_cut(page: Page, scripted: ScriptedServer, width:
                 || down < 0 || down > this.canvas.height)) window.cut.push([text, left, wide]);
             return fill.call(this, text, x, y, ...more); };"""
     )
-    page.set_viewport_size({"width": width, "height": 900})
-    open_running_page(page, scripted)
-    tiny = messages.samples(100, 101)
-    tiny["y"] = [[-1234.5 + 1e-4 * k for k, _ in enumerate(row)] for row in tiny["y"]]
-    scripted.tell(tiny, messages.state(3701.0))
-    for plot in PLOTS:
-        page.locator(plot).scroll_into_view_if_needed()
-        expect(page.locator(f"{plot} canvas")).to_be_visible()
-    for _ in range(6):
-        page.locator("#readings-zoom").get_by_role("button", name="Zoom in").click()
-    page.wait_for_function("before => window.inercal.frames > before", arg=0)
-    assert page.evaluate("window.cut") == []
+    for width in (1366, 768, 400):
+        page.set_viewport_size({"width": width, "height": 900})
+        open_running_page(page, scripted)
+        tiny = messages.samples(100, 101)
+        tiny["y"] = [[-1234.5 + 1e-4 * k for k, _ in enumerate(row)] for row in tiny["y"]]
+        scripted.tell(tiny, messages.state(3701.0))
+        for plot in PLOTS:
+            page.locator(plot).scroll_into_view_if_needed()
+            expect(page.locator(f"{plot} canvas")).to_be_visible()
+        for _ in range(6):
+            page.locator("#readings-zoom").get_by_role("button", name="Zoom in").click()
+        page.wait_for_function("before => window.inercal.frames > before", arg=0)
+        assert page.evaluate("window.cut") == [], width
 
 
 def test_near_pitch_90_the_difference_is_shown_and_no_roll_and_heading(

@@ -326,29 +326,31 @@ def test_control_that_somebody_else_has_taken_is_not_taken_back(
     watched.errors[:] = [one for one in watched.errors if "/live" not in one]
 
 
-def test_a_browser_that_keeps_nothing_keeps_no_hand_from_stop(page: Page, scripted: ScriptedServer):
+def test_a_browser_that_keeps_nothing_keeps_no_hand_from_stop(
+    own_page: Page, scripted: ScriptedServer
+):
     for name in ("localStorage", "sessionStorage"):
         blocked = f"""Object.defineProperty(window, "{name}",
             {{ get() {{ throw new DOMException("blocked", "SecurityError"); }} }})"""
-        page.add_init_script(blocked)
-    open_running_page(page, scripted)
-    take_control(page, scripted)
-    page.get_by_role("button", name="STOP", exact=True).click()
+        own_page.add_init_script(blocked)
+    open_running_page(own_page, scripted)
+    take_control(own_page, scripted)
+    own_page.get_by_role("button", name="STOP", exact=True).click()
     scripted.order("stop")
 
 
 def test_a_part_that_fails_is_said_and_silences_no_other(
-    page: Page, scripted: ScriptedServer, watched: PageErrors
+    own_page: Page, scripted: ScriptedServer, watched: PageErrors
 ):
     gone = "Object.defineProperty(window, 'uPlot', {get() { throw new Error('gone'); }, set() {}})"
-    page.add_init_script(gone)
-    open_running_page(page, scripted)
+    own_page.add_init_script(gone)
+    open_running_page(own_page, scripted)
     expect(
-        page.get_by_text(re.compile(r"(charts, course|course, charts) \(gone\)"))
+        own_page.get_by_text(re.compile(r"(charts, course|course, charts) \(gone\)"))
     ).to_be_visible()
-    expect(page.locator("#steps-done")).to_contain_text("2 of 31")
-    expect(page.locator("#imu-facts")).to_contain_text("20000")
-    page.get_by_role("button", name="STOP", exact=True).click()
+    expect(own_page.locator("#steps-done")).to_contain_text("2 of 31")
+    expect(own_page.locator("#imu-facts")).to_contain_text("20000")
+    own_page.get_by_role("button", name="STOP", exact=True).click()
     scripted.order("stop")
     assert all("gone" in one for one in watched.errors)
     watched.errors.clear()

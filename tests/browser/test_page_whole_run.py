@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import BrowserContext, Page, expect
+from playwright.sync_api import Page, expect
 from tests.browser.conftest import PageErrors
 from tests.browser.page_actions import tab_to
 from tests.host.simulated_runs import plan, quick
@@ -40,7 +40,7 @@ def serving(tmp_path: Path) -> Iterator[Serving]:
 
 @pytest.mark.slow
 def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
-    page: Page, context: BrowserContext, watched: PageErrors, serving: Serving, tmp_path: Path
+    page: Page, watched: PageErrors, serving: Serving, tmp_path: Path
 ):
     page.goto(f"http://127.0.0.1:{serving.port}/")
     expect(page.get_by_role("heading", name="Set up a run")).to_be_visible()
@@ -77,7 +77,7 @@ def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
     assert last == pytest.approx(made.value(NAME) / size, abs=u2 / 10)
 
     tab_to(page, report.inner_text())
-    with context.expect_page() as opened:
+    with page.context.expect_page() as opened:
         page.keyboard.press("Enter")
     read = opened.value
     expect(read.get_by_role("heading", name="simulated MIMU").first).to_be_visible()

@@ -36,6 +36,9 @@ from inercal.runfile import read
 LEVEL, MOST_SHIFT, LEAST_FACTOR = 0.01, 1.0, 1.3
 MOST_SCATTER, MOST_SCATTER_OF_RESTS = 2.0, 3.0  # times as stated; as measured within rests
 FACTORS = (1.0, 1.5, 2.5, 5.0, 1 / 1.5, 1 / 3)
+TABLE_FACTORS = [
+    pytest.param(one, marks=() if one in (1.0, 2.5, 1 / 3) else pytest.mark.slow) for one in FACTORS
+]
 TABLES = [
     name
     for name in METHODS
@@ -108,7 +111,7 @@ def table_of(method: str, folder: Path, scatter: float, patch: pytest.MonkeyPatc
     return calibrate(replace(read(run.path), truth=run.truth))
 
 
-@pytest.mark.parametrize("scatter", FACTORS)
+@pytest.mark.parametrize("scatter", TABLE_FACTORS)
 @pytest.mark.parametrize("method", TABLES)
 def test_the_grade_of_a_table_follows_the_rule(
     method: str, scatter: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -213,6 +216,7 @@ def test_a_stated_deviation_of_means_is_never_reduced(tmp_path: Path, attitudes:
     np.testing.assert_allclose(calm, usual, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_noise_as_stated_is_seldom_called_too_large(tmp_path: Path, attitudes: np.ndarray):
     said = [bool(free_rests(tmp_path, attitudes, 1.0, seed).verdict.noise) for seed in range(30)]
     assert sum(said) <= 1

@@ -82,8 +82,18 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def signed_once(example: Path, keys: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the PDF of a signed certificate, which no test changes."""
+    folder = Path(shutil.copytree(example, tmp_path_factory.mktemp("signed") / "lab"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(PASSPHRASE_VARIABLE, PASSPHRASE)
+        return Laboratory(folder).issue("--sign", keys / "own.p12")
+
+
 @pytest.fixture
-def signed(laboratory: Laboratory, keys: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the PDF of a signed certificate."""
+def signed(signed_once: Path, laboratory: Laboratory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the PDF of a signed certificate of the laboratory."""
     monkeypatch.setenv(PASSPHRASE_VARIABLE, PASSPHRASE)
-    return laboratory.issue("--sign", keys / "own.p12")
+    shutil.copytree(signed_once.parent, laboratory.folder, dirs_exist_ok=True)
+    return laboratory.folder / signed_once.name

@@ -156,7 +156,7 @@ def test_of_two_calibrations_what_both_share_is_no_change():
     assert own.p_value == pytest.approx(constancy_test(values, std).p_value)
 
 
-@pytest.mark.parametrize("size", [3, 10])
+@pytest.mark.parametrize("size", [3, pytest.param(10, marks=pytest.mark.slow)])
 def test_of_steady_coefficients_about_one_in_20_is_not_called_so(seed: int, size: int):
     rng = np.random.default_rng(seed)
     time, ones = np.arange(float(size)), np.ones(size)

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record, triangular
+from tests.base_seeds import SEEDS
 
 from inercal.basics.units import Measured
 from inercal.benches import Hand
@@ -131,7 +132,7 @@ def test_few_rests_err_and_are_judged_as_stated(estimator: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["joint", "sequential"])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_many_sessions_err_as_stated(seed: int, estimator: str):
     judged = judge(seed, STILL, estimator, 150)
     assert_consistent(judged)
@@ -139,7 +140,7 @@ def test_many_sessions_err_as_stated(seed: int, estimator: str):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_three_hundred_sessions_of_a_trembling_hand_err_as_stated(seed: int):
     """With the wobble taken as noise, the stated deviations were more than twice too large."""
     judged = judge(seed, TREMBLING, "joint", 300)

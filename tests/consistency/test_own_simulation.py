@@ -39,7 +39,7 @@ turn_tilt = "0.3 °"
 
 [data]
 file = "none.csv"
-rate = "50 Hz"
+rate = "25 Hz"
 
 [method]
 name = "METHOD"

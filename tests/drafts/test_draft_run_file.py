@@ -105,11 +105,20 @@ SHARED = {
 }
 
 
+@pytest.fixture(scope="module")
+def xsens(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Draft:
+    """Return the draft of the recordings in counts of a sensor that was turned by hand."""
+    logs = [data_dir / file for file in SHARED["xsens"][0]]
+    return draft_run_file(logs, tmp_path_factory.mktemp("xsens") / "run.toml")
+
+
 @pytest.mark.parametrize("case", SHARED)
-def test_shared_recordings_need_one_answer_at_most(case: str, data_dir: Path, tmp_path: Path):
+def test_shared_recordings_need_one_answer_at_most(
+    case: str, data_dir: Path, tmp_path: Path, xsens: Draft
+):
     files, stated, question, expected = SHARED[case]
     logs = [data_dir / file for file in files]
-    first = draft_run_file(logs, tmp_path / "run.toml")
+    first = xsens if case == "xsens" else draft_run_file(logs, tmp_path / "run.toml")
     assert [f"{one.section}.{one.key}" for one in first.questions] == [question][: bool(question)]
     draft = draft_run_file(logs, tmp_path / "run.toml", stated) if stated else first
     assert not draft.questions
@@ -117,10 +126,8 @@ def test_shared_recordings_need_one_answer_at_most(case: str, data_dir: Path, tm
     assert calibrated(draft).method == expected.get("method.name", "multi_position")
 
 
-def test_scales_of_counts_are_found_by_gravity_and_turns(data_dir: Path, tmp_path: Path):
-    folder = data_dir / "xsens_mti_multiposition"
-    logs = [folder / "xsens_acc.mat", folder / "xsens_gyro.mat"]
-    found = chosen(draft_run_file(logs, tmp_path / "run.toml"))
+def test_scales_of_counts_are_found_by_gravity_and_turns(xsens: Draft):
+    found = chosen(xsens)
     gravity = float(found["sensor.accelerometer.scale"].split()[0])
     turn = float(found["sensor.gyro.scale"].split()[0])
     assert gravity == pytest.approx(415 * 9.80665, rel=0.02)  # factory calibration

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.base_seeds import SEEDS
 
 from inercal.estimation.residual_scatter import ScatterModel, chi_squared, fit_scatter
 
@@ -23,12 +24,12 @@ def judged(seed: int, share: float, excess: float, least: float = 0.0) -> Scatte
     return fit_scatter(residual, jacobian, whiten, ROWS - COLUMNS, least=least)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_noise_as_stated_stays_as_it_is(seed: int):
     assert judged(seed, 1.0, 0.0) == ScatterModel()
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("true", [0.7, 3.0, 50.0])
 def test_the_excess_of_a_scatter_beyond_the_noise_is_found(seed: int, true: float):
     found = judged(seed, 1.0, true)
@@ -38,7 +39,7 @@ def test_the_excess_of_a_scatter_beyond_the_noise_is_found(seed: int, true: floa
     assert found.excess**2 == pytest.approx(true**2, abs=4 * sd)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("true", [0.5, 0.01])
 def test_the_share_of_noise_that_the_rows_do_not_feel_is_found(seed: int, true: float):
     found = judged(seed, true, 0.0)

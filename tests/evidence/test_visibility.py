@@ -131,6 +131,7 @@ def test_the_linear_problem_has_the_uncertainties_of_the_estimator(name: str):
     assert 0.85 < np.median(ratios) < most
 
 
+@pytest.mark.slow
 def test_the_limitations_page_has_the_figures_of_the_cases():
     stored = unobservable_causes.PAGE.read_text(encoding="utf-8")
     number = re.compile(r"\d+\.?\d*")

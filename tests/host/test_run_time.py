@@ -76,7 +76,7 @@ def expect_detection(
     assert min(times) >= 0.0
 
 
-@pytest.mark.parametrize("jump", [-HOUR, HOUR])
+@pytest.mark.parametrize("jump", [-HOUR, pytest.param(HOUR, marks=pytest.mark.slow)])
 def test_a_frozen_encoder_is_found_within_a_second_of_a_step_of_the_date(
     tmp_path: Path, bench: InProcessBench, run: Run, jump: float
 ):
@@ -108,7 +108,7 @@ def test_a_run_goes_on_from_the_largest_time_in_its_log_by_as_long_as_it_had_no_
     assert begun[0] == pytest.approx(before + 1010.0, abs=0.1)
 
 
-@pytest.mark.parametrize("away", [0.5, 700.0])
+@pytest.mark.parametrize("away", [pytest.param(0.5, marks=pytest.mark.slow), 700.0])
 def test_a_host_that_was_started_anew_takes_the_time_of_the_tables_clock(
     tmp_path: Path, bench: InProcessBench, run: Run, away: float
 ):

@@ -1,12 +1,11 @@
 """Text as loggers and spreadsheets write it: lines above the table, and what misled readers."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.program import run_program
 from tests.refusals import refused
 
 from inercal.pipeline import calibrate
@@ -142,16 +141,9 @@ def test_the_verb_says_the_same_in_one_line_with_status_2(tmp_path: Path):
         (text.encode("latin-1"), "UTF-8"),
     ):
         run.write_bytes(raw)
-        done = subprocess.run(
-            [sys.executable, "-m", "inercal", "calibrate", str(run), "--no-report"],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert (done.returncode, done.stdout) == (2, "")
-        assert done.stderr.count("\n") == 1
-        assert word in done.stderr
+        done = run_program("calibrate", run, "--no-report", "--out", tmp_path)
+        assert (done.status, done.output) == (2, "")
+        assert word in done.error
 
 
 def test_a_row_of_means_after_blank_lines_is_named_by_its_line(tmp_path: Path):

@@ -63,6 +63,7 @@ def test_least_squares_scatters_as_it_states_and_reaches_its_bound(seed: int, fo
     assert np.mean(found.chi2) == pytest.approx(found.dof, abs=4 * np.sqrt(2 * found.dof / trials))
 
 
+@pytest.mark.slow
 def test_fourier_scatters_as_it_states(seed: int):
     rng, trials = np.random.default_rng([seed, 72]), 300
     bench = DRAWN

@@ -7,7 +7,7 @@ from math import radians
 import numpy as np
 import pytest
 from tests.accuracy import turntable as made_by
-from tests.base_seeds import SLOW_SEEDS
+from tests.base_seeds import SEEDS
 from tests.methods.turntable_cases import (
     BENCH,
     Array,
@@ -161,7 +161,7 @@ def test_terms_by_gravity_come_out_of_the_same_rows():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("base", SLOW_SEEDS)
+@pytest.mark.parametrize("base", SEEDS)
 @pytest.mark.parametrize(
     ("grade", "gyro", "acc"),
     [

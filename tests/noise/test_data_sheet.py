@@ -177,7 +177,7 @@ def write_log(folder: Path) -> Path:
 def test_a_recording_is_compared_with_a_data_sheet_channel_by_channel(tmp_path: Path):
     log = write_log(tmp_path)
     options = ("--set", "sensor.gyro.unit=°/s", "--datasheet", write_sheet(tmp_path))
-    done = run_program("noise", log, *options, "--json")
+    done = run_program("noise", log, *options, "--terms", "NB", "--json")
     assert done.status == 0, done.error
     content = json.loads(done.output)
     rows = {(one["channel"], one["symbol"]): one for one in content["data_sheet"]["comparison"]}

@@ -167,6 +167,6 @@ def test_noise_of_a_sensor_that_moved_begins_with_that_it_moved(tmp_path: Path):
 def test_a_disturbed_rest_is_stored(tmp_path: Path):
     log = write_log(tmp_path / "log.csv", knock)
     target = tmp_path / "run.toml"
-    done = run_program("noise", log, *UNITS, "--write", target)
+    done = run_program("noise", log, *UNITS, "--terms", "NB", "--write", target)
     assert done.status == 0, done.error
     assert tomllib.loads(target.read_text())["sensor"]["gyro"]["white"]

@@ -7,7 +7,7 @@ from inercal.basics.units import si_factor
 from inercal.noise.spectrum import expected_periodogram
 from inercal.noise.terms import FLICKER_FLOOR, TERMS, model_avar
 
-N = 512
+N = 256
 CASES = [("Q", 1.0), ("N", 1.0), ("B", 1.0), ("K", 1.0),
          ("G", 0.3), ("G", 5.0), ("G", 300.0), ("G", 1e5)]  # fmt: skip
 

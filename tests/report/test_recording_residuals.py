@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from tests.runs.test_turntable_runs import copy_run, path_with_labels, simulate_recording
 
 from inercal.pipeline import calibrate
@@ -26,6 +27,7 @@ KEPT = (
 )
 
 
+@pytest.mark.slow
 def test_residuals_of_a_whole_recording_are_drawn_by_step(tmp_path: Path):
     run = simulate_recording(
         copy_run(

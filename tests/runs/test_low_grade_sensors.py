@@ -12,7 +12,7 @@ from inercal.basics.errors import InputError
 from inercal.pipeline import calibrate
 
 # Devices in the quick tests, and in the slow ones, where a run takes its time.
-FEW = {"ship_multi_angle, joint": 12, "ship_planar": 12, "six_position, rests found": 12}
+FEW = {"ship_multi_angle, joint": 6, "ship_planar": 6, "six_position, rests found": 6}
 FEW |= {"multi_position": 1, "turntable_discrete": 1}
 SLOW_ONLY = {"turntable_kalman": 8, "turntable_trajectory": 6}
 SOME = {"multi_position": 12, "turntable_discrete": 20, **SLOW_ONLY}
@@ -36,7 +36,7 @@ def assert_accepted(folder: Path, name: str, devices: range) -> None:
 
 @pytest.mark.parametrize("name", sorted(set(case_makers()) - set(SLOW_ONLY)))
 def test_crude_sensors_are_calibrated(tmp_path: Path, name: str):
-    assert_accepted(tmp_path, name, range(FEW.get(name, 3)))
+    assert_accepted(tmp_path, name, range(FEW.get(name, 2)))
 
 
 @pytest.mark.slow
@@ -78,7 +78,7 @@ Mistake = Callable[[str, str], tuple[str, str]]
 @pytest.mark.parametrize("method", ["ship_planar", "ship_multi_angle"])
 def test_mistakes_are_refused_of_crude_sensors_too(tmp_path: Path, mistake: Mistake, method: str):
     estimator = "planar" if method == "ship_planar" else "joint"
-    for seed in range(6):
+    for seed in range(2):
         path = rate_table_case(tmp_path, seed, method, estimator).path
         table = tmp_path / "data.csv"
         before = path.read_text(encoding="utf-8"), table.read_text(encoding="utf-8")

@@ -74,7 +74,10 @@ def test_the_example_gives_its_accelerometer(tmp_path: Path):
     assert "By speed" in text
 
 
-@pytest.mark.parametrize("estimator", ["planar", "planar_norm", "damped", "global"])
+@pytest.mark.parametrize(
+    "estimator",
+    ["planar", "planar_norm", "damped", pytest.param("global", marks=pytest.mark.slow)],
+)
 def test_norm_estimators_name_the_free_directions(tmp_path: Path, estimator: str):
     outcome = estimate_example(tmp_path, estimator)
     write_report(outcome, tmp_path / "ship.html")

@@ -362,7 +362,7 @@ def test_the_verbs_go_from_two_files_to_a_calibration(
     head = (tmp_path / "mimu_packets.csv").read_text(encoding="utf-8").splitlines()[1]
     assert head == "packet,ax,ay,az,gx,gy,gz,step"
     assert "ahead of the sensor's" in said(
-        "calibrate", str(run.path), "--out", str(tmp_path), "--explain"
+        "calibrate", str(run.path), "--out", str(tmp_path), "--explain", "--no-report"
     )
     (tmp_path / "mimu_packets.csv").unlink()
     with pytest.raises(InputError):

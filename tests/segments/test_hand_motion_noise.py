@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.accuracy.handheld import directions
+from tests.base_seeds import SEEDS
 
 from inercal.physics.sensors import imu
 from inercal.recordings.segments.hand_motion_noise import density_without_hand_motion
@@ -32,7 +33,7 @@ def rests(seed: int, wobble: float, push: float, count: int = 300) -> list[Array
     return made
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("wobble", "push"), [(0.0, 0.0), (1e-3, 0.0), (1e-3, 0.03)])
 def test_each_axis_noise_is_found_whatever_the_hand_does(seed: int, wobble: float, push: float):
     found = density_without_hand_motion(10 * DENSITY, imu(), rests(seed, wobble, push))

@@ -135,7 +135,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_verb_enters_an_analysis_and_the_history_shows_it(log: Path, tmp_path: Path):
     register = tmp_path / "register.db"
     options = ("--set", "sensor.gyro.unit=°/s", "--register", register, "--measured", "2026-03-01")
-    done = run_program("noise", log, *options, "--sensor", "imu 1", "--json")
+    done = run_program("noise", log, *options, "--terms", "NB", "--sensor", "imu 1", "--json")
     assert done.status == 0, done.error
     assert json.loads(done.output)["entered"]["sensor"] == "imu 1"
     alone = run_program("store", "history", "imu 1", "--register", register)
@@ -196,7 +196,7 @@ def test_a_run_file_names_the_sensor(log: Path, tmp_path: Path):
         'gyro = ["gx", "gy", "gz"]\ntime = "time"\ntime_unit = "s"\n'
         '[method]\nname = "multi_position"\n'
     )
-    done = run_program("noise", run_file, "--register", register)
+    done = run_program("noise", run_file, "--terms", "NB", "--register", register)
     assert done.status == 0, done.error
     with Register(str(register)) as opened:
         (found,) = opened.noise_history("imu 9")

@@ -3,6 +3,7 @@ import pytest
 from numpy.random import Generator
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
+from tests.base_seeds import SEEDS
 
 from inercal.estimation.uncertainty import monte_carlo, nees, propagate
 
@@ -55,7 +56,7 @@ def test_first_order_and_monte_carlo_agree_where_the_function_is_nearly_linear()
     assert_allclose(np.cov(y.T) / np.outer(sd, sd), expected / np.outer(sd, sd), atol=0.03)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_nees_of_honest_errors_averages_to_their_number(seed: int):
     covariance = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, -0.3], [0.0, -0.3, 3.0]])
     root = np.linalg.cholesky(covariance)

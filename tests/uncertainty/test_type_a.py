@@ -4,6 +4,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.signal import lfilter
+from tests.base_seeds import SEEDS
 
 from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty import pooled_mean_covariances
@@ -30,7 +31,7 @@ def long_run(phi: float) -> Array:
     return MIX @ MIX.T / (1 - phi) ** 2
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("phi", "n"), [(0.0, 37), (0.0, 1000), (0.5, 1000), (0.9, 4000)])
 def test_intervals_cover_the_mean_as_often_as_they_say(phi: float, n: int, seed: int):
     trials = 1000

@@ -228,5 +228,6 @@ def _expanded(model: ExportModel, samples: Samples) -> Array:
     by = np.linalg.solve(slope, design)
     turn = np.kron(np.eye(len(kinds)), model.turn)
     by = turn @ by
-    variance = ((by @ calibration.covariance) * by).sum(axis=-1)
+    rows = by.reshape(-1, by.shape[-1])  # one product of matrices, not one of each sample
+    variance = ((rows @ calibration.covariance) * rows).sum(axis=-1).reshape(by.shape[:-1])
     return COVERAGE * np.sqrt(np.maximum(variance, 0.0))

@@ -136,8 +136,10 @@ def _weighted_nnls(columns: Array, target: Array, weight: Array) -> Array:
 
 def coarse_fit(power: Array, weight: Array, columns: Array, fixed: Array) -> Array:
     """Estimate θ from about 25 groups of bins, each weighted by its content."""
-    groups = np.array_split(np.arange(power.size), min(_START_GROUPS, power.size))
-    starts = np.array([one[0] for one in groups])
+    count = min(_START_GROUPS, power.size)
+    size, longer = divmod(power.size, count)  # the first groups have one more
+    group = np.arange(count)
+    starts = group * size + np.minimum(group, longer)
     total = np.add.reduceat(weight, starts)
 
     def mean(values: Array) -> Array:

@@ -72,8 +72,9 @@ def _one_pole(w: Array, c: float) -> Array:
 def _bilinear(order: int) -> Callable[[Array, float], Array]:
     def power(w: Array, c: float) -> Array:
         # Use products of sines and cosines, because tan(w/2) is infinite at half the rate.
-        own = (np.sin(w / 2) * np.cos(np.pi * c)) ** (2 * order)
-        cut = (np.cos(w / 2) * np.sin(np.pi * c)) ** (2 * order)
+        # A square of squares: a power of 4 is many times slower.
+        own = ((np.sin(w / 2) * np.cos(np.pi * c)) ** 2) ** order
+        cut = ((np.cos(w / 2) * np.sin(np.pi * c)) ** 2) ** order
         return cut / (cut + own)
 
     return power
@@ -82,7 +83,7 @@ def _bilinear(order: int) -> Callable[[Array, float], Array]:
 def _analog(w: Array, c: float) -> Array:
     f = (w / (2 * np.pi))[..., None] + _ALIASES
     at_zero = float((1 / (1 + (_ALIASES / c) ** 4)).sum())
-    return (1 / (1 + (f / c) ** 4)).sum(axis=-1) / at_zero
+    return (1 / (1 + ((f / c) ** 2) ** 2)).sum(axis=-1) / at_zero  # `** 4` is much slower
 
 
 def _average(m: int) -> Callable[[Array, float], Array]:

@@ -9,6 +9,7 @@ from inercal.host.packets import PRESETS, parse_layout, read_layout
 from inercal.host.packets.packet_format import BinaryFrame
 
 N = 1_000_000
+FEW = N // 4
 RISK = 1e-6  # of a false alarm, each side
 BINARY = [name for name in PRESETS if isinstance(read_layout(name).frames[0], BinaryFrame)]
 # Bits of all checks of a packet together: both of WitMotion's have to be right.
@@ -28,20 +29,20 @@ def test_random_bytes_raise_nothing(name: str, size: int):
 @pytest.mark.parametrize("name", BINARY)
 def test_random_packets_pass_as_often_as_the_bits_of_the_checks_say(name: str):
     layout = read_layout(name)
-    packets, counts = fed(layout, random_frames(layout, N))
+    packets, counts = fed(layout, random_frames(layout, FEW))
     # Beginnings of packets within random bytes add less than a part in 1000 of the trials.
-    low, high = binom.interval(1 - 2 * RISK, N, 2.0 ** -BITS[name])
+    low, high = binom.interval(1 - 2 * RISK, FEW, 2.0 ** -BITS[name])
     assert low <= len(packets) <= high * 1.001 + 1
-    assert counts.failed + len(packets) == pytest.approx(N, rel=2e-3)
+    assert counts.failed + len(packets) == pytest.approx(FEW, rel=2e-3)
 
 
 @pytest.mark.parametrize("changes", [2, 3])
 @pytest.mark.parametrize("name", [name for name in PRESETS if read_layout(name).check_bits])
 def test_changed_packets_pass_no_more_often_than_stated(name: str, changes: int):
     layout = read_layout(name)
-    packets, _ = fed(layout, mutated(layout, N, changes))
+    packets, _ = fed(layout, mutated(layout, FEW, changes))
     # Two changes of 255 kinds each cancel in a sum once in 255 times, not once in 256.
-    high = binom.ppf(1 - RISK, N, 2.0**-layout.check_bits * 256 / 255)
+    high = binom.ppf(1 - RISK, FEW, 2.0**-layout.check_bits * 256 / 255)
     assert len(packets) <= high
 
 

@@ -10,13 +10,11 @@ TOKEN = "correct horse battery"
 EVIL = "http://evil.example"
 
 
-@pytest.mark.parametrize("origin", [EVIL, "null", None, "http://127.0.0.1:1", "https://x"])
-def test_a_websocket_of_another_origin_is_refused(
-    served: Served, watched: Page, origin: str | None
-):
-    with pytest.raises(InvalidStatus) as refusal:
-        served.page(origin=origin)
-    assert refusal.value.response.status_code == 403
+def test_a_websocket_of_another_origin_is_refused(served: Served, watched: Page):
+    for origin in (EVIL, "null", None, "http://127.0.0.1:1", "https://x"):
+        with pytest.raises(InvalidStatus) as refusal:
+            served.page(origin=origin)
+        assert refusal.value.response.status_code == 403
     served.was_refused("origin")
 
 
