@@ -41,9 +41,9 @@ cause that shifts some coefficient by 5 u (five of its standard uncertainties) w
 below 6. "Never" means that the cause leaves no residual, whatever its size.
 
 The numbers apply to one ordinary device and bench for each method; with other noise or other stated
-uncertainties they are different. They were computed by finite differences with generators that are
-independent of inercal. If a cause becomes visible before it shifts a coefficient by 5 u, it is only
-listed in [the table of violations](../evidence/violations.md).
+uncertainties they are different. The numbers were computed by finite differences with generators
+that are independent of inercal. If a cause becomes visible before it shifts a coefficient by 5 u,
+it is only listed in [the table of violations](../evidence/violations.md).
 
 You can do one of three things. State a standard deviation in the run file, so that U includes the
 cause. Let the method estimate the coefficient. If the run file has no key for the cause, remember
