@@ -8,10 +8,12 @@ PAGE = ROOT / "docs" / "reference" / "speed.md"
 _HEADS = ("work", "ours", "wall", "processor", "peer", "ratio", "to reach", "reached")
 _INTRODUCTION = """# Speed
 
-`make bench` writes this page: all rows are measured in one run on one machine. `ours` is compared
-with the `peer`, another program for the same work and the same answer, or a limit. The ratio is the
-peer's size over ours: more is better. Wall and processor time are of our work, of all its
-processes, where both were measured. All run in processes that are prepared as the program's.
+`make bench` writes this page, and all rows are measured in one run on one machine. The column
+`ours` is compared with the `peer`, which is a limit or another program that does the same work and
+gives the same answer. The ratio is the value of the peer divided by ours, so a larger ratio is
+better. Wall time and processor time belong to our work and include all its processes; they are only
+given if both were measured. Every measurement runs in a process that is prepared in the same way as
+the processes of the program.
 """
 
 
@@ -50,7 +52,7 @@ def _summary(rows: Sequence[Row | Skipped]) -> str:
     measured = [row for row in rows if isinstance(row, Row)]
     reached = sum(row.reached for row in measured)
     skipped = len(rows) - len(measured)
-    return f"{reached} of {len(measured)} figures are reached; {skipped} were not measured."
+    return f"{reached} of {len(measured)} figures reach their target; {skipped} rows were not measured."
 
 
 def _table(

@@ -10,7 +10,7 @@ from tests.program import run_program
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "inercal"
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-WAY = PAGE.partition("## The way of a recording")[2].partition("\n## ")[0]
+WAY = PAGE.partition("## The path of a recording")[2].partition("\n## ")[0]
 STATIONS = re.findall(r"^\| .* \| \[`(\w+)`\]\(\.\./src/inercal/(.*)\) \|$", WAY, re.MULTILINE)
 
 

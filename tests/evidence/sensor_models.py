@@ -125,13 +125,16 @@ def rival_coefficients(kinds: str, *estimated: str) -> dict[str, tuple[str, ...]
     }
 
 
-NO_KEY = "no key counts it: a data sheet's limit"
+NO_KEY = "the run file has no key for it; use the limit in the data sheet"
+_OTHER_METHODS = "or estimate it with tumble, centrifuge_norm, or multi_position with `also`"
 NO_KEYS = {
-    "k2": f"{NO_KEY}, or tumble, centrifuge_norm, multi_position with also",
-    "k3": f"{NO_KEY}, or tumble, centrifuge_norm or multi_position with also",
-    "drift": "repeat the first position at the end; of a recording [sensor] bias_instability",
+    "k2": f"{NO_KEY}, {_OTHER_METHODS}",
+    "k3": f"{NO_KEY}, {_OTHER_METHODS}",
+    "drift": (
+        "repeat the first position at the end; for a recording, state [sensor] bias_instability"
+    ),
 }
-NO_GYRO_KEY = "no key counts it: a data sheet's limit, or steady rates of several sizes"
+NO_GYRO_KEY = f"{NO_KEY}, or measure at several constant rates"
 
 
 def accelerometer_violations(

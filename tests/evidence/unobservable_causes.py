@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 
 from tests.evidence.violation_cells import (
     CASES,
@@ -19,7 +20,8 @@ from tests.evidence.visibility_model import Violation, Visibility
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "what-the-data-cannot-tell.md"
 _HEAD = (
-    "| what is wrong | shifts a coefficient by 5 u at | η there | shows at | what to do | printed |"
+    "| what is wrong | shifts a coefficient by 5 u at | η at that size | visible from (η = 6) "
+    "| what to do | named by the verdict |"
 )
 _RULE = "|---|---|---|---|---|---|"
 _PAGE = """\
@@ -27,69 +29,88 @@ _PAGE = """\
 
 Written by `make evidence`; do not edit.
 
-A calibration is judged by its residuals. What the coefficients and the bench's stated errors can
-take up leaves no residual: the verdict is "consistent", and the coefficients are wrong. This page
-lists such causes for each method, with the size at which they matter and the size at which they
-would show.
+A calibration is judged by its residuals. If the coefficients and the stated errors of the bench can
+absorb an error, the error leaves no residual: the verdict is "consistent", but the coefficients are
+wrong. For each method, this page lists such causes, with the size at which they matter and the size
+at which a test would find them.
 
-η is how visible a cause is: the norm of the residual that it leaves after the fit, in standard
-deviations. χ² grows by η². Below η = 6 no test of these data finds a cause reliably, whatever the
-test; at 6 nearly always. Each line is a cause that shifts some coefficient by 5 u, five of its
-standard uncertainties, before η is 6. "Never" means that no size leaves a residual.
+η measures how visible a cause is: it is the norm of the residual that the cause leaves after the
+fit, in standard deviations. The cause increases χ² by η². If η is below 6, no test of these data
+finds the cause reliably; at η = 6 a good test nearly always finds it. Each row of the tables is a
+cause that shifts some coefficient by 5 u (five of its standard uncertainties) while its η is still
+below 6. "Never" means that the cause leaves no residual, whatever its size.
 
-The figures are those of one ordinary device and bench for each method, computed by finite
-differences of generators that are no part of inercal; other noise or other stated uncertainties
-move them. Causes that show before they shift a coefficient by 5 u are in
-[the table of violations](../evidence/violations.md) alone.
+The numbers apply to one ordinary device and bench for each method; with other noise or other stated
+uncertainties they are different. The numbers were computed by finite differences with generators
+that are independent of inercal. If a cause becomes visible before it shifts a coefficient by 5 u,
+it is only listed in [the table of violations](../evidence/violations.md).
 
-What to do is one of three things: state a standard deviation in the run file, which puts the cause
-into U; let the method estimate the coefficient; or, where the run file has no key for it, know that
-the result holds within the limit that the second column gives. Of those without a key the last
-column counts the devices whose verdict names the cause: in the list "not detectable from
-these data and not included in U", with the size that shifts a coefficient by 5 u in that run; of
-axes and lever arms that norms do not see, in the line "norms … do not tell …".
+You can do one of three things. State a standard deviation in the run file, so that U includes the
+cause. Let the method estimate the coefficient. If the run file has no key for the cause, remember
+that the result is only valid within the limit in the second column. For causes without a key, the
+last column counts the devices whose verdict names the cause. The verdict lists most of these causes
+under "not detectable from these data and not included in U", with the size that shifts a
+coefficient by 5 u in that run. Axes and lever arms that the norms cannot reveal are named in the
+line "norms … do not tell …" instead.
 {sections}"""
 _ABOUT = {
     "six_position": (
-        "From a table of means: accelerometers, faces off by 0.1°, 30 µg. Scale factors rest on "
-        "stated gravity, misalignments on the faces; only the readings across gravity are left to "
-        "test anything, and they hold the tilt of the faces. Swapped columns make another device, "
-        "which a plan with labels notices by its scale factors, and marks that were found by the "
-        "readings themselves do not."
+        "The data are a table of means from accelerometers with a noise of 30 µg; each face may "
+        "be off by 0.1°. The scale factors rely on the stated gravity, and the misalignments rely "
+        "on the faces. Only the readings of the axes across gravity are left for a test, and these "
+        "readings include the tilt of the faces. Swapped columns describe a different device. With "
+        "a plan that has labels, the scale factors reveal swapped columns; with marks that were "
+        "found from the readings, nothing reveals them."
     ),
     "six_position, recorded": (
-        "The same from a recording, whose rests are tested against themselves as well."
+        "The measurement is the same, but the data are a recording, so each rest is also tested "
+        "against itself."
     ),
     "ferraris": (
-        "An IMU in six positions and three turns of 360° ± 0.1°, from means. The gyros' scale "
-        "factors rest on the stated angle of the turns and on the clock."
+        "The data are means from an IMU in six positions and three turns of 360° ± 0.1°. The scale "
+        "factors of the gyros rely on the stated angle of the turns and on the clock."
     ),
     "multi_position": (
-        "Accelerometers in 24 attitudes, from means of 30 µg. Norms know no attitude: swapped or "
-        "reversed axes make the same norms, so that without gyros nothing shows them."
+        "The data are means from accelerometers in 24 attitudes, with a noise of 30 µg. Norms do "
+        "not depend on the attitude. Swapped or reversed axes therefore give the same norms, and "
+        "without gyros nothing reveals them."
     ),
-    "multi_position, recorded": "An IMU in 24 attitudes, three seconds each, 100 µg/√Hz.",
+    "multi_position, recorded": (
+        "The data are a recording of an IMU in 24 attitudes, each held for three seconds, with a "
+        "noise of 100 µg/√Hz."
+    ),
     "centrifuge_norm": (
-        "Twenty attitudes at 60, 120 and 180 r/min, 1 m, norms alone. A norm is the same for "
-        "swapped or reversed axes: reversed axes show in the sign of the means at rest, or with "
-        "`attitude` and `indexing`."
+        "The data are the norms of the readings in twenty attitudes at 60, 120 and 180 r/min on an "
+        "arm of 1 m. Swapped or reversed axes give the same norm. The sign of the means at rest "
+        "reveals reversed axes, and so do `attitude` and `indexing`."
     ),
     "dual_orthogonal": (
-        "Two accelerometers on a head of 1.9″ and 1.6″ with an autocollimator in four positions."
+        "Two accelerometers are measured on a head with harmonics of 1.9″ and 1.6″, with an "
+        "autocollimator in four positions."
     ),
     "tumble": (
-        "One accelerometer on a head of 0.5″ and 0.4″. What the head's harmonics do to the "
-        "readings is what the coefficients do: they are told apart by their stated size alone."
+        "One accelerometer is measured on a head with harmonics of 0.5″ and 0.4″. The harmonics of "
+        "the head have the same effect on the readings as the coefficients. Only their stated size "
+        "separates the two."
     ),
     "rates_and_poses": (
-        "Three gyros on a rate table, each axis up in a setting, at rest and at three rates of "
-        "both senses."
+        "Three gyros are measured on a rate table. In each setting another axis points up, and the "
+        "gyros are measured at rest and at three rates in both directions."
     ),
-    "ship_planar": "Nine level states.",
-    "ship_multi_angle": "Level and tilted states, 25 in all.",
-    "turntable_discrete": "Six positions with a turn there and back about the vertical in each.",
-    "turntable_kalman": "Ten positions and three turns there and back, followed by filters.",
-    "turntable_trajectory": "The same recording by generalised least squares.",
+    "ship_planar": "The sensor is measured in nine level states.",
+    "ship_multi_angle": "The sensor is measured in level and tilted states, 25 in all.",
+    "turntable_discrete": (
+        "The IMU is measured in six positions, and in each position it is turned about the "
+        "vertical and back."
+    ),
+    "turntable_kalman": (
+        "The IMU is moved through ten positions and three turns, each there and back. Filters "
+        "process the recording."
+    ),
+    "turntable_trajectory": (
+        "The recording is the same as for `turntable_kalman`, but it is evaluated by generalised "
+        "least squares."
+    ),
 }
 
 
@@ -150,13 +171,17 @@ def page_text(counted: Mapping[Cell, Count]) -> str:
             for line in hidden_causes(name)
         ]
         rows += [
-            f"| {one.name} | at once | 0 | never | compare the sign of each axis with its attitude "
-            f"in one row | {_count_named_causes(counted, name, one)} |"
+            f"| {one.name} | any swap or reversal | 0 | never | in one row, compare the sign of "
+            f"each axis with its attitude | {_count_named_causes(counted, name, one)} |"
             for one in find_case(name).violations
             if one.symmetric
         ]
-        table = "\n".join([_HEAD, _RULE, *rows]) if rows else "Nothing of what was tried."
-        sections.append(f"\n## {name}\n\n{_ABOUT[name]}\n\n{table}\n")
+        table = (
+            "\n".join([_HEAD, _RULE, *rows])
+            if rows
+            else "None of the causes that were tried is hidden."
+        )
+        sections.append(f"\n## {name}\n\n{fill(_ABOUT[name], 100)}\n\n{table}\n")
     return _PAGE.format(sections="".join(sections))
 
 

@@ -101,13 +101,15 @@ def centrifuge_norm() -> Case:
     }
     unknowns |= {f"dwell_rate[{k}]": Unknown(0.2e-6) for k in range(n)}
     unknowns |= {f"aim{j}[{k}]": Unknown(1e-3, "open") for k in range(n) for j in (1, 2)}
-    stated = "its ± in [bench]"
+    stated = "state its ± in [bench]"
     rows = tuple(f"p{k + 1:02d} at {dwell[0]:g} rpm" for k, dwell in enumerate(dwells))
     violations = (
         Violation(
             "radius", "µm", 1e-6, {"radius": 1.0}, ("radius",), 1e5, None, f"{stated} radius"
         ),
-        Violation("rate", "ppm", PPM, {"rate": 1.0}, ("rate",), 1e5, None, "[bench] rate_error"),
+        Violation(
+            "rate", "ppm", PPM, {"rate": 1.0}, ("rate",), 1e5, None, "state [bench] rate_error"
+        ),
         Violation(
             "gravity", "ppm", GRAVITY * 1e-6, {"g": 1.0}, ("g",), 5e4, None, f"{stated} gravity"
         ),
@@ -140,7 +142,7 @@ def centrifuge_norm() -> Case:
             ("arm_i", "ax.arm_i"),
             1e3,
             None,
-            'also = ["ax.arm_i"], with [data] attitude',
+            'estimate it with also = ["ax.arm_i"] and [data] attitude',
             limit="lever arms",
         ),
         Violation("one outlying dwell", "mg", 1e-3 * G0, {"step": 1.0}, ("p01 at 60 rpm",), 1e4),

@@ -130,7 +130,7 @@ def _case(
         unknowns |= {f"trim[{k}]": Unknown(np.sqrt(2) * 0.1 * ARCSEC) for k in trimmed}
     unknowns |= {f"drift_{axis}[{j}]": Unknown(1 * UG) for axis in axes for j in range(len(passes))}
     both = dict.fromkeys(axes, 1.0)
-    prior = "[method.prior] of k3, as wide as it may be"
+    prior = "state [method.prior] of k3 as wide as k3 may be"
 
     def sensor(
         name: str, words: str, unit: str, si: float, counted: str = sensor_models.NO_KEY
@@ -155,7 +155,7 @@ def _case(
             ("sin1",),
             3600,
             None,
-            "[bench] harmonics",
+            "state [bench] harmonics",
         ),
         Violation(
             "second harmonic of the head",
@@ -165,7 +165,7 @@ def _case(
             ("sin2",),
             3600,
             None,
-            "[bench] harmonics",
+            "state [bench] harmonics",
         ),
         Violation(
             "third harmonic of the head",
@@ -185,7 +185,7 @@ def _case(
             ("base",),
             36_000,
             None,
-            "[bench] base",
+            "state [bench] base",
         ),
         Violation(
             "creep of the base in one pass",
@@ -205,7 +205,7 @@ def _case(
             ("g",),
             5e4,
             None,
-            "its ± in [bench] gravity",
+            "state its ± in [bench] gravity",
         ),
         Violation(
             "drift over the run",

@@ -54,8 +54,8 @@ def _tilts() -> dict[str, Unknown]:
     return {f"tilt{k}[{label}]": Unknown(TILT) for label in FACES for k in (1, 2)}
 
 
-_INTO_SCALE = "gravity's ± in [bench] gravity: it is common to the scale factors"
-_INTO_TILT = "[bench] tilt: a rotation of the whole housing is part of the misalignments"
+_INTO_SCALE = "state the ± of [bench] gravity; the error is common to all scale factors"
+_INTO_TILT = "state [bench] tilt; the misalignments include a rotation of the whole housing"
 BENCH = (
     Violation("gravity", "ppm", GRAVITY * 1e-6, {"g": 1.0}, ("g",), 5e4, None, _INTO_SCALE),
     Violation(
@@ -66,7 +66,7 @@ BENCH = (
         ("x_p",),
         36_000,
         None,
-        "[bench] tilt, as large as a face can be off",
+        "state [bench] tilt as large as the largest tilt of a face",
     ),
     Violation(
         "tilt common to all faces", "″", ARCSEC, {"seat_z": 1.0}, (), 36_000, None, _INTO_TILT
@@ -79,7 +79,7 @@ BENCH = (
         ("x_p",),
         1e3,
         None,
-        "the recording in the place of its means: each rest is tested against itself",
+        "use the recording instead of its means; each rest is then tested against itself",
         limit="wrong readings",
     ),
 )
@@ -230,7 +230,7 @@ def ferraris() -> Case:
             ("timebase",),
             1e5,
             None,
-            "[bench] timebase: it is common to the gyros' scale factors",
+            "state [bench] timebase; the error is common to the gyros' scale factors",
         ),
         Violation(
             "angle of the turns",
@@ -240,7 +240,7 @@ def ferraris() -> Case:
             (),
             360,
             None,
-            "[bench] turn_angle: it is all that is known of the gyros' scale factors",
+            "state [bench] turn_angle; only this angle determines the gyros' scale factors",
         ),
         Violation(
             "latitude",
@@ -260,7 +260,7 @@ def ferraris() -> Case:
             ("x_p",),
             1e6,
             None,
-            "the recording in the place of its means",
+            "use the recording instead of its means",
             limit="wrong readings",
         ),
     )

@@ -160,7 +160,7 @@ name = "multi_position"
 POSITIONS = 24
 CUT = 0.45  # s of a rest at each end that finding it costs
 AT_START = 0.28  # s of the first rest, whose begin is the recording's
-_ALSO = {name: f'also = ["{name}"]' for name in ("k2", "k3")}
+_ALSO = {name: f'estimate it with also = ["{name}"]' for name in ("k2", "k3")}
 
 
 @lru_cache(maxsize=1)
@@ -192,7 +192,7 @@ _GRAVITY = Violation(
     ("g",),
     5e4,
     None,
-    "gravity's ± in [bench] gravity: it is common to the scale factors",
+    "state the ± of [bench] gravity; the error is common to all scale factors",
 )
 
 
@@ -411,7 +411,7 @@ def multi_position(directions: Array | None = None) -> Case:
             ("timebase",),
             1e5,
             None,
-            "[bench] timebase: it is common to the gyros' scale factors",
+            "state [bench] timebase; the error is common to the gyros' scale factors",
         ),
         Violation(
             "latitude",

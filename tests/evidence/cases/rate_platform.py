@@ -123,7 +123,7 @@ def rates_and_poses() -> Case:
             ("rate_scale",),
             1e4,
             None,
-            "[bench] rate_scale: it is common to the scale factors",
+            "state [bench] rate_scale; the error is common to all scale factors",
         ),
         Violation(
             "sensitivity of the gyros to acceleration",

@@ -110,10 +110,24 @@ def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
     of_speeds = tuple(f"speed[{w:g} rpm]" for w in speeds)
     violations = (
         Violation(
-            "radius", "mm", 1e-3, {"radius": 1.0}, ("radius",), 250, None, "its ± in [bench] radius"
+            "radius",
+            "mm",
+            1e-3,
+            {"radius": 1.0},
+            ("radius",),
+            250,
+            None,
+            "state its ± in [bench] radius",
         ),
         Violation(
-            "rate", "ppm", PPM, {"rate": 1.0}, ("rate", *of_speeds), 1e6, None, "[bench] rate_error"
+            "rate",
+            "ppm",
+            PPM,
+            {"rate": 1.0},
+            ("rate", *of_speeds),
+            1e6,
+            None,
+            "state [bench] rate_error",
         ),
         Violation(
             "gravity",
@@ -123,7 +137,7 @@ def _case(method: str, states: tuple[State, ...], estimator: str = "") -> Case:
             ("g",),
             1e5,
             None,
-            "its ± in [bench] gravity",
+            "state its ± in [bench] gravity",
         ),
         Violation(
             "pose of one mounting",

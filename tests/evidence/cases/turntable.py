@@ -338,8 +338,12 @@ def _violations() -> tuple[Violation, ...]:
         return Violation(name, unit, si, {key: 1.0}, (key,), most, None, counted)
 
     return (
-        bench("right angle of the outer axes", "square_1", "″", ARCSEC, 36_000, "[bench] square"),
-        bench("right angle of the inner axes", "square_2", "″", ARCSEC, 36_000, "[bench] square"),
+        bench(
+            "right angle of the outer axes", "square_1", "″", ARCSEC, 36_000, "state [bench] square"
+        ),
+        bench(
+            "right angle of the inner axes", "square_2", "″", ARCSEC, 36_000, "state [bench] square"
+        ),
         bench(
             "first harmonic of the outer readback",
             "sin1[outer]",
@@ -370,7 +374,7 @@ def _violations() -> tuple[Violation, ...]:
             bench("latency", "latency", "ms", 1e-3, 2e4, "its ± in [bench] latency"),
             followed=True,
         ),
-        bench("gravity", "g", "ppm", GRAVITY * 1e-6, 5e4, "its ± in [bench] gravity"),
+        bench("gravity", "g", "ppm", GRAVITY * 1e-6, 5e4, "state its ± in [bench] gravity"),
         bench("latitude", "latitude", "°", DEGREE, 90, "state it as it is: it is taken as exact"),
         *sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "drift", counted=_ALSO),
         *sensor_models.gyro_violations("g", "scale_prime", "scale2", "drift"),
