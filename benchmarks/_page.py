@@ -52,7 +52,10 @@ def _summary(rows: Sequence[Row | Skipped]) -> str:
     measured = [row for row in rows if isinstance(row, Row)]
     reached = sum(row.reached for row in measured)
     skipped = len(rows) - len(measured)
-    return f"{reached} of {len(measured)} figures reach their target; {skipped} rows were not measured."
+    return (
+        f"{reached} of {len(measured)} figures reach their target; "
+        f"{skipped} rows were not measured."
+    )
 
 
 def _table(
