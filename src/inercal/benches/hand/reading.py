@@ -14,6 +14,7 @@ from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Observations, Recording, Track
 from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
+from inercal.recordings.data.face_names import planned_name
 from inercal.recordings.data.recording_loader import (
     load_recording,
     number_repeated_names,
@@ -39,6 +40,7 @@ from inercal.recordings.segments import (
     check_against_plan,
     check_marks,
     check_turn_ends,
+    faces_up,
     find_rests,
     find_sections,
     holds_from_marks,
@@ -129,6 +131,7 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
     if run.method.unknown_attitudes:
         plan = steps = holds_from_observations(observations, sensor)
     else:
+        observations = _with_planned_names(run, observations)
         steps = _planned_steps(run, observations)
         plan = _plan_with_visits(run, steps)
     if recording is None and sensor.select_axes("f").axes:
@@ -245,9 +248,9 @@ def _planned_sections(
             )
     else:
         marks = stated_marks(run, recording, again=_numbers_visits(run))
-        if _numbers_visits(run):
-            names = number_repeated_names([mark.label for mark in marks])
-            marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
+        names = [_planned_name(run, mark.label) for mark in marks]
+        names = number_repeated_names(names) if _numbers_visits(run) else names
+        marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
         marked = {mark.label for mark in marks}
         again = [s for n, s in _steps_by_visit(run, len(marks)).items() if n in marked]
         steps = tuple(dict.fromkeys((*again, *steps)))
@@ -264,6 +267,30 @@ def _planned_sections(
         observations = replace(observations, notes=(*observations.notes, note))
     findings = check_turn_ends(recording, run.sensor, marks, steps)
     return marks, observations, recording.findings + missing + moving + findings
+
+
+def _planned_name(run: RunBase[RestsSection], label: str) -> str:
+    """Return the plan's name for a label such as "+Z" or "z up", or the label itself."""
+    known = {step.label for step in nominal_plan(run)}
+    text, visit, number = label.partition(" (")
+    name = planned_name(text)
+    return label if text in known or name not in known else f"{name}{visit}{number}"
+
+
+def _with_planned_names(run: RunBase[RestsSection], observations: Observations) -> Observations:
+    """Return the means with the plan's names.
+
+    If no label names a step, and each mean shows which face of the case is up, gravity decides.
+    """
+    names = [_planned_name(run, label) for label in observations.labels]
+    holds = [step for step in nominal_plan(run) if isinstance(step, Hold)]
+    if run.data.kind == "means" and not set(names) & _steps_by_visit(run, len(names)).keys():
+        force = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "f"]
+        if len(force) == len("xyz") and len(holds) == len(nominal_plan(run)):
+            names = faces_up(observations.mean[:, force], holds) or names
+    if names == list(observations.labels):
+        return observations
+    return replace(observations, labels=tuple(number_repeated_names(names)))
 
 
 def _planned_steps(run: RunBase[RestsSection], observations: Observations) -> tuple[HandStep, ...]:

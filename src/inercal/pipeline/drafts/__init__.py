@@ -17,12 +17,12 @@ from inercal.basics.errors import InputError
 from inercal.physics.section_settings import measured_constant
 from inercal.pipeline.drafts.column_roles import (
     NO_GYROS,
+    NO_LABEL,
     ColumnRoles,
     UnknownAccelerometers,
-    recognise_columns,
     unknown_accelerometers,
+    without_label,
 )
-from inercal.pipeline.drafts.column_values import finite_rows, require_finite_rows
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections, run_file_text
 from inercal.pipeline.drafts.draft_sections import (
     bench_keys,
@@ -38,6 +38,7 @@ from inercal.pipeline.drafts.draft_sections import (
     suggest_rate,
     unused_columns,
 )
+from inercal.pipeline.drafts.log_files import recognise_files
 from inercal.pipeline.drafts.method_trials import (
     AUTO,
     Candidate,
@@ -48,16 +49,12 @@ from inercal.pipeline.drafts.method_trials import (
 from inercal.pipeline.drafts.readouts import QuietMeans
 from inercal.pipeline.drafts.stated_keys import (
     default_bench_keys,
-    stated_columns,
-    stated_gyros,
     stated_values,
 )
 from inercal.recordings.io.column_table import Table
-from inercal.recordings.io.read import detect_reader, read_table
 
 _AUTO_REASON = 'adds the coefficients that the tests point to; a list, such as ["g"], fixes them'
 _WORST = "unreliable"
-_MOST_TEXTS = 4  # columns of text
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
 
@@ -143,7 +140,43 @@ def draft_run_file(
     """
     stated = dict(stated or {})
     values = stated_values(stated)
-    table, gyros, roles = _recognise(logs, values)
+    table, gyros, roles = recognise_files(logs, values)
+    found = _draft(logs, path, stated, values, (table, gyros, roles))
+    guessed = "label" in roles.single and "data.label" not in stated and not roles.means
+    if found.method is None and guessed:
+        other = _draft(logs, path, stated, values, (table, gyros, without_label(roles)))
+        found = other if other.method is not None else found
+    if found.method is None:
+        _require_possible_keys(found.trials, stated)
+        by_reason: dict[str, list[str]] = {}
+        for trial in found.trials:
+            by_reason.setdefault(trial.reason, []).append(trial.called)
+        reasons = "; ".join(f"{', '.join(names)}: {why}" for why, names in by_reason.items())
+        raise InputError(
+            f"{logs[0]}: no method fits these data: {reasons}", file=logs[0], names=("method",)
+        )
+    reason = "the first of the above that fits"
+    if found.questions:
+        reason = "not tried yet: inercal init tries all of the above once it has the answers"
+    defaults = default_bench_keys(as_sections(found.entries), found.method.name)
+    keys = [*defaults, DraftKey("method", "name", found.method.name, reason)]
+    keys += [
+        DraftKey("method", key, value, _AUTO_REASON if {key: value} == AUTO else "")
+        for key, value in found.method.keys.items()
+    ]
+    return replace(found, entries=(*found.entries, *keys))
+
+
+def _draft(
+    logs: Sequence[Path],
+    path: Path,
+    stated: Mapping[str, str],
+    values: Mapping[str, Any],
+    columns: tuple[Table, Table | None, ColumnRoles],
+) -> Draft:
+    """Draft all sections but [method], and try the methods."""
+    table, gyros, roles = columns
+    values = dict(values)
     candidates = _candidates(logs[0], table, roles)
     if (stated_name := values.pop("method.name", None)) is not None:
         named = tuple(one for one in candidates if one[1] == stated_name)
@@ -184,28 +217,9 @@ def draft_run_file(
         start = start_deviation(roles)
         entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
     seen = facts(logs, table, roles, rests, time, readings)
-    why_unused = (roles.reasons[NO_GYROS],) if NO_GYROS in roles.reasons else ()
+    why_unused = [roles.reasons[key] for key in (NO_GYROS, NO_LABEL) if key in roles.reasons]
     seen = (*seen, *unused_columns(table, entries), *why_unused)
-    found = Draft(path, entries, trials, seen, roles, rests, time, readings)
-    if found.method is None:
-        _require_possible_keys(trials, stated)
-        by_reason: dict[str, list[str]] = {}
-        for trial in trials:
-            by_reason.setdefault(trial.reason, []).append(trial.called)
-        reasons = "; ".join(f"{', '.join(names)}: {why}" for why, names in by_reason.items())
-        raise InputError(
-            f"{logs[0]}: no method fits these data: {reasons}", file=logs[0], names=("method",)
-        )
-    reason = "the first of the above that fits"
-    if found.questions:
-        reason = "not tried yet: inercal init tries all of the above once it has the answers"
-    defaults = default_bench_keys(as_sections(entries), found.method.name)
-    keys = [*defaults, DraftKey("method", "name", found.method.name, reason)]
-    keys += [
-        DraftKey("method", key, value, _AUTO_REASON if {key: value} == AUTO else "")
-        for key, value in found.method.keys.items()
-    ]
-    return replace(found, entries=(*entries, *keys))
+    return Draft(path, entries, trials, seen, roles, rests, time, readings)
 
 
 def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, str]) -> None:
@@ -219,34 +233,6 @@ def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, s
 
 def _without_key(trial: MethodTrial) -> str:
     return trial.reason.removeprefix(f"{trial.key}: ")
-
-
-def _recognise(
-    logs: Sequence[Path], values: Mapping[str, Any]
-) -> tuple[Table, Table | None, ColumnRoles]:
-    """Return the table, the gyros' table if it is a separate file, and the column roles."""
-    table = _read(logs[0], values)
-    stated = stated_columns(values, table, second_file=len(logs) > 1)
-    alone = len(logs) == 1
-    numbers = finite_rows(table) if alone else table
-    roles = recognise_columns(numbers, detect_reader(logs[0]).name, stated)
-    used = [column for triad in roles.triads.values() for column in triad]
-    used += [roles.single["time"]] if "time" in roles.single else []
-    if alone and values.get("data.nonfinite") == "drop":
-        table = finite_rows(table, used)
-    elif alone:
-        require_finite_rows(logs[0], table, used)
-    gyros = _second_table(logs, table, roles, values)
-    if gyros is None:
-        return table, None, roles
-    second = recognise_columns(gyros, stated=stated_gyros(values, gyros))
-    joined = replace(
-        roles,
-        triads={**roles.triads, "gyro": second.triads["gyro"]},
-        reasons={**second.reasons, **roles.reasons},
-        units={**second.units, **roles.units},
-    )
-    return table, gyros, joined
 
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
@@ -270,44 +256,6 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
             file=log,
         )
     return candidates
-
-
-def _read(log: Path, values: Mapping[str, Any]) -> Table:
-    """Read a table; columns that begin with numbers or empty cells but contain text are text."""
-    stated = {key: values.get(f"data.{key}") for key in detect_reader(log).keys}
-    options = {key: value for key, value in stated.items() if value is not None}
-    text: list[str] = []
-    while True:
-        try:
-            return read_table(log, text=text, options=options)
-        except InputError as error:
-            column = error.names[0] if error.names else ""
-            if not column or column in text or error.line is None or len(text) == _MOST_TEXTS:
-                raise
-            text.append(column)
-
-
-def _second_table(
-    logs: Sequence[Path], table: Table, roles: ColumnRoles, values: Mapping[str, Any]
-) -> Table | None:
-    if len(logs) == 1:
-        return None
-    if len(logs) > 2:
-        raise InputError(
-            f"{len(logs)} files were given: give one recording, or one file with the "
-            "accelerometers and one with the gyros",
-            names=tuple(map(str, logs)),
-        )
-    second = _read(logs[1], values)
-    rows, others = (next(iter(one.columns.values())).size for one in (table, second))
-    found = recognise_columns(second, stated=stated_gyros(values, second)).triads
-    if "gyro" not in found or "gyro" in roles.triads or rows != others:
-        raise InputError(
-            f"{logs[1]} is not the gyros' file for {logs[0]}: it has {others} rows instead of "
-            f"{rows}, or the first file already contains the gyros; draft a run file for each",
-            file=logs[1],
-        )
-    return second
 
 
 def _with_scatter(

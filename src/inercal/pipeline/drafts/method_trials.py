@@ -80,7 +80,7 @@ def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
     if roles.means:
         warm = {"also": ["k0_dT", "k1_dT"]}
         by_temperature = [("hand", "six_position", warm)] if "temperature" in roles.single else []
-        return (*by_temperature, ("hand", "six_position", {}))
+        return (*by_temperature, ("hand", "six_position", {}), ("hand", "multi_position", AUTO))
     turns = (360, -360)
     ferraris: list[Candidate] = [("hand", "ferraris", {"turn": f"{angle} °"}) for angle in turns]
     ferraris = ferraris if gyros else []

@@ -289,6 +289,20 @@ def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]
     return marks
 
 
+def faces_up(means: Array, holds: Sequence[Hold]) -> list[str] | None:
+    """Return the label of the hold in whose attitude each mean, (r, 3), was taken.
+
+    None if a mean fits no hold.
+    """
+    ups = np.array([hold.up for hold in holds])
+    means = means - _offset(means, ups)
+    norms = np.maximum(np.linalg.norm(means, axis=1, keepdims=True), np.finfo(float).tiny)
+    near = (means / norms) @ ups.T
+    if (near.max(axis=1) <= _ALIGNED).any():
+        return None
+    return [holds[k].label for k in near.argmax(axis=1).tolist()]
+
+
 def _offset(means: Array, ups: Array) -> Array:
     """Return rough biases, (3,): the mean over rests in opposite attitudes, otherwise zero.
 
