@@ -9,6 +9,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.hand.axes_check import check_axes, positions_note
 from inercal.benches.hand.bench import Hand
+from inercal.benches.hand.offset_check import explain_norm
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
@@ -140,6 +141,10 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
         findings += require_not_refused(run.data.file, odd)
     if not run.method.unknown_attitudes:
         findings += check_against_plan(observations, sensor, steps, bench.gravity.value)
+    if sensor.select_axes("f").axes:
+        at_rest = [isinstance(step, Hold) for step in steps]
+        means = observations.mean[at_rest]
+        findings = explain_norm(findings, means, sensor, bench.gravity.value)
     _require_recordings(run, bench)
     conditions = _conditions(run, bench)
     return EstimatorInput(recording, marks, observations, plan, steps, findings, conditions, rests)
@@ -298,8 +303,11 @@ def _planned_steps(run: RunBase[RestsSection], observations: Observations) -> tu
     unknown = [label for label in observations.labels if label not in by_label]
     if unknown:
         planned = ", ".join(step.label for step in nominal_plan(run))
+        what = f"the plan has no step {unknown[0]!r}"
+        if run.data.row is None:
+            what = "gravity does not show which face is up in each row, and no column names it"
         raise InputError(
-            f"{run.data.file}: the plan has no step {unknown[0]!r}; its steps are {planned}",
+            f"{run.data.file}: {what}; the plan's steps are {planned}",
             file=run.file(run.data.file),
             names=(unknown[0],),
         )

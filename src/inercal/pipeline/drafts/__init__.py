@@ -46,9 +46,10 @@ from inercal.pipeline.drafts.method_trials import (
     candidate_methods,
     try_methods,
 )
-from inercal.pipeline.drafts.readouts import QuietMeans
+from inercal.pipeline.drafts.quiet_sections import QuietMeans
 from inercal.pipeline.drafts.stated_keys import (
     default_bench_keys,
+    stated_units,
     stated_values,
 )
 from inercal.recordings.io.column_table import Table
@@ -141,6 +142,7 @@ def draft_run_file(
     stated = dict(stated or {})
     values = stated_values(stated)
     table, gyros, roles = recognise_files(logs, values)
+    roles = replace(roles, units={**roles.units, **stated_units(values)})
     found = _draft(logs, path, stated, values, (table, gyros, roles))
     guessed = "label" in roles.single and "data.label" not in stated and not roles.means
     if found.method is None and guessed:

@@ -53,6 +53,9 @@ _UNITS = (  # units in a column's name, as text or in brackets, with their kind
     (re.compile(r"(deg|°)_?/?s\b|dps\b|_deg\b"), "°/s"),
     (re.compile(r"lsb|counts?|raw"), "LSB"),
 )
+_KINDS = dict.fromkeys(("m/s²", "mg", "g"), "accelerometer") | dict.fromkeys(
+    ("rad/s", "°/s"), "gyro"
+)
 _UNIT_WORDS = r"m_s_?2|mps2|ms2|mg|g|rad(_?s)?|deg(_?s)?|dps|raw|lsb|counts?"
 _UNIT_END = re.compile(rf"_({_UNIT_WORDS})$")
 _TIME_UNITS = (
@@ -119,6 +122,11 @@ def named_triads(
             reasons[kind] = "by their names"
             if unit := column_unit(found[0]):
                 units[kind] = unit
+    bare = groups.get("", {})
+    kind = _KINDS.get(column_unit(bare.get(0, "")) or "")
+    if len(bare) == len(_AXES) and kind is not None and kind not in triads:
+        triads[kind] = tuple(bare[k] for k in range(len(_AXES)))
+        reasons[kind], units[kind] = "by their unit", column_unit(bare[0]) or ""
     return triads
 
 
@@ -151,6 +159,8 @@ def _words(name: str) -> str:
 
 def _stem_and_axis(words: str) -> tuple[str, int | None]:
     """Split a name into its stem and axis: ("acc", 0) for "acc_x", "accx" and "ax"."""
+    if words in _AXES:
+        return "", _AXIS_ENDS[words]
     head, _, last = words.rpartition("_")
     if head and last in _AXIS_ENDS:
         return head, _AXIS_ENDS[last]

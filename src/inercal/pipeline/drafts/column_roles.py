@@ -20,6 +20,7 @@ from inercal.pipeline.drafts.column_values import (
     accelerometers_by_values,
     aligned_triads,
     clock_by_values,
+    counts_rows,
     grows,
     gyros_by_values,
     has_even_steps,
@@ -40,6 +41,7 @@ _TABLE = ("outer", "middle", "inner")
 _ATTITUDE = ("psi", "theta")
 _TRIADS = ("accelerometer", "gyro")
 _LOGS = ("ulog", "dataflash", "rosbag")  # formats that contain samples in SI units
+_FEWEST_POSES = 6  # rows of a table of means whose columns have other names
 _MOVED_BY_BENCH = {"angle", "arm_rate", "mounting", "hold"}
 _SI = {"accelerometer": "m/s²", "gyro": "rad/s"}
 
@@ -118,7 +120,14 @@ def recognise_columns(
     if "accelerometer" not in triads and left and single.keys() & {"angle", "arm_rate"}:
         triads["accelerometer"], reasons["accelerometer"] = left, "the remaining columns"
     means = reader not in _LOGS and rows < FEWEST_SAMPLES
-    means = means and not has_even_steps(table, single.get("time"))
+    clock = single.get("time")
+    means = means and (not has_even_steps(table, clock) or counts_rows(table, str(clock)))
+    if means and "accelerometer" not in triads and not single.keys() & _MOVED_BY_BENCH:
+        own = [n for n in free if role_of_name(n) is None and not is_other_quantity(n)]
+        own = [n for n in own if not counts_rows(table, n)]
+        if len(own) == len("xyz") and rows >= _FEWEST_POSES:
+            triads["accelerometer"] = in_axis_order(own)
+            reasons["accelerometer"] = "the three remaining columns"
     if "label" not in stated:
         by_name = [single.pop("label")] if "label" in single else []
         others = [name for name in texts if name not in {*by_name, *single.values()}]
@@ -145,11 +154,12 @@ def _judge_labels(
 ) -> None:
     """Add the first column that names rows or sections, and say which others are ignored."""
     force = None
-    if "accelerometer" in triads and not single.keys() & _MOVED_BY_BENCH:
+    moved = single.keys() & _MOVED_BY_BENCH
+    if "accelerometer" in triads and not moved:
         force = np.stack([table.numbers(n) for n in triads["accelerometer"]], axis=-1)
     for name in names:
         text = table.columns[name].dtype.kind == "U"
-        if names_rows(table, name) if means else names_sections(table, name, force):
+        if moved or (names_rows(table, name) if means else names_sections(table, name, force)):
             single["label"] = name
             reasons["label"] = "its values name the sections" if text else "by its name"
             break

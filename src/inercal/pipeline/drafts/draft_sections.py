@@ -14,15 +14,14 @@ from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si
 from inercal.physics.section_settings import si_value
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
+from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
 from inercal.pipeline.drafts.readouts import (
     GuessedReadout,
-    QuietMeans,
-    find_quiet_sections,
+    far_off,
     guess_accelerometer,
     guess_from_norms,
     guess_from_turned_axis,
     guess_gyro,
-    rest_means,
     white_noise,
 )
 from inercal.recordings.io.column_table import Table, shorten
@@ -142,12 +141,16 @@ def readout_keys(kind: str, readout: GuessedReadout) -> tuple[DraftKey, ...]:
     """Return the keys of [sensor.accelerometer] or [sensor.gyro]: unit, scale and offset."""
     section = f"sensor.{kind}"
     unit = DraftKey(section, "unit", readout.unit, readout.reason)
-    if not readout.certain and kind == "gyro":
-        ask = f"the unit of the {kind}s, such as rad/s ({readout.reason})"
+    if not readout.certain and (kind == "gyro" or readout.unit == UNKNOWN):
+        example = "rad/s" if kind == "gyro" else "m/s²"
+        ask = f"the unit of the {kind}s, such as {example} ({readout.reason})"
         unit = replace(unit, value=UNKNOWN, ask=ask)
     entries = [unit]
     if readout.scale:
-        entries.append(DraftKey(section, "scale", readout.scale, "nominal; see the data sheet"))
+        example = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
+        ask = f"the nominal scale of the {kind}s, such as {example}"
+        reason = "nominal; see the data sheet"
+        entries.append(DraftKey(section, "scale", readout.scale, reason, ask))
     if readout.offset:
         entries.append(DraftKey(section, "offset", readout.offset, "reading at zero"))
     return tuple(entries)
@@ -336,6 +339,8 @@ def facts(
     every = list(np.hstack(list(readings.values())).T)
     for kind, data in readings.items():
         facts.append(f"{kind}s read {data.min():.6g} to {data.max():.6g}")
+        if kind == "accelerometer" and data.shape[1] == len("xyz"):
+            facts += far_off(data if rests is None else rests.force, roles.triads[kind])
         clipped = [0] if roles.means else [_railed_samples(x, every) for x in data.T]
         if any(clipped):
             facts.append(f"{kind}s are at the end of their range in {max(clipped)} samples")
