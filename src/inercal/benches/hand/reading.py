@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -241,7 +242,7 @@ def _planned_sections(
             run.path,
         )
     if run.data.marks == "found":
-        found = find_sections(recording, run.sensor, steps)
+        found = find_sections(recording, run.sensor, steps, _files(run, recording))
         axes, odd = check_axes(run, recording, found.rests)
         marks, missing, note = found.marks, found.findings + odd, positions_note(axes)
         if not marks:
@@ -256,10 +257,10 @@ def _planned_sections(
         names = [_planned_name(run, mark.label) for mark in marks]
         names = number_repeated_names(names) if _numbers_visits(run) else names
         marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
-        marked = {mark.label for mark in marks}
-        again = [s for n, s in _steps_by_visit(run, len(marks)).items() if n in marked]
-        steps = tuple(dict.fromkeys((*again, *steps)))
-        labels = [step.label for step in steps]
+    marked = {mark.label for mark in marks}
+    again = [s for n, s in _steps_by_visit(run, len(marks)).items() if n in marked]
+    steps = tuple(dict.fromkeys((*again, *steps)))
+    labels = [step.label for step in steps]
     check_marks(marks, recording, labels)
     holds = {step.label for step in steps if isinstance(step, Hold)}
     moving = check_marked_rests(run, recording, [mark for mark in marks if mark.label in holds])
@@ -272,6 +273,15 @@ def _planned_sections(
         observations = replace(observations, notes=(*observations.notes, note))
     findings = check_turn_ends(recording, run.sensor, marks, steps)
     return marks, observations, recording.findings + missing + moving + findings
+
+
+def _files(run: RunBase[RestsSection], recording: Recording) -> tuple[tuple[int, int], ...]:
+    """Return the samples of each file if the recording has several, as (start, stop)."""
+    labels = recording.labels
+    if labels is None or not is_pattern(run.file(run.data.file)):
+        return ()
+    edges = [0, *(np.flatnonzero(labels[1:] != labels[:-1]) + 1).tolist(), labels.size]
+    return tuple(pairwise(edges))
 
 
 def _planned_name(run: RunBase[RestsSection], label: str) -> str:

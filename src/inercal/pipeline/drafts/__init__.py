@@ -38,7 +38,7 @@ from inercal.pipeline.drafts.draft_sections import (
     suggest_rate,
     unused_columns,
 )
-from inercal.pipeline.drafts.log_files import recognise_files
+from inercal.pipeline.drafts.log_files import read_logs, recording_name
 from inercal.pipeline.drafts.method_trials import (
     AUTO,
     Candidate,
@@ -47,6 +47,13 @@ from inercal.pipeline.drafts.method_trials import (
     try_methods,
 )
 from inercal.pipeline.drafts.quiet_sections import QuietMeans
+from inercal.pipeline.drafts.rate_tables import (
+    gyro_deviation_key,
+    gyro_readout,
+    rate_bench_keys,
+    with_rate_table,
+)
+from inercal.pipeline.drafts.readouts import guess_accelerometer
 from inercal.pipeline.drafts.stated_keys import (
     default_bench_keys,
     stated_units,
@@ -121,18 +128,25 @@ class Draft:
 
 
 def draft_run_file(
-    logs: Sequence[Path], path: Path, stated: Mapping[str, str] | None = None
+    logs: Sequence[Path],
+    path: Path,
+    stated: Mapping[str, str] | None = None,
+    *,
+    typical: bool = False,
 ) -> Draft:
-    """Draft the run file for a recording, or for two: accelerometers first, then gyros.
+    """Draft the run file for a recording in one file or several.
 
     Parameters
     ----------
     logs : sequence of Path
-        One or two files, in any readable format.
+        Files in any readable format: one, one with the accelerometers and one with the gyros, or
+        several with the same columns; also a folder, or a name with a star.
     path : Path
         Path of the run file.
     stated : mapping of str to str, optional
         Values that the user states, by key, such as "data.rate" or "bench.gravity".
+    typical : bool
+        Whether typical errors of a rate table replace the questions about them.
 
     Raises
     ------
@@ -141,12 +155,17 @@ def draft_run_file(
     """
     stated = dict(stated or {})
     values = stated_values(stated)
-    table, gyros, roles = recognise_files(logs, values)
-    roles = replace(roles, units={**roles.units, **stated_units(values)})
-    found = _draft(logs, path, stated, values, (table, gyros, roles))
+    read = read_logs(logs, values)
+    table, gyros = read.table, read.gyros
+    roles = replace(read.roles, units={**read.roles.units, **stated_units(values)})
+    roles = with_rate_table(table, roles)
+    name, logs = recording_name(logs), read.files
+    found = _draft(logs, path, stated, values, (table, gyros, roles), name, typical=typical)
     guessed = "label" in roles.single and "data.label" not in stated and not roles.means
     if found.method is None and guessed:
-        other = _draft(logs, path, stated, values, (table, gyros, without_label(roles)))
+        other = _draft(
+            logs, path, stated, values, (table, gyros, without_label(roles)), name, typical=typical
+        )
         found = other if other.method is not None else found
     if found.method is None:
         _require_possible_keys(found.trials, stated)
@@ -175,6 +194,9 @@ def _draft(
     stated: Mapping[str, str],
     values: Mapping[str, Any],
     columns: tuple[Table, Table | None, ColumnRoles],
+    name: str,
+    *,
+    typical: bool,
 ) -> Draft:
     """Draft all sections but [method], and try the methods."""
     table, gyros, roles = columns
@@ -196,30 +218,47 @@ def _draft(
     radius_text = stated.get("bench.radius")
     length = partial(measured_constant, like="m", key="[bench] radius", last_digit=False)
     radius = None if radius_text is None else length(radius_text).value
+    at_rates = "table_rate" in roles.single
     try:
-        readouts, radius = guess_readouts(table, readings, roles, rests, turns, time, radius)
+        if at_rates:
+            readouts = {"gyro": gyro_readout(table, roles)}
+            if "accelerometer" in readings:
+                own = readings["accelerometer"]
+                readouts["accelerometer"] = guess_accelerometer(
+                    own, roles.units.get("accelerometer")
+                )
+        else:
+            readouts, radius = guess_readouts(table, readings, roles, rests, turns, time, radius)
     except InputError as error:
         raise error.located(logs[0]) from None
+    guessed = roles.means and "accelerometer" in readings
     noise = noise_keys(readings, readouts, rests, time) if bench == "turntable" else {}
     entries = (
-        DraftKey("sensor", "name", logs[0].stem, "change it to the sensor's serial number"),
+        DraftKey("sensor", "name", name, "change it to the sensor's serial number"),
         *(
             entry
             for kind, readout in readouts.items()
             for entry in (*readout_keys(kind, readout), *noise.get(kind, ()))
         ),
-        *bench_keys(bench, radius),
+        *(
+            rate_bench_keys(table, roles, typical=typical)
+            if at_rates
+            else bench_keys(bench, radius)
+        ),
         *data_keys(logs, path, table, roles, bench, values),
         *suggest_rate(clock, readouts.get("gyro")),
-        *((deviation_key(start_deviation(roles), "a guess"),) if roles.means else ()),
+        *((gyro_deviation_key(table, roles, readouts["gyro"]),) if at_rates else ()),
+        *((deviation_key(start_deviation(roles), "a guess"),) if guessed else ()),
     )
     entries = _with_stated(entries, _named_columns(values, roles))
     trials = try_methods(entries, candidates, path.parent)
-    if roles.means and "data.sd.accelerometer" not in stated:
+    if guessed and "data.sd.accelerometer" not in stated:
         start = start_deviation(roles)
         entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
     seen = facts(logs, table, roles, rests, time, readings)
     why_unused = [roles.reasons[key] for key in (NO_GYROS, NO_LABEL) if key in roles.reasons]
+    if at_rates and typical:
+        why_unused.append("errors of the rate table are typical values: replace them by your own")
     seen = (*seen, *unused_columns(table, entries), *why_unused)
     return Draft(path, entries, trials, seen, roles, rests, time, readings)
 
@@ -239,14 +278,8 @@ def _without_key(trial: MethodTrial) -> str:
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
     """Return the methods that may fit, and refuse columns that suit no method."""
-    if {"axis", "arm_rate"} <= roles.single.keys() and roles.triads:
-        raise InputError(
-            f"{log}: columns {roles.single['axis']} and {roles.single['arm_rate']} suit method "
-            "rates_and_poses, but only you can state the errors of the rate table: start from the "
-            "example in examples/rate_platform",
-            file=log,
-            names=("rates_and_poses",),
-        )
+    if "table_rate" in roles.single:
+        return candidate_methods(roles)
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
     candidates = candidate_methods(roles)
@@ -323,4 +356,11 @@ def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tu
     return tuple(known.values())
 
 
-__all__ = ["Draft", "DraftKey", "MethodTrial", "UnknownAccelerometers", "draft_run_file"]
+__all__ = [
+    "Draft",
+    "DraftKey",
+    "MethodTrial",
+    "UnknownAccelerometers",
+    "draft_run_file",
+    "recording_name",
+]

@@ -53,7 +53,7 @@ _UNITS = (  # units in a column's name, as text or in brackets, with their kind
     (re.compile(r"(deg|°)_?/?s\b|dps\b|_deg\b"), "°/s"),
     (re.compile(r"lsb|counts?|raw"), "LSB"),
 )
-_KINDS = dict.fromkeys(("m/s²", "mg", "g"), "accelerometer") | dict.fromkeys(
+_KINDS: dict[str, str] = dict.fromkeys(("m/s²", "mg", "g"), "accelerometer") | dict.fromkeys(
     ("rad/s", "°/s"), "gyro"
 )
 _UNIT_WORDS = r"m_s_?2|mps2|ms2|mg|g|rad(_?s)?|deg(_?s)?|dps|raw|lsb|counts?"

@@ -64,6 +64,9 @@ class ColumnRoles:
         Unit stated in the column's name, for each role.
     means : bool
         Whether the rows are means instead of samples.
+    part_marks : str
+        For a recording in several files with the same columns: "labels" if each file is a section,
+        otherwise "found"; empty for a single file.
     """
 
     triads: Mapping[str, tuple[str, ...]]
@@ -73,6 +76,7 @@ class ColumnRoles:
     reasons: Mapping[str, str] = field(default_factory=dict[str, str])
     units: Mapping[str, str] = field(default_factory=dict[str, str])
     means: bool = False
+    part_marks: str = ""
 
 
 def recognise_columns(

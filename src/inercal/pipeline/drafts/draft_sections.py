@@ -15,6 +15,7 @@ from inercal.physics.section_settings import si_value
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
+from inercal.pipeline.drafts.rate_tables import rate_unit
 from inercal.pipeline.drafts.readouts import (
     GuessedReadout,
     far_off,
@@ -235,19 +236,25 @@ def data_keys(
         entries.append(DraftKey("data", "attitude", list(roles.attitude), "by their names"))
     wanted = {
         "centrifuge": ("arm_rate", "label", "temperature"),
+        "rate_platform": ("axis", "table_rate", "roll", "pitch", "seconds", "temperature"),
         "rate_table": ("arm_rate", "mounting", "temperature"),
         "dividing_head": ("angle", "autocollimator", "level", "label", "temperature"),
         "turntable": ("label", "hold", "temperature"),
-        "hand": ("label", "temperature"),
+        "hand": ("label", "gyro_time", "temperature"),
     }[bench]
     for role in wanted:
         if role in roles.single:
             name = roles.single[role]
             entries.append(DraftKey("data", role, _column(name), roles.reasons[role]))
+            if role == "table_rate":
+                entries.append(DraftKey("data", "table_rate_unit", *rate_unit(table, roles)))
             if role == "arm_rate" and _rate_unit(name) != "rpm":
                 entries.append(DraftKey("data", "arm_rate_unit", _rate_unit(name), "by its name"))
             if role == "temperature":
                 entries += _thermometer_keys(table, name, values)
+    if roles.part_marks:
+        reason = "each file is a section" if roles.part_marks == "labels" else ""
+        entries.append(DraftKey("data", "marks", roles.part_marks, reason))
     if bench == "hand" and not roles.means and "label" in roles.single:
         entries.append(DraftKey("data", "marks", "labels", "the column names the sections"))
     return tuple(entries)
