@@ -15,6 +15,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.physics.section_settings import measured_constant
+from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import (
     NO_GYROS,
     NO_LABEL,
@@ -207,7 +208,11 @@ def _draft(
         candidates = named or ((candidates[0][0], stated_name, {}),)
     readings = {
         kind: np.stack(
-            [(gyros if kind == "gyro" and gyros else table).numbers(name) for name in columns],
+            [
+                (gyros if kind == "gyro" and gyros else table).numbers(name)
+                * (-1 if is_reversed(name) else 1)
+                for name in columns
+            ],
             axis=-1,
         )
         for kind, columns in roles.triads.items()

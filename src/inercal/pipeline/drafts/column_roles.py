@@ -9,6 +9,7 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts.column_names import (
+    has_axes,
     in_axis_order,
     is_other_quantity,
     named_triads,
@@ -21,6 +22,7 @@ from inercal.pipeline.drafts.column_values import (
     aligned_triads,
     clock_by_values,
     counts_rows,
+    follows_rate,
     grows,
     gyros_by_values,
     has_even_steps,
@@ -67,6 +69,8 @@ class ColumnRoles:
     part_marks : str
         For a recording in several files with the same columns: "labels" if each file is a section,
         otherwise "found"; empty for a single file.
+    parts : tuple of (start, stop)
+        Samples of each of these files.
     """
 
     triads: Mapping[str, tuple[str, ...]]
@@ -77,6 +81,7 @@ class ColumnRoles:
     units: Mapping[str, str] = field(default_factory=dict[str, str])
     means: bool = False
     part_marks: str = ""
+    parts: tuple[tuple[int, int], ...] = ()
 
 
 def recognise_columns(
@@ -120,9 +125,13 @@ def recognise_columns(
         units["time"] = unit
     if reader in _LOGS:
         units = {kind: unit for kind, unit in _SI.items() if kind in triads}
-    left = tuple(name for name in free if role_of_name(name) is None)[:2]
+    left = [name for name in free if role_of_name(name) is None and not is_other_quantity(name)]
     if "accelerometer" not in triads and left and single.keys() & {"angle", "arm_rate"}:
-        triads["accelerometer"], reasons["accelerometer"] = left, "the remaining columns"
+        axes = left[:3] if has_axes(left[:3]) else left[:2]
+        rate = single.get("arm_rate")
+        turning = len(axes) == len("xyz") and rate is not None and follows_rate(table, axes, rate)
+        kind = "gyro" if turning and "gyro" not in triads else "accelerometer"
+        triads[kind], reasons[kind] = in_axis_order(axes), "the remaining columns"
     means = reader not in _LOGS and rows < FEWEST_SAMPLES
     clock = single.get("time")
     means = means and (not has_even_steps(table, clock) or counts_rows(table, str(clock)))

@@ -37,6 +37,7 @@ FEWEST_SAMPLES = 500
 _AXES = 3
 _NAMES = ("ax", "ay", "az", "gx", "gy", "gz")
 _MOVED = 20.0  # least range of a gyro between rests, in units of its scatter at rest
+_PROPORTIONAL = 0.999  # correlation
 _MOST_NUMBERED = 200  # rows of a table of means whose rows are numbered
 _EVEN_STEPS = 0.5  # largest 90 % deviation of a clock's steps, as a fraction of the median step
 _WINDOW = 50  # samples in a window of a rest
@@ -81,6 +82,17 @@ def counts_rows(table: Table, name: str) -> bool:
     if column.dtype.kind == "U" or not 1 < column.size <= _MOST_NUMBERED:
         return False
     return column[0] in (0, 1) and bool(np.all(np.diff(column.astype(np.float64)) == 1))
+
+
+def follows_rate(table: Table, names: Sequence[str], rate: str) -> bool:
+    """Return whether the norm of three columns is proportional to a rate, as that of gyros is."""
+    norm = np.linalg.norm(_stacked(table, names), axis=-1)
+    speed = np.abs(table.numbers(rate))
+    usable = np.isfinite(norm) & np.isfinite(speed)
+    norm, speed = norm[usable], speed[usable]
+    if norm.size < _AXES or not np.ptp(norm) or not np.ptp(speed):
+        return False
+    return float(np.corrcoef(norm, speed)[0, 1]) > _PROPORTIONAL
 
 
 def clock_by_values(table: Table, names: Sequence[str]) -> str | None:

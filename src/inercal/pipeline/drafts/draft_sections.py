@@ -12,6 +12,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
 from inercal.physics.section_settings import si_value
+from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
@@ -90,6 +91,9 @@ def find_rest_means(
 ) -> tuple[QuietMeans, tuple[tuple[int, int], ...]]:
     """Return the rests and, if a column marks sections, the marked sections with motion."""
     data = np.hstack([readings[kind] for kind in readings])
+    if roles.part_marks == "labels":
+        spans = np.array(roles.parts)
+        return rest_means(spans, readings["accelerometer"], readings.get("gyro")), ()
     if "label" in roles.single and "time" in roles.single:
         labels = table.columns[roles.single["label"]]
         change = np.flatnonzero(labels[1:] != labels[:-1]) + 1
@@ -203,7 +207,12 @@ def _rate_size(name: str) -> float:
 
 
 def _column(name: str) -> str | int:
-    """Return a column as it is named in a run file: by its number if it has no name."""
+    """Return a column as it is named in a run file: by its number if it has no name.
+
+    A name that states the opposite sign, "-(Y Accel)", gets the sign that reverses it.
+    """
+    if is_reversed(name):
+        return f"-{name}"
     return int(name) if name.isdecimal() else name
 
 

@@ -7,6 +7,7 @@ the same columns are parts of one recording: one for each pose, or for each temp
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -182,7 +183,8 @@ def _parts(files: Sequence[Path], tables: Sequence[Table], values: Mapping[str, 
     names = [n for n in ordered[0].names if all(n in one.columns for one in ordered)]
     columns = {name: np.concatenate([one.columns[name] for one in ordered]) for name in names}
     table = replace(ordered[0], columns=columns, block=None)
-    edges = np.cumsum([next(iter(one.columns.values())).size for one in ordered])[:-1]
+    ends = np.cumsum([next(iter(one.columns.values())).size for one in ordered])
+    edges, spans = ends[:-1], tuple(pairwise([0, *ends.tolist()]))
     stated = stated_columns(values, table, second_file=False)
     first = recognise_columns(ordered[0], stated=stated).single.get("time")
     if first is not None and columns[first].dtype.kind != "U":
@@ -195,7 +197,8 @@ def _parts(files: Sequence[Path], tables: Sequence[Table], values: Mapping[str, 
         scatter = [part.std(axis=0).max() for part in np.split(force, edges)]
         still = max(scatter) <= _STILL * np.ptp(force, axis=0).max()
         marks = "labels" if still and len(files) >= _FEWEST_POSES else "found"
-    return LogFiles((pattern,), table, None, replace(roles, single=single, part_marks=marks))
+    roles = replace(roles, single=single, part_marks=marks, parts=spans)
+    return LogFiles((pattern,), table, None, roles)
 
 
 def _one_after_the_other(times: Sequence[np.ndarray]) -> np.ndarray:

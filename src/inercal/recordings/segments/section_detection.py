@@ -305,16 +305,19 @@ def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]
 def faces_up(means: Array, holds: Sequence[Hold]) -> list[str] | None:
     """Return the label of the hold in whose attitude each mean, (r, 3), was taken.
 
-    None if a mean fits no hold.
+    The biases are rough, or the middle of the range, because an axis may be off by 1 g. None if a
+    mean fits no hold.
     """
     ups = np.array([hold.up for hold in holds])
-    means = means - _offset(means, ups)
-    norms = np.maximum(np.linalg.norm(means, axis=1, keepdims=True), np.finfo(float).tiny)
-    near = (means / norms) @ ups.T
-    if (near.max(axis=1) <= _ALIGNED).any():
-        return None
-    nearest: list[int] = near.argmax(axis=1).tolist()
-    return [holds[k].label for k in nearest]
+    for centre in (_offset(means, ups), 0.5 * (means.max(axis=0) + means.min(axis=0))):
+        left = means - centre
+        norms = np.maximum(np.linalg.norm(left, axis=1, keepdims=True), np.finfo(float).tiny)
+        near = (left / norms) @ ups.T
+        nearest: list[int] = near.argmax(axis=1).tolist()
+        every = set(nearest) == set(range(len(holds)))
+        if (near.max(axis=1) > _ALIGNED).all() and every:
+            return [holds[k].label for k in nearest]
+    return None
 
 
 def _offset(means: Array, ups: Array) -> Array:
@@ -322,8 +325,8 @@ def _offset(means: Array, ups: Array) -> Array:
 
     A bias of 0.4 g changes the direction of a face by more than the cosine between faces allows.
     """
-    directions = means / np.linalg.norm(means, axis=1, keepdims=True)
-    near = directions @ ups.T
+    norms = np.maximum(np.linalg.norm(means, axis=1, keepdims=True), np.finfo(float).tiny)
+    near = (means / norms) @ ups.T
     every = (near > _ROUGHLY).any(axis=0).all()
     if not every or not len(ups) or np.linalg.norm(ups.mean(axis=0)) > _EVEN:
         return np.zeros(3)
