@@ -12,7 +12,7 @@ from inercal.basics.units import format_quantity, si_factor
 from inercal.pipeline.drafts.column_names import column_unit
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
-from inercal.pipeline.drafts.readouts import GuessedReadout
+from inercal.pipeline.drafts.readouts import GuessedReadout, counts_per_degree
 from inercal.recordings.data.face_names import parse_face
 from inercal.recordings.io.column_table import Table
 
@@ -129,8 +129,9 @@ def gyro_readout(table: Table, roles: ColumnRoles) -> GuessedReadout:
             return GuessedReadout(unit, "", 0.0, si_factor(unit), "they read the table's rate")
     counts = slope * si_factor("°/s")
     unit = stated or "LSB"
-    reason = f"they read {counts:.4g} per °/s of the table"
-    return GuessedReadout(unit, f"{counts:.4g} {unit}/(°/s)", 0.0, 1 / slope, reason)
+    near, why = counts_per_degree(counts)
+    reason = f"they read {counts:.4g} per °/s of the table{why}"
+    return GuessedReadout(unit, f"{near:.6g} {unit}/(°/s)", 0.0, si_factor("°/s") / near, reason)
 
 
 def rate_bench_keys(table: Table, roles: ColumnRoles, *, typical: bool) -> tuple[DraftKey, ...]:

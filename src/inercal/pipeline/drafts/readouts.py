@@ -212,6 +212,11 @@ def _nominal(counts: float, known: Sequence[float]) -> tuple[float, str]:
     return float(f"{counts:.3g}"), ""
 
 
+def counts_per_degree(counts: float) -> tuple[float, str]:
+    """Return the usual scale of gyros near `counts` LSB/(°/s), or these counts, with a reason."""
+    return _nominal(counts, _COUNTS_PER_DEGREE)
+
+
 def guess_gyro(
     rests: QuietMeans,
     gyro: Array,
@@ -269,7 +274,7 @@ def guess_gyro(
     for unit, si in _GYRO_UNITS.items():
         if stated is None and abs(size / si - 1) < _NEAR:
             return GuessedReadout(unit, "", 0.0, si, reason)
-    per_degree, why = _nominal(np.pi / 180 / size, _COUNTS_PER_DEGREE)
+    per_degree, why = counts_per_degree(np.pi / 180 / size)
     unit = stated or "LSB"
     text = f"{per_degree:.6g} {unit}/(°/s)"
     return GuessedReadout(unit, text, offset, np.pi / 180 / per_degree, reason + why)
