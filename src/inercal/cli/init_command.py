@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 def run(
     logs: list[Path] = typer.Argument(
         metavar="LOG…",
-        help="The recording, or two files: one for the accelerometers and one for the gyros.",
+        help="The recording: a file, a file for the accelerometers and one for the gyros, several "
+        "files with the same columns, a folder, or a name with a star.",
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Run file to write; by default the log's name with .toml."
@@ -45,14 +46,16 @@ def run(
     Each line of the draft states its reason. In a terminal, you are asked for values that cannot be
     found from the data.
     """
-    path = out or Path(f"{logs[0].stem}.toml")
+    from inercal.pipeline.drafts import recording_name
+
+    path = out or Path(f"{recording_name(logs)}.toml")
     files = {"run_file": path}
     page = path.with_suffix(".draft.html")
     kinds = {path: RUN_FILE} | ({page: PAGE} if report else {})
     check_outputs(kinds, logs, force=force)
     known = stated_keys(stated)
     asks = not yes and sys.stdin.isatty() and sys.stdout.isatty()
-    draft = _draft(logs, path, known, asks=asks)
+    draft = _draft(logs, path, known, asks=asks, yes=yes)
     if draft.questions and asks:
         draft = _ask(draft, logs, known)
     write_text(path, draft.text)
@@ -100,7 +103,9 @@ def stated_keys(texts: Sequence[str]) -> dict[str, str]:
     return assignments(texts, "--set", form, sectioned=True)
 
 
-def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: bool) -> "Draft":
+def _draft(
+    logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: bool, yes: bool
+) -> "Draft":
     """Draft the run file; in a terminal, ask for accelerometer columns that are not recognised."""
     from inercal.pipeline.drafts import UnknownAccelerometers, draft_run_file
 
@@ -108,7 +113,7 @@ def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: boo
     while True:
         try:
             with progress_status(f"reading {', '.join(map(str, logs))}"):
-                return draft_run_file(logs, path, known)
+                return draft_run_file(logs, path, known, typical=yes)
         except UnknownAccelerometers as error:
             if not asks:
                 raise

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -9,11 +10,13 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.hand.axes_check import check_axes, positions_note
 from inercal.benches.hand.bench import Hand
+from inercal.benches.hand.offset_check import explain_norm
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Observations, Recording, Track
 from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
+from inercal.recordings.data.face_names import planned_name
 from inercal.recordings.data.recording_loader import (
     load_recording,
     number_repeated_names,
@@ -39,6 +42,7 @@ from inercal.recordings.segments import (
     check_against_plan,
     check_marks,
     check_turn_ends,
+    faces_up,
     find_rests,
     find_sections,
     holds_from_marks,
@@ -129,6 +133,7 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
     if run.method.unknown_attitudes:
         plan = steps = holds_from_observations(observations, sensor)
     else:
+        observations = _with_planned_names(run, observations)
         steps = _planned_steps(run, observations)
         plan = _plan_with_visits(run, steps)
     if recording is None and sensor.select_axes("f").axes:
@@ -137,6 +142,10 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
         findings += require_not_refused(run.data.file, odd)
     if not run.method.unknown_attitudes:
         findings += check_against_plan(observations, sensor, steps, bench.gravity.value)
+    if sensor.select_axes("f").axes:
+        at_rest = [isinstance(step, Hold) for step in steps]
+        means = observations.mean[at_rest]
+        findings = explain_norm(findings, means, sensor, bench.gravity.value)
     _require_recordings(run, bench)
     conditions = _conditions(run, bench)
     return EstimatorInput(recording, marks, observations, plan, steps, findings, conditions, rests)
@@ -233,7 +242,7 @@ def _planned_sections(
             run.path,
         )
     if run.data.marks == "found":
-        found = find_sections(recording, run.sensor, steps)
+        found = find_sections(recording, run.sensor, steps, _files(run, recording))
         axes, odd = check_axes(run, recording, found.rests)
         marks, missing, note = found.marks, found.findings + odd, positions_note(axes)
         if not marks:
@@ -245,13 +254,13 @@ def _planned_sections(
             )
     else:
         marks = stated_marks(run, recording, again=_numbers_visits(run))
-        if _numbers_visits(run):
-            names = number_repeated_names([mark.label for mark in marks])
-            marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
-        marked = {mark.label for mark in marks}
-        again = [s for n, s in _steps_by_visit(run, len(marks)).items() if n in marked]
-        steps = tuple(dict.fromkeys((*again, *steps)))
-        labels = [step.label for step in steps]
+        names = [_planned_name(run, mark.label) for mark in marks]
+        names = number_repeated_names(names) if _numbers_visits(run) else names
+        marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
+    marked = {mark.label for mark in marks}
+    again = [s for n, s in _steps_by_visit(run, len(marks)).items() if n in marked]
+    steps = tuple(dict.fromkeys((*again, *steps)))
+    labels = [step.label for step in steps]
     check_marks(marks, recording, labels)
     holds = {step.label for step in steps if isinstance(step, Hold)}
     moving = check_marked_rests(run, recording, [mark for mark in marks if mark.label in holds])
@@ -266,13 +275,49 @@ def _planned_sections(
     return marks, observations, recording.findings + missing + moving + findings
 
 
+def _files(run: RunBase[RestsSection], recording: Recording) -> tuple[tuple[int, int], ...]:
+    """Return the samples of each file if the recording has several, as (start, stop)."""
+    labels = recording.labels
+    if labels is None or not is_pattern(run.file(run.data.file)):
+        return ()
+    edges = [0, *(np.flatnonzero(labels[1:] != labels[:-1]) + 1).tolist(), labels.size]
+    return tuple(pairwise(edges))
+
+
+def _planned_name(run: RunBase[RestsSection], label: str) -> str:
+    """Return the plan's name for a label such as "+Z" or "z up", or the label itself."""
+    known = {step.label for step in nominal_plan(run)}
+    text, visit, number = label.partition(" (")
+    name = planned_name(text)
+    return label if text in known or name not in known else f"{name}{visit}{number}"
+
+
+def _with_planned_names(run: RunBase[RestsSection], observations: Observations) -> Observations:
+    """Return the means with the plan's names.
+
+    If no label names a step, and each mean shows which face of the case is up, gravity decides.
+    """
+    names = [_planned_name(run, label) for label in observations.labels]
+    holds = [step for step in nominal_plan(run) if isinstance(step, Hold)]
+    if run.data.kind == "means" and not set(names) & _steps_by_visit(run, len(names)).keys():
+        force = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "f"]
+        if len(force) == len("xyz") and len(holds) == len(nominal_plan(run)):
+            names = faces_up(observations.mean[:, force], holds) or names
+    if names == list(observations.labels):
+        return observations
+    return replace(observations, labels=tuple(number_repeated_names(names)))
+
+
 def _planned_steps(run: RunBase[RestsSection], observations: Observations) -> tuple[HandStep, ...]:
     by_label = _steps_by_visit(run, len(observations.labels))
     unknown = [label for label in observations.labels if label not in by_label]
     if unknown:
         planned = ", ".join(step.label for step in nominal_plan(run))
+        what = f"the plan has no step {unknown[0]!r}"
+        if run.data.row is None:
+            what = "gravity does not show which face is up in each row, and no column names it"
         raise InputError(
-            f"{run.data.file}: the plan has no step {unknown[0]!r}; its steps are {planned}",
+            f"{run.data.file}: {what}; the plan's steps are {planned}",
             file=run.file(run.data.file),
             names=(unknown[0],),
         )

@@ -23,7 +23,6 @@ from inercal.benches.rate_platform.sections import (
     Pose,
     RateDwell,
     dwell_label,
-    parse_axis,
     pose_label,
     step_of_label,
     turn_label,
@@ -32,6 +31,7 @@ from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.physics.section_settings import key_error
 from inercal.recordings import Mark, Recording
 from inercal.recordings.data import EstimatorInput, RunBase
+from inercal.recordings.data.face_names import parse_face
 from inercal.recordings.data.recording_loader import (
     load_recording,
     number_repeated_names,
@@ -163,7 +163,7 @@ def _step(
             for name in ("roll", "pitch")
         )
         return Pose(pose_label(roll, pitch), roll, pitch, seconds)
-    axis = parse_axis(cell("axis"))
+    axis = parse_face(cell("axis"))
     if axis is None:
         raise refuse("axis", f"is {cell('axis')!r}; name the case axis that is up, such as x or -x")
     if cell("turn"):

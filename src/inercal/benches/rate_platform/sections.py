@@ -17,6 +17,7 @@ from math import cos, degrees, pi, radians, sin
 
 from inercal.basics.errors import InputError
 from inercal.physics.plan import AXES, Vector, describe_direction
+from inercal.recordings.data.face_names import parse_face
 
 _NUMBER = r"[-+−]?\d+(?:\.\d+)?(?:e-?\d+)?"
 _COUNT = r"(?:\s*\(\d+\))?"
@@ -134,15 +135,6 @@ def pose_label(roll: float, pitch: float) -> str:
     return f"roll {degrees(roll) + 0.0:.6g}° pitch {degrees(pitch) + 0.0:.6g}°"
 
 
-def parse_axis(text: str) -> str | None:
-    """Return the case axis that a text names, such as "x" or "-x", or None if it names none."""
-    found = re.fullmatch(r"([-+−]?)([xyz])", text.strip().lower())
-    if found is None:
-        return None
-    sign, axis = found.groups()
-    return ("-" if sign in ("-", "−") else "") + axis
-
-
 def step_of_label(label: str, seconds: float) -> PlatformStep:
     """Return the section that a label describes.
 
@@ -162,11 +154,11 @@ def step_of_label(label: str, seconds: float) -> PlatformStep:
     """
     text = re.sub(r"(?<=\d),(?=\d)", ".", label.replace("_", " ").replace("–", "-").strip())
     if (found := _DWELL.fullmatch(text)) is not None:
-        axis = parse_axis(found[1])
+        axis = parse_face(found[1])
         assert axis is not None
         return RateDwell(label, axis, 0.0 if found[2] else radians(_number(found[3])), seconds)
     if (found := _TURN.fullmatch(text)) is not None:
-        axis = parse_axis(found[1])
+        axis = parse_face(found[1])
         assert axis is not None
         return KnownTurn(label, axis, radians(_number(found[2])) / seconds, seconds)
     if (found := _POSE.fullmatch(text)) is not None:

@@ -15,14 +15,15 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.physics.section_settings import measured_constant
+from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import (
     NO_GYROS,
+    NO_LABEL,
     ColumnRoles,
     UnknownAccelerometers,
-    recognise_columns,
     unknown_accelerometers,
+    without_label,
 )
-from inercal.pipeline.drafts.column_values import finite_rows, require_finite_rows
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections, run_file_text
 from inercal.pipeline.drafts.draft_sections import (
     bench_keys,
@@ -38,6 +39,7 @@ from inercal.pipeline.drafts.draft_sections import (
     suggest_rate,
     unused_columns,
 )
+from inercal.pipeline.drafts.log_files import read_logs, recording_name
 from inercal.pipeline.drafts.method_trials import (
     AUTO,
     Candidate,
@@ -45,19 +47,23 @@ from inercal.pipeline.drafts.method_trials import (
     candidate_methods,
     try_methods,
 )
-from inercal.pipeline.drafts.readouts import QuietMeans
+from inercal.pipeline.drafts.quiet_sections import QuietMeans
+from inercal.pipeline.drafts.rate_tables import (
+    gyro_deviation_key,
+    gyro_readout,
+    rate_bench_keys,
+    with_rate_table,
+)
+from inercal.pipeline.drafts.readouts import guess_accelerometer
 from inercal.pipeline.drafts.stated_keys import (
     default_bench_keys,
-    stated_columns,
-    stated_gyros,
+    stated_units,
     stated_values,
 )
 from inercal.recordings.io.column_table import Table
-from inercal.recordings.io.read import detect_reader, read_table
 
 _AUTO_REASON = 'adds the coefficients that the tests point to; a list, such as ["g"], fixes them'
 _WORST = "unreliable"
-_MOST_TEXTS = 4  # columns of text
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
 
@@ -123,18 +129,25 @@ class Draft:
 
 
 def draft_run_file(
-    logs: Sequence[Path], path: Path, stated: Mapping[str, str] | None = None
+    logs: Sequence[Path],
+    path: Path,
+    stated: Mapping[str, str] | None = None,
+    *,
+    typical: bool = False,
 ) -> Draft:
-    """Draft the run file for a recording, or for two: accelerometers first, then gyros.
+    """Draft the run file for a recording in one file or several.
 
     Parameters
     ----------
     logs : sequence of Path
-        One or two files, in any readable format.
+        Files in any readable format: one, one with the accelerometers and one with the gyros, or
+        several with the same columns; also a folder, or a name with a star.
     path : Path
         Path of the run file.
     stated : mapping of str to str, optional
         Values that the user states, by key, such as "data.rate" or "bench.gravity".
+    typical : bool
+        Whether typical errors of a rate table replace the questions about them.
 
     Raises
     ------
@@ -143,14 +156,63 @@ def draft_run_file(
     """
     stated = dict(stated or {})
     values = stated_values(stated)
-    table, gyros, roles = _recognise(logs, values)
+    read = read_logs(logs, values)
+    table, gyros = read.table, read.gyros
+    roles = replace(read.roles, units={**read.roles.units, **stated_units(values)})
+    roles = with_rate_table(table, roles)
+    name, logs = recording_name(logs), read.files
+    found = _draft(logs, path, stated, values, (table, gyros, roles), name, typical=typical)
+    guessed = "label" in roles.single and "data.label" not in stated and not roles.means
+    if found.method is None and guessed:
+        other = _draft(
+            logs, path, stated, values, (table, gyros, without_label(roles)), name, typical=typical
+        )
+        found = other if other.method is not None else found
+    if found.method is None:
+        _require_possible_keys(found.trials, stated)
+        by_reason: dict[str, list[str]] = {}
+        for trial in found.trials:
+            by_reason.setdefault(trial.reason, []).append(trial.called)
+        reasons = "; ".join(f"{', '.join(names)}: {why}" for why, names in by_reason.items())
+        raise InputError(
+            f"{logs[0]}: no method fits these data: {reasons}", file=logs[0], names=("method",)
+        )
+    reason = "the first of the above that fits"
+    if found.questions:
+        reason = "not tried yet: inercal init tries all of the above once it has the answers"
+    defaults = default_bench_keys(as_sections(found.entries), found.method.name)
+    keys = [*defaults, DraftKey("method", "name", found.method.name, reason)]
+    keys += [
+        DraftKey("method", key, value, _AUTO_REASON if {key: value} == AUTO else "")
+        for key, value in found.method.keys.items()
+    ]
+    return replace(found, entries=(*found.entries, *keys))
+
+
+def _draft(
+    logs: Sequence[Path],
+    path: Path,
+    stated: Mapping[str, str],
+    values: Mapping[str, Any],
+    columns: tuple[Table, Table | None, ColumnRoles],
+    name: str,
+    *,
+    typical: bool,
+) -> Draft:
+    """Draft all sections but [method], and try the methods."""
+    table, gyros, roles = columns
+    values = dict(values)
     candidates = _candidates(logs[0], table, roles)
     if (stated_name := values.pop("method.name", None)) is not None:
         named = tuple(one for one in candidates if one[1] == stated_name)
         candidates = named or ((candidates[0][0], stated_name, {}),)
     readings = {
         kind: np.stack(
-            [(gyros if kind == "gyro" and gyros else table).numbers(name) for name in columns],
+            [
+                (gyros if kind == "gyro" and gyros else table).numbers(name)
+                * (-1 if is_reversed(name) else 1)
+                for name in columns
+            ],
             axis=-1,
         )
         for kind, columns in roles.triads.items()
@@ -161,51 +223,49 @@ def draft_run_file(
     radius_text = stated.get("bench.radius")
     length = partial(measured_constant, like="m", key="[bench] radius", last_digit=False)
     radius = None if radius_text is None else length(radius_text).value
+    at_rates = "table_rate" in roles.single
     try:
-        readouts, radius = guess_readouts(table, readings, roles, rests, turns, time, radius)
+        if at_rates:
+            readouts = {"gyro": gyro_readout(table, roles)}
+            if "accelerometer" in readings:
+                own = readings["accelerometer"]
+                readouts["accelerometer"] = guess_accelerometer(
+                    own, roles.units.get("accelerometer")
+                )
+        else:
+            readouts, radius = guess_readouts(table, readings, roles, rests, turns, time, radius)
     except InputError as error:
         raise error.located(logs[0]) from None
+    guessed = roles.means and "accelerometer" in readings
     noise = noise_keys(readings, readouts, rests, time) if bench == "turntable" else {}
     entries = (
-        DraftKey("sensor", "name", logs[0].stem, "change it to the sensor's serial number"),
+        DraftKey("sensor", "name", name, "change it to the sensor's serial number"),
         *(
             entry
             for kind, readout in readouts.items()
             for entry in (*readout_keys(kind, readout), *noise.get(kind, ()))
         ),
-        *bench_keys(bench, radius),
+        *(
+            rate_bench_keys(table, roles, typical=typical)
+            if at_rates
+            else bench_keys(bench, radius)
+        ),
         *data_keys(logs, path, table, roles, bench, values),
         *suggest_rate(clock, readouts.get("gyro")),
-        *((deviation_key(start_deviation(roles), "a guess"),) if roles.means else ()),
+        *((gyro_deviation_key(table, roles, readouts["gyro"]),) if at_rates else ()),
+        *((deviation_key(start_deviation(roles), "a guess"),) if guessed else ()),
     )
     entries = _with_stated(entries, _named_columns(values, roles))
     trials = try_methods(entries, candidates, path.parent)
-    if roles.means and "data.sd.accelerometer" not in stated:
+    if guessed and "data.sd.accelerometer" not in stated:
         start = start_deviation(roles)
         entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
     seen = facts(logs, table, roles, rests, time, readings)
-    why_unused = (roles.reasons[NO_GYROS],) if NO_GYROS in roles.reasons else ()
+    why_unused = [roles.reasons[key] for key in (NO_GYROS, NO_LABEL) if key in roles.reasons]
+    if at_rates and typical:
+        why_unused.append("errors of the rate table are typical values: replace them by your own")
     seen = (*seen, *unused_columns(table, entries), *why_unused)
-    found = Draft(path, entries, trials, seen, roles, rests, time, readings)
-    if found.method is None:
-        _require_possible_keys(trials, stated)
-        by_reason: dict[str, list[str]] = {}
-        for trial in trials:
-            by_reason.setdefault(trial.reason, []).append(trial.called)
-        reasons = "; ".join(f"{', '.join(names)}: {why}" for why, names in by_reason.items())
-        raise InputError(
-            f"{logs[0]}: no method fits these data: {reasons}", file=logs[0], names=("method",)
-        )
-    reason = "the first of the above that fits"
-    if found.questions:
-        reason = "not tried yet: inercal init tries all of the above once it has the answers"
-    defaults = default_bench_keys(as_sections(entries), found.method.name)
-    keys = [*defaults, DraftKey("method", "name", found.method.name, reason)]
-    keys += [
-        DraftKey("method", key, value, _AUTO_REASON if {key: value} == AUTO else "")
-        for key, value in found.method.keys.items()
-    ]
-    return replace(found, entries=(*entries, *keys))
+    return Draft(path, entries, trials, seen, roles, rests, time, readings)
 
 
 def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, str]) -> None:
@@ -221,44 +281,10 @@ def _without_key(trial: MethodTrial) -> str:
     return trial.reason.removeprefix(f"{trial.key}: ")
 
 
-def _recognise(
-    logs: Sequence[Path], values: Mapping[str, Any]
-) -> tuple[Table, Table | None, ColumnRoles]:
-    """Return the table, the gyros' table if it is a separate file, and the column roles."""
-    table = _read(logs[0], values)
-    stated = stated_columns(values, table, second_file=len(logs) > 1)
-    alone = len(logs) == 1
-    numbers = finite_rows(table) if alone else table
-    roles = recognise_columns(numbers, detect_reader(logs[0]).name, stated)
-    used = [column for triad in roles.triads.values() for column in triad]
-    used += [roles.single["time"]] if "time" in roles.single else []
-    if alone and values.get("data.nonfinite") == "drop":
-        table = finite_rows(table, used)
-    elif alone:
-        require_finite_rows(logs[0], table, used)
-    gyros = _second_table(logs, table, roles, values)
-    if gyros is None:
-        return table, None, roles
-    second = recognise_columns(gyros, stated=stated_gyros(values, gyros))
-    joined = replace(
-        roles,
-        triads={**roles.triads, "gyro": second.triads["gyro"]},
-        reasons={**second.reasons, **roles.reasons},
-        units={**second.units, **roles.units},
-    )
-    return table, gyros, joined
-
-
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
     """Return the methods that may fit, and refuse columns that suit no method."""
-    if {"axis", "arm_rate"} <= roles.single.keys() and roles.triads:
-        raise InputError(
-            f"{log}: columns {roles.single['axis']} and {roles.single['arm_rate']} suit method "
-            "rates_and_poses, but only you can state the errors of the rate table: start from the "
-            "example in examples/rate_platform",
-            file=log,
-            names=("rates_and_poses",),
-        )
+    if "table_rate" in roles.single:
+        return candidate_methods(roles)
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
     candidates = candidate_methods(roles)
@@ -270,44 +296,6 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
             file=log,
         )
     return candidates
-
-
-def _read(log: Path, values: Mapping[str, Any]) -> Table:
-    """Read a table; a column that contains text is text even if it begins with numbers."""
-    stated = {key: values.get(f"data.{key}") for key in detect_reader(log).keys}
-    options = {key: value for key, value in stated.items() if value is not None}
-    text: list[str] = []
-    while True:
-        try:
-            return read_table(log, text=text, options=options)
-        except InputError as error:
-            column = error.names[0] if error.names else ""
-            if not column or column in text or error.line is None or len(text) == _MOST_TEXTS:
-                raise
-            text.append(column)
-
-
-def _second_table(
-    logs: Sequence[Path], table: Table, roles: ColumnRoles, values: Mapping[str, Any]
-) -> Table | None:
-    if len(logs) == 1:
-        return None
-    if len(logs) > 2:
-        raise InputError(
-            f"{len(logs)} files were given: give one recording, or one file with the "
-            "accelerometers and one with the gyros",
-            names=tuple(map(str, logs)),
-        )
-    second = _read(logs[1], values)
-    rows, others = (next(iter(one.columns.values())).size for one in (table, second))
-    found = recognise_columns(second, stated=stated_gyros(values, second)).triads
-    if "gyro" not in found or "gyro" in roles.triads or rows != others:
-        raise InputError(
-            f"{logs[1]} is not the gyros' file for {logs[0]}: it has {others} rows instead of "
-            f"{rows}, or the first file already contains the gyros; draft a run file for each",
-            file=logs[1],
-        )
-    return second
 
 
 def _with_scatter(
@@ -373,4 +361,11 @@ def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tu
     return tuple(known.values())
 
 
-__all__ = ["Draft", "DraftKey", "MethodTrial", "UnknownAccelerometers", "draft_run_file"]
+__all__ = [
+    "Draft",
+    "DraftKey",
+    "MethodTrial",
+    "UnknownAccelerometers",
+    "draft_run_file",
+    "recording_name",
+]

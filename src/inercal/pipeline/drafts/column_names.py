@@ -4,7 +4,8 @@ The names are those of Arduino sketches for the MPU-6050 ("AcX", "GyX", "Tmp", "
 ("Acceleration x (m/s^2)"), Sensor Logger and SensorLog ("seconds_elapsed",
 "accelerometerAccelerationX(G)"), Android ("accelerometer_x", "GYROSCOPE X (rad/s)"), Xsens
 ("Acc_X", "Gyr_X", "PacketCounter"), LSM and ICM examples ("XL_X", "Accel_X_mg") and exports of
-ROS ("field.angular_velocity.x"). Upper and lower case are not distinguished.
+ROS ("field.angular_velocity.x"), EuRoC ("w_RS_S_x [rad s^-1]"), Physics Toolbox ("gFx") and NovAtel
+("-(Y Accel)", which is reversed). Upper and lower case are not distinguished.
 """
 
 import re
@@ -14,10 +15,12 @@ _AXES = ("x", "y", "z")
 _AXIS_ENDS = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2}
 _STEMS = {
     "accelerometer": re.compile(
-        r"(n?a|f|ac|acc|accl?|accel\w*|accelerometer\w*|xl|linear_?accel\w*|specific_?force)"
+        r"(n?a|f|ac|acc|accl?|accel\w*|accelerometer\w*|xl|linear_?accel\w*|specific_?force"
+        r"|g_?f(orce)?|a_rs_s)"
     ),
     "gyro": re.compile(
-        r"(g|gy|w|om|omega|gyr|gyro\w*|ang\w*_?(velocity|vel|rate)|angular|rotation_?rate)"
+        r"(g|gy|w|om|omega|gyr|gyro\w*|ang\w*_?(velocity|vel|rate)|angular|((rotation|turn)_?)?rate(_?of_?turn)?"
+        r"|w_rs_s)"
     ),
 }
 _WITHOUT_GRAVITY = re.compile(r"(\w*_)?(linear|lin|user|free)_?acc\w*")
@@ -36,7 +39,7 @@ NAMES = {
     ),
     "arm_rate": re.compile(r"rpm|arm_?rate|rate|speed_?rpm|omega_over_pi|table_?rate"),
     "axis": re.compile(r"axis|up"),
-    "angle": re.compile(r"angle|head|head_?angle"),
+    "angle": re.compile(r"(?!roll|pitch|yaw|euler)(\w+_)?angle(_?deg)?|head"),
     "autocollimator": re.compile(r"autocollimator|collimator"),
     "level": re.compile(r"level"),
     "mounting": re.compile(r"mounting|fixture"),
@@ -46,13 +49,20 @@ NAMES = {
 """Names of single columns by role."""
 
 _UNITS = (  # units in a column's name, as text or in brackets, with their kind
-    (re.compile(r"m_?/?s_?(\^?2|²|2)\b|m_s2|mps2"), "m/s²"),
+    (re.compile(r"m_?/?s_?(\^?2|²|2)\b|m_s2|mps2|m\W?s(\^?-2|⁻²)"), "m/s²"),
     (re.compile(r"\[(mg)\]|\(mg\)|_mg\b"), "mg"),
     (re.compile(r"\[g\]|\(g\)|_g\b"), "g"),
-    (re.compile(r"rad_?/?s\b|_rad\b|rads\b"), "rad/s"),
-    (re.compile(r"(deg|°)_?/?s\b|dps\b|_deg\b"), "°/s"),
+    (re.compile(r"rad_?/?s\b|_rad\b|rads\b|rad\W?s(\^?-1|⁻¹)"), "rad/s"),
+    (re.compile(r"(deg|°)_?/?s\b|dps\b|_deg\b|(deg|°)\W?s(\^?-1|⁻¹)"), "°/s"),
     (re.compile(r"lsb|counts?|raw"), "LSB"),
 )
+_KINDS: Mapping[str, str] = {
+    "m/s²": "accelerometer",
+    "mg": "accelerometer",
+    "g": "accelerometer",
+    "rad/s": "gyro",
+    "°/s": "gyro",
+}
 _UNIT_WORDS = r"m_s_?2|mps2|ms2|mg|g|rad(_?s)?|deg(_?s)?|dps|raw|lsb|counts?"
 _UNIT_END = re.compile(rf"_({_UNIT_WORDS})$")
 _TIME_UNITS = (
@@ -83,9 +93,19 @@ def role_of_name(name: str) -> str | None:
     return next((role for role, pattern in NAMES.items() if pattern.fullmatch(words)), None)
 
 
+def is_reversed(name: str) -> bool:
+    """Return whether a name states that the column has the opposite sign: "-(Y Accel)"."""
+    return name.startswith("-(") and name.endswith(")")
+
+
 def is_other_quantity(name: str) -> bool:
     """Return whether a name states a quantity that neither accelerometers nor gyros measure."""
     return _NO_SENSOR.fullmatch(_words(name)) is not None
+
+
+def has_axes(names: Sequence[str]) -> bool:
+    """Return whether three names are those of the axes x, y and z, in any order."""
+    return sorted(_words(name)[-1:] for name in names) == list(_AXES)
 
 
 def in_axis_order(names: Sequence[str]) -> tuple[str, ...]:
@@ -119,6 +139,11 @@ def named_triads(
             reasons[kind] = "by their names"
             if unit := column_unit(found[0]):
                 units[kind] = unit
+    bare = groups.get("", {})
+    kind = _KINDS.get(column_unit(bare.get(0, "")) or "")
+    if len(bare) == len(_AXES) and kind is not None and kind not in triads:
+        triads[kind] = tuple(bare[k] for k in range(len(_AXES)))
+        reasons[kind], units[kind] = "by their unit", column_unit(bare[0]) or ""
     return triads
 
 
@@ -143,6 +168,8 @@ def _ends_with(stem: str, pattern: re.Pattern[str]) -> bool:
 
 def _words(name: str) -> str:
     """Return a name in lower case, with words joined by "_" and without units in brackets."""
+    if is_reversed(name):
+        name = name[2:-1]
     name = re.sub(r"\(.*?\)|\[[^\]]*[^\d\]][^\]]*\]", "", name)  # "[0]" stays
     name = re.sub(r"[ωΩ]", "w", name)
     name = re.sub(r"([a-z])([A-Z])|([A-Z])(?=[A-Z][a-z])", r"\1\3_\2", name)
@@ -151,6 +178,8 @@ def _words(name: str) -> str:
 
 def _stem_and_axis(words: str) -> tuple[str, int | None]:
     """Split a name into its stem and axis: ("acc", 0) for "acc_x", "accx" and "ax"."""
+    if words in _AXES:
+        return "", _AXIS_ENDS[words]
     head, _, last = words.rpartition("_")
     if head and last in _AXIS_ENDS:
         return head, _AXIS_ENDS[last]

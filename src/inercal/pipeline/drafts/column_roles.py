@@ -1,12 +1,15 @@
 """Find the roles of a recording's columns from statements, names or values."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from json import dumps
 from pathlib import Path
 
+import numpy as np
+
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts.column_names import (
+    has_axes,
     in_axis_order,
     is_other_quantity,
     named_triads,
@@ -18,6 +21,8 @@ from inercal.pipeline.drafts.column_values import (
     accelerometers_by_values,
     aligned_triads,
     clock_by_values,
+    counts_rows,
+    follows_rate,
     grows,
     gyros_by_values,
     has_even_steps,
@@ -25,15 +30,21 @@ from inercal.pipeline.drafts.column_values import (
     reason_without_gyros,
     value_reason,
 )
+from inercal.pipeline.drafts.label_columns import names_rows, names_sections
 from inercal.recordings.io.column_table import Table, shorten
 
 NO_GYROS = "no gyros"
 """Key for the reason why columns that look like gyros are not used."""
 
+NO_LABEL = "no label"
+"""Key for the reason why a column of text, or one that is named like labels, is ignored."""
+
 _TABLE = ("outer", "middle", "inner")
 _ATTITUDE = ("psi", "theta")
 _TRIADS = ("accelerometer", "gyro")
 _LOGS = ("ulog", "dataflash", "rosbag")  # formats that contain samples in SI units
+_FEWEST_POSES = 6  # rows of a table of means whose columns have other names
+_MOVED_BY_BENCH = {"angle", "arm_rate", "mounting", "hold"}
 _SI = {"accelerometer": "m/s²", "gyro": "rad/s"}
 
 
@@ -55,6 +66,11 @@ class ColumnRoles:
         Unit stated in the column's name, for each role.
     means : bool
         Whether the rows are means instead of samples.
+    part_marks : str
+        For a recording in several files with the same columns: "labels" if each file is a section,
+        otherwise "found"; empty for a single file.
+    parts : tuple of (start, stop)
+        Samples of each of these files.
     """
 
     triads: Mapping[str, tuple[str, ...]]
@@ -64,6 +80,8 @@ class ColumnRoles:
     reasons: Mapping[str, str] = field(default_factory=dict[str, str])
     units: Mapping[str, str] = field(default_factory=dict[str, str])
     means: bool = False
+    part_marks: str = ""
+    parts: tuple[tuple[int, int], ...] = ()
 
 
 def recognise_columns(
@@ -105,14 +123,28 @@ def recognise_columns(
         _judge_unknown(table, free, triads, single, reasons)
     if "time" in single and (unit := time_unit(single["time"])) and table.header:
         units["time"] = unit
-    if "label" not in single and texts and texts[0] not in single.values():
-        single["label"], reasons["label"] = texts[0], "the only column of text"
     if reader in _LOGS:
         units = {kind: unit for kind, unit in _SI.items() if kind in triads}
-    left = tuple(name for name in free if role_of_name(name) is None)[:2]
+    left = [name for name in free if role_of_name(name) is None and not is_other_quantity(name)]
     if "accelerometer" not in triads and left and single.keys() & {"angle", "arm_rate"}:
-        triads["accelerometer"], reasons["accelerometer"] = left, "the remaining columns"
+        axes = left[:3] if has_axes(left[:3]) else left[:2]
+        rate = single.get("arm_rate")
+        turning = len(axes) == len("xyz") and rate is not None and follows_rate(table, axes, rate)
+        kind = "gyro" if turning and "gyro" not in triads else "accelerometer"
+        triads[kind], reasons[kind] = in_axis_order(axes), "the remaining columns"
     means = reader not in _LOGS and rows < FEWEST_SAMPLES
+    clock = single.get("time")
+    means = means and (not has_even_steps(table, clock) or counts_rows(table, str(clock)))
+    if means and "accelerometer" not in triads and not single.keys() & _MOVED_BY_BENCH:
+        own = [n for n in free if role_of_name(n) is None and not is_other_quantity(n)]
+        own = [n for n in own if not counts_rows(table, n)]
+        if len(own) == len("xyz") and rows >= _FEWEST_POSES:
+            triads["accelerometer"] = in_axis_order(own)
+            reasons["accelerometer"] = "the three remaining columns"
+    if "label" not in stated:
+        by_name = [single.pop("label")] if "label" in single else []
+        others = [name for name in texts if name not in {*by_name, *single.values()}]
+        _judge_labels(table, (*by_name, *others), triads, single, reasons, means=means)
     return ColumnRoles(
         {kind: triads[kind] for kind in _TRIADS if kind in triads},
         single,
@@ -120,8 +152,34 @@ def recognise_columns(
         attitude if len(attitude) == len(_ATTITUDE) else (),
         reasons,
         units,
-        means and not has_even_steps(table, single.get("time")),
+        means,
     )
+
+
+def _judge_labels(
+    table: Table,
+    names: Sequence[str],
+    triads: Mapping[str, tuple[str, ...]],
+    single: dict[str, str],
+    reasons: dict[str, str],
+    *,
+    means: bool,
+) -> None:
+    """Add the first column that names rows or sections, and say which others are ignored."""
+    force = None
+    moved = single.keys() & _MOVED_BY_BENCH
+    if "accelerometer" in triads and not moved:
+        force = np.stack([table.numbers(n) for n in triads["accelerometer"]], axis=-1)
+    for name in names:
+        text = table.columns[name].dtype.kind == "U"
+        if moved or (names_rows(table, name) if means else names_sections(table, name, force)):
+            single["label"] = name
+            reasons["label"] = "its values name the sections" if text else "by its name"
+            break
+    ignored = [name for name in names if name != single.get("label")]
+    if ignored:
+        what = "rows" if means else "sections"
+        reasons[NO_LABEL] = f"ignored, because the values name no {what}: {', '.join(ignored)}"
 
 
 def _named_columns(names: Sequence[str], table: Table, reasons: dict[str, str]) -> dict[str, str]:
@@ -183,6 +241,14 @@ def _judge_unknown(
             triads["gyro"], reasons["gyro"] = in_axis_order(found), value_reason("gyro")
         elif why := reason_without_gyros(table, free, accelerometers):
             reasons[NO_GYROS] = why
+
+
+def without_label(roles: ColumnRoles) -> ColumnRoles:
+    """Return the roles without the column of labels, whose sections suit no method."""
+    single = dict(roles.single)
+    name = single.pop("label")
+    reasons = {**roles.reasons, NO_LABEL: f"ignored, because no method suits its sections: {name}"}
+    return replace(roles, single=single, reasons=reasons)
 
 
 _MOST_LISTED = 12

@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
+from inercal.pipeline.drafts.quiet_sections import find_quiet_sections, rest_means
 from inercal.pipeline.drafts.readouts import (
     axis_changes,
-    find_quiet_sections,
     gyro_scale,
     norm_misfit,
-    rest_means,
     turns_of_readings,
 )
 from inercal.recordings import Indices
@@ -38,6 +37,8 @@ FEWEST_SAMPLES = 500
 _AXES = 3
 _NAMES = ("ax", "ay", "az", "gx", "gy", "gz")
 _MOVED = 20.0  # least range of a gyro between rests, in units of its scatter at rest
+_PROPORTIONAL = 0.999  # correlation
+_MOST_NUMBERED = 200  # rows of a table of means whose rows are numbered
 _EVEN_STEPS = 0.5  # largest 90 % deviation of a clock's steps, as a fraction of the median step
 _WINDOW = 50  # samples in a window of a rest
 _FEWEST_RESTS = 4
@@ -73,6 +74,25 @@ def has_even_steps(table: Table, name: str | None) -> bool:
         return False
     typical = float(np.median(steps))
     return typical > 0 and float(np.quantile(np.abs(steps / typical - 1), 0.9)) < _EVEN_STEPS
+
+
+def counts_rows(table: Table, name: str) -> bool:
+    """Return whether a column of a short table is 1, 2, 3, … and so only numbers its rows."""
+    column = table.columns[name]
+    if column.dtype.kind == "U" or not 1 < column.size <= _MOST_NUMBERED:
+        return False
+    return column[0] in (0, 1) and bool(np.all(np.diff(column.astype(np.float64)) == 1))
+
+
+def follows_rate(table: Table, names: Sequence[str], rate: str) -> bool:
+    """Return whether the norm of three columns is proportional to a rate, as that of gyros is."""
+    norm = np.linalg.norm(_stacked(table, names), axis=-1)
+    speed = np.abs(table.numbers(rate))
+    usable = np.isfinite(norm) & np.isfinite(speed)
+    norm, speed = norm[usable], speed[usable]
+    if norm.size < _AXES or not np.ptp(norm) or not np.ptp(speed):
+        return False
+    return float(np.corrcoef(norm, speed)[0, 1]) > _PROPORTIONAL
 
 
 def clock_by_values(table: Table, names: Sequence[str]) -> str | None:

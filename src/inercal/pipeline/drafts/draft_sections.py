@@ -12,17 +12,18 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
 from inercal.physics.section_settings import si_value
+from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
+from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
+from inercal.pipeline.drafts.rate_tables import rate_unit
 from inercal.pipeline.drafts.readouts import (
     GuessedReadout,
-    QuietMeans,
-    find_quiet_sections,
+    far_off,
     guess_accelerometer,
     guess_from_norms,
     guess_from_turned_axis,
     guess_gyro,
-    rest_means,
     white_noise,
 )
 from inercal.recordings.io.column_table import Table, shorten
@@ -90,6 +91,9 @@ def find_rest_means(
 ) -> tuple[QuietMeans, tuple[tuple[int, int], ...]]:
     """Return the rests and, if a column marks sections, the marked sections with motion."""
     data = np.hstack([readings[kind] for kind in readings])
+    if roles.part_marks == "labels":
+        spans = np.array(roles.parts)
+        return rest_means(spans, readings["accelerometer"], readings.get("gyro")), ()
     if "label" in roles.single and "time" in roles.single:
         labels = table.columns[roles.single["label"]]
         change = np.flatnonzero(labels[1:] != labels[:-1]) + 1
@@ -142,12 +146,16 @@ def readout_keys(kind: str, readout: GuessedReadout) -> tuple[DraftKey, ...]:
     """Return the keys of [sensor.accelerometer] or [sensor.gyro]: unit, scale and offset."""
     section = f"sensor.{kind}"
     unit = DraftKey(section, "unit", readout.unit, readout.reason)
-    if not readout.certain and kind == "gyro":
-        ask = f"the unit of the {kind}s, such as rad/s ({readout.reason})"
+    if not readout.certain and (kind == "gyro" or readout.unit == UNKNOWN):
+        example = "rad/s" if kind == "gyro" else "m/s²"
+        ask = f"the unit of the {kind}s, such as {example} ({readout.reason})"
         unit = replace(unit, value=UNKNOWN, ask=ask)
     entries = [unit]
     if readout.scale:
-        entries.append(DraftKey(section, "scale", readout.scale, "nominal; see the data sheet"))
+        example = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
+        ask = f"the nominal scale of the {kind}s, such as {example}"
+        reason = "nominal; see the data sheet"
+        entries.append(DraftKey(section, "scale", readout.scale, reason, ask))
     if readout.offset:
         entries.append(DraftKey(section, "offset", readout.offset, "reading at zero"))
     return tuple(entries)
@@ -199,7 +207,12 @@ def _rate_size(name: str) -> float:
 
 
 def _column(name: str) -> str | int:
-    """Return a column as it is named in a run file: by its number if it has no name."""
+    """Return a column as it is named in a run file: by its number if it has no name.
+
+    A name that states the opposite sign, "-(Y Accel)", gets the sign that reverses it.
+    """
+    if is_reversed(name):
+        return f"-{name}"
     return int(name) if name.isdecimal() else name
 
 
@@ -232,19 +245,25 @@ def data_keys(
         entries.append(DraftKey("data", "attitude", list(roles.attitude), "by their names"))
     wanted = {
         "centrifuge": ("arm_rate", "label", "temperature"),
+        "rate_platform": ("axis", "table_rate", "roll", "pitch", "seconds", "temperature"),
         "rate_table": ("arm_rate", "mounting", "temperature"),
         "dividing_head": ("angle", "autocollimator", "level", "label", "temperature"),
         "turntable": ("label", "hold", "temperature"),
-        "hand": ("label", "temperature"),
+        "hand": ("label", "gyro_time", "temperature"),
     }[bench]
     for role in wanted:
         if role in roles.single:
             name = roles.single[role]
             entries.append(DraftKey("data", role, _column(name), roles.reasons[role]))
+            if role == "table_rate":
+                entries.append(DraftKey("data", "table_rate_unit", *rate_unit(table, roles)))
             if role == "arm_rate" and _rate_unit(name) != "rpm":
                 entries.append(DraftKey("data", "arm_rate_unit", _rate_unit(name), "by its name"))
             if role == "temperature":
                 entries += _thermometer_keys(table, name, values)
+    if roles.part_marks:
+        reason = "each file is a section" if roles.part_marks == "labels" else ""
+        entries.append(DraftKey("data", "marks", roles.part_marks, reason))
     if bench == "hand" and not roles.means and "label" in roles.single:
         entries.append(DraftKey("data", "marks", "labels", "the column names the sections"))
     return tuple(entries)
@@ -336,6 +355,8 @@ def facts(
     every = list(np.hstack(list(readings.values())).T)
     for kind, data in readings.items():
         facts.append(f"{kind}s read {data.min():.6g} to {data.max():.6g}")
+        if kind == "accelerometer" and data.shape[1] == len("xyz"):
+            facts += far_off(data if rests is None else rests.force, roles.triads[kind])
         clipped = [0] if roles.means else [_railed_samples(x, every) for x in data.T]
         if any(clipped):
             facts.append(f"{kind}s are at the end of their range in {max(clipped)} samples")

@@ -68,6 +68,11 @@ def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
     gyros = "gyro" in roles.triads
     if roles.table:
         return (("turntable", "turntable_kalman", AUTO),)
+    if "table_rate" in roles.single:
+        return (
+            ("rate_platform", "rates_and_poses", AUTO),
+            ("rate_platform", "rates_and_poses", {}),
+        )
     if "mounting" in roles.single and "arm_rate" in roles.single:
         return (("rate_table", "ship_multi_angle", {}), ("rate_table", "ship_planar", {}))
     if "arm_rate" in roles.single and triad == 3:
@@ -78,15 +83,19 @@ def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
     if triad < 3:
         return ()
     if roles.means:
-        warm = {"also": ["k0_dT", "k1_dT"]}
-        by_temperature = [("hand", "six_position", warm)] if "temperature" in roles.single else []
-        return (*by_temperature, ("hand", "six_position", {}))
+        slopes = {"also": ["k0_dT", "k1_dT"]}
+        by_temperature = [("hand", "six_position", slopes)] if "temperature" in roles.single else []
+        return (*by_temperature, ("hand", "six_position", {}), ("hand", "multi_position", AUTO))
     turns = (360, -360)
     ferraris: list[Candidate] = [("hand", "ferraris", {"turn": f"{angle} °"}) for angle in turns]
     ferraris = ferraris if gyros else []
     free: list[Candidate] = [("hand", "multi_position", AUTO)]
     six: list[Candidate] = [("hand", "six_position", {})]
-    return tuple(ferraris + six + free if "label" in roles.single else free + ferraris + six)
+    if roles.part_marks == "found" and "temperature" in roles.single:
+        warm: list[Candidate] = [("hand", "six_position", {"temperature_order": "auto"})]
+        return tuple(warm + free + six)
+    marked = "label" in roles.single or roles.part_marks == "labels"
+    return tuple(ferraris + six + free if marked else free + ferraris + six)
 
 
 def try_methods(

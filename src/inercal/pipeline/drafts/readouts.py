@@ -8,9 +8,10 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_count
+from inercal.basics.units import format_count, si_factor
 from inercal.physics.sensors import G0
-from inercal.recordings import Indices
+from inercal.pipeline.drafts.draft_entries import UNKNOWN
+from inercal.pipeline.drafts.quiet_sections import QuietMeans
 from inercal.recordings.segments.gravity_turns import (
     GravityTurns,
     describe_changes,
@@ -26,6 +27,10 @@ _GYRO_UNITS = {"rad/s": 1.0, "°/s": np.pi / 180}
 # If two differ by less than the error of any sensor, the power of two comes first.
 _COUNTS_PER_G = (*(2.0**k for k in range(5, 16)), 1000 / 0.061, 1000 / 0.122, 1000 / 0.244)
 _COUNTS_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, 1 / 0.00875, 1 / 0.0175, 1 / 0.035, 1 / 0.07)
+COUNTED_UNITS = ("LSB", "V", "mA")  # units that need a scale
+_STATED = "as stated, or by the columns' names or the format"
+_FEWEST_COUNTS = 30.0  # per g
+_FAR = 0.5  # of gravity; a larger bias is named
 _WIDEST = 2.0  # largest radius of a sphere, relative to the range of the readings
 _MID_SCALES = tuple(2.0**k for k in range(7, 32))
 _NEAR = 0.12  # relative to a unit's size: bias and scale errors of a plain MEMS sensor
@@ -68,53 +73,6 @@ class GuessedReadout(NamedTuple):
     rate_hz: float = 0.0
 
 
-class QuietMeans(NamedTuple):
-    """Sections at rest with their means, (k, 3), as start and stop samples, (k, 2)."""
-
-    spans: Indices
-    force: Array
-    rate: Array | None
-
-
-def find_quiet_sections(data: Array, window: int) -> Indices:
-    """Return the quiet sections of readings, (n, m), as start and stop samples, (k, 2).
-
-    Blocks of half a window are divided into quiet and moving ones by their scatter, such that the
-    two groups are farthest apart (Otsu's criterion on the logarithm). Quiet sections last two
-    windows or more.
-    """
-    block = max(2, window // 2)
-    count = len(data) // block
-    if count < 8:
-        return np.array([[0, len(data)]])
-    blocks = data[: count * block].reshape(count, block, -1)
-    scatter = blocks.std(axis=1)
-    floor = np.maximum(np.quantile(scatter, 0.2, axis=0), 1e-12)
-    level = np.log(np.maximum((scatter / floor).max(axis=-1), 1e-3))
-    edges = np.sort(level)
-    below = np.arange(1, count)
-    sums = np.cumsum(edges)
-    gap = (sums[:-1] / below - (sums[-1] - sums[:-1]) / (count - below)) ** 2
-    split = int(np.argmax(below * (count - below) * gap))
-    apart = np.sqrt(gap[split])
-    quiet = level <= 0.5 * (edges[split] + edges[split + 1]) if apart > 1.5 else level < np.inf
-    change = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(int), [0]])))
-    runs = change.reshape(-1, 2)
-    runs = runs[runs[:, 1] - runs[:, 0] >= 4]
-    return runs * block
-
-
-def rest_means(sections: Indices, force: Array, rate: Array | None) -> QuietMeans:
-    """Return the means of sections, leaving out a quarter at each end."""
-
-    def mean(data: Array) -> Array:
-        return np.array(
-            [data[a + (b - a) // 4 : b - (b - a) // 4].mean(axis=0) for a, b in sections]
-        )
-
-    return QuietMeans(sections, mean(force), None if rate is None else mean(rate))
-
-
 def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     """Guess the accelerometers' readout from the size of gravity in means at rest, (k, 3).
 
@@ -130,22 +88,43 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
             key="data.accelerometer",
         )
     centre, radius = sphere(means)
-    named = _ACCELEROMETER_UNITS.get(stated or "")
-    if named is not None and stated is not None:
-        return GuessedReadout(
-            stated, "", 0.0, named, "stated by the columns' names or by the format"
-        )
+    if stated is not None and stated not in COUNTED_UNITS:
+        size = si_factor(stated, "m/s²")
+        return GuessedReadout(stated, "", 0.0, size, _STATED)
     plain = float(np.median(np.linalg.norm(means, axis=-1)))
-    for unit, size in _ACCELEROMETER_UNITS.items():
-        if abs(plain * size / G0 - 1) < _NEAR:
-            return GuessedReadout(
-                unit, "", 0.0, size, f"at rest the readings have a norm of {plain:.4g}"
-            )
+    norms = [] if stated else [(plain, f"at rest the readings have a norm of {plain:.4g}")]
+    if radius is not None and not stated and 3 * radius > plain:
+        norms.append((radius, f"the readings at rest lie on a sphere of radius {radius:.4g}"))
+    for norm, reason in norms:
+        for unit, size in _ACCELEROMETER_UNITS.items():
+            if abs(norm * size / G0 - 1) < _NEAR:
+                return GuessedReadout(unit, "", 0.0, size, reason)
     counts = radius if radius is not None else plain
     offset = 0.0 if centre is None else _offset(float(np.median(centre)), counts)
+    if counts < _FEWEST_COUNTS and stated is None:
+        reason = f"gravity reads {counts:.4g}, which is no usual unit"
+        return GuessedReadout(UNKNOWN, "", 0.0, G0 / counts, reason, certain=False)
     per_g, why = _nominal(counts, _COUNTS_PER_G)
-    reason = f"gravity reads {counts:.0f} counts{why}"
-    return GuessedReadout("LSB", f"{per_g:.6g} LSB/g", offset, G0 / per_g, reason)
+    unit = stated or "LSB"
+    reason = f"gravity reads {counts:.4g} {'counts' if unit == 'LSB' else unit}{why}"
+    return GuessedReadout(unit, f"{per_g:.6g} {unit}/g", offset, G0 / per_g, reason)
+
+
+def far_off(means: Array, names: Sequence[str]) -> tuple[str, ...]:
+    """Return a text for each accelerometer whose bias exceeds half of gravity.
+
+    Parameters
+    ----------
+    means : (k, 3) array
+        Means at rest.
+    names : sequence of str
+        Names of the columns.
+    """
+    centre, radius = sphere(means)
+    if centre is None or radius is None or norm_misfit(means) > _NEAR:
+        return ()
+    offsets = zip(names, (centre / radius).tolist(), strict=True)
+    return tuple(f"{name} is off by {k:+.2f} g" for name, k in offsets if abs(k) > _FAR)
 
 
 def guess_from_norms(
@@ -233,6 +212,11 @@ def _nominal(counts: float, known: Sequence[float]) -> tuple[float, str]:
     return float(f"{counts:.3g}"), ""
 
 
+def counts_per_degree(counts: float) -> tuple[float, str]:
+    """Return the usual scale of gyros near `counts` LSB/(°/s), or these counts, with a reason."""
+    return _nominal(counts, _COUNTS_PER_DEGREE)
+
+
 def guess_gyro(
     rests: QuietMeans,
     gyro: Array,
@@ -258,10 +242,8 @@ def guess_gyro(
     """
     assert rests.rate is not None
     offset = _gyro_offset(rests)
-    if stated is not None and stated in _GYRO_UNITS:
-        return GuessedReadout(
-            stated, "", 0.0, _GYRO_UNITS[stated], "stated by the columns' names or by the format"
-        )
+    if stated is not None and stated not in COUNTED_UNITS:
+        return GuessedReadout(stated, "", 0.0, si_factor(stated, "rad/s"), _STATED)
     size, count, misfit = gyro_scale(rests, gyro, accelerometer.offset)
     turned = format_count(count, "turn between rests agrees", "turns between rests agree")
     reason = f"{turned} with gravity within {np.degrees(misfit):.1f}°"
@@ -270,6 +252,9 @@ def guess_gyro(
         size = 2 * np.pi / float(np.median(swept))
         reason = f"{format_count(len(turns), 'marked turn')}, each taken as 360°"
     whole = bool(np.all(gyro == np.rint(gyro)))  # counts, whose scale needs the rate
+    if stated is not None and (size is None or dt is None):
+        why = "only you can state the scale" if size is None else "the scale needs the rate"
+        return GuessedReadout(stated, UNKNOWN, offset, np.pi / 180, why)
     if size is not None and dt is None and not whole:
         rates = {unit: si / size for unit, si in _GYRO_UNITS.items()}
         likely = [unit for unit, rate in rates.items() if _LIKELY[0] < rate < _LIKELY[1]]
@@ -287,11 +272,12 @@ def guess_gyro(
         return GuessedReadout("°/s", "", offset, np.pi / 180, unknown, False)
     size /= dt
     for unit, si in _GYRO_UNITS.items():
-        if abs(size / si - 1) < _NEAR:
+        if stated is None and abs(size / si - 1) < _NEAR:
             return GuessedReadout(unit, "", 0.0, si, reason)
-    per_degree, why = _nominal(np.pi / 180 / size, _COUNTS_PER_DEGREE)
-    text = f"{per_degree:.6g} LSB/(°/s)"
-    return GuessedReadout("LSB", text, offset, np.pi / 180 / per_degree, reason + why)
+    per_degree, why = counts_per_degree(np.pi / 180 / size)
+    unit = stated or "LSB"
+    text = f"{per_degree:.6g} {unit}/(°/s)"
+    return GuessedReadout(unit, text, offset, np.pi / 180 / per_degree, reason + why)
 
 
 def _norm_of_sum(rate: Array) -> float:

@@ -13,9 +13,11 @@ from pydantic import BaseModel
 
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import parse_toml
+from inercal.basics.units import si_factor
 from inercal.benches.kinds import KINDS
 from inercal.pipeline.drafts.column_names import NAMES
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
+from inercal.pipeline.drafts.readouts import COUNTED_UNITS
 from inercal.recordings.io.column_table import Table, select_columns
 from inercal.recordings.io.readers import known_options
 from inercal.recordings.temperature import TemperatureReadout, temperature_readout
@@ -42,6 +44,32 @@ def stated_values(stated: Mapping[str, str]) -> dict[str, Any]:
         If a key does not exist in run files, or a list cannot be read.
     """
     return {key: _value(key, text) for key, text in stated.items()}
+
+
+def stated_units(values: Mapping[str, Any]) -> dict[str, str]:
+    """Return the output unit of each triad that the user states, itself or in a nominal scale.
+
+    >>> stated_units({"sensor.accelerometer.unit": "g", "sensor.gyro.scale": "131 LSB/(°/s)"})
+    {'accelerometer': 'g', 'gyro': 'LSB'}
+
+    Raises
+    ------
+    InputError
+        If a unit does not belong to the quantity.
+    """
+    found: dict[str, str] = {}
+    for kind, like in (("accelerometer", "m/s²"), ("gyro", "rad/s")):
+        key = f"sensor.{kind}.unit"
+        if key in values:
+            found[kind] = str(values[key])
+        elif scale := values.get(f"sensor.{kind}.scale"):
+            found[kind] = str(scale).partition(" ")[2].partition("/")[0]
+        if kind in found and found[kind] not in COUNTED_UNITS:
+            try:
+                si_factor(found[kind], like)
+            except InputError as error:
+                raise InputError(f"--set {key}: {error}", key=key, names=(key,)) from None
+    return found
 
 
 def stated_thermometer(values: Mapping[str, Any]) -> TemperatureReadout:

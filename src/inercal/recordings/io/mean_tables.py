@@ -55,21 +55,20 @@ def read_means(
     seconds : str or None
         Name of the column with durations in s; None for 1 s in each row.
     row_names : callable, optional
-        Function that converts row labels to distinct names.
+        Function that converts row labels to distinct names. Without a column of labels, the rows
+        are numbered from 1.
 
     Raises
     ------
     InputError
         A column is missing, a value is not finite, a label is repeated, or no deviation is stated.
     """
-    if columns.label is None:
-        raise InputError(
-            f"{path}: [data] label is missing: name the column of position labels",
-            file=path,
-            key="[data] label",
-        )
     table = read_columns(path, columns, [] if seconds is None else [seconds])
-    labels = tuple(row_names([str(label).strip() for label in table.columns[columns.label]]))
+    if columns.label is None:
+        rows = next(iter(table.columns.values())).size
+        labels = tuple(map(str, range(1, rows + 1)))
+    else:
+        labels = tuple(row_names([str(label).strip() for label in table.columns[columns.label]]))
     durations = np.ones(len(labels)) if seconds is None else table.numbers(seconds)
     return observations_from_table(path, table, labels, columns, sensor, sd, durations)
 

@@ -20,7 +20,11 @@ from inercal.recordings.segments.rest_changes import (
     require_still,
 )
 from inercal.recordings.segments.rest_detection import RestDetection, find_rests, find_thresholds
-from inercal.recordings.segments.section_detection import find_sections, search_sections
+from inercal.recordings.segments.section_detection import (
+    faces_up,
+    find_sections,
+    search_sections,
+)
 from inercal.recordings.segments.section_means import average_sections
 
 __all__ = [
@@ -32,6 +36,7 @@ __all__ = [
     "check_against_plan",
     "check_marks",
     "check_turn_ends",
+    "faces_up",
     "find_dwells",
     "find_rests",
     "find_sections",

@@ -149,8 +149,9 @@ def check_against_plan(
                 findings += _check_turn(steps[k], (rates[k] - bias) * observations.duration[k])
         return tuple(findings)
     sensed = inverse(bare, observations.mean, np.zeros(0))
-    _check_sizes(sensed.f / gravity, steps)
     offset = _rough_bias(sensed.f, steps, gravity)
+    if _odd_sizes((sensed.f - offset) / gravity, steps):  # not just an axis that is off by 1 g
+        _check_sizes(sensed.f / gravity, steps)
     for k, step in enumerate(steps):
         if isinstance(step, Hold):
             f = sensed.f[k] - offset
@@ -172,7 +173,7 @@ def check_against_plan(
 def _check_sizes(f: np.ndarray, steps: Sequence[HandStep]) -> None:
     """Refuse a hold whose force is far from 1 g if only a minority is; f in g, (r, 3)."""
     holds = [k for k, step in enumerate(steps) if isinstance(step, Hold)]
-    odd = [k for k in holds if not _POSSIBLE[0] < np.linalg.norm(f[k]) < _POSSIBLE[1]]
+    odd = _odd_sizes(f, steps)
     if odd and 2 * len(odd) < len(holds):
         k = odd[0]
         raise InputError(
@@ -180,6 +181,12 @@ def _check_sizes(f: np.ndarray, steps: Sequence[HandStep]) -> None:
             f"{_vector_text(f[k])} g: check its unit and its decimal point",
             names=(steps[k].label,),
         )
+
+
+def _odd_sizes(f: np.ndarray, steps: Sequence[HandStep]) -> list[int]:
+    """Return the holds whose force, g, is far from 1 g."""
+    holds = [k for k, step in enumerate(steps) if isinstance(step, Hold)]
+    return [k for k in holds if not _POSSIBLE[0] < np.linalg.norm(f[k]) < _POSSIBLE[1]]
 
 
 def _rough_bias(force: np.ndarray, steps: Sequence[HandStep], gravity: float) -> np.ndarray:

@@ -8,7 +8,7 @@ axis and angle of its integrated rate.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +81,10 @@ class SectionDetection:
 
 
 def find_sections(
-    recording: Recording, sensor: Sensor, steps: Sequence[HandStep]
+    recording: Recording,
+    sensor: Sensor,
+    steps: Sequence[HandStep],
+    parts: Sequence[tuple[int, int]] = (),
 ) -> SectionDetection:
     """Detect the sections of a plan as `search_sections` does, but require at least one rest.
 
@@ -90,7 +93,7 @@ def find_sections(
     InputError
         There is no rest, or the sensor is not a triad.
     """
-    found = search_sections(recording, sensor, steps)
+    found = search_sections(recording, sensor, steps, parts)
     if not found.rests:
         raise InputError(
             f"{recording.source}: no rest of {SHORTEST + 2 * MARGIN:g} s was detected ("
@@ -102,7 +105,10 @@ def find_sections(
 
 
 def search_sections(
-    recording: Recording, sensor: Sensor, steps: Sequence[HandStep]
+    recording: Recording,
+    sensor: Sensor,
+    steps: Sequence[HandStep],
+    parts: Sequence[tuple[int, int]] = (),
 ) -> SectionDetection:
     """Detect the sections of a plan; there may be none.
 
@@ -114,6 +120,9 @@ def search_sections(
         Triads with nominal readouts. Turns require gyros, and gyros also improve the detection of
         rests.
     steps : sequence of HandStep
+    parts : sequence of (start, stop), optional
+        Samples of each file, if the plan was carried out once in each; the holds of the second file
+        are named "x_p (2)".
 
     Raises
     ------
@@ -139,14 +148,14 @@ def search_sections(
         )
     channels = [_Channel(y[:, k], window) for k in range(y.shape[1])]
     quietest = [channel.limit for channel in channels]
-    found = _sections(recording, sensor, steps, y, channels, quietest)
+    found = _sections(recording, sensor, steps, y, channels, quietest, parts)
     thresholds = _class_thresholds(recording, sensor, window)
     wider = [
         max(limit, thresholds.get(axis.measures, 0.0))
         for limit, axis in zip(quietest, sensor.axes, strict=True)
     ]
     if wider != quietest:
-        other = _sections(recording, sensor, steps, y, channels, wider)
+        other = _sections(recording, sensor, steps, y, channels, wider, parts)
         found = other if _finds_more(other, found) else found
     return found
 
@@ -218,6 +227,7 @@ def _sections(
     y: Array,
     channels: Sequence["_Channel"],
     limits: Sequence[float],
+    parts: Sequence[tuple[int, int]],
 ) -> SectionDetection:
     """Return the detected sections of a plan; at rest, each channel scatters below its limit."""
     force = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
@@ -240,14 +250,17 @@ def _sections(
         if own
     )
     marks: list[Mark] = []
-    if rests:
-        marks = _holds(y[:, force], rests, steps)
-        if rate:
-            marks += _turns(y[:, rate], y[:, force], recording, quiet, rests, steps)
+    for visit, (a, b) in enumerate(parts or [(0, len(y))], 1):
+        own = [rest for rest in rests if a <= rest[0] < b]
+        holds = _holds(y[:, force], own, steps) if own else []
+        number = f" ({visit})" if visit > 1 else ""
+        marks += [replace(mark, label=mark.label + number) for mark in holds]
+    if rests and rate:
+        marks += _turns(y[:, rate], y[:, force], recording, quiet, rests, steps)
     order = [step.label for step in steps]
     named = {mark.label for mark in marks}
     return SectionDetection(
-        tuple(sorted(marks, key=lambda mark: order.index(mark.label))),
+        tuple(sorted(marks, key=lambda mark: order.index(mark.label.partition(" (")[0]))),
         tuple(s.label for s in steps if isinstance(s, Hold) and s.label not in named),
         tuple(Mark(f"rest {k}", a, b) for k, (a, b) in enumerate(rests, 1)),
         levels,
@@ -289,13 +302,31 @@ def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]
     return marks
 
 
+def faces_up(means: Array, holds: Sequence[Hold]) -> list[str] | None:
+    """Return the label of the hold in whose attitude each mean, (r, 3), was taken.
+
+    The biases are rough, or the middle of the range, because an axis may be off by 1 g. None if a
+    mean fits no hold.
+    """
+    ups = np.array([hold.up for hold in holds])
+    for centre in (_offset(means, ups), 0.5 * (means.max(axis=0) + means.min(axis=0))):
+        left = means - centre
+        norms = np.maximum(np.linalg.norm(left, axis=1, keepdims=True), np.finfo(float).tiny)
+        near = (left / norms) @ ups.T
+        nearest: list[int] = near.argmax(axis=1).tolist()
+        every = set(nearest) == set(range(len(holds)))
+        if (near.max(axis=1) > _ALIGNED).all() and every:
+            return [holds[k].label for k in nearest]
+    return None
+
+
 def _offset(means: Array, ups: Array) -> Array:
     """Return rough biases, (3,): the mean over rests in opposite attitudes, otherwise zero.
 
     A bias of 0.4 g changes the direction of a face by more than the cosine between faces allows.
     """
-    directions = means / np.linalg.norm(means, axis=1, keepdims=True)
-    near = directions @ ups.T
+    norms = np.maximum(np.linalg.norm(means, axis=1, keepdims=True), np.finfo(float).tiny)
+    near = (means / norms) @ ups.T
     every = (near > _ROUGHLY).any(axis=0).all()
     if not every or not len(ups) or np.linalg.norm(ups.mean(axis=0)) > _EVEN:
         return np.zeros(3)

@@ -1,0 +1,174 @@
+"""Draft the keys for a table of means from a rate table: an axis that is up, a rate, three gyros.
+
+The rate is the column to which the gyro of the vertical axis is proportional, whatever its name.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.units import format_quantity, si_factor
+from inercal.pipeline.drafts.column_names import column_unit
+from inercal.pipeline.drafts.column_roles import ColumnRoles
+from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
+from inercal.pipeline.drafts.readouts import GuessedReadout, counts_per_degree
+from inercal.recordings.data.face_names import parse_face
+from inercal.recordings.io.column_table import Table
+
+_PROPORTIONAL = 0.999  # correlation of a rate and the gyro that senses it
+_NEAR = 0.12  # relative to a unit's size
+_FEWEST_ROWS = 6
+_FACES = 6  # at rest, or poses, that the accelerometers need
+_ABSENT = ("", "nan")
+_ERRORS = {
+    "rate_scale": "standard deviation of the scale of all rates",
+    "rate_asymmetry": "difference of the two senses",
+    "rate_stability": "further error of the rate of each row",
+    "setting": "table's axis in the case, for each setting",
+}
+_POSE_ERRORS = {"attitude": "tilt of a pose", "mounting": "mounting of the case on the platform"}
+
+
+def with_rate_table(table: Table, roles: ColumnRoles) -> ColumnRoles:
+    """Return the roles, with `axis` and `table_rate` if the table is one of rates."""
+    rows = next(iter(table.columns.values())).size
+    if not roles.means or "gyro" not in roles.triads or rows < _FEWEST_ROWS:
+        return roles
+    texts = [name for name in table.names if table.columns[name].dtype.kind == "U"]
+    used = {name for triad in roles.triads.values() for name in triad}
+    by_lower = {name.lower(): name for name in table.names}
+    poses = {role: by_lower[role] for role in ("roll", "pitch") if role in by_lower}
+    for axis in texts:
+        faces = [parse_face(str(cell)) for cell in table.columns[axis].tolist()]
+        empty = [str(cell).strip() in _ABSENT for cell in table.columns[axis].tolist()]
+        named = np.array([face is not None for face in faces])
+        if not named.any() or not (named | (np.array(empty) & bool(poses))).all():
+            continue
+        sensed = _along(table, roles.triads["gyro"], faces)[named]
+        for name in table.names:
+            if name in {*used, *texts, *poses.values()}:
+                continue
+            rate = table.numbers(name)[named]
+            if _correlation(rate, sensed) > _PROPORTIONAL:
+                kept = {"temperature"} & roles.single.keys()
+                single = {role: roles.single[role] for role in kept}
+                single |= {"axis": axis, "table_rate": name, **poses}
+                if "seconds" in by_lower:
+                    single["seconds"] = by_lower["seconds"]
+                reasons = {
+                    **roles.reasons,
+                    **dict.fromkeys(single, "by its name"),
+                    "axis": "its values name the axis that is up",
+                    "table_rate": "the gyro of the axis that is up is proportional to it",
+                }
+                triads = dict(roles.triads)
+                if not _shows_accelerometers(table, faces, name, poses):
+                    triads.pop("accelerometer", None)
+                return ColumnRoles(triads, single, reasons=reasons, units=roles.units, means=True)
+    return roles
+
+
+def _along(table: Table, gyro: tuple[str, ...], faces: list[str | None]) -> Array:
+    """Return the reading, (n,), of the gyro of the axis that is up, with its sign."""
+    readings = np.stack([table.numbers(name) for name in gyro], axis=-1)
+    columns = ["xyz".index(face[-1]) if face else 0 for face in faces]
+    signs = [-1.0 if face and face.startswith("-") else 1.0 for face in faces]
+    return np.asarray(signs * readings[np.arange(len(faces)), columns], dtype=float)
+
+
+def _correlation(rate: Array, sensed: Array) -> float:
+    if not np.isfinite(rate).all() or np.ptp(rate) == 0 or np.ptp(sensed) == 0:
+        return 0.0
+    return float(np.corrcoef(rate, sensed)[0, 1])
+
+
+def _shows_accelerometers(
+    table: Table, faces: list[str | None], rate: str, poses: Mapping[str, str]
+) -> bool:
+    still = table.numbers(rate) == 0
+    up = {face for face, rests in zip(faces, still.tolist(), strict=True) if face and rests}
+    tilted = sum(face is None for face in faces) if poses else 0
+    return len(up) >= _FACES or tilted >= _FACES
+
+
+def rate_unit(table: Table, roles: ColumnRoles) -> tuple[str, str]:
+    """Return the unit of the table's rate, and the reason."""
+    name = roles.single["table_rate"]
+    if "rpm" in name.lower():
+        return "rpm", "by its name"
+    if (unit := column_unit(name)) in ("°/s", "rad/s"):
+        return unit, "by its name"
+    stated = roles.units.get("gyro", "")
+    if stated in ("°/s", "rad/s"):
+        ratio = _slope(table, roles)
+        for unit in ("°/s", "rad/s"):
+            if abs(ratio * si_factor(stated) / si_factor(unit) - 1) < _NEAR:
+                return unit, "the gyros read as much in this unit"
+    return "°/s", "assumed; state rad/s or rpm if it is not true"
+
+
+def _slope(table: Table, roles: ColumnRoles) -> float:
+    """Return the readings of the gyro of the axis that is up over the table's rate."""
+    faces = [parse_face(str(cell)) for cell in table.columns[roles.single["axis"]].tolist()]
+    named = np.array([face is not None for face in faces])
+    sensed = _along(table, roles.triads["gyro"], faces)[named]
+    rate = table.numbers(roles.single["table_rate"])[named]
+    return float(np.polyfit(rate, sensed, 1)[0])
+
+
+def gyro_readout(table: Table, roles: ColumnRoles) -> GuessedReadout:
+    """Return the gyros' readout, as named or stated, or from the rates of the table."""
+    stated = roles.units.get("gyro")
+    if stated not in (None, "LSB", "V"):
+        return GuessedReadout(str(stated), "", 0.0, si_factor(str(stated)), "as stated or named")
+    rate, _ = rate_unit(table, roles)
+    slope = _slope(table, roles) / si_factor(rate)
+    for unit in ("°/s", "rad/s"):
+        if stated is None and abs(slope * si_factor(unit) - 1) < _NEAR:
+            return GuessedReadout(unit, "", 0.0, si_factor(unit), "they read the table's rate")
+    counts = slope * si_factor("°/s")
+    unit = stated or "LSB"
+    near, why = counts_per_degree(counts)
+    reason = f"they read {counts:.4g} per °/s of the table{why}"
+    return GuessedReadout(unit, f"{near:.6g} {unit}/(°/s)", 0.0, si_factor("°/s") / near, reason)
+
+
+def rate_bench_keys(table: Table, roles: ColumnRoles, *, typical: bool) -> tuple[DraftKey, ...]:
+    """Return the keys of [bench]; typical errors replace the questions if the user wants none."""
+    from inercal.benches.rate_platform.bench import STATED
+
+    entries = [DraftKey("bench", "kind", "rate_platform", "by the columns")]
+    ask = 'latitude, such as "48.1 °"; the gyros sense the rotation of the earth'
+    entries.append(DraftKey("bench", "latitude", UNKNOWN, "", ask))
+    poses = "roll" in roles.single
+    if "accelerometer" in roles.triads:
+        reason = "valid anywhere near sea level: state your own for less uncertainty"
+        entries.append(DraftKey("bench", "gravity", "9.80 m/s² ± 0.02 m/s²", reason))
+    for key, meaning in (_ERRORS | _POSE_ERRORS if poses else _ERRORS).items():
+        value = STATED[key].example
+        ask = f"{meaning}; {value} is typical"
+        reason = f"{meaning}: a typical value that nobody measured; state your own"
+        entries.append(DraftKey("bench", key, value if typical else UNKNOWN, reason, ask))
+    return tuple(entries)
+
+
+def gyro_deviation_key(table: Table, roles: ColumnRoles, readout: GuessedReadout) -> DraftKey:
+    """Return the deviation of a mean, from the residuals of smooth curves through the rates."""
+    faces = table.columns[roles.single["axis"]]
+    rate = table.numbers(roles.single["table_rate"])
+    found: list[float] = []
+    for face in np.unique(faces).tolist():
+        own = (faces == face) & np.isfinite(rate)
+        if parse_face(str(face)) is None or own.sum() < 4:
+            continue
+        for name in roles.triads["gyro"]:
+            y, x = table.numbers(name)[own], rate[own] / (np.abs(rate[own]).max() or 1.0)
+            terms = [np.ones_like(x), x, np.abs(x), x**2, x**3][: int(own.sum()) - 2]
+            design = np.column_stack(terms)
+            left = y - design @ np.linalg.lstsq(design, y)[0]
+            found.append(float(np.sqrt((left**2).sum() / (own.sum() - len(terms)))))
+    size = float(np.median(found)) * readout.size if found else 0.0
+    text = format_quantity(max(size, si_factor("°/h")), 0.0, "°/h", 2)
+    reason = "from the residuals of smooth curves: state the measured deviation of your means"
+    return DraftKey("data.sd", "gyro", text, reason)
