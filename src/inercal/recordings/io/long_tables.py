@@ -99,8 +99,7 @@ def open_long_table(path: Path, most_values: int) -> LongTable | None:
 
 def _open_text(path: Path) -> LongTable | None:
     layout = sniff(path, 0)
-    plain = layout.delimiter is not None and not layout.decimal_comma and not layout.quoted
-    if not plain or layout.text_columns or find_spec("pyarrow") is None:
+    if not layout.is_plain or layout.text_columns or find_spec("pyarrow") is None:
         return None
     with path.open("rb") as file:
         sample = file.read(_SAMPLE_BYTES)
