@@ -46,10 +46,12 @@ from inercal.pipeline.drafts.method_trials import (
     try_methods,
 )
 from inercal.pipeline.drafts.readouts import QuietMeans
+from inercal.pipeline.drafts.signed_columns import sign_columns
 from inercal.pipeline.drafts.stated_keys import (
     default_bench_keys,
     stated_columns,
     stated_gyros,
+    stated_options,
     stated_values,
 )
 from inercal.recordings.io.column_table import Table
@@ -143,7 +145,7 @@ def draft_run_file(
     """
     stated = dict(stated or {})
     values = stated_values(stated)
-    table, gyros, roles = _recognise(logs, values)
+    table, gyros, roles, signs = _recognise(logs, values)
     candidates = _candidates(logs[0], table, roles)
     if (stated_name := values.pop("method.name", None)) is not None:
         named = tuple(one for one in candidates if one[1] == stated_name)
@@ -175,6 +177,7 @@ def draft_run_file(
         ),
         *bench_keys(bench, radius),
         *data_keys(logs, path, table, roles, bench, values),
+        *signs,
         *suggest_rate(clock, readouts.get("gyro")),
         *((deviation_key(start_deviation(roles), "a guess"),) if roles.means else ()),
     )
@@ -223,9 +226,12 @@ def _without_key(trial: MethodTrial) -> str:
 
 def _recognise(
     logs: Sequence[Path], values: Mapping[str, Any]
-) -> tuple[Table, Table | None, ColumnRoles]:
-    """Return the table, the gyros' table if it is a separate file, and the column roles."""
-    table = _read(logs[0], values)
+) -> tuple[Table, Table | None, ColumnRoles, tuple[DraftKey, ...]]:
+    """Return the table, that of the gyros if it is a separate file, the roles, and a key of signs.
+
+    The key is that of [data] which gives unsigned counts their signs; () if they have them.
+    """
+    table, signs = sign_columns(_read(logs[0], values), values.get("data.signed_bits"))
     stated = stated_columns(values, table, second_file=len(logs) > 1)
     alone = len(logs) == 1
     numbers = finite_rows(table) if alone else table
@@ -238,7 +244,7 @@ def _recognise(
         require_finite_rows(logs[0], table, used)
     gyros = _second_table(logs, table, roles, values)
     if gyros is None:
-        return table, None, roles
+        return table, None, roles, signs
     second = recognise_columns(gyros, stated=stated_gyros(values, gyros))
     joined = replace(
         roles,
@@ -246,7 +252,7 @@ def _recognise(
         reasons={**second.reasons, **roles.reasons},
         units={**second.units, **roles.units},
     )
-    return table, gyros, joined
+    return table, gyros, joined, signs
 
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
@@ -258,6 +264,13 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
             "example in examples/rate_platform",
             file=log,
             names=("rates_and_poses",),
+        )
+    if roles.triads.get("accelerometer") == ():
+        raise InputError(
+            f"{log}: data.accelerometer is empty, but no method that init can draft works without "
+            "accelerometers: name their columns, or leave the key out",
+            file=log,
+            key="data.accelerometer",
         )
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
@@ -274,8 +287,7 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
 
 def _read(log: Path, values: Mapping[str, Any]) -> Table:
     """Read a table; columns that begin with numbers or empty cells but contain text are text."""
-    stated = {key: values.get(f"data.{key}") for key in detect_reader(log).keys}
-    options = {key: value for key, value in stated.items() if value is not None}
+    options = stated_options(values, log)
     text: list[str] = []
     while True:
         try:
@@ -298,7 +310,7 @@ def _second_table(
             "accelerometers and one with the gyros",
             names=tuple(map(str, logs)),
         )
-    second = _read(logs[1], values)
+    second, _ = sign_columns(_read(logs[1], values), values.get("data.signed_bits"))
     rows, others = (next(iter(one.columns.values())).size for one in (table, second))
     found = recognise_columns(second, stated=stated_gyros(values, second)).triads
     if "gyro" not in found or "gyro" in roles.triads or rows != others:

@@ -27,7 +27,9 @@ from inercal.pipeline.drafts.readouts import (
 )
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
+from inercal.recordings.io.row_checks import shared_stamps_text
 from inercal.recordings.io.time_stamps import times_from_origin
+from inercal.recordings.io.wrapped_stamps import unwrap_stamps, wrap_modulus
 from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
 _ANYWHERE = "9.80 m/s² ± 0.02 m/s²"
@@ -64,17 +66,28 @@ def clock_keys(
         seconds = (column.astype("M8[ns]") - column[:1].astype("M8[ns]")) / np.timedelta64(1, "s")
         return np.asarray(seconds, dtype=np.float64), (entry,)
     stamps = column.astype(np.float64)
+    wrap: tuple[DraftKey, ...] = ()
+    if (modulus := wrap_modulus(stamps)) is not None:
+        reason = f"{name} falls by nearly this number, so it restarts"
+        wrap = (DraftKey("data", "counter_modulus", modulus, reason),)
+        stamps = unwrap_stamps(stamps, modulus)
     step = float(np.median(np.diff(stamps)))
+    if not step > 0:
+        raise InputError(
+            f"{table.source}: column {name!r} cannot be the time: {shared_stamps_text(stamps)}",
+            names=(name,),
+            key="data.time",
+        )
     if step == 1.0 and np.all(stamps == np.rint(stamps)):
         counter = DraftKey("data", "time_unit", "sample", "its steps are 1, so it counts samples")
-        return by_rate, (entry, counter, rate_key)
+        return by_rate, (entry, counter, *wrap, rate_key)
     unit = roles.units.get("time") or next(
         (one for one in _TIME_UNITS if _RATES[0] <= 1 / (step * si_factor(one)) <= _RATES[1]), "s"
     )
     seconds, _ = times_from_origin(stamps, si_factor(unit))
     reason = f"its steps are {step:.6g} {unit}, {1 / (step * si_factor(unit)):.5g} Hz"
     units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
-    return seconds, (replace(entry, reason=reason) if not units else entry, *units)
+    return seconds, (replace(entry, reason=reason) if not units else entry, *units, *wrap)
 
 
 def suggest_rate(clock: tuple[DraftKey, ...], gyro: GuessedReadout | None) -> tuple[DraftKey, ...]:

@@ -6,6 +6,7 @@ They often dominate U, such as half a degree for the tilt of a face, or one degr
 
 from collections.abc import Mapping
 from difflib import get_close_matches
+from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin
 
@@ -17,6 +18,7 @@ from inercal.benches.kinds import KINDS
 from inercal.pipeline.drafts.column_names import NAMES
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.recordings.io.column_table import Table, select_columns
+from inercal.recordings.io.read import detect_reader
 from inercal.recordings.io.readers import known_options
 from inercal.recordings.temperature import TemperatureReadout, temperature_readout
 from inercal.runfile.schema import RunSchema
@@ -42,6 +44,12 @@ def stated_values(stated: Mapping[str, str]) -> dict[str, Any]:
         If a key does not exist in run files, or a list cannot be read.
     """
     return {key: _value(key, text) for key, text in stated.items()}
+
+
+def stated_options(values: Mapping[str, Any], log: Path) -> dict[str, object]:
+    """Return the stated options of a file's reader, such as `skip` or `corrections`."""
+    stated = {key: values.get(f"data.{key}") for key in detect_reader(log).keys}
+    return {key: value for key, value in stated.items() if value is not None}
 
 
 def stated_thermometer(values: Mapping[str, Any]) -> TemperatureReadout:

@@ -32,6 +32,7 @@ from inercal.recordings.io.table_recording import (
     sample_times,
 )
 from inercal.recordings.io.time_stamps import nearest_samples
+from inercal.recordings.io.unsigned_counts import sign_in_place
 from inercal.recordings.io.wrong_content import refuse_wrong_content
 
 _ROUNDING = 1e-6  # of half a step, for stamps with few digits
@@ -308,6 +309,8 @@ def _read_second_file(path: Path, columns: Columns, first: Recording) -> Table:
     if columns.time is not None:
         _refuse_unequal_times(table, sample_times(table, columns, len(block)).time, name, time)
     place[:] = block
+    if columns.signed_bits is not None:
+        sign_in_place(place, columns.signed_bits, table.source)
     return table
 
 
