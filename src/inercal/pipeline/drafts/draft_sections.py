@@ -70,7 +70,7 @@ def clock_keys(
     if (modulus := wrap_modulus(stamps)) is not None:
         reason = f"{name} falls by nearly this number, so it restarts"
         wrap = (DraftKey("data", "counter_modulus", modulus, reason),)
-        stamps = unwrap_stamps(stamps, modulus)
+        stamps = unwrap_stamps(stamps, modulus).astype(np.float64)
     step = float(np.median(np.diff(stamps)))
     if not step > 0:
         raise InputError(

@@ -265,7 +265,8 @@ def times_from_counter(counter: ArrayLike, modulus: float, rate_hz: float) -> Ar
     Parameters
     ----------
     counter : (n,) array of int
-        Counter values from 0 to modulus − 1; each sent packet increases the counter by 1.
+        Counter values from 0 to modulus − 1, or as many with a sign; each sent packet
+        increases the counter by 1.
     modulus : float
         Number of values after which the counter restarts at 0; at least 3. If half of them or more
         are lost between two packets, this is not recognised.
@@ -291,7 +292,8 @@ def times_from_counter(counter: ArrayLike, modulus: float, rate_hz: float) -> Ar
             "least 3 and the rate greater than 0",
             key="modulus",
         )
-    off = np.flatnonzero(~((read >= 0) & (read < modulus) & (read == np.round(read))))
+    possible = (read >= -0.5 * modulus) & (read < modulus) & (read == np.round(read))
+    off = np.flatnonzero(~possible)
     if off.size:
         raise InputError(
             f"counter: sample {off[0]} has {read[off[0]]:g}, but the counter can only have "

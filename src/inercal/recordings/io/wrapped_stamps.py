@@ -6,8 +6,6 @@ packets, the 32 bits of µs after 71.6 minutes. Its readings s then fall by near
     t_k = s_k + M · (number of falls up to sample k)
 """
 
-from typing import TypeVar
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,10 +17,10 @@ MODULUS_KEY = "[data] counter_modulus"
 _BITS = (8, 16, 32)
 _FRACTIONS = {8: (1,), 16: (1, 1e-3), 32: (1, 1e-3, 1e-6)}  # of ms and µs, in s or ms
 _LOST = 20  # steps; most that may be missing where the stamps restart
-_FLOATS = TypeVar("_FLOATS", Array, NDArray[np.int64])
+Stamps = Array | NDArray[np.int64]
 
 
-def unwrap_stamps(stamps: _FLOATS, modulus: float) -> _FLOATS:
+def unwrap_stamps(stamps: Stamps, modulus: float) -> Stamps:
     """Return stamps, (n,), that go on where they restart.
 
     Parameters
@@ -44,7 +42,7 @@ def unwrap_stamps(stamps: _FLOATS, modulus: float) -> _FLOATS:
     return result
 
 
-def wrap_modulus(stamps: Array | NDArray[np.int64]) -> float | None:
+def wrap_modulus(stamps: Stamps) -> float | None:
     """Return the modulus of stamps that restart; None if they never fall, or otherwise.
 
     >>> wrap_modulus(np.array([65534, 65535, 0, 1, 2, 3]))
