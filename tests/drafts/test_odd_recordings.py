@@ -104,8 +104,13 @@ def test_a_clock_that_was_reset_is_not_unwrapped(tmp_path: Path):
 
 @pytest.mark.parametrize(
     "stamps",
-    [(COUNT // 50).tolist(), (COUNT // 8 * 0.16).round(3).tolist(), [3.0] * len(COUNT)],
-    ids=["whole seconds", "bursts", "no clock"],
+    [
+        (COUNT // 50).tolist(),
+        (COUNT // 8 * 0.16).round(3).tolist(),
+        (COUNT // 8 * 160 + 1_700_000_000_000).tolist(),
+        [3.0] * len(COUNT),
+    ],
+    ids=["whole seconds", "bursts", "bursts in ms", "no clock"],
 )
 def test_stamps_that_stand_still_are_one_sentence_and_the_rate_helps(
     tmp_path: Path, stamps: list[float]
@@ -119,6 +124,9 @@ def test_stamps_that_stand_still_are_one_sentence_and_the_rate_helps(
     for columns in ({}, {"data.accelerometer": "[]"}):
         with refused(key="data.time"):
             read_rest_recording(log, stated | units | columns)
+    asked = draft_run_file([log], tmp_path / "run.toml").questions
+    assert [one.key for one in asked] == ["rate"]
+    assert len(set(stamps)) == 1 or '"50 Hz"' in asked[0].ask
     calibrated(log, {"data.rate": "50 Hz"}, tmp_path)
 
 

@@ -97,9 +97,9 @@ def test_blocks_of_each_format_give_the_coefficients_of_the_whole(
 def test_times_that_restart_and_lines_above_are_read_in_blocks_too(
     table: np.ndarray, tmp_path: Path, at_once: NoiseAnalysis
 ):
-    path = write(tmp_path, "csv", np.column_stack([table[:, 0] % 100, table[:, 1:]]))
+    path = write(tmp_path, "csv", np.column_stack([table[:, 0] % 16384, table[:, 1:]]))
     path.write_text("1,2,3,4\n" + path.read_text("utf-8"), encoding="utf-8")
-    stated = UNIT | {"data.skip": "1", "data.counter_modulus": "100"}
+    stated = UNIT | {"data.skip": "1", "data.counter_modulus": "16384"}
     found = in_blocks(path, stated)
     assert found.duration == pytest.approx(at_once.duration, rel=1e-9)
     assert [one.n for one in found.channels] == [one.n for one in at_once.channels]

@@ -33,7 +33,7 @@ def sign_columns(table: Table, stated: object = None) -> tuple[Table, tuple[Draf
         for name, column in table.columns.items()
         if column.dtype.kind != "U"
     }
-    numbers = {n: x for n, x in numbers.items() if np.mean(np.diff(x) > 0) < _GROWS}
+    numbers = {n: x for n, x in numbers.items() if np.sum(np.diff(x) > 0) < _GROWS * x.size}
     if stated is not None and (not isinstance(stated, int) or not 8 <= stated <= 32):
         raise InputError(f"data.signed_bits: {stated!r} is not 8 to 32", key="data.signed_bits")
     found = {name: unsigned_bits(values) for name, values in numbers.items()}

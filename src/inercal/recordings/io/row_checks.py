@@ -102,7 +102,7 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
         text = (
             f"{format_count(int((~same).sum()), 'row')} with the same time as the row before "
             f"but different readings, the first at {where(first + 1)}: "
-            f"{shared_stamps_text(recording.time)}"
+            f"{shared_stamps_text(recording.time)} instead of the time column"
         )
         often = same_time.size > _OFTEN * recording.time.size
         what = "bursts" if often else "repeated"
@@ -120,14 +120,13 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
 
 
 def shared_stamps_text(time: Array) -> str:
-    """Return why stamps, (n,), that stand still are no times, and what can be stated instead.
+    """Return why stamps, (n,) s, that stand still are no times, and the rate to state instead.
 
-    The rate follows from the samples between the first and the last new stamp; the unit of the
-    stamps is s if the text states a rate.
+    The rate follows from the samples between the first and the last new stamp.
     """
     new = np.flatnonzero(time[1:] > time[:-1]) + 1
     if not new.size:
-        return "it never increases: remove [data] time and state rate"
+        return "it never increases; state [data] rate"
     shared = (new[-1] - new[0]) / (new.size - 1) if new.size > 1 else float(new[0])
     if shared < 1 / (1 - _OFTEN):
         cause = "the time stamps are too coarse"
@@ -138,7 +137,7 @@ def shared_stamps_text(time: Array) -> str:
         )
     span = float(time[new[-1]] - time[new[0]])
     rate = f' = "{(new[-1] - new[0]) / span:.4g} Hz"' if span > 0 else ""
-    return f"{cause}; remove [data] time and state rate{rate}"
+    return f"{cause}; state [data] rate{rate}"
 
 
 def _repeats_previous_row(recording: Recording, samples: Indices) -> NDArray[np.bool_]:
