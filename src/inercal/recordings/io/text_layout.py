@@ -21,7 +21,7 @@ from inercal.recordings.io.line_forms import LineForm, find_line_form
 from inercal.recordings.io.table_start import is_number, table_start
 
 COMMENTS = "#%"
-_SNIFFED_LINES = 50  # data lines that are examined; enough to contain a decimal comma
+_SNIFFED_LINES = 150  # that are examined; enough for a preamble, and to contain a decimal comma
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _SEPARATOR_LINE = re.compile(r"\"?sep=(.)\"?", re.IGNORECASE)
 _SHEET_ERROR = re.compile(r"#(?:DIV/0!|N/A|VALUE!|REF!|NAME\?|NUM!|NULL!)")
