@@ -20,7 +20,7 @@ _BEGINNINGS = {
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "is an old Excel workbook (.xls): save it as .xlsx or CSV",
 }
 _ZIP, _NAME_SIZE, _NAME = b"PK\x03\x04", slice(26, 28), 30  # places in the first file's header
-_READ_AS_ZIP = (".npy", ".xml", ".rels")  # in .npz archives and workbooks
+_READ_AS_ZIP = (".npy", ".xml", ".rels", "mimetype")  # in archives and sheets of readers
 _HTML = (b"<!doctype html", b"<html", b"<head", b"<body", b"<?xml", b"<!--", b"<script", b"<title")
 
 
