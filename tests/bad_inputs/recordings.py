@@ -48,11 +48,11 @@ CASES: dict[str, BadInput] = {
     "text as workbook": other("log.xlsx", "time,acc_x\n1,2\n", "workbook"),
     "text as MCAP": other("log.mcap", "time,acc_x\n1,2\n", "bag", ".csv"),
     "text as ULog": other("log.ulg", "time,acc_x\n1,2\n", "ULog"),
-    "an empty MCAP": other("log.mcap", b"", "bag"),
-    "an empty ULog": other("log.ulg", b"", "ULog"),
+    "an empty MCAP": other("log.mcap", b"", "empty"),
+    "an empty ULog": other("log.ulg", b"", "empty"),
     "an empty DataFlash": other("log.bin", b"", "empty"),
     "a page of a web server": log("<!DOCTYPE html><html>404</html>\n", "HTML page"),
-    "a pointer of Git LFS": log("version https://git-lfs.github.com/spec/v1\nsize 9\n", "'time'"),
+    "a pointer of Git LFS": log("version https://git-lfs.github.com/spec/v1\nsize 9\n", "Git LFS"),
     "commas, then semicolons": log(
         each_row(lambda k, r: r if k < 800 else [";".join(r)]), "line 802"
     ),

@@ -226,7 +226,7 @@ def test_a_file_for_each_pose_is_a_section(tmp_path: Path):
 def test_files_that_do_not_belong_together_are_refused(tmp_path: Path):
     first = logs.write(tmp_path / "a.csv", ("ax", "ay", "az"), logs.poses(1, 9).T)
     second = logs.write(
-        tmp_path / "b.csv", ("t", "ax", "ay", "az"), [range(9), *logs.poses(2, 9).T]
+        tmp_path / "b.csv", ("t", "ax", "ay", "az"), [range(9), *list(logs.poses(2, 9).T)]
     )
     with pytest.raises(InputError) as caught:
         drafted([first, second], tmp_path)
@@ -266,7 +266,7 @@ HEADS = [
 @pytest.mark.parametrize("head", HEADS)
 def test_other_loggers_name_both_triads(head: str):
     names = tuple(head.split(","))
-    data = {name: np.arange(8.0) for name in names}
+    data: dict[str, Any] = {name: np.arange(8.0) for name in names}
     triads = recognise_columns(Table(names, data, "log.csv", "", 1, True)).triads
     assert set(triads) == {"accelerometer", "gyro"}
     for triad in triads.values():

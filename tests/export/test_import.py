@@ -133,6 +133,44 @@ def test_px4_applies_no_temperature_set_of_another_device(tmp_path: Path):
         assert found.sensor.reference_temperature == 293.15
 
 
+FORMS = {
+    "two columns with a comma": "{0},{1}\n",
+    "two columns": "{0}\t{1}\n",
+    "aligned columns": "{0:<16} {1:.6f}\n",
+    "vehicle, component, name, value, type": "1\t1\t{0}\t{1}\t9\n",
+    "the same with spaces": "1 1 {0} {1} 9\n",
+    "the shell of PX4": "x + {0} [74,197] : {1}\n",
+    "the shell, not saved": "  * {0} [74,197] : {1}\n",
+    "equals signs": "{0} = {1}\n",
+}
+TITLE = "# Onboard parameters for Vehicle 1\n#\nSymbols: x = used, + = saved, * = unsaved\n\n"
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    ("of", "names"),
+    [
+        ("ardupilot", ("INS_ACCOFFS_{}", "INS_ACCSCAL_{}", "INS_GYROFFS_{}")),
+        ("px4", ("CAL_ACC0_{}OFF", "CAL_ACC0_{}SCALE", "CAL_GYRO0_{}OFF")),
+    ],
+)
+def test_each_form_of_a_ground_station_is_read(
+    of: str, names: tuple[str, ...], form: str, tmp_path: Path
+):
+    stated = {
+        name.format(axis): value if "SCAL" in name else value * (k + 1)
+        for name, value in zip(names, (0.25, 0.8, -0.125), strict=True)
+        for k, axis in enumerate("XYZ")
+    }
+    rows = [FORMS[form].format(name, value) for name, value in stated.items()]
+    path = tmp_path / "board.params"
+    path.write_text(TITLE + "".join(rows) + "\n 9/210 parameters used.\n", encoding="utf-8")
+    found = inercal.import_calibration(path, of, like=None)
+    assert [found.value(f"a{axis}.k0") for axis in "xyz"] == [0.25, 0.5, 0.75]
+    assert [found.value(f"g{axis}.bias") for axis in "xyz"] == [-0.125, -0.25, -0.375]
+    assert found.value("az.k1") == 0.25
+
+
 @pytest.mark.parametrize(
     ("of", "text"),
     [
@@ -148,7 +186,8 @@ def test_px4_applies_no_temperature_set_of_another_device(tmp_path: Path):
         ("kalibr", "[" * 20_000),
         ("imucal", "[" * 200_000),
         ("kalibr", BOMB),
-        ("px4", "1 1 CAL_ACC0_XOFF 0.1\n"),
+        ("px4", "1 1 CAL_ACC0_XOFF none 9\n"),
+        ("px4", "a page about parameters\n"),
         ("px4", "1\t1\tSYS_AUTOSTART\t4001\t6\n"),
         ("ardupilot", "INS_ACCOFFS_X\n"),
         ("ardupilot", "FOO,1\n"),

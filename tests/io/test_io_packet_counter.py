@@ -61,6 +61,6 @@ def test_an_impossible_counter_names_its_file(tmp_path: Path):
         read_recording(saved(tmp_path, [0, 1, 2, 2, 3]), COLUMNS)
 
 
-def test_a_modulus_without_a_counter_is_refused():
+def test_a_modulus_without_a_time_column_is_refused():
     with refused(key="modulus"):
-        Columns((("ax", "x", "g"),), "packet", modulus=16)
+        Columns((("ax", "x", "g"),), rate_hz=100.0, modulus=16)

@@ -53,7 +53,7 @@ def test_the_channels_of_both_files_are_one_recording(tmp_path: Path):
         ([line.replace("0.070000,", ",") for line in lines(10)], 9, ()),
         (["t,x,z", *lines(10)[1:]], None, ["y"]),
         (["k,x,y", *lines(10)[1:]], None, ["t"]),
-        (["t,x,y", "s,°/s,°/s", *lines(10)[1:]], None, ["x"]),
+        (["t,x,y", *lines(10)[1:3], "s,°/s,°/s", *lines(10)[3:]], 4, ["t"]),
     ],
 )
 def test_files_that_were_not_sampled_together_are_refused(

@@ -37,7 +37,7 @@ BAD: dict[str, tuple[bytes, dict[str, Any]]] = {
     "header apart": (lines((1, "t x y")), {"line": 2}),
     "word": (lines((9, "0.07,ERR,2")), {"line": 9, "names": ["x"]}),
     "decimals": (lines((9, "0.07,1_0,2")), {"line": 9, "names": ["x"]}),
-    "units": (lines((2, "s,g,g")), {"names": ["x"]}),
+    "units": (lines((3, "s,g,g")), {"line": 3, "names": ["t"]}),
     "wrong column": (lines((1, "t,X,y")), {"names": ["x"]}),
     "twice": (lines((1, "t,x,x")), {"names": ["x"]}),
     "nan": (lines((9, "0.07,nan,2")), {"line": 9, "names": ["x"]}),

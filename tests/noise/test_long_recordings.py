@@ -94,10 +94,21 @@ def test_blocks_of_each_format_give_the_coefficients_of_the_whole(
             assert abs(a.value - b.value) < 0.3 * b.u
 
 
+def test_times_that_restart_and_lines_above_are_read_in_blocks_too(
+    table: np.ndarray, tmp_path: Path, at_once: NoiseAnalysis
+):
+    path = write(tmp_path, "csv", np.column_stack([table[:, 0] % 16384, table[:, 1:]]))
+    path.write_text("1,2,3,4\n" + path.read_text("utf-8"), encoding="utf-8")
+    stated = UNIT | {"data.skip": "1", "data.counter_modulus": "16384"}
+    found = in_blocks(path, stated)
+    assert found.duration == pytest.approx(at_once.duration, rel=1e-9)
+    assert [one.n for one in found.channels] == [one.n for one in at_once.channels]
+
+
 def test_a_log_that_is_too_long_for_its_format_says_which_are_read_in_blocks(
     table: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    def too_long(_: Path) -> None:
+    def too_long(_: Path, **_options: object) -> None:
         raise InputError("log.ulg is too long", key=MOST_VALUES_KEY)
 
     monkeypatch.setattr("inercal.pipeline.drafts.rest_recording.read_table", too_long)

@@ -321,7 +321,7 @@ def test_a_file_of_the_readback_that_cannot_be_read_is_refused(tmp_path: Path):
         ("_modulus = 256", "_modulus = 2", "counter_modulus"),
         ("_modulus = 256", "_modulus = 200", "sample 200"),
         ("_modulus = 256", "_modulus = 65536", "65536"),
-        ('time_unit = "sample"\n', "", "counter_modulus"),
+        ('time_unit = "sample"\n', "", "time_unit"),
         ('rate = "100 Hz"\n', "", "[data] rate"),
     ],
 )

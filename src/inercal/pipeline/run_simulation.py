@@ -218,8 +218,8 @@ def _apply_data_times(run: Run, recording: Recording) -> Recording:
     else:
         assert run.rate_hz is not None  # a simulation needs it
         time = np.round(time * run.rate_hz)
-        if data.counter_modulus is not None:
-            time = time % data.counter_modulus
+    if data.counter_modulus is not None:
+        time = time % data.counter_modulus
     return replace(recording, time=time, time_name=str(data.time))
 
 

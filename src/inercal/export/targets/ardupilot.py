@@ -7,7 +7,7 @@
 OFFS is the bias at T_cal, and SCAL = 1/M_ii. The polynomial about 35 °C follows from the one about
 the reference T_r, Σ a_k (T − T_r)^k, with c_j = 10⁶ Σ_k (k over j) a_k (35 − T_r)^(k−j). This was
 written from a description of the order of operations in AP_InertialSensor (GPL-3); no code was
-copied. The reader accepts `NAME,VALUE` or `NAME VALUE`; the reference temperature becomes T_cal,
+copied. The reader accepts every form of `parameter_files`; the reference temperature becomes T_cal,
 limited to TMIN … TMAX.
 """
 
@@ -20,6 +20,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
+from inercal.export.parameter_files import stated_parameters
 from inercal.export.ranges import temperature_limits
 from inercal.export.reader_definition import (
     CalibrationReader,
@@ -165,7 +166,7 @@ def _render(request: Request) -> Rendering:
 
 
 def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
-    known = _parameters(text)
+    known = stated_parameters(text, "ArduPilot")
     imu = options["imu"]
     thermal = known.get(f"INS_TCAL{imu}_ENABLE") == 1
     triads: dict[str, StatedTriad] = {}
@@ -202,21 +203,6 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             "ArduPilot, or another --set imu=…"
         )
     return parameter_calibration("ArduPilot", triads, references, "CALTEMP")
-
-
-def _parameters(text: str) -> dict[str, float]:
-    known: dict[str, float] = {}
-    for place, line in enumerate(text.splitlines(), start=1):
-        words = line.partition("#")[0].replace(",", " ").split()
-        if not words:
-            continue
-        try:
-            known[words[0]] = float(words[1])
-        except (IndexError, ValueError):
-            raise InputError(
-                f"line {place} is not NAME,VALUE; give parameters of ArduPilot", line=place
-            ) from None
-    return known
 
 
 TARGET = Target(

@@ -6,7 +6,7 @@
 
 OFF is the bias, and SCALE = 1/M_ii. Source: the classes of src/lib/sensor_calibration and
 src/modules/temperature_compensation of PX4-Autopilot (BSD-3), described in words. The reader
-accepts parameters saved by QGroundControl; X0 is added to the bias.
+accepts every form of `parameter_files`; X0 is added to the bias.
 """
 
 from collections.abc import Mapping
@@ -16,6 +16,7 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
+from inercal.export.parameter_files import stated_parameters
 from inercal.export.ranges import temperature_limits
 from inercal.export.reader_definition import (
     CalibrationReader,
@@ -39,7 +40,6 @@ from inercal.export.targets.shared import (
 _INTEGER, _REAL = 6, 9  # MAV_PARAM_TYPE
 _NAMES = {"f": ("ACC", "A"), "w": ("GYRO", "G")}
 _ORDERS = 3
-_FIELDS = 5  # vehicle, component, name, value, type
 _SETS = 4  # number of thermal parameters
 _INSTANCE = TargetOption("instance", "n of CAL_ACCn and CAL_GYROn", 0, kind=int)
 
@@ -124,7 +124,7 @@ def _render(request: Request) -> Rendering:
 
 
 def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
-    known = _parameters(text)
+    known = stated_parameters(text, "PX4")
     n = options["instance"]
     triads: dict[str, StatedTriad] = {}
     references: set[float] = set()
@@ -163,25 +163,6 @@ def _thermal_set(known: Mapping[str, float], letter: str, device: float | None) 
         return None
     stems = [f"TC_{letter}{m}_" for m in range(_SETS)]
     return next((stem for stem in stems if known.get(f"{stem}ID") == device), None)
-
-
-def _parameters(text: str) -> dict[str, float]:
-    known: dict[str, float] = {}
-    for place, line in enumerate(text.splitlines(), start=1):
-        words = line.split()
-        if not words or words[0].startswith("#"):
-            continue
-        try:
-            if len(words) != _FIELDS:
-                raise ValueError
-            known[words[2]] = float(words[3])
-        except ValueError:
-            raise InputError(
-                f"line {place} does not have the five fields of QGroundControl's parameters "
-                "(vehicle, component, name, value, type)",
-                line=place,
-            ) from None
-    return known
 
 
 TARGET = Target(

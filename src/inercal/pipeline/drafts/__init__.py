@@ -161,11 +161,20 @@ def draft_run_file(
     roles = replace(read.roles, units={**read.roles.units, **stated_units(values)})
     roles = with_rate_table(table, roles)
     name, logs = recording_name(logs), read.files
-    found = _draft(logs, path, stated, values, (table, gyros, roles), name, typical=typical)
+    found = _draft(
+        logs, path, stated, values, (table, gyros, roles), read.signs, name, typical=typical
+    )
     guessed = "label" in roles.single and "data.label" not in stated and not roles.means
     if found.method is None and guessed:
         other = _draft(
-            logs, path, stated, values, (table, gyros, without_label(roles)), name, typical=typical
+            logs,
+            path,
+            stated,
+            values,
+            (table, gyros, without_label(roles)),
+            read.signs,
+            name,
+            typical=typical,
         )
         found = other if other.method is not None else found
     if found.method is None:
@@ -195,6 +204,7 @@ def _draft(
     stated: Mapping[str, str],
     values: Mapping[str, Any],
     columns: tuple[Table, Table | None, ColumnRoles],
+    signs: tuple[DraftKey, ...],
     name: str,
     *,
     typical: bool,
@@ -251,6 +261,7 @@ def _draft(
             else bench_keys(bench, radius)
         ),
         *data_keys(logs, path, table, roles, bench, values),
+        *signs,
         *suggest_rate(clock, readouts.get("gyro")),
         *((gyro_deviation_key(table, roles, readouts["gyro"]),) if at_rates else ()),
         *((deviation_key(start_deviation(roles), "a guess"),) if guessed else ()),
@@ -285,6 +296,13 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     """Return the methods that may fit, and refuse columns that suit no method."""
     if "table_rate" in roles.single:
         return candidate_methods(roles)
+    if roles.triads.get("accelerometer") == ():
+        raise InputError(
+            f"{log}: data.accelerometer is empty, but no method that init can draft works without "
+            "accelerometers: name their columns, or leave the key out",
+            file=log,
+            key="data.accelerometer",
+        )
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
     candidates = candidate_methods(roles)

@@ -12,8 +12,9 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
 from inercal.physics.section_settings import si_value
-from inercal.pipeline.drafts.column_names import is_reversed
+from inercal.pipeline.drafts.column_names import is_reversed, role_of_name, time_unit
 from inercal.pipeline.drafts.column_roles import ColumnRoles
+from inercal.pipeline.drafts.column_values import never_falls
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
 from inercal.pipeline.drafts.rate_tables import rate_unit
@@ -28,7 +29,9 @@ from inercal.pipeline.drafts.readouts import (
 )
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
+from inercal.recordings.io.row_checks import shared_stamps_text
 from inercal.recordings.io.time_stamps import times_from_origin
+from inercal.recordings.io.wrapped_stamps import unwrap_stamps, wrap_modulus
 from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
 _ANYWHERE = "9.80 m/s² ± 0.02 m/s²"
@@ -58,6 +61,8 @@ def clock_keys(
     by_rate = None if hertz is None else np.arange(count) / hertz
     rate_key = DraftKey("data", "rate", rate or UNKNOWN, "as stated" if rate else "", ask)
     if name is None:
+        if why := _standing_stamps(table, roles):
+            rate_key = replace(rate_key, ask=f"{ask}; {why}")
         return by_rate, (rate_key,)
     entry = DraftKey("data", "time", _column(name), roles.reasons.get("time", ""))
     column = table.columns[name]
@@ -65,17 +70,50 @@ def clock_keys(
         seconds = (column.astype("M8[ns]") - column[:1].astype("M8[ns]")) / np.timedelta64(1, "s")
         return np.asarray(seconds, dtype=np.float64), (entry,)
     stamps = column.astype(np.float64)
+    wrap: tuple[DraftKey, ...] = ()
+    if (modulus := wrap_modulus(stamps)) is not None:
+        reason = f"{name} falls by nearly this number, so it restarts"
+        wrap = (DraftKey("data", "counter_modulus", modulus, reason),)
+        stamps = unwrap_stamps(stamps, modulus).astype(np.float64)
     step = float(np.median(np.diff(stamps)))
+    if not step > 0:
+        raise InputError(
+            f"{table.source}: column {name!r} cannot be the time: "
+            f"{_why_no_times(stamps, roles.units.get('time'))}; remove [data] time",
+            names=(name,),
+            key="data.time",
+        )
     if step == 1.0 and np.all(stamps == np.rint(stamps)):
         counter = DraftKey("data", "time_unit", "sample", "its steps are 1, so it counts samples")
-        return by_rate, (entry, counter, rate_key)
-    unit = roles.units.get("time") or next(
-        (one for one in _TIME_UNITS if _RATES[0] <= 1 / (step * si_factor(one)) <= _RATES[1]), "s"
-    )
+        return by_rate, (entry, counter, *wrap, rate_key)
+    unit = roles.units.get("time") or _unit_of_step(step)
     seconds, _ = times_from_origin(stamps, si_factor(unit))
     reason = f"its steps are {step:.6g} {unit}, {1 / (step * si_factor(unit)):.5g} Hz"
     units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
-    return seconds, (replace(entry, reason=reason) if not units else entry, *units)
+    return seconds, (replace(entry, reason=reason) if not units else entry, *units, *wrap)
+
+
+def _unit_of_step(step: float) -> str:
+    """Return the first unit of time in which a step gives a plausible sampling rate."""
+    rates = {one: 1 / (step * si_factor(one)) for one in _TIME_UNITS}
+    return next((one for one, hz in rates.items() if _RATES[0] <= hz <= _RATES[1]), "s")
+
+
+def _why_no_times(stamps: Array, unit: str | None) -> str:
+    """Return why stamps that stand still are no times, and the rate that they suggest."""
+    mean = float(np.ptp(stamps)) / max(stamps.size - 1, 1)
+    unit = unit or (_unit_of_step(mean) if mean > 0 else "s")
+    return shared_stamps_text(stamps * si_factor(unit))
+
+
+def _standing_stamps(table: Table, roles: ColumnRoles) -> str:
+    """Return why a column that is named like a time is not used; empty if there is none."""
+    for name in table.names:
+        if role_of_name(name) == "time" and table.columns[name].dtype.kind != "U":
+            stamps = table.numbers(name)
+            if never_falls(table, name) and not np.median(np.diff(stamps)) > 0:
+                return f"{name} cannot be the time: {_why_no_times(stamps, time_unit(name))}"
+    return ""
 
 
 def suggest_rate(clock: tuple[DraftKey, ...], gyro: GuessedReadout | None) -> tuple[DraftKey, ...]:

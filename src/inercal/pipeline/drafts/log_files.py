@@ -17,7 +17,9 @@ from inercal.basics.errors import InputError
 from inercal.pipeline.drafts.column_names import in_axis_order, role_of_name
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
 from inercal.pipeline.drafts.column_values import finite_rows, require_finite_rows
-from inercal.pipeline.drafts.stated_keys import stated_columns, stated_gyros
+from inercal.pipeline.drafts.draft_entries import DraftKey
+from inercal.pipeline.drafts.signed_columns import sign_columns
+from inercal.pipeline.drafts.stated_keys import stated_columns, stated_gyros, stated_options
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.recordings.io.read import detect_reader, read_table
@@ -42,12 +44,15 @@ class LogFiles:
     gyros : Table or None
         The gyros' file, with as many rows as the table.
     roles : ColumnRoles
+    signs : tuple of DraftKey
+        The key of [data] that gives unsigned counts their signs; empty if they have them.
     """
 
     files: tuple[Path, ...]
     table: Table
     gyros: Table | None
     roles: ColumnRoles
+    signs: tuple[DraftKey, ...] = ()
 
 
 def recording_name(logs: Sequence[Path]) -> str:
@@ -68,11 +73,11 @@ def read_logs(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
     """
     files = [file for log in logs for file in _expanded(log)]
     if len(files) == 1:
-        table, roles = _single_file(files[0], values)
-        return LogFiles(tuple(files), table, None, roles)
-    tables = [_read(file, values) for file in files]
+        return _single_file(files[0], values)
+    read = [_read(file, values) for file in files]
+    tables, signs = [table for table, _ in read], next((one for _, one in read if one), ())
     if len(files) == 2 and (found := _separate_gyros(files, tables, values)) is not None:
-        return found
+        return replace(found, signs=signs)
     if any(table.names != tables[0].names or not table.header for table in tables):
         raise InputError(
             f"{files[1]} is neither the gyros' file for {files[0]} nor a file with the same "
@@ -81,7 +86,7 @@ def read_logs(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
             file=files[1],
             names=tuple(map(str, files)),
         )
-    return _parts(files, tables, values)
+    return replace(_parts(files, tables, values), signs=signs)
 
 
 def _expanded(log: Path) -> tuple[Path, ...]:
@@ -96,16 +101,16 @@ def _expanded(log: Path) -> tuple[Path, ...]:
     return tuple(matching_files(log).values()) if is_pattern(log) else (log,)
 
 
-def _single_file(log: Path, values: Mapping[str, Any]) -> tuple[Table, ColumnRoles]:
-    table = _read(log, values)
+def _single_file(log: Path, values: Mapping[str, Any]) -> LogFiles:
+    table, signs = _read(log, values)
     stated = stated_columns(values, table, second_file=False)
     roles = recognise_columns(finite_rows(table), detect_reader(log).name, stated)
     used = [column for triad in roles.triads.values() for column in triad]
     used += [roles.single["time"]] if "time" in roles.single else []
     if values.get("data.nonfinite") == "drop":
-        return finite_rows(table, used), roles
+        return LogFiles((log,), finite_rows(table, used), None, roles, signs)
     require_finite_rows(log, table, used)
-    return table, roles
+    return LogFiles((log,), table, None, roles, signs)
 
 
 def _separate_gyros(
@@ -234,14 +239,17 @@ def _pattern(files: Sequence[Path]) -> Path:
     return pattern
 
 
-def _read(log: Path, values: Mapping[str, Any]) -> Table:
-    """Read a table; columns that begin with numbers or empty cells but contain text are text."""
-    stated = {key: values.get(f"data.{key}") for key in detect_reader(log).keys}
-    options = {key: value for key, value in stated.items() if value is not None}
+def _read(log: Path, values: Mapping[str, Any]) -> tuple[Table, tuple[DraftKey, ...]]:
+    """Read a table with signed readings, and return the key of [data] that gives the signs.
+
+    Columns that begin with numbers or empty cells but contain text are text.
+    """
+    options = stated_options(values, log)
     text: list[str] = []
     while True:
         try:
-            return read_table(log, text=text, options=options)
+            table = read_table(log, text=text, options=options)
+            return sign_columns(table, values.get("data.signed_bits"))
         except InputError as error:
             column = error.names[0] if error.names else ""
             if not column or column in text or error.line is None or len(text) == _MOST_TEXTS:

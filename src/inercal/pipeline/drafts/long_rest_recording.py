@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -18,8 +19,11 @@ from inercal.basics.units import si_factor
 from inercal.noise import NoiseStream
 from inercal.noise.pieces import FEW_LOST, JITTER, LOST_SHARE
 from inercal.pipeline.drafts.rest_recording import RestLayout, rest_layout
+from inercal.pipeline.drafts.stated_keys import stated_options, stated_values
 from inercal.recordings.io.long_tables import LongTable, open_long_table
 from inercal.recordings.io.time_stamps import times_from_origin
+from inercal.recordings.io.unsigned_counts import signed_counts
+from inercal.recordings.io.wrapped_stamps import unwrap_stamps
 
 LONG_VALUES = 1 << 26
 """Number of values (rows times columns) above which a recording is analysed in blocks."""
@@ -55,6 +59,8 @@ class LongRestRecording:
         offsets = np.array([one.offset for one in self.layout.readouts])
         scales = np.array([one.scale for one in self.layout.readouts])
         blocks = _finite(self.table.read(wanted), source)
+        if stamped and columns.modulus is not None:
+            blocks = _unwrapped(blocks, columns.modulus)
         first = next(blocks, np.zeros((0, len(wanted))))
         clock = None
         if stamped:
@@ -65,7 +71,10 @@ class LongRestRecording:
         stream = NoiseStream(dt, axes, self.layout.units, source)
         read = 0
         for block in _chained(first, blocks):
-            values = (block[:, : len(names)] - offsets) / scales
+            counts = block[:, : len(names)]
+            if columns.signed_bits is not None:
+                counts = signed_counts(counts, columns.signed_bits)
+            values = (counts - offsets) / scales
             kelvin = None
             if warm:
                 kelvin = columns.thermometer.possible_kelvin(
@@ -104,7 +113,8 @@ def open_long_rest_recording(
     InputError
         As `read_rest_recording`.
     """
-    table = open_long_table(log, LONG_VALUES if most_values is None else most_values)
+    skip = cast("int", stated_options(stated_values(stated), log).get("skip", 0))
+    table = open_long_table(log, LONG_VALUES if most_values is None else most_values, skip)
     if table is None:
         return None
     if stated.get("data.nonfinite", "refuse") != "refuse":
@@ -119,6 +129,17 @@ def open_long_rest_recording(
 def _chained(first: Array, blocks: Iterator[Array]) -> Iterator[Array]:
     yield first
     yield from blocks
+
+
+def _unwrapped(blocks: Iterator[Array], modulus: float) -> Iterator[Array]:
+    """Yield the blocks with stamps, in the last column, that go on where they restart."""
+    before, restarts = np.zeros(0), 0.0
+    for block in blocks:
+        stamps = np.concatenate([before, block[:, -1]])
+        found = unwrap_stamps(stamps, modulus) + restarts * modulus
+        before, restarts = stamps[-1:], round(float(found[-1] - stamps[-1]) / modulus)
+        block[:, -1] = found[found.size - len(block) :]
+        yield block
 
 
 def _finite(blocks: Iterator[Array], source: str) -> Iterator[Array]:

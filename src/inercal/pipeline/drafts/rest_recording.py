@@ -17,12 +17,19 @@ from inercal.physics.sensors.axis import Readout
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
 from inercal.pipeline.drafts.draft_sections import clock_keys
 from inercal.pipeline.drafts.readouts import guess_accelerometer
-from inercal.pipeline.drafts.stated_keys import stated_columns, stated_thermometer, stated_values
+from inercal.pipeline.drafts.signed_columns import sign_columns
+from inercal.pipeline.drafts.stated_keys import (
+    stated_columns,
+    stated_options,
+    stated_thermometer,
+    stated_values,
+)
 from inercal.recordings import Recording
 from inercal.recordings.io.audit import NonfinitePolicy
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.isolation import MOST_VALUES_KEY
 from inercal.recordings.io.read import detect_reader, read_recording, read_table
+from inercal.recordings.io.readers import known_options
 from inercal.recordings.io.table_recording import Columns
 from inercal.recordings.temperature import first_impossible
 from inercal.runfile.schema import ReadoutSection
@@ -33,6 +40,7 @@ _TOO_LONG = MOST_VALUES_KEY  # key of the error for a file that is too large
 _AXES = "xyz"
 _KEYS = (
     *(f"data.{name}" for name in ("accelerometer", "gyro", "time", "time_unit", "rate",
+                                  "counter_modulus", "signed_bits",
                                   "temperature", "temperature_unit", "temperature_scale",
                                   "temperature_zero", "allow_temperature", "nonfinite")),
     *(f"sensor.{kind}.{name}" for kind in READING_UNITS for name in ("unit", "scale", "offset")),
@@ -57,7 +65,7 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
         if the audit refuses the recording.
     """
     try:
-        table = read_table(log)
+        table = read_table(log, options=stated_options(stated_values(stated), log))
         layout = rest_layout(log, table, stated)
         recording = read_recording(log, layout.columns)
     except InputError as error:
@@ -101,8 +109,11 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
     """
     _require_used_keys(stated)
     values = stated_values(stated)
+    table, signs = sign_columns(table, values.get("data.signed_bits"))
     columns = stated_columns(values, table, second_file=False)
     roles = recognise_columns(table, detect_reader(log).name, columns)
+    # An empty list states that a triad is not wanted.
+    roles = replace(roles, triads={kind: names for kind, names in roles.triads.items() if names})
     if not roles.triads:
         raise InputError(
             f"{log}: no accelerometers or gyros were recognised among {', '.join(table.names)}: "
@@ -118,7 +129,11 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
     )
     kinds = [kind for kind, names in roles.triads.items() for _ in names]
     return RestLayout(
-        _columns(log, table, roles, channels, stated, values),
+        replace(
+            _columns(log, table, roles, channels, stated, values),
+            signed_bits=next((one.value for one in signs), None),
+            options=stated_options(values, log),
+        ),
         [readouts[kind] for kind in kinds],
         [READING_UNITS[kind] for kind in kinds],
     )
@@ -168,11 +183,12 @@ def in_si(recording: Recording, readouts: list[Readout], units: list[str]) -> Re
 
 
 def _require_used_keys(stated: Mapping[str, str]) -> None:
-    unused = [key for key in stated if key not in _KEYS]
+    possible = (*_KEYS, *(f"data.{name}" for name in known_options()))
+    unused = [key for key in stated if key not in possible]
     if unused:
         raise InputError(
             f"--set {unused[0]}: this key has no effect in a noise analysis; possible: "
-            f"{', '.join(_KEYS)}",
+            f"{', '.join(possible)}",
             key=unused[0],
         )
 
@@ -242,4 +258,5 @@ def _columns(
         temperature=warm,
         thermometer=thermometer,
         nonfinite=policy,
+        modulus=values.get("data.counter_modulus", keys.get("counter_modulus")),
     )

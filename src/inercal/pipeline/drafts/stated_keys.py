@@ -6,6 +6,7 @@ They often dominate U, such as half a degree for the tilt of a face, or one degr
 
 from collections.abc import Mapping
 from difflib import get_close_matches
+from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin
 
@@ -19,6 +20,7 @@ from inercal.pipeline.drafts.column_names import NAMES
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.readouts import COUNTED_UNITS
 from inercal.recordings.io.column_table import Table, select_columns
+from inercal.recordings.io.read import detect_reader
 from inercal.recordings.io.readers import known_options
 from inercal.recordings.temperature import TemperatureReadout, temperature_readout
 from inercal.runfile.schema import RunSchema
@@ -70,6 +72,12 @@ def stated_units(values: Mapping[str, Any]) -> dict[str, str]:
             except InputError as error:
                 raise InputError(f"--set {key}: {error}", key=key, names=(key,)) from None
     return found
+
+
+def stated_options(values: Mapping[str, Any], log: Path) -> dict[str, object]:
+    """Return the stated options of a file's reader, such as `skip` or `corrections`."""
+    stated = {key: values.get(f"data.{key}") for key in detect_reader(log).keys}
+    return {key: value for key, value in stated.items() if value is not None}
 
 
 def stated_thermometer(values: Mapping[str, Any]) -> TemperatureReadout:

@@ -56,8 +56,15 @@ class DataSection(Section):
     time: str | int | None = None
     time_unit: str = "s"
     rate: str | None = Field(None, examples=["100 Hz"])
-    counter_modulus: int | None = Field(
-        None, ge=3, description="for a time column in 'sample': the counter restarts at this value"
+    counter_modulus: int | float | None = Field(
+        None, ge=3, description="for a time column that restarts at 0: after how many of its units"
+    )
+    signed_bits: int | None = Field(
+        None,
+        ge=8,
+        le=32,
+        description="bits of signed readings that were written as unsigned numbers, 0 … 65535",
+        examples=[16],
     )
     label: str | int | None = None
     temperature: str | int | None = None
@@ -85,15 +92,14 @@ class DataSection(Section):
     @model_validator(mode="after")
     def _keys_fit_together(self) -> "DataSection":
         timed = self.time is not None and self.time_unit != "sample"
-        if self.counter_modulus is not None and (timed or self.time is None):
-            raise ValueError(
-                "counter_modulus needs a counter: state its column as time, and "
-                'time_unit = "sample"'
-            )
+        if self.counter_modulus is not None and self.time is None:
+            raise ValueError("counter_modulus needs a time column: name it in time")
         if self.gyro_time is not None and not (timed and self.kind == "recording"):
             raise ValueError(
                 "gyro_time works only with a column of times: state time, or remove gyro_time"
             )
+        if self.kind == "means" and self.signed_bits is not None:
+            raise ValueError("signed_bits is only for recordings: write means with their signs")
         if self.kind == "means" and self.gyro_file is not None:
             raise ValueError(
                 "gyro_file is only for recordings: write the means of all axes in a single "

@@ -159,6 +159,7 @@ def reader_columns(run: RunBase[DataSection]) -> Columns:
         readback=() if READBACK in data.further_files() else readback_fields(run),
         nonfinite=data.nonfinite,
         modulus=data.counter_modulus,
+        signed_bits=data.signed_bits,
         second_time=None if data.gyro_time is None or not apart else str(data.gyro_time),
         options=_data_file_options(run),
     )

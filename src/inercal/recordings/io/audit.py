@@ -25,6 +25,7 @@ from inercal.recordings.io.row_checks import (
     check_repeated_rows,
     check_time_order,
 )
+from inercal.recordings.io.unsigned_counts import unsigned_findings
 from inercal.recordings.temperature import seems_kelvin
 
 _FASTEST = 1.0  # K/s; chambers for thermal shock reach a third of it
@@ -129,6 +130,8 @@ def audit(
         if bursty := burst_findings(cleaned):
             kept = [finding for finding in findings if finding.what not in ("gap", "jitter")]
             return replace(cleaned, findings=(*kept, *bursty))
+        if unsigned := unsigned_findings(cleaned):
+            return replace(cleaned, findings=(*findings, *unsigned))
         for k, channel in enumerate(cleaned.channels):
             findings += channel_findings(cleaned, k, limits.get(channel))
     return replace(cleaned, findings=tuple(findings))

@@ -73,7 +73,7 @@ class LongTable:
         return file_sha256(self.path)
 
 
-def open_long_table(path: Path, most_values: int) -> LongTable | None:
+def open_long_table(path: Path, most_values: int, skip: int = 0) -> LongTable | None:
     """Open a long table; return None if it is short or if its format must be read whole.
 
     Parameters
@@ -81,6 +81,8 @@ def open_long_table(path: Path, most_values: int) -> LongTable | None:
     path : Path
     most_values : int
         Largest product of rows and columns for which a file counts as short.
+    skip : int
+        Number of lines to skip at the beginning of a text file.
 
     Raises
     ------
@@ -91,16 +93,15 @@ def open_long_table(path: Path, most_values: int) -> LongTable | None:
     # No format packs a value into less than a thousandth of a byte, and few files are so long.
     if path.suffix != ".npz" and path.stat().st_size < most_values // 8:
         return None
-    found = _open_text(path) if reader.name == "text" else _open_packed(path, reader)
+    found = _open_text(path, skip) if reader.name == "text" else _open_packed(path, reader)
     if found is None or found.rows * len(found.names) <= most_values:
         return None
     return found
 
 
-def _open_text(path: Path) -> LongTable | None:
-    layout = sniff(path, 0)
-    plain = layout.delimiter is not None and not layout.decimal_comma and not layout.quoted
-    if not plain or layout.text_columns or find_spec("pyarrow") is None:
+def _open_text(path: Path, skip: int) -> LongTable | None:
+    layout = sniff(path, skip)
+    if not layout.is_plain or layout.text_columns or find_spec("pyarrow") is None:
         return None
     with path.open("rb") as file:
         sample = file.read(_SAMPLE_BYTES)

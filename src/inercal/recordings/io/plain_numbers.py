@@ -47,8 +47,7 @@ def load_plain(
     words : collection of int
         Numbers of the columns with words.
     """
-    plain = layout.delimiter is not None and not layout.decimal_comma and not layout.quoted
-    if not plain or path.stat().st_size < SMALLEST or find_spec("pyarrow") is None:
+    if not layout.is_plain or path.stat().st_size < SMALLEST or find_spec("pyarrow") is None:
         return None
     try:
         return _load(path, layout, places, words)

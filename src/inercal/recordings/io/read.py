@@ -32,8 +32,9 @@ from inercal.recordings.io.table_recording import (
     sample_times,
 )
 from inercal.recordings.io.time_stamps import nearest_samples
+from inercal.recordings.io.unsigned_counts import sign_in_place
+from inercal.recordings.io.wrong_content import refuse_wrong_content
 
-_GZIP = b"\x1f\x8b"
 _ROUNDING = 1e-6  # of half a step, for stamps with few digits
 
 
@@ -75,7 +76,7 @@ def detect_reader(path: Path) -> Reader:
     Raises
     ------
     InputError
-        The path is not a regular file, the file cannot be opened, or it is compressed.
+        The path is not a regular file, the file cannot be opened, or it contains something else.
     """
     try:
         if path.is_dir():
@@ -90,8 +91,7 @@ def detect_reader(path: Path) -> Reader:
             head = file.read(HEAD_BYTES)
     except OSError as error:
         raise open_error(path, error) from error
-    if head.startswith(_GZIP):
-        raise InputError(f"{path.name} is compressed with gzip: unpack it first", file=path)
+    refuse_wrong_content(path, head)
     return select_reader(path, head)
 
 
@@ -309,6 +309,8 @@ def _read_second_file(path: Path, columns: Columns, first: Recording) -> Table:
     if columns.time is not None:
         _refuse_unequal_times(table, sample_times(table, columns, len(block)).time, name, time)
     place[:] = block
+    if columns.signed_bits is not None:
+        sign_in_place(place, columns.signed_bits, table.source)
     return table
 
 

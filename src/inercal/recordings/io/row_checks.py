@@ -14,6 +14,8 @@ from inercal.basics.units import format_count
 from inercal.recordings import Finding, Indices, Recording
 from inercal.recordings.io.column_table import TOO_LARGE, row_blocks
 
+_OFTEN = 0.3  # share of the samples that have the stamp of the one before, in bursts
+
 SampleLocator = Callable[[int], str]
 """Function that names the place of a sample in the file."""
 
@@ -97,14 +99,14 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
     )
     if not same.all():
         first = int(same_time[np.argmin(same)])
-        span = float(recording.time[-1] - recording.time[0])
-        rate = f' = "{(recording.time.size - 1) / span:.4g} Hz"' if span > 0 else ""
         text = (
             f"{format_count(int((~same).sum()), 'row')} with the same time as the row before "
-            f"but different readings, the first at {where(first + 1)}: the time stamps are too "
-            f"coarse, so state [data] rate{rate} instead of the time column"
+            f"but different readings, the first at {where(first + 1)}: "
+            f"{shared_stamps_text(recording.time)} instead of the time column"
         )
-        return RowCheck([Finding("refused", "repeated", text, None, first + 1, first + 2)])
+        often = same_time.size > _OFTEN * recording.time.size
+        what = "bursts" if often else "repeated"
+        return RowCheck([Finding("refused", what, text, None, first + 1, first + 2)])
     kept = np.ones(recording.time.size, np.bool_)
     kept[same_time + 1] = False
     if kept.sum() < 2:
@@ -115,6 +117,27 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
         f"{where(int(same_time[0]) + 1)}: dropped"
     )
     return RowCheck([Finding("note", "repeated", text)], np.flatnonzero(kept))
+
+
+def shared_stamps_text(time: Array) -> str:
+    """Return why stamps, (n,) s, that stand still are no times, and the rate to state instead.
+
+    The rate follows from the samples between the first and the last new stamp.
+    """
+    new = np.flatnonzero(time[1:] > time[:-1]) + 1
+    if not new.size:
+        return "it never increases; state [data] rate"
+    shared = (new[-1] - new[0]) / (new.size - 1) if new.size > 1 else float(new[0])
+    if shared < 1 / (1 - _OFTEN):
+        cause = "the time stamps are too coarse"
+    else:
+        cause = (
+            f"samples come in bursts, about {shared:.3g} with the same stamp, so the stamps are "
+            "those of a link or too coarse"
+        )
+    span = float(time[new[-1]] - time[new[0]])
+    rate = f' = "{(new[-1] - new[0]) / span:.4g} Hz"' if span > 0 else ""
+    return f"{cause}; state [data] rate{rate}"
 
 
 def _repeats_previous_row(recording: Recording, samples: Indices) -> NDArray[np.bool_]:

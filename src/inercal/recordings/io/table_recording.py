@@ -20,6 +20,8 @@ from inercal.recordings.io.time_stamps import (
     times_from_iso,
     times_from_origin,
 )
+from inercal.recordings.io.unsigned_counts import sign_in_place
+from inercal.recordings.io.wrapped_stamps import MODULUS_KEY, require_no_wrap, unwrap_stamps
 from inercal.recordings.temperature import CELSIUS, TemperatureReadout
 
 _NS = 10**9
@@ -40,8 +42,8 @@ class Columns:
         and the stamps are read as s.
     rate_hz : float or None
         Samples per second, if there is no time column or if it counts samples.
-    modulus : int or None
-        Number of values after which a sample counter restarts at 0.
+    modulus : float or None
+        Number of units after which the time column restarts at 0.
     time_keys : (str, str or None)
         Run-file keys that a message names: the key for the unit of the time column, and the key for
         the rate that can replace the column.
@@ -64,6 +66,8 @@ class Columns:
     second_time : str or None
         Time column of the second file, if its samples have different times. Each sample of the file
         with fewer samples is then joined to the nearest sample of the other file.
+    signed_bits : int or None
+        Bits of the channels' counts, if they are signed but were written as unsigned numbers.
     options : mapping of str to object
         Options for the readers of these files (`inercal.recordings.io.readers`).
 
@@ -71,7 +75,7 @@ class Columns:
     ------
     InputError
         A unit is unknown, `rate_hz` is missing or contradicts a time column, `modulus` is given
-        without a counter, or a column is used twice.
+        without a time column, or a column is used twice.
     """
 
     channels: tuple[tuple[str, str, str], ...]
@@ -84,10 +88,11 @@ class Columns:
     readback: tuple[tuple[str, str, str], ...] = ()
     nonfinite: NonfinitePolicy = "refuse"
     second: tuple[tuple[str, str, str], ...] = ()
-    modulus: int | None = None
+    modulus: float | None = None
     time_keys: tuple[str, str | None] = ("time_unit", "rate")
     origin: Fraction | None = None
     second_time: str | None = None
+    signed_bits: int | None = None
     options: Mapping[str, object] = field(default_factory=dict[str, object])
 
     def __post_init__(self) -> None:
@@ -103,9 +108,10 @@ class Columns:
                 "remove one of them",
                 key="rate_hz",
             )
-        if self.modulus is not None and (self.time is None or not counted):
+        if self.modulus is not None and self.time is None:
             raise InputError(
-                f"modulus {self.modulus} is for a time column that counts samples; remove modulus",
+                f"modulus {self.modulus:.12g} is for a time column that restarts; remove modulus, "
+                "or name the time column",
                 key="modulus",
             )
         if self.second_time is not None and (counted or not self.second):
@@ -170,6 +176,8 @@ def recording_from_table(table: Table, columns: Columns) -> Recording:
         impossible.
     """
     data = number_block(table, tuple(column for _, column, _ in columns.channels))
+    if columns.signed_bits is not None:
+        sign_in_place(data[:, : len(columns.channels)], columns.signed_bits, table.source)
     labels = None if columns.label is None else table.columns[columns.label].astype(np.str_)
     temperature = None
     if columns.temperature is not None:
@@ -213,12 +221,13 @@ def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
     """Return the times of a table's samples, counted from `columns.origin` or the first row."""
     name = columns.time
     if name is not None and columns.rate_hz is None and _holds_dates(table, name):
-        if columns.time_unit is not None:
+        needless = columns.time_keys[0] if columns.time_unit is not None else MODULUS_KEY
+        if columns.time_unit is not None or columns.modulus is not None:
             raise InputError(
                 f"{table.source}: column {name!r} contains ISO 8601 times, which have no "
-                f"unit: remove {columns.time_keys[0]}",
+                f"unit and never restart: remove {needless}",
                 file=table.source,
-                key=columns.time_keys[0],
+                key=needless,
                 names=(name,),
             )
         cells: list[str] = table.columns[name].tolist()
@@ -226,6 +235,8 @@ def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
     if name is None:
         return SampleTimes(np.arange(n, dtype=np.float64) / (columns.rate_hz or 1.0))
     counter = table.stamps(name)
+    if columns.modulus is None and columns.time_keys[1] is not None:
+        require_no_wrap(table, name)
     if columns.rate_hz is not None and columns.modulus is not None:
         try:
             return SampleTimes(times_from_counter(counter, columns.modulus, columns.rate_hz))
@@ -236,6 +247,8 @@ def sample_times(table: Table, columns: Columns, n: int) -> SampleTimes:
         origin = None if columns.origin is None else columns.origin * rate
         count, start = times_from_origin(counter, 1.0, origin)
         return SampleTimes(count / columns.rate_hz, start / rate, float(start / rate / _NS))
+    if columns.modulus is not None:
+        counter = unwrap_stamps(counter, columns.modulus)
     require_unit(counter, name, columns.time_unit, table.source, columns.time_keys)
     before = table.time_zero or Fraction(0)
     origin = None if columns.origin is None else columns.origin - before

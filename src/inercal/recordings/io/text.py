@@ -192,6 +192,8 @@ def _chunks(
 def _lines(file: Iterator[str], layout: TextLayout, fill: set[int]) -> Iterator[str]:
     """Return the data lines in the form that the parser needs: decimal points, no empty numbers."""
     lines = islice(file, layout.first_line - 1, None)
+    if (form := layout.form) is not None:
+        lines = map(form.plain, lines)
     if layout.decimal_comma:
         lines = (line.replace(",", ".") for line in lines)
     separator = layout.delimiter

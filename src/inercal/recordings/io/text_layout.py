@@ -3,25 +3,27 @@
 Columns are separated by semicolons, tabs, commas or white space: the first of these, in this order,
 that a row of data contains. The first line names the columns if it contains no number, or a word
 above a number. A comment directly above the data also names them if it has as many words as there
-are columns. Loggers write information about themselves above the table. If the first line has a
-different number of columns than the data, the table therefore begins at the first row of words that
-is followed by rows of numbers. Excel writes "sep=;" in the first line.
+are columns. Loggers write information about themselves above the table, and units below its header
+(`table_start`). Terminals and sketches write words between the numbers (`line_forms`). Excel writes
+"sep=;" in the first line.
 """
 
 import csv
 import re
 from dataclasses import dataclass
-from itertools import islice, pairwise
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
 from inercal.basics.errors import InputError
 from inercal.recordings.io.column_table import refuse_too_many_columns
+from inercal.recordings.io.line_forms import LineForm, find_line_form
+from inercal.recordings.io.table_start import is_number, table_start
 
 COMMENTS = "#%"
-_SNIFFED_LINES = 50  # data lines that are examined; enough to contain a decimal comma
+_SNIFFED_LINES = 150  # that are examined; enough for a preamble, and to contain a decimal comma
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-_SEPARATOR_LINE = re.compile(r"sep=(.)", re.IGNORECASE)
+_SEPARATOR_LINE = re.compile(r"\"?sep=(.)\"?", re.IGNORECASE)
 _SHEET_ERROR = re.compile(r"#(?:DIV/0!|N/A|VALUE!|REF!|NAME\?|NUM!|NULL!)")
 _DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
 
@@ -50,6 +52,8 @@ class TextLayout:
         Columns whose first entry is a word.
     quoted : bool
         Whether quotation marks protect entries.
+    form : LineForm or None
+        What stands between the numbers of a line; None if only the separators do.
     """
 
     names: tuple[str, ...]
@@ -61,15 +65,23 @@ class TextLayout:
     comment: str
     text_columns: frozenset[int]
     quoted: bool
+    form: LineForm | None = None
 
     def content(self, line: str) -> str:
         """Return a line without its comment and surrounding white space."""
         kept = " \r\n" if self.delimiter == "\t" else None
+        line = line if self.form is None else self.form.plain(line)
         return _uncommented(line, self.comment).strip(kept)
 
     def cells(self, line: str) -> list[str]:
         """Return the entries of a line."""
         return split_cells(self.content(line), self.delimiter)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether a fast parser can read the columns, if all of them contain only numbers."""
+        odd = self.decimal_comma or self.quoted or self.form is not None
+        return self.delimiter is not None and not odd
 
     def is_number(self, cell: str) -> bool:
         """Return whether an entry is a number in this file."""
@@ -99,9 +111,13 @@ def sniff(path: Path, skip: int = 0) -> TextLayout:
         There is no line of data, or the first line has more or fewer columns than the header.
     """
     heading, rows, separator = _first_lines(path, skip)
+    if (form := find_line_form([row.raw for row in rows])) is not None:
+        heading, rows, separator = _without_words(heading, rows, separator, form)
     rows, delimiter, table = _split(rows, separator, path.name)
-    if start := _table_start(table):
-        heading, rows, table = [], rows[start:], table[start:]
+    if (start := table_start(table)) != (0, 0):
+        kept = [start.header, *range(max(start.data, start.header + 1), len(rows))]
+        heading = heading if start.header == 0 else []
+        rows, table = [rows[k] for k in kept], [table[k] for k in kept]
     sample, title = rows[min(1, len(rows) - 1)].text, rows[0].raw
     decimal_comma = delimiter in (";", "\t") and _has_decimal_comma(table)
 
@@ -143,7 +159,26 @@ def sniff(path: Path, skip: int = 0) -> TextLayout:
             if c and not number
         ),
         quoted='"' in sample,
+        form=form,
     )
+
+
+def _without_words(
+    heading: list[str], rows: list[_Row], separator: str | None, form: LineForm
+) -> tuple[list[str], list[_Row], str | None]:
+    """Return the comments, rows and separator of lines without the words between their numbers."""
+    plain = [_Row(row.line, form.plain(row.text), form.without_arrival(row.raw)) for row in rows]
+    if not form.labels:
+        return heading, [row for row in plain if row.text.strip()], separator
+    first = next(k for k, row in enumerate(plain) if row.text != form.without_arrival(rows[k].text))
+    names = form.names
+    if not names and first:
+        names = re.split(r"[\s,;]+", plain[first - 1].raw.strip())
+    count = sum(number for _, number in form.labels)
+    titled = len(names) == count and not any(map(is_number, names))
+    # Names from the rows themselves are in no line above them.
+    title = [_Row(plain[first].line - 1, ",".join(names), ",".join(names))] if titled else []
+    return heading, title + plain[first:], ","
 
 
 def _is_header(first: list[str], numbers: list[bool], numbers_below: list[bool]) -> bool:
@@ -170,6 +205,8 @@ def _first_lines(path: Path, skip: int) -> tuple[list[str], list[_Row], str | No
         for number, line in content:
             if separator is None and (stated := _SEPARATOR_LINE.fullmatch(line)):
                 separator = stated[1]
+            elif line.startswith("//"):
+                continue
             elif line[0] in COMMENTS:
                 heading.append(line)
             else:
@@ -205,35 +242,8 @@ def _split(
         found.append((delimiter, table))
         if len(table[0]) == len(table[-1]):
             return rows, delimiter, table
-    delimiter, table = found[1] if _table_start(found[1][1]) else found[0]
+    delimiter, table = found[1] if table_start(found[1][1]) != (0, 0) else found[0]
     return rows, delimiter, table
-
-
-def _table_start(table: list[list[str]]) -> int:
-    """Return the number of lines above the header; 0 if the first line has all columns.
-
-    The header is the first row of words that is as wide as the last row and has numbers below it
-    where the last row has numbers.
-    """
-    last = table[-1]
-    if len(table[0]) == len(last) or len(last) < 2:
-        return 0
-    numbers = [_may_be_number(cell) for cell in last]
-    for k, (row, below) in enumerate(pairwise(table)):
-        if k == 0 or len(row) != len(last) or len(below) != len(last) or not all(row):
-            continue
-        worded = not any(_may_be_number(cell) for cell in row)
-        alike = all(
-            not number or not cell or _may_be_number(cell)
-            for number, cell in zip(numbers, below, strict=True)
-        )
-        if worded and any(numbers) and alike and any(map(_may_be_number, below)):
-            return k
-    return 0
-
-
-def _may_be_number(cell: str) -> bool:
-    return is_number(cell) or bool(_DECIMAL_COMMA.fullmatch(cell))
 
 
 def _count_advice(first: list[str], names: int, delimiter: str | None) -> str:
@@ -244,7 +254,10 @@ def _count_advice(first: list[str], names: int, delimiter: str | None) -> str:
             "the numbers look like decimal commas, and commas separate the columns too: export "
             "the file with semicolons or with decimal points"
         )
-    return "write a name for each column, separated by the same character as the numbers"
+    return (
+        "write a name for each column, separated by the same character as the numbers, or state "
+        "with [data] skip how many lines stand above the table"
+    )
 
 
 def refuse_sheet_error(line: str, delimiter: str | None, number: int, source: str) -> None:
@@ -290,16 +303,6 @@ def split_cells(text: str, delimiter: str | None) -> list[str]:
 def column_count_text(count: int) -> str:
     """Return a number of columns in words."""
     return f"{count} column" + ("s" if count != 1 else "")
-
-
-def is_number(text: str) -> bool:
-    """Return whether NumPy's parser reads a text as a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    # Only Python accepts 1_000 and digits of other scripts.
-    return "_" not in text and text.isascii()
 
 
 def _has_decimal_comma(table: list[list[str]]) -> bool:

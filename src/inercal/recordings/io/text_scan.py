@@ -42,7 +42,7 @@ def scan(path: Path) -> Scan:
     Raises
     ------
     InputError
-        The file is empty, HTML, binary or not UTF-8, or has a line longer than `LONGEST_LINE`.
+        The file is empty, binary or not UTF-8, or has a line longer than `LONGEST_LINE`.
     OSError
         The file cannot be read.
     """
@@ -58,8 +58,6 @@ def scan(path: Path) -> Scan:
             digest.update(block)
             if not newline:
                 _refuse_utf16(block, path.name)
-                if block.lstrip()[:14].lower().startswith((b"<!doctype html", b"<html")):
-                    raise InputError(f"{path.name} is an HTML page: save the data as CSV")
                 newline = b"\n" if b"\n" in block else b"\r"
             if (at := block.find(b"\0")) >= 0:
                 line = complete + block.count(newline, 0, at) + 1

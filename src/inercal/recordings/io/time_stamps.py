@@ -22,6 +22,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.recordings import Indices
 from inercal.recordings.io.column_table import Array, Table, shorten
+from inercal.recordings.io.wrapped_stamps import unwrap_stamps
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; at other rates the unit is wrong
 _UNSTATED_HZ = 5.0  # if no unit is stated: 1 to 5 kHz in ms would be taken for 1 to 5 Hz
@@ -258,14 +259,15 @@ def times_from_iso(
     return times_from_origin(ns, 1 / _NS, origin)
 
 
-def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Array:
+def times_from_counter(counter: ArrayLike, modulus: float, rate_hz: float) -> Array:
     """Return the times of samples from a packet counter; lost packets become gaps.
 
     Parameters
     ----------
     counter : (n,) array of int
-        Counter values from 0 to modulus − 1; each sent packet increases the counter by 1.
-    modulus : int
+        Counter values from 0 to modulus − 1, or as many with a sign; each sent packet
+        increases the counter by 1.
+    modulus : float
         Number of values after which the counter restarts at 0; at least 3. If half of them or more
         are lost between two packets, this is not recognised.
     rate_hz : float
@@ -286,15 +288,16 @@ def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Arra
     read = np.asarray(counter, dtype=float)
     if modulus < 3 or not rate_hz > 0:
         raise InputError(
-            f"counter: modulus {modulus} and rate {rate_hz:g} Hz; the modulus must be at least 3 "
-            "and the rate greater than 0",
+            f"counter: modulus {modulus:.12g} and rate {rate_hz:g} Hz; the modulus must be at "
+            "least 3 and the rate greater than 0",
             key="modulus",
         )
-    off = np.flatnonzero(~((read >= 0) & (read < modulus) & (read == np.round(read))))
+    possible = (read >= -0.5 * modulus) & (read < modulus) & (read == np.round(read))
+    off = np.flatnonzero(~possible)
     if off.size:
         raise InputError(
             f"counter: sample {off[0]} has {read[off[0]]:g}, but the counter can only have "
-            f"whole numbers from 0 to {modulus - 1}; check its column and its modulus"
+            f"whole numbers from 0 to {modulus - 1:.12g}; check its column and its modulus"
         )
     step = np.diff(read) % modulus
     bad = np.flatnonzero((step == 0) | (2 * step >= modulus))
@@ -303,15 +306,15 @@ def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Arra
         if most + 1 < modulus and (read[bad] == most).all() and (read[bad + 1] == read.min()).all():
             raise InputError(
                 f"counter: after {most:g} it restarts at {read.min():g} (sample {k + 1}), so "
-                f"its modulus is {most + 1:g}, not {modulus}",
+                f"its modulus is {most + 1:g}, not {modulus:.12g}",
                 key="modulus",
             )
         what = "appears twice" if step[k] == 0 else f"follows {read[k]:g}: packets out of order"
         raise InputError(
-            f"counter: {read[k + 1]:g} at sample {k + 1} {what}, or {modulus // 2} packets or more "
-            f"were lost; remove repeated packets and sort late packets ({bad.size} in all)"
+            f"counter: {read[k + 1]:g} at sample {k + 1} {what}, or {modulus // 2:.12g} packets or "
+            f"more were lost; remove repeated packets and sort late packets ({bad.size} in all)"
         )
-    return np.concatenate([[0.0], np.cumsum(step)]) / rate_hz
+    return (unwrap_stamps(read, modulus) - read[0]) / rate_hz
 
 
 _APART = 0.75  # longest distance between joined samples, in units of the longer median step

@@ -1,0 +1,63 @@
+"""Parameters of a flight controller, in each form in which ground stations write them.
+
+A line contains the name of a parameter and then its value, separated by commas, equals signs or
+white space: Mission Planner writes `NAME,VALUE`, MAVProxy `NAME VALUE`, QGroundControl the vehicle
+and the component before them and the type after them, and the shell of PX4 (`param show`) a mark,
+the name, the number of the parameter and the value after a colon. Lines without a name, such as
+titles and sums, are left out; comments begin with # or //.
+"""
+
+import re
+from math import isfinite
+
+from inercal.basics.errors import InputError
+
+_COMMENT = re.compile(r"#|//")
+_BETWEEN = re.compile(r"[\s,;=:]+")
+_NUMBERS = re.compile(r"\[[\d,\s]*\]")  # of `param show`: [used,all]
+_MARK = re.compile(r"\d+\s+\d+\s+|(?:[x*+]\s+)+")  # vehicle and component, or used and saved
+_NAME = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)+")
+_SHORTENED = 40
+
+
+def stated_parameters(text: str, autopilot: str) -> dict[str, float]:
+    r"""Return the parameters in a text by name; the last value of a name applies.
+
+    >>> stated_parameters("1\t1\tCAL_ACC0_ID\t12\t6", "PX4")
+    {'CAL_ACC0_ID': 12.0}
+    >>> stated_parameters("x   CAL_ACC0_XOFF [74,197] : -0.04", "PX4")
+    {'CAL_ACC0_XOFF': -0.04}
+    >>> stated_parameters("INS_ACCOFFS_X,0.1", "ArduPilot")
+    {'INS_ACCOFFS_X': 0.1}
+
+    Raises
+    ------
+    InputError
+        A name has no number, or no line has a name.
+    """
+    known: dict[str, float] = {}
+    for place, raw in enumerate(text.splitlines(), start=1):
+        line = _NUMBERS.sub(" ", _COMMENT.split(raw.replace('"', " "), maxsplit=1)[0]).strip()
+        line = re.sub(r"[\t,;]", " ", line)
+        if (mark := _MARK.match(line)) is not None:
+            line = line[mark.end() :]
+        name, *values = _BETWEEN.split(line)
+        if not _NAME.fullmatch(name):
+            continue
+        try:
+            known[name] = float(values[0])
+            if not isfinite(known[name]):
+                raise ValueError
+        except (IndexError, ValueError):
+            raise InputError(
+                f"line {place} names parameter {name[:_SHORTENED]}, but no number follows it; give "
+                f"parameters of {autopilot}",
+                line=place,
+                names=(name,),
+            ) from None
+    if not known:
+        raise InputError(
+            f"no line contains the name of a parameter and its value; give parameters of "
+            f"{autopilot}, as a ground station saves them"
+        )
+    return known
