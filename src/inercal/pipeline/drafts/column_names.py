@@ -65,6 +65,7 @@ _KINDS: Mapping[str, str] = {
 }
 _UNIT_WORDS = r"m_s_?2|mps2|ms2|mg|g|rad(_?s)?|deg(_?s)?|dps|raw|lsb|counts?"
 _UNIT_END = re.compile(rf"_({_UNIT_WORDS})$")
+_STATE = re.compile(r"_(cal|calibrated|corrected|filt|filtered)$")  # how readings were processed
 _TIME_UNITS = (
     (re.compile(r"\[?\bns\b|_ns\b|nanos"), "ns"),
     (re.compile(r"\bus\b|_us\b|µs|micros|usec"), "µs"),
@@ -173,7 +174,8 @@ def _words(name: str) -> str:
     name = re.sub(r"\(.*?\)|\[[^\]]*[^\d\]][^\]]*\]", "", name)  # "[0]" stays
     name = re.sub(r"[ωΩ]", "w", name)
     name = re.sub(r"([a-z])([A-Z])|([A-Z])(?=[A-Z][a-z])", r"\1\3_\2", name)
-    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    return _STATE.sub("", words)
 
 
 def _stem_and_axis(words: str) -> tuple[str, int | None]:
