@@ -185,7 +185,7 @@ def test_lines_are_shortened_at_clauses_words_or_at_last_anywhere():
     assert fit("many words that go on and on", 12) == "many words…"
     assert len(fit("x" * 500)) == 100
     assert fit_list("U: ", ["a", "b"]) == "U: a, b."
-    assert fit_list("U: ", ["a" * 60, "b" * 60]) == f"U: {'a' * 60} and 1 more."
+    assert fit_list("U: ", ["a" * 60, "b" * 60]) == f"U: {'a' * 60}, 1 more not shown."
     assert first_fit("x" * 101, "y") == "y"
 
 

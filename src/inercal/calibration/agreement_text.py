@@ -11,6 +11,7 @@ from inercal.calibration.suspect_text import (
     bench_words,
     best_cause_lines,
     chi2_text,
+    degrees_of_freedom,
     p_value_text,
     suspect_lines,
 )
@@ -42,7 +43,7 @@ def agreement(estimate: Estimate, *, wrong: bool = False) -> str:
         )
     if not estimate.dof:
         return f"{what} with the stated noise and bench according to the tests that were made"
-    numbers = f"χ² = {chi2_text(float(estimate.chi2))} with {estimate.dof} degrees of freedom"
+    numbers = f"χ² = {chi2_text(float(estimate.chi2))} with {degrees_of_freedom(estimate.dof)}"
     if estimate.consistent:
         return f"{what} with the stated noise and bench ({numbers})"
     percent = two_digits(100 * float(estimate.p_value))
@@ -67,7 +68,8 @@ def agreement_lines(
     clause = agreement(estimate, wrong=wrong or assessment.rejects)
     p = float(estimate.p_value) if estimate.dof else 1.0
     if estimate.dof and not estimate.groups:
-        numbers = f"χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, p = "
+        chi2 = chi2_text(float(estimate.chi2))
+        numbers = f"χ² = {chi2} with {degrees_of_freedom(estimate.dof)}, p = "
         numbers += f"{p:.2f}" if p >= SIGNIFICANCE_LEVEL else p_value_text(p).removeprefix("= ")
         clause = f"{clause.partition(' (')[0]} ({numbers})"
         if not estimate.consistent and assessment.rejects:
@@ -82,8 +84,8 @@ def agreement_lines(
     if estimate.dof and not estimate.groups and not estimate.consistent:
         yield f"All uncertainties are multiplied by {float(estimate.birge):.2f} because of this."
     for group in estimate.groups:
-        text = f"{group.name[0].upper()}{group.name[1:]}: χ² = {group.chi2:.1f} with {group.dof} "
-        text += f"degrees of freedom, p {p_value_text(group.p_value)}."
+        text = f"{group.name[0].upper()}{group.name[1:]}: χ² = {chi2_text(group.chi2)} with "
+        text += f"{degrees_of_freedom(group.dof)}, p {p_value_text(group.p_value)}."
         if group.spread.excess:
             scatter = f"{two_digits(float(group.spread.excess))} {group.unit}"
             text += f" All uncertainties include an additional scatter of {scatter}."
@@ -95,7 +97,7 @@ def agreement_lines(
     for test in assessment.rejecting_tests:
         if not test.name.startswith("residuals"):
             adjusted = p_value_text(test.adjusted).removeprefix("= ")
-            degrees = f"{test.dof} degree{'s' * (test.dof != 1)} of freedom"
+            degrees = degrees_of_freedom(test.dof)
             yield (
                 f"The test “{test.name}” rejects the model: χ² = {test.statistic:.1f} with "
                 f"{degrees}, p {p_value_text(test.p_value)} ({adjusted} among "
@@ -151,9 +153,9 @@ def _outlier_row_lines(assessment: Assessment, row_word: str) -> Iterator[str]:
         else ""
     )
     yield (
-        f"The {row_word} that agrees least with the others is {row.name}{alike}: χ² of its "
-        f"readings is {row.chi2:.1f} with {row.dof} degrees of freedom (p "
-        f"{p_value_text(row.adjusted)}, corrected for the number of rows)."
+        f"The {row_word} that agrees least with the others is “{row.name}”{alike}: χ² of its "
+        f"readings is {chi2_text(row.chi2)} with {degrees_of_freedom(row.dof)} (p "
+        f"{p_value_text(row.adjusted)}, corrected for the number of such rows)."
     )
 
 

@@ -52,7 +52,7 @@ def first_fit(*texts: str) -> str:
 def fit_list(start: str, parts: Sequence[str], end: str = ".", separator: str = ", ") -> str:
     """Return a line with as many parts as fit, and the number of parts left out."""
     for count in range(len(parts), 0, -1):
-        more = f" and {len(parts) - count} more" if count < len(parts) else ""
+        more = f"{separator}{len(parts) - count} more not shown" if count < len(parts) else ""
         text = f"{start}{separator.join(parts[:count])}{more}{end}"
         if len(text) <= MOST_CHARACTERS:
             return text

@@ -6,7 +6,12 @@ import numpy as np
 
 from inercal.basics.keys import ErrorName
 from inercal.basics.parameters import Parameter
-from inercal.basics.units import format_quantity, format_value_and_uncertainty, si_factor
+from inercal.basics.units import (
+    format_count,
+    format_quantity,
+    format_value_and_uncertainty,
+    si_factor,
+)
 from inercal.calibration.advising import CHANGE_PREFIX
 from inercal.calibration.best_cause import SuspectedCause
 from inercal.calibration.detectability import coefficient_definition
@@ -28,6 +33,11 @@ _PRIOR_PREFIX = "prior of "  # and the coefficient
 def p_value_text(p: float) -> str:
     """Return a small probability as text that follows "p", such as "= 0.003" or "< 1e-99"."""
     return f"= {p:.1g}" if p > _MIN_PROBABILITY else f"< {_MIN_PROBABILITY:.0e}"
+
+
+def degrees_of_freedom(count: int) -> str:
+    """Return a number of degrees of freedom in words: "1 degree of freedom"."""
+    return format_count(count, "degree of freedom", "degrees of freedom")
 
 
 def chi2_text(chi2: float) -> str:
@@ -166,7 +176,7 @@ def best_cause_lines(
         "No single cause explains the residuals: something changes that the model does not "
         "contain, several things are wrong, or the noise is larger than stated.",
         f"The best of the tested causes is {words}: χ² would drop {_chi2_drop(one)} with "
-        f"{one.remaining_dof} degrees of freedom, which is still too large "
+        f"{degrees_of_freedom(one.remaining_dof)}, which is still too large "
         f"(p {p_value_text(one.remaining_p_value)}).",
     ]
 

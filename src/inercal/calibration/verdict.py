@@ -116,7 +116,7 @@ class _Uncertainty(NamedTuple):
     source: str = ""
 
     def __str__(self) -> str:
-        return f"{self.size} {self.unit}{self.source and f' (mostly {self.source})'}"
+        return f"{self.size} {self.unit}{self.source and f' (mostly from {self.source})'}"
 
 
 def verdict(
@@ -344,7 +344,7 @@ def _undetectable(
 def _undetectable_text(one: UndetectableCause, sensor: Sensor, row_word: str) -> str:
     """Return the description of an effect with its size, two digits, in the report unit."""
     if one.name == "row":
-        return f"wrong readings of one {row_word}"
+        return f"wrong readings at one {row_word}"
     if one.component.startswith((_DRIFT_PREFIX, CHANGE_PREFIX)):
         # "drift of ax", or "change of ax within r10".
         axis = one.component.removeprefix(CHANGE_PREFIX).removeprefix(_DRIFT_PREFIX)
@@ -394,7 +394,8 @@ def _main_sources(
     for name, parameter in expected.items():
         slope = estimate.sensitivity(name, parameter.sd) if parameter.sd > 0 else None
         if slope is not None:
-            word = parameter.meaning.partition(",")[0] or ErrorName(name).name
+            meaning = parameter.meaning.partition(",")[0] or ErrorName(name).name
+            word = meaning if name == "g" else f"the {meaning}"
             share = np.square(slope[list(rows)] * parameter.sd) / variances
             shares[word] = shares.get(word, 0.0) + share
     return [

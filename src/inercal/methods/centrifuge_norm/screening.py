@@ -97,7 +97,7 @@ class SuspectRow:
 
     def describe(self) -> str:
         """Return a description of the row, the error of its norm, and the repairs."""
-        text = f"{self.label}: norm off by {abs(self.residual):.3g} m/s²"
+        text = f"{self.label}: the norm is off by {abs(self.residual):.3g} m/s²"
         if not self.repairs:
             return f"{text}; no single change corrects it"
         if len(self.repairs) > _MAX_LISTED_REPAIRS:
