@@ -30,13 +30,7 @@ from inercal.host.assembly.poll_record import CLOCK_LOST
 from inercal.host.assembly.rate_polls import RatePlausibility
 from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR
-from inercal.host.clock import (
-    Clock,
-    HostUptime,
-    MonotonicClock,
-    SimulatedClock,
-    read_host_uptime,
-)
+from inercal.host.clock import Clock, HostUptime, MonotonicClock, SimulatedClock, read_host_uptime
 from inercal.host.drivers.rotary_table import TableFault, TableState
 from inercal.host.guard import Guard
 from inercal.host.imu_port import ImuReceiver

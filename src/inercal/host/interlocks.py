@@ -50,10 +50,7 @@ _UNEXPLAINED_SHARE = 0.25  # of the squared difference between gyros and table m
 
 
 Interlock = Literal["table", "gyros"]
-_CHECKED = {
-    "table": "the table's readings",
-    "gyros": "the gyros against the table",
-}
+_CHECKED = {"table": "the table's readings", "gyros": "the gyros against the table"}
 
 
 class LastChecks:

@@ -266,8 +266,7 @@ class RunRecorder(Closeable):
         if left_out != before[2]:
             result.append(
                 f"so far {left_out} samples of {tally.samples + tally.samples_without_angle} have "
-                "no usable angle: the table was polled too slowly while it turned, or "
-                "was homing"
+                "no usable angle: the table was polled too slowly while it turned, or was homing"
             )
         if tally.implausible_polls != before[3]:
             result.append(

@@ -52,10 +52,9 @@ def wrap_correction(behind: float, wraps: float, outage: float) -> float:
         added = wraps * round(behind / wraps)
         if wraps / 2 < _ARRIVAL_UNCERTAINTY + drift:
             raise InputError(
-                f"the table sent nothing for {format_duration(outage)}, and its clock starts "
-                "again every "
-                f"{wraps:.3g} s: its clock can no longer be matched to that of the bench; begin a "
-                "new run",
+                f"the table sent nothing for {format_duration(outage)}, and its clock starts again "
+                f"every {wraps:.3g} s: its clock can no longer be matched to that of the bench; "
+                "begin a new run",
                 names=tuple(CLOCK_LOST),
             )
     if abs(behind - added) > _ARRIVAL_TOLERANCE + drift:

@@ -17,12 +17,7 @@ from time import monotonic
 from typing import NamedTuple
 
 from inercal.host.addresses import allows_second_connection, open_table
-from inercal.host.drivers.rotary_table import (
-    REST_RATE,
-    ProtocolError,
-    RotaryTable,
-    TableState,
-)
+from inercal.host.drivers.rotary_table import REST_RATE, ProtocolError, RotaryTable, TableState
 
 _TIMEOUT = 0.5  # s for a reply
 _START_ATTEMPTS = 4  # attempts to reach the table at the beginning

@@ -43,11 +43,7 @@ class Instrument(Closeable):
     """
 
     def __init__(
-        self,
-        address: str,
-        query: str,
-        timeout: float,
-        opener: Callable[[str], Link] = open_link,
+        self, address: str, query: str, timeout: float, opener: Callable[[str], Link] = open_link
     ):
         self.address = address
         self._query, self._timeout, self._opener = query.encode(), timeout, opener

@@ -75,9 +75,7 @@ def narrower_limits(
     """Return the limits of each axis, the narrower of the controller's and the run file's."""
     return tuple(
         replace(
-            of,
-            rate=min(of.rate, held.rate),
-            acceleration=min(of.acceleration, held.acceleration),
+            of, rate=min(of.rate, held.rate), acceleration=min(of.acceleration, held.acceleration)
         )
         for of, held in zip(controller, bench, strict=True)
     )

@@ -219,10 +219,7 @@ class Decoder:
     """
 
     def __init__(
-        self,
-        layout: PacketLayout,
-        mid_stream: bool = False,
-        time_zero: int | float | None = 0,
+        self, layout: PacketLayout, mid_stream: bool = False, time_zero: int | float | None = 0
     ):
         self.layout, self.time_zero = layout, time_zero
         self.counts = PacketCounts()

@@ -143,13 +143,7 @@ def _check_limits(x: Any, before: float) -> None:
 
 @njit(cache=True, nogil=True)
 def advance_axes(
-    axes: NDArray[Any],
-    past: Array,
-    shown: Array,
-    cycle: int,
-    count: int,
-    period: float,
-    out: Array,
+    axes: NDArray[Any], past: Array, shown: Array, cycle: int, count: int, period: float, out: Array
 ) -> None:
     """Advance all axes by `count` cycles from cycle `cycle`.
 

@@ -23,12 +23,7 @@ from inercal.host.live_estimator import LiveEstimator
 from inercal.host.manual.command_check import LIMIT_MARGIN, AxisTask
 from inercal.host.manual.session import ManualSession
 from inercal.host.web import page_messages
-from inercal.host.web.page_messages import (
-    axis_fields,
-    channel_fields,
-    imu_fields,
-    rounded_number,
-)
+from inercal.host.web.page_messages import axis_fields, channel_fields, imu_fields, rounded_number
 from inercal.host.web.run_request import ManualRequest
 from inercal.host.web.worker_process import Publisher
 from inercal.runfile import Run

@@ -61,11 +61,7 @@ class Viewer:
     """
 
     def __init__(
-        self,
-        number: int,
-        browser: str | None,
-        tab: str | None = None,
-        client: Client | None = None,
+        self, number: int, browser: str | None, tab: str | None = None, client: Client | None = None
     ):
         self.number, self.browser, self.tab = number, browser, tab
         self.client = client or Client("", browser)

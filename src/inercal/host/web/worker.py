@@ -56,11 +56,7 @@ from inercal.runfile import Run, read
 
 _TIME_STEP, _TIME_MARGIN = 10.0, 2.0  # s of bench time in a simulation
 _RunCommand = Literal["pause", "go on", "stop"]
-_COMMANDS: dict[str, _RunCommand] = {
-    "pause": "pause",
-    "go on": "go on",
-    "abort": "stop",
-}
+_COMMANDS: dict[str, _RunCommand] = {"pause": "pause", "go on": "go on", "abort": "stop"}
 
 
 class CommandRelay:
