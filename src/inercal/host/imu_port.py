@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from inercal.basics.errors import InercalError
 from inercal.host.clock import Tick
-from inercal.host.closeable import Closeable
+from inercal.host.closeable import Closeable, on_failure
 from inercal.host.link import CONNECT_TIMEOUT, Link, LinkLost
 from inercal.host.packets import PacketLayout
 
@@ -73,12 +73,9 @@ class ImuPort(Closeable):
         self._error: InercalError | None = None
         self._closed = False
         self._condition = Condition()
-        try:
+        with on_failure(link.close):
             while self.discarded_bytes < _MAX_STALE_BYTES and (stale := link.read(_MAX_BYTES, 0.0)):
                 self.discarded_bytes += len(stale)
-        except BaseException:
-            link.close()
-            raise
         self._thread: Thread | None = None
         if not synchronous:
             self._thread = Thread(target=self._read, name=f"reads {link.address}", daemon=True)

@@ -13,6 +13,7 @@ import json
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from subprocess import DEVNULL, Popen
 
@@ -86,29 +87,15 @@ def _compile_estimator(run: Run) -> None:
     """Run the sequential estimator on a rest, in two processes if it must be compiled."""
     sensor = run.sensor
     if len({axis.measures for axis in sensor.axes}) > 1:
-        other = _ParallelCompilation(run)
-        with on_compilation(other.start):
+        # A second process compiles the accelerometers' kernels; then they can be loaded here.
+        program = (sys.executable, "-P", "-m", "inercal.host.precompilation", str(run.path))
+        others: list[Popen[bytes]] = []
+        begin = partial(Popen[bytes], program, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
+        with on_compilation(lambda: others.append(begin())):
             _follow_part(run, "w")
-        other.wait()
+        for other in others:
+            other.wait()
     _follow_rest(run, sensor, run.priors)
-
-
-class _ParallelCompilation:
-    """Compiles the accelerometers' kernels in a second process when `start` is called."""
-
-    def __init__(self, run: Run):
-        self._run = run
-        self._process: Popen[bytes] | None = None
-
-    def start(self) -> None:
-        """Start the process."""
-        program = (sys.executable, "-P", "-m", "inercal.host.precompilation", str(self._run.path))
-        self._process = Popen(program, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
-
-    def wait(self) -> None:
-        """Wait until the process has ended, so that its kernels can be loaded here."""
-        if self._process is not None:
-            self._process.wait()
 
 
 def _follow_part(run: Run, kind: Measures) -> None:

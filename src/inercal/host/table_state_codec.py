@@ -11,9 +11,8 @@ from struct import Struct
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.host.drivers.rotary_table import TableState
 
@@ -30,8 +29,8 @@ class StateArrays(NamedTuple):
     angle: Array  # (n, k)
     rate: Array  # (n, k)
     following_error: Array  # (n, k)
-    settled: NDArray[np.bool_]  # (n,), all axes
-    homed: NDArray[np.bool_]  # (n,), all axes
+    settled: Bools  # (n,), all axes
+    homed: Bools  # (n,), all axes
 
 
 def pack_state(state: TableState) -> bytes:

@@ -12,9 +12,8 @@ from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_duration
 from inercal.host.assembly.reading_plausibility import Plausibility
@@ -77,9 +76,9 @@ class PollHistory(NamedTuple):
 
     time: Array  # (n,) s by the table's clock, unwrapped
     value: Array  # (n, k) rad, NaN while a table searches for its zero; or rad/s
-    settled: NDArray[np.bool_]  # (n,)
+    settled: Bools  # (n,)
 
-    def where(self, rows: "NDArray[np.bool_] | slice") -> "PollHistory":
+    def where(self, rows: "Bools | slice") -> "PollHistory":
         """Return a selection of the polls."""
         return self._make(column[rows] for column in self)
 
@@ -204,7 +203,7 @@ class PollRecord(ABC):
                 self.history = self.history.where(slice(first, None))
 
     @abstractmethod
-    def readback(self, time: Array) -> tuple[Array, AngleQuality, NDArray[np.bool_]]:
+    def readback(self, time: Array) -> tuple[Array, AngleQuality, Bools]:
         """Return the values (n, k) at times (n,), their uncertainty, and where they are known.
 
         The times must be before `complete_until`.
@@ -215,7 +214,5 @@ class PollRecord(ABC):
         """Return the values to keep from the polls, (n, k)."""
 
     @abstractmethod
-    def _plausible(
-        self, time: Array, values: Array, came: StateArrays, later: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
+    def _plausible(self, time: Array, values: Array, came: StateArrays, later: Bools) -> Bools:
         """Return which polls are plausible as motion of the table, (n,)."""

@@ -9,12 +9,11 @@ A poll is left out if no motion within the limits explains its rate, as after a 
 """
 
 from collections.abc import Sequence
-from math import isfinite, radians
+from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.benches.motion_control import AxisMotionLimits, ControlledBench
 from inercal.host.assembly.poll_record import MAX_UNREAD, PollRecord
@@ -42,7 +41,8 @@ class RatePlausibility(Plausibility[tuple[float, Array]]):
 
     def __init__(self, limits: Sequence[AxisMotionLimits]):
         super().__init__()
-        self._limits = tuple(limits)
+        self._rates = _RATE_MARGIN * np.array([one.rate for one in limits]) + _BAND
+        self._accelerations = _ACCELERATION_MARGIN * np.array([one.acceleration for one in limits])
 
     def accept_state(self, state: TableState) -> bool:
         """Return whether a reading, as returned by a driver, is plausible."""
@@ -56,7 +56,7 @@ class RatePlausibility(Plausibility[tuple[float, Array]]):
         """
         now = time, rates
         before, doubted = self._accepted, self._doubted
-        if self._is_possible(rates) and (
+        if bool((np.abs(rates) <= self._rates).all()) and (  # not so for NaN
             before is None
             or self._stopping
             or self._agrees(before, now)
@@ -68,21 +68,11 @@ class RatePlausibility(Plausibility[tuple[float, Array]]):
         self._reject(now)
         return False
 
-    def _is_possible(self, rates: Array) -> bool:
-        return all(
-            isfinite(rate) and abs(rate) <= _RATE_MARGIN * one.rate + _BAND
-            for rate, one in zip(rates.tolist(), self._limits, strict=True)
-        )
-
     def _agrees(self, before: tuple[float, Array], now: tuple[float, Array]) -> bool:
         interval = now[0] - before[0]
         if not 0 < interval <= _MAX_COMPARABLE_GAP:
             return True
-        change = np.abs(now[1] - before[1]).tolist()
-        return all(
-            size <= _ACCELERATION_MARGIN * one.acceleration * interval + _BAND
-            for size, one in zip(change, self._limits, strict=True)
-        )
+        return bool((np.abs(now[1] - before[1]) <= self._accelerations * interval + _BAND).all())
 
 
 class RatePolls(PollRecord):
@@ -101,9 +91,7 @@ class RatePolls(PollRecord):
     def _values(self, came: StateArrays) -> Array:
         return came.rate
 
-    def _plausible(
-        self, time: Array, values: Array, came: StateArrays, later: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
+    def _plausible(self, time: Array, values: Array, came: StateArrays, later: Bools) -> Bools:
         return np.array(
             [
                 is_later and self._plausibility.accept(when, rates)
@@ -112,7 +100,7 @@ class RatePolls(PollRecord):
             np.bool_,
         )
 
-    def readback(self, time: Array) -> tuple[Array, AngleQuality, NDArray[np.bool_]]:
+    def readback(self, time: Array) -> tuple[Array, AngleQuality, Bools]:
         """Return rates (n, k) in rad/s at times (n,), and where they are known; see `PollRecord`.
 
         The quality of angles is that of missing angles, because no filter uses them.
@@ -122,9 +110,8 @@ class RatePolls(PollRecord):
                 "the table has not been polled yet; add a poll before you ask for rates"
             )
         x, y = self.history.time, self.history.value
-        found = np.empty((time.size, y.shape[1]))
-        for k, column in enumerate(y.T):
-            found[:, k] = np.interp(time, x, column)
+        columns: list[Array] = [np.interp(time, x, column) for column in y.T]
         after = np.minimum(np.searchsorted(x, time, "right"), x.size - 1)
         there = (time >= x[0]) & (x[after] - x[np.maximum(after - 1, 0)] <= MAX_UNREAD)
-        return found, AngleQuality(np.ones(time.size), np.zeros(time.size)), there
+        quality = AngleQuality(np.ones(time.size), np.zeros(time.size))
+        return np.stack(columns, axis=-1), quality, there

@@ -15,9 +15,8 @@ table may have stopped in the gap. A poll that no motion within the limits expla
 from math import inf, nan
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.benches.turntable import Turntable
 from inercal.estimation.kernel_options import njit
@@ -63,9 +62,7 @@ class TablePolls(PollRecord):
         # it.
         return np.where(came.homed[:, None], came.angle, nan)
 
-    def _plausible(
-        self, time: Array, values: Array, came: StateArrays, later: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
+    def _plausible(self, time: Array, values: Array, came: StateArrays, later: Bools) -> Bools:
         """Return which polls are plausible as motion of the table, (n,)."""
         columns = zip(
             time.tolist(), came.settled.tolist(), later.tolist(), values.tolist(),
@@ -82,7 +79,7 @@ class TablePolls(PollRecord):
             np.bool_,
         )
 
-    def readback(self, time: Array) -> tuple[Array, AngleQuality, NDArray[np.bool_]]:
+    def readback(self, time: Array) -> tuple[Array, AngleQuality, Bools]:
         """Return angles (n, k) in rad at times (n,), their uncertainty, and where they are known.
 
         The times must be before `complete_until`.
@@ -105,13 +102,13 @@ def _interpolate_angles(
     time: Array,
     x: Array,
     y: Array,
-    settled: NDArray[np.bool_],
+    settled: Bools,
     gap: float,
     same: float,
     found: Array,
     gain: Array,
     sd: Array,
-    there: NDArray[np.bool_],
+    there: Bools,
 ) -> None:
     """Write angles at ascending times, their uncertainty, and whether they are known."""
     weight, other = np.zeros(4), np.zeros(4)
@@ -168,7 +165,7 @@ def _interpolate_angles(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _stood(x: Array, y: Array, settled: NDArray[np.bool_], same: float, a: int) -> bool:
+def _stood(x: Array, y: Array, settled: Bools, same: float, a: int) -> bool:
     """Return whether the table is assumed to be at rest between poll a and the next one."""
     if a < 0 or x[a + 1] - x[a] > MAX_UNREAD or not (settled[a] and settled[a + 1]):
         return False

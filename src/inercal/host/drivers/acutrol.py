@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import degrees, nan, radians
 
+from inercal.host.closeable import on_failure
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
@@ -77,11 +78,8 @@ class Acutrol(RotaryTable):
         # The last command to each axis: an angle or a rate.
         self._goals = [(nan, 0.0)] * len(self._axes)
         self._dialogue = TextDialogue(address, b"\n", timeout, opener)
-        try:
+        with on_failure(self.close):
             self.limits = tuple(self._read_limits(a.number) for a in self._axes)
-        except BaseException:
-            self._dialogue.close()
-            raise
 
     def identity(self) -> str:
         """Return the reply to `*idn?`."""

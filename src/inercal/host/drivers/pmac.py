@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from math import inf, tau
 
 from inercal.basics.errors import InputError
+from inercal.host.closeable import on_failure
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.pmac_codec import CommandRefused
 from inercal.host.drivers.pmac_dialogue import PmacDialogue
@@ -104,7 +105,7 @@ class Pmac(RotaryTable):
         self._start_cycles: list[int | None] = [None] * len(self._axes)
         self._timeout = timeout
         self._dialogue = PmacDialogue(address, timeout, opener)
-        try:
+        with on_failure(self.close):
             self.period = codec.parse_number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
             if self.period <= 0:
                 raise ProtocolError(
@@ -113,9 +114,6 @@ class Pmac(RotaryTable):
                 )
             self.wrap_period = _CYCLES * self.period
             self.limits = tuple(self._read_limits(a) for a in self._axes)
-        except BaseException:
-            self._dialogue.close()
-            raise
 
     def identity(self) -> str:
         """Return the version of the firmware and the type of the controller."""
@@ -172,18 +170,15 @@ class Pmac(RotaryTable):
             with suppress(ProtocolError, LinkLost):
                 state = self.read()
                 motors = [m for m, axis in zip(motors, state.axes, strict=True) if axis.moving]
-        try:
+        # Late replies may still arrive on the connection that is dropped.
+        with on_failure(self._dialogue.drop, *((ProtocolError, LinkLost) if heard else ())):
             # A one-line reply can be distinguished from a late answer to ^A.
             self._each(
                 (f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/ RHX$0" for m in motors),
                 lambda line: self._dialogue.ask_now(line, 1),
             )
-        except (ProtocolError, LinkLost):
-            heard = False
-            raise
-        finally:
-            if not heard:
-                self._dialogue.drop()  # late replies may still arrive
+        if not heard:
+            self._dialogue.drop()
 
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
         """Open the loop of an axis, or of all axes, and switch the power off (`K`).

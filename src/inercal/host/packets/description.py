@@ -26,9 +26,7 @@ KEYS: Mapping[str, Mapping[str, type]] = {
     "": {
         **dict.fromkeys(("about", "byte_order", "rate", "line"), str),
         "frame": list,
-        **dict.fromkeys(
-            ("accelerometer", "gyro", "temperature", "time", "counter", "status"), dict
-        ),
+        **dict.fromkeys(_SECTIONS, dict),
     },
     "frame": {"packet": str, "length": int},
     "accelerometer": {"scale": str, "full_scale": str, "invalid": list},

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.host.packets.layout import PacketLayout
@@ -47,7 +47,7 @@ class UnwrappedValues(NamedTuple):
     lost: int
 
 
-def flag_array(where: NDArray[np.bool_], flag: Flag) -> NDArray[np.uint8]:
+def flag_array(where: Bools, flag: Flag) -> NDArray[np.uint8]:
     """Return an array that has a flag where a condition is true."""
     return where.astype(np.uint8) * np.uint8(flag)
 

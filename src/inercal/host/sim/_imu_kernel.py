@@ -15,13 +15,10 @@ product of at most `MAX_FACTORS` components of the motion that its axis senses.
 from math import floor
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import njit
 from inercal.physics.sensors.basis_functions import COMPONENTS
-
-Integers = NDArray[np.int64]
 
 RING_SIZE = 8192  # servo cycles of motion to keep, a power of 2
 MAX_FACTORS = 4  # components in a product
@@ -60,10 +57,10 @@ def noise_free_readings(
     motion: Array,
     temperature_offset: float,
     frames: Array,
-    along: Integers,
-    of_axis: Integers,
+    along: Indices,
+    of_axis: Indices,
     factors: Array,
-    products: Integers,
+    products: Indices,
     out: Array,
 ) -> None:
     """Write noise-free readings to `out` (n, m) from f, ω and ω's derivative, `motion` (n, 9).

@@ -4,9 +4,8 @@ from dataclasses import replace
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.host.packets.packet_format import AXES
@@ -140,7 +139,7 @@ class SimulatedImu:
         missing = len(AXES) - reading.shape[1]
         return np.pad(reading, ((0, 0), (0, missing))) if missing else reading
 
-    def _next_noise(self, numbers: NDArray[np.int64]) -> Array:
+    def _next_noise(self, numbers: Indices) -> Array:
         """Return the noise of the next readings, and draw more if necessary."""
         if not numbers.size:
             return self._noise[:0]

@@ -9,7 +9,7 @@ are left to `encode`.
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.kernel_options import njit
 from inercal.host.packets import PacketLayout, encode
 from inercal.host.packets.packet_format import AXES, ROLES, BinaryFrame
@@ -21,12 +21,12 @@ _TEMPERATURE_AT, _COUNTER_AT, _TIME_AT, _STATUS_AT = range(len(AXES), len(ROLES)
 @njit(cache=True, nogil=True)
 def _write_fields(
     given: Array,
-    columns: NDArray[np.int64],
+    columns: Indices,
     scales: Array,
-    whole: NDArray[np.bool_],
-    at: NDArray[np.int64],
-    sizes: NDArray[np.int64],
-    big: NDArray[np.bool_],
+    whole: Bools,
+    at: Indices,
+    sizes: Indices,
+    big: Bools,
     out: NDArray[np.uint8],
 ) -> None:
     """Write the values (n, given) to the fields of packets (n, length).
