@@ -25,8 +25,8 @@ from inercal.host.live_estimator import LiveEstimator, NavigationSolution, Navig
 from inercal.host.packets import PacketLayout
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
+from inercal.host.sequencer import SectionEvent
 from inercal.host.table_state_codec import unpack_states
-from inercal.host.task_sequencer import SectionEvent
 
 # s of bench time that are processed at once: this is also how often gyros and table are compared
 _PIECE_MIN, PIECE_MAX = 0.2, 5.0

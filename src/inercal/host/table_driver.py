@@ -35,7 +35,7 @@ from inercal.host.drivers.rotary_table import (
 )
 from inercal.host.guard import Guard
 from inercal.host.link import LinkLost
-from inercal.host.task_sequencer import (
+from inercal.host.sequencer import (
     Command,
     DisableCommand,
     EnableCommand,

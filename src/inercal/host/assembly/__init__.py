@@ -28,14 +28,13 @@ from inercal.basics.errors import InputError
 from inercal.benches.turntable import require_turntable
 from inercal.host.assembly.imu_samples import DroppedPackets, ReceivedSamples
 from inercal.host.assembly.packet_dating import PacketRows
-from inercal.host.assembly.rate_polls import RatePolls
 from inercal.host.assembly.section_timeline import (
     InterruptionList,
     InterruptionSpan,
     SectionSpan,
     SectionTimeline,
 )
-from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
+from inercal.host.assembly.table_polls import POLL_INTERVAL, RatePolls, TablePolls
 from inercal.host.packets import PacketCounts, PacketLayout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.host.tasks import host_plan, required_rate

@@ -1,7 +1,7 @@
 """Polls of a table in the order of its clock, which is matched to the host's clock.
 
-Subclasses for turntables (`table_polls`) and rate tables (`rate_polls`) differ in the values they
-keep from a poll, in the check for implausible polls, and in the interpolation between polls.
+The subclasses for turntables and rate tables (`table_polls`) differ in the values they keep from a
+poll, in the check for implausible polls, and in the interpolation between polls.
 
 The clocks are matched at the start, and after an outage by `wrap_correction`.
 """

@@ -28,7 +28,7 @@ from inercal.host.manual.commands import (
     JogCommand,
     ServoCommand,
 )
-from inercal.host.task_sequencer import (
+from inercal.host.sequencer import (
     Command,
     DisableCommand,
     EnableCommand,

@@ -53,9 +53,9 @@ from inercal.host.manual.commands import (
 )
 from inercal.host.manual.dead_man import HOLD_TIMEOUT, DeadMan
 from inercal.host.manual.imu import ManualImu
+from inercal.host.sequencer import Command, SpinCommand, StopCommand
 from inercal.host.table_driver import READ_TIMEOUT, TableDriver
 from inercal.host.table_lock import TableLock
-from inercal.host.task_sequencer import Command, SpinCommand, StopCommand
 from inercal.runfile import Run
 
 SHOW_INTERVAL = 0.1  # s of wall time between two updates of the display

@@ -11,8 +11,13 @@ import re
 from argparse import ArgumentParser
 from math import degrees, inf, radians
 
-from inercal.host.sim.controller import Controller, LineSession
-from inercal.host.sim.dynamics import ServoOffError, SimulatedTable, three_axes
+from inercal.host.sim.dynamics import (
+    Controller,
+    LineSession,
+    ServoOffError,
+    SimulatedTable,
+    three_axes,
+)
 from inercal.host.sim.server import add_pace_option, selected_pace, serve
 
 _WORDS = ("mode", "demand", "read", "limit", "interlock", "position", "rate", "acceleration",
