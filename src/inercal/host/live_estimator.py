@@ -75,9 +75,8 @@ class LiveEstimator:
             )
         rate_hz = required_rate(run)
         self.names, self.time = run.sensor.coefficients, nan
-        self._indices: dict[
-            tuple[str, ...], list[int]
-        ] = {}  # by the names of a part's coefficients
+        # By the names of a part's coefficients.
+        self._indices: dict[tuple[str, ...], list[int]] = {}
         self._start_estimator = partial(
             begin, run.estimator, run.sensor, run.bench, run.steps, run.priors, rate_hz
         )

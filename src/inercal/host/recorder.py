@@ -7,7 +7,6 @@ it.
 
 import json
 from collections import deque
-from contextlib import ExitStack
 from math import inf, isfinite, nan
 from time import monotonic
 from typing import Any, Literal, NamedTuple
@@ -18,7 +17,7 @@ from inercal.basics.errors import InercalError
 from inercal.benches.turntable import require_turntable
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.clock import HostUptime, read_host_uptime
-from inercal.host.closeable import Closeable
+from inercal.host.closeable import Closeable, on_failure
 from inercal.host.drivers.rotary_table import RotaryTable
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator, NavigationSolution, Navigator, is_whole_imu
@@ -132,10 +131,9 @@ class RunRecorder(Closeable):
         self._waiting_sections: deque[tuple[float, SectionEvent]] = deque()
         self._last_processing = -inf, -inf
         self._losses, self._last_loss_warning = (0, 0, 0, 0), 0.0
-        with ExitStack() as opened:
-            self._log = opened.enter_context(RunLog(folder.log))
+        self._log = RunLog(folder.log)
+        with on_failure(self._log.close):
             self.log_end = self._replay(folder)
-            self._open_resources = opened.pop_all()
 
     @property
     def estimation(self) -> Literal["none", "waits", "on", "ended"]:
@@ -304,7 +302,7 @@ class RunRecorder(Closeable):
 
     def close(self) -> None:
         """Close the log."""
-        self._open_resources.close()
+        self._log.close()
 
 
 def _read_poll(frame: LogFrame | None) -> tuple[float, float] | None:

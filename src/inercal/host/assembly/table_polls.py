@@ -2,8 +2,9 @@
 
 The angle of a turntable is interpolated by a cubic through the four unevenly spaced polls around a
 time. The error of the cubic is estimated from a fifth poll, which changes the interpolated value by
-about as much. While the table holds an angle and is polled less often, the angle of the nearest poll is used: each
-epoch of a filter (ten per second) then has its own poll, so that their noise is independent.
+about as much. While the table holds an angle and is polled less often, the angle of the nearest
+poll is used: each epoch of a filter (ten per second) then has its own poll, so that their noise is
+independent.
 
 Next to a gap while the table turns, the interpolation is linear and marked as such, because the
 table may have stopped in the gap. A poll that no motion within the limits explains is left out

@@ -11,6 +11,7 @@ from zlib import crc32
 from inercal.basics.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
+from inercal.host.web import run_request
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
 from inercal.host.web.json_objects import (
     JsonObject,
@@ -20,16 +21,6 @@ from inercal.host.web.json_objects import (
 )
 from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
 from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import (
-    HALT,
-    NOTE,
-    ManualRequest,
-    ProcessRequest,
-    RunRequest,
-    manual_line,
-    mounted_line,
-    premature_end_message,
-)
 from inercal.host.web.runs import Runs, StoredRun
 from inercal.host.web.viewers import (
     OPERATOR_GRACE,
@@ -183,7 +174,7 @@ class Hub:
                         "characters",
                         key="text",
                     )
-                self._send_to_run(f"{NOTE}{self.people.operator}: {text}")
+                self._send_to_run(f"{run_request.NOTE}{self.people.operator}: {text}")
             case "mounted":
                 self._confirm_mounting(asked)
             case _:
@@ -203,22 +194,24 @@ class Hub:
                 "request",
                 key="mounting",
             )
-        self._send_to_run(mounted_line(number, str(mounting), self.people.operator or ""))
+        self._send_to_run(
+            run_request.mounted_line(number, str(mounting), self.people.operator or "")
+        )
 
     def _send_manual(self, command: ManualCommand) -> None:
         if not self._is_manual:
             raise InputError("no manual session is active; start one first")
-        self._send_to_run(manual_line(self.people.operator or "", command))
+        self._send_to_run(run_request.manual_line(self.people.operator or "", command))
 
     def _halt_manual(self, why: str) -> None:
         """Stop all axes in a manual session because it has no operator any more."""
         if self._is_manual and self.run_process is not None:
-            self.run_process.send_line(f"{HALT}{why}")
+            self.run_process.send_line(f"{run_request.HALT}{why}")
 
     @property
     def _is_manual(self) -> bool:
         run_process = self.run_process if self.is_run_active else None
-        return run_process is not None and isinstance(run_process.order, ManualRequest)
+        return run_process is not None and isinstance(run_process.order, run_request.ManualRequest)
 
     def _send_to_run(self, line: str) -> None:
         if self._is_manual and line in ("pause", "go on"):
@@ -254,7 +247,7 @@ class Hub:
         """
         runs = await asyncio.to_thread(self.runs.all)
         if self.run_process is not None:
-            if isinstance(self.run_process.order, ManualRequest):
+            if isinstance(self.run_process.order, run_request.ManualRequest):
                 raise InputError(
                     "the table is under manual control; end that session before you start a run"
                 )
@@ -303,7 +296,7 @@ class Hub:
         folder = self.runs.new_folder("manual")
         with_imu = asked.get("with_imu") is True
         table, imu, clock, simulated = chosen
-        order = ManualRequest(
+        order = run_request.ManualRequest(
             str(folder.absolute()), str(plan.path.absolute()), self.people.operator or "", table,
             imu if with_imu else "", clock, simulated, crc32(folder.name.encode()), with_imu,
         )  # fmt: skip
@@ -337,14 +330,14 @@ class Hub:
 
     def _run_request(
         self, folder: Path, chosen: ChosenDevices, asked: JsonObject, plan: Path | None
-    ) -> RunRequest:
+    ) -> run_request.RunRequest:
         sensor = asked.get("sensor") if plan is not None else None
         if sensor is not None and (sensor := printable_line(sensor, _MAX_NAME)) is None:
             raise InputError(
                 f"the sensor name is empty or too long; give 1 to {_MAX_NAME} printable characters",
                 key="sensor",
             )
-        return RunRequest(
+        return run_request.RunRequest(
             str(folder.absolute()),
             None if plan is None else str(plan.absolute()),
             sensor,
@@ -359,7 +352,7 @@ class Hub:
             None if plan is None else filter_changes(asked.get("filter")),
         )
 
-    def _launch(self, order: ProcessRequest) -> None:
+    def _launch(self, order: run_request.ProcessRequest) -> None:
         try:
             self.run_process = self._start(order)
         except OSError as error:
@@ -367,7 +360,7 @@ class Hub:
                 f"the operating system cannot start the process of the run: {error.strerror}; "
                 "free memory or disk space, then start again"
             ) from None
-        is_manual = isinstance(order, ManualRequest)
+        is_manual = isinstance(order, run_request.ManualRequest)
         self._history, self._end_published = MessageHistory(keeps_trend=is_manual), False
         # The process takes seconds before it sends its own first message.
         starts = _message_text("phase", run=order.name, words="starting the run's process")
@@ -386,7 +379,9 @@ class Hub:
         if not self._end_published:
             since = run_process.order.loss_text
             words = f"the run's process has ended (status {status}){since}"
-            text = _message_text("done", **premature_end_message(run_process.order, words))
+            text = _message_text(
+                "done", **run_request.premature_end_message(run_process.order, words)
+            )
             kept.add_message("done", text)
             self._broadcast("done", text)
 

@@ -12,12 +12,7 @@ from inercal.basics.small_files import read_toml
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
 from inercal.host.run_log import is_locked
-from inercal.host.web.run_request import (
-    MANUAL_JOURNAL,
-    PROCESS_RECORD,
-    read_process_record,
-    run_in_progress,
-)
+from inercal.host.web import run_request
 from inercal.laboratory.store import Register
 
 UNREADABLE = "unreadable"  # state of a run whose journal cannot be read
@@ -76,13 +71,13 @@ class Runs:
 
         This reads no journal, because a stop must not depend on one.
         """
-        names = (JOURNAL, MANUAL_JOURNAL)
+        names = (JOURNAL, run_request.MANUAL_JOURNAL)
         folders = dict.fromkeys(p.parent for name in names for p in self.folder.glob(f"*/{name}"))
-        return [folder for folder in folders if run_in_progress(folder)]
+        return [folder for folder in folders if run_request.run_in_progress(folder)]
 
     def manual_sessions(self) -> list[Path]:
         """Return the folders of active manual sessions."""
-        return [one for one in self.active_folders() if (one / MANUAL_JOURNAL).exists()]
+        return [one for one in self.active_folders() if (one / run_request.MANUAL_JOURNAL).exists()]
 
     def new_folder(self, stem: str) -> Path:
         """Return an unused path for the folder of a run."""
@@ -151,7 +146,7 @@ class Runs:
 def _stored_run(path: Path) -> StoredRun:
     with Journal(path / JOURNAL, read_only=True) as journal:
         header = journal.header()
-    driven = run_in_progress(path)
+    driven = run_request.run_in_progress(path)
     state = "running" if driven else "interrupted" if header.state == "running" else header.state
     stem = Path(header.run_file).stem
     summary = {
@@ -170,7 +165,7 @@ def _unreadable_run(path: Path, error: InputError) -> StoredRun:
         "id": path.name,
         "sensor": path.name,
         "begun": "",
-        "state": "running" if run_in_progress(path) else UNREADABLE,
+        "state": "running" if run_request.run_in_progress(path) else UNREADABLE,
         "report": False,
         "trouble": str(error),
     }
@@ -189,7 +184,11 @@ def _interrupt_process(folder: Path) -> bool:
     """Signal the process of a page's run in a folder to stop; return False if there is none."""
     # A record that nobody has locked is old, and its process ID may belong to another process by
     # now.
-    was = read_process_record(folder) if is_locked(folder / PROCESS_RECORD) else None
+    was = (
+        run_request.read_process_record(folder)
+        if is_locked(folder / run_request.PROCESS_RECORD)
+        else None
+    )
     if was is None:
         return False
     try:
