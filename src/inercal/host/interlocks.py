@@ -297,11 +297,9 @@ class ReadbackWarnings:
     def restart(self) -> None:
         """Start again, when the recording does."""
         bench = self._bench
-        self._comparison = (
-            GyroComparison(bench, self._sensor, bench.latency.value)
-            if is_turntable(bench)
-            else None
-        )
+        self._comparison: GyroComparison | None = None
+        if is_turntable(bench):
+            self._comparison = GyroComparison(bench, self._sensor, bench.latency.value)
 
     def find(self, begin: float, track: Track | None = None) -> list[str]:
         """Return the warnings from the windows that the samples complete, or from the last samples.

@@ -68,12 +68,8 @@ def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
         if layout is not None:
             _assemble_rest(run, layout)
         return
-    tracks = (
-        [_rest_track(run.sensor, require_turntable(run))]
-        if layout is None
-        else _assemble_rest(run, layout)
-    )
     table = require_turntable(run)
+    tracks = [_rest_track(run.sensor, table)] if layout is None else _assemble_rest(run, layout)
     checks = Interlocks((AxisLimits(),) * len(table.names), table, run.sensor)
     for track in tracks:
         checks.check_gyros(track)

@@ -199,11 +199,9 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
         at = 0
         while head := file.read(_HEAD.size + _CHECK.size):
             if _MAGIC[: len(head)] != head[:2]:
-                what = (
-                    "is damaged; the data before this can be read"
-                    if at
-                    else "is not the log of a run; name another file"
-                )
+                what = "is not the log of a run; name another file"
+                if at:
+                    what = "is damaged; the data before this can be read"
                 raise InputError(
                     f"{path}: no frame begins at byte {at}: the file {what}", file=path
                 )

@@ -37,8 +37,6 @@ from inercal.host.drivers.rotary_table import (
     RotaryTable,
     TableFault,
     TableState,
-    axis_index,
-    axis_indices,
     require_unique_names,
 )
 from inercal.host.link import Link, LinkLost, open_link
@@ -122,12 +120,11 @@ class Pmac(RotaryTable):
 
     def enable(self, axis: str | None = None) -> None:
         """Close the servo loop of an axis, or of all axes, at the present position (`J/`)."""
-        chosen = axis_indices(axis, self.axes)
-        self._ask(" ".join(f"#{self._axes[i].motor}J/" for i in chosen))
+        self._ask(" ".join(f"#{self._axes[i].motor}J/" for i in self.indices(axis)))
 
     def home(self, axis: str | None = None) -> None:
         """Start to search for the zero of an axis, or of all axes (`HM`)."""
-        chosen = axis_indices(axis, self.axes)
+        chosen = self.indices(axis)
         homing = " ".join(f"#{self._axes[i].motor}HM" for i in chosen)
         cycle = codec.parse_word(self._ask(f"{homing} RHX$0", 1)[0], 6)
         for i in chosen:
@@ -135,15 +132,13 @@ class Pmac(RotaryTable):
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
         """Start a move to `angle` (`J=`); see `RotaryTable.move`."""
-        i = axis_index(axis, self.axes)
-        self.limits[i].check(axis, rate, acceleration, angle)
+        i = self.checked_index(axis, rate, acceleration, angle)
         counts = angle / tau * self._axes[i].counts_per_turn
         self._jog(i, rate, acceleration, f"J={_decimal_text(counts)}")
 
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
         """Bring an axis to `rate` (`J+`, `J-`; `J/` for 0); see `RotaryTable.spin`."""
-        i = axis_index(axis, self.axes)
-        self.limits[i].check(axis, rate, acceleration)
+        i = self.checked_index(axis, rate, acceleration)
         forward = rate * self._axes[i].counts_per_turn > 0
         self._jog(i, rate, acceleration, "J/" if rate == 0 else "J+" if forward else "J-")
 
@@ -188,7 +183,7 @@ class Pmac(RotaryTable):
         TableFault
             An axis turns and would coast; `coasting=True` permits this.
         """
-        chosen = axis_indices(axis, self.axes)
+        chosen = self.indices(axis)
         if not coasting:
             axes = self.read().axes
             for name, state in ((self.axes[i], axes[i]) for i in chosen):

@@ -202,17 +202,24 @@ class RotaryTable(Closeable, ABC):
     def read(self) -> TableState:
         """Return the present state of the table."""
 
+    def indices(self, axis: str | None) -> tuple[int, ...]:
+        """Return the index of one axis, or of all axes; raises as `axis_index` does."""
+        return tuple(range(len(self.axes))) if axis is None else (axis_index(axis, self.axes),)
+
+    def checked_index(
+        self, axis: str, rate: float, acceleration: float, angle: float | None = None
+    ) -> int:
+        """Return the index of an axis that may move like this; raises as `AxisLimits.check`."""
+        i = axis_index(axis, self.axes)
+        self.limits[i].check(axis, rate, acceleration, angle)
+        return i
+
 
 def axis_index(axis: str, axes: tuple[str, ...]) -> int:
     """Return the index of the axis `axis`; raises an `InputError` that names the axes."""
     if axis not in axes:
         raise InputError(f"no axis {axis!r}; this table has {', '.join(axes)}", names=(axis,))
     return axes.index(axis)
-
-
-def axis_indices(axis: str | None, axes: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the index of one axis, or of all axes; raises as `axis_index` does."""
-    return tuple(range(len(axes))) if axis is None else (axis_index(axis, axes),)
 
 
 def require_unique_names(axes: tuple[str, ...]) -> None:

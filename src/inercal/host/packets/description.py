@@ -102,15 +102,13 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
                 _check_keys(part, section)
     frames = _frames(content)
     roles = {field.role for field in frames[0].fields}
-    rate = (
-        _with_key("rate", lambda: parse_quantity(content["rate"], "Hz").value)
-        if "rate" in content
-        else None
-    )
-    if rate is not None and rate <= 0:
-        raise InputError(
-            f"rate: {content['rate']!r} is not possible; give a rate above 0", key="rate"
-        )
+    rate: float | None = None
+    if "rate" in content:
+        rate = _with_key("rate", lambda: parse_quantity(content["rate"], "Hz").value)
+        if rate <= 0:
+            raise InputError(
+                f"rate: {content['rate']!r} is not possible; give a rate above 0", key="rate"
+            )
     carried = {
         "accelerometer": roles & set(AXES[:3]),
         "gyro": roles & set(AXES[3:]),

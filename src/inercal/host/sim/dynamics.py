@@ -153,13 +153,7 @@ class SimulatedTable:
 
     def _run_cycles(self, out: Array) -> None:
         kernel.advance_axes(
-            self._records,
-            self._rate_history,
-            self._encoder_history,
-            self.cycle,
-            len(out),
-            self.period,
-            out,
+            self._records, self._rate_history, self._encoder_history, self.cycle, self.period, out
         )
         self.cycle += len(out)
 

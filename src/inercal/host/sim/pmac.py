@@ -22,14 +22,7 @@ from math import inf, tau
 from struct import unpack_from
 
 from inercal.host.sim import _table_kernel as kernel
-from inercal.host.sim.dynamics import (
-    AxisDynamics,
-    AxisReport,
-    Controller,
-    ServoOffError,
-    SimulatedTable,
-    three_axes,
-)
+from inercal.host.sim import dynamics
 from inercal.host.sim.server import add_pace_option, selected_pace, serve
 
 _VALUE = r"[+-]?(?:\$[0-9A-F]+|\d+\.?\d*|\.\d+)"
@@ -78,12 +71,12 @@ class Interpreter:
         Duration of a servo cycle in 1/8388608 ms.
     """
 
-    def __init__(self, table: SimulatedTable, counts: float, i10: int):
+    def __init__(self, table: dynamics.SimulatedTable, counts: float, i10: int):
         self._table, self._counts = table, counts
         self._variables = {3: 2.0, 6: 1.0, 9: 2.0, 10: float(i10)}
         self._variables |= {20: float(0x78400), 21: 0.0, 22: 0.0, 23: 0.0}
         self._programs: dict[tuple[bytes, int], tuple[list[tuple[int, _Step]], int]] = {}
-        self._reports: list[AxisReport] | None = None
+        self._reports: list[dynamics.AxisReport] | None = None
         for i in range(len(table.axes)):
             self._variables |= {100 * (i + 1) + n: value for n, value in _DEFAULTS.items()}
             self._apply(i)
@@ -100,7 +93,7 @@ class Interpreter:
         for addressed, step in program:
             try:
                 text = step()
-            except (_CommandError, ServoOffError) as error:
+            except (_CommandError, dynamics.ServoOffError) as error:
                 number = error.number if isinstance(error, _CommandError) else _OPEN
                 return f"{said}\x07ERR{number:03d}\r".encode(), addressed
             if text is None:
@@ -209,7 +202,7 @@ class Interpreter:
             case _:
                 return lambda: _status_words(seen()[i].flags, self._variables[100 * (i + 1)] != 0)
 
-    def _read_reports(self) -> list[AxisReport]:
+    def _read_reports(self) -> list[dynamics.AxisReport]:
         """Return the reports of the axes; they are updated after each command that may act."""
         if self._reports is None:
             self._reports = self._table.report()
@@ -311,7 +304,7 @@ _CHUNK = 1400
 _WITH_DATA = (0xB0, 0xBF, 0xC6)  # SENDLINE, GETRESPONSE, WRITEBUFFER: the length is of the data
 
 
-class SimulatedPmac(Controller):
+class SimulatedPmac(dynamics.Controller):
     """A Turbo PMAC with one motor for each axis of a table; motor 1 is the outermost axis.
 
     Parameters
@@ -324,11 +317,11 @@ class SimulatedPmac(Controller):
 
     def __init__(
         self,
-        axes: tuple[AxisDynamics, ...] | None = None,
+        axes: tuple[dynamics.AxisDynamics, ...] | None = None,
         counts_per_turn: int = 3_600_000,
         i10: int = 3713707,
     ):
-        super().__init__(SimulatedTable(axes or three_axes(), 8388608e3 / i10))
+        super().__init__(dynamics.SimulatedTable(axes or dynamics.three_axes(), 8388608e3 / i10))
         self.interpreter = Interpreter(self.table, counts_per_turn / tau, i10)
 
     def session(self) -> "_Session":

@@ -11,7 +11,7 @@ from zlib import crc32
 from inercal.basics.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
-from inercal.host.web import run_request
+from inercal.host.web import run_request, viewers
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
 from inercal.host.web.json_objects import (
     JsonObject,
@@ -22,14 +22,6 @@ from inercal.host.web.json_objects import (
 from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.runs import Runs, StoredRun
-from inercal.host.web.viewers import (
-    OPERATOR_GRACE,
-    Client,
-    MessageHistory,
-    Viewer,
-    Viewers,
-    is_alarm,
-)
 
 _MAX_NAME = 80  # characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s within which a process must exit after its end message
@@ -75,13 +67,13 @@ class Hub:
     ):
         self.probe_lock = asyncio.Lock()
         self.plans, self.runs, self.choice = plans, runs, choice
-        self.people = Viewers()
+        self.people = viewers.Viewers()
         self._stop_executor = ThreadPoolExecutor(1, "stop")
         self._register, self._options = register, options
         self._start = start
         self.run_process: RunProcess | None = None
         self._end_published = False
-        self._history: MessageHistory | None = None
+        self._history: viewers.MessageHistory | None = None
         self._relay_task: asyncio.Task[None] | None = None
 
     @property
@@ -90,8 +82,8 @@ class Hub:
         return self.run_process is not None and not self._end_published
 
     def add_viewer(
-        self, version: str, browser: str, tab: str | None, client: Client
-    ) -> Viewer | None:
+        self, version: str, browser: str, tab: str | None, client: viewers.Client
+    ) -> viewers.Viewer | None:
         """Add a viewer and send it the current state of the run, then its history.
 
         Returns None if there is no free place.
@@ -109,7 +101,7 @@ class Hub:
             viewer.send_history(self._history.past())
         return viewer
 
-    def remove_viewer(self, viewer: Viewer) -> None:
+    def remove_viewer(self, viewer: viewers.Viewer) -> None:
         """Remove a viewer; an operator's place becomes free later, and all viewers are told."""
         operated = self.people.is_operator(viewer)
         if operated:
@@ -118,10 +110,10 @@ class Hub:
         self._broadcast_viewers()
         if operated:
             asyncio.get_running_loop().call_later(
-                OPERATOR_GRACE + _TIMER_MARGIN, self._broadcast_viewers
+                viewers.OPERATOR_GRACE + _TIMER_MARGIN, self._broadcast_viewers
             )
 
-    async def execute(self, viewer: Viewer, asked: JsonObject) -> None:
+    async def execute(self, viewer: viewers.Viewer, asked: JsonObject) -> None:
         """Execute a viewer's request.
 
         Raises
@@ -361,14 +353,14 @@ class Hub:
                 "free memory or disk space, then start again"
             ) from None
         is_manual = isinstance(order, run_request.ManualRequest)
-        self._history, self._end_published = MessageHistory(keeps_trend=is_manual), False
+        self._history, self._end_published = viewers.MessageHistory(keeps_trend=is_manual), False
         # The process takes seconds before it sends its own first message.
         starts = _message_text("phase", run=order.name, words="starting the run's process")
         self._history.add_message("phase", starts)
         self._broadcast("phase", starts)
         self._relay_task = asyncio.create_task(self._relay(self.run_process, self._history))
 
-    async def _relay(self, run_process: RunProcess, kept: MessageHistory) -> None:
+    async def _relay(self, run_process: RunProcess, kept: viewers.MessageHistory) -> None:
         """Relay the messages of a run until there are no more."""
         async for kind, text in run_process.messages():
             self._end_published |= kind == "done"
@@ -390,7 +382,7 @@ class Hub:
         self._broadcast("idle", _message_text("idle"))
 
     def _broadcast(self, kind: str, text: str) -> None:
-        urgent = kind != "event" or is_alarm(text)
+        urgent = kind != "event" or viewers.is_alarm(text)
         for viewer in self.people.viewers.values():
             viewer.send(kind, text, urgent=urgent)
 

@@ -184,11 +184,8 @@ def _interrupt_process(folder: Path) -> bool:
     """Signal the process of a page's run in a folder to stop; return False if there is none."""
     # A record that nobody has locked is old, and its process ID may belong to another process by
     # now.
-    was = (
-        run_request.read_process_record(folder)
-        if is_locked(folder / run_request.PROCESS_RECORD)
-        else None
-    )
+    is_driven = is_locked(folder / run_request.PROCESS_RECORD)
+    was = run_request.read_process_record(folder) if is_driven else None
     if was is None:
         return False
     try:

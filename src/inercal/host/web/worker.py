@@ -19,14 +19,9 @@ from urllib.parse import quote
 
 from inercal.basics.errors import InercalError
 from inercal.estimation.kernel_options import on_compilation
+from inercal.host import bench_simulator
 from inercal.host.addresses import DeviceAddresses, layout_of_address
 from inercal.host.bench_run import BenchRun
-from inercal.host.bench_simulator import (
-    COMPILATION_MESSAGE,
-    STARTUP_MESSAGE,
-    BenchSimulator,
-    start_bench_simulator,
-)
 from inercal.host.clock import SimulatedClock
 from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
@@ -139,11 +134,8 @@ class RunController:
             addresses = self._open_addresses(run, bench, opened)
             result, journal = self._open_folder(run, addresses)
             opened.enter_context(journal)
-            with (
-                result.removed_on_failure(run_request.PROCESS_RECORD)
-                if self._order.plan is not None
-                else nullcontext()
-            ):
+            undo = result.removed_on_failure(run_request.PROCESS_RECORD)
+            with undo if self._order.plan is not None else nullcontext():
                 opened.callback(os.close, run_request.write_process_record(result.path, bench))
                 journal.record_event("info", self._start_text(bench))
                 if self._order.filter and self._order.plan is not None:
@@ -195,9 +187,11 @@ class RunController:
         order = self._order
         if wanted is None:
             return DeviceAddresses(order.table, order.imu, order.clock)
-        self._publish_phase(STARTUP_MESSAGE)
+        self._publish_phase(bench_simulator.STARTUP_MESSAGE)
         bench = opened.enter_context(
-            start_bench_simulator(run, wanted.seed, wanted.preset, self._publish_compilation)
+            bench_simulator.start_bench_simulator(
+                run, wanted.seed, wanted.preset, self._publish_compilation
+            )
         )
         self._compiled = True
         if order.plan is None:
@@ -247,7 +241,7 @@ class RunController:
             journal.record_event(NOTE_LEVEL, words, time)
 
     def _publish_compilation(self) -> None:
-        self._publish_phase(COMPILATION_MESSAGE)
+        self._publish_phase(bench_simulator.COMPILATION_MESSAGE)
 
     def _publish_phase(self, words: str) -> None:
         self._publisher.publish("phase", run=self._order.name, words=words)
@@ -348,7 +342,7 @@ def _simulation_request(order: run_request.RunRequest) -> run_request.Simulation
     )
 
 
-def _advance_past_log(bench: BenchSimulator, folder: Path) -> None:
+def _advance_past_log(bench: bench_simulator.BenchSimulator, folder: Path) -> None:
     """Advance the simulated bench past the end of a run's log.
 
     Raises
