@@ -11,7 +11,7 @@ at the end, when the table is at rest.
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -131,16 +131,10 @@ def _rest_frames(run: Run, layout: PacketLayout, lasting: float) -> list[LogFram
     assert run.rate_hz is not None
     k = len(run.motion_control.readback(run.bench))
     rests = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=True)
-    section = {
-        "what": "section",
-        "number": 0,
-        "label": "",
-        "state": "begun",
-        "time": _CLOCKS_MATCHED,
-    }
+    section = {"what": "section", "number": 0, "label": "", "state": "begun", "hold": True}
     frames = [
         _event_frame(0.0, {"what": "session", "next": 0}),
-        _event_frame(_CLOCKS_MATCHED, {**section, "hold": True}),
+        _event_frame(_CLOCKS_MATCHED, section | {"time": _CLOCKS_MATCHED}),
     ]
     for time in np.arange(0.0, lasting, _POLL).tolist():
         frames.append(LogFrame(TABLE, time, pack_state(TableState(time, (rests,) * k))))
@@ -156,7 +150,7 @@ def _rest_frames(run: Run, layout: PacketLayout, lasting: float) -> list[LogFram
     return sorted(frames, key=lambda one: one.time)
 
 
-def _event_frame(time: float, told: dict[str, object]) -> LogFrame:
+def _event_frame(time: float, told: Mapping[str, object]) -> LogFrame:
     return LogFrame(EVENT, time, json.dumps(told).encode())
 
 

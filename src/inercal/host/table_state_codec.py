@@ -18,7 +18,7 @@ from inercal.host.drivers.rotary_table import TableState
 
 _HEAD = Struct("<dd")
 _AXIS = Struct("<dddB")
-_IN_POSITION, _MOVING, _ENABLED, _HOMED, _FAULT = 1, 2, 4, 8, 16
+_FLAGS = _IN_POSITION, _MOVING, _ENABLED, _HOMED, _FAULT = 1, 2, 4, 8, 16
 
 
 class StateArrays(NamedTuple):
@@ -37,13 +37,8 @@ def pack_state(state: TableState) -> bytes:
     """Return a state as the payload of a log frame."""
     parts = [_HEAD.pack(state.time, state.span)]
     for a in state.axes:
-        flags = (
-            _IN_POSITION * a.in_position
-            + _MOVING * a.moving
-            + _ENABLED * a.enabled
-            + _HOMED * a.homed
-            + _FAULT * bool(a.faults)
-        )
+        states = (a.in_position, a.moving, a.enabled, a.homed, bool(a.faults))
+        flags = sum(flag for flag, on in zip(_FLAGS, states, strict=True) if on)
         parts.append(_AXIS.pack(a.angle, a.rate, a.following_error, flags))
     return b"".join(parts)
 

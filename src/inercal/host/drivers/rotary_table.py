@@ -59,10 +59,8 @@ class AxisLimits:
                 names=(axis,),
             )
         requested = [("acceleration", acceleration, self.acceleration, "°/s²")]
-        if angle is not None:
-            requested.append(("rate", rate, self.rate, "°/s"))
-        elif rate != 0:  # a spin at 0 stops the axis, but a move needs a rate
-            requested.append(("rate", abs(rate), self.rate, "°/s"))
+        if angle is not None or rate != 0:  # a spin at 0 stops the axis, but a move needs a rate
+            requested.append(("rate", abs(rate) if angle is None else rate, self.rate, "°/s"))
         for what, value, most, unit in requested:
             if not (0 < value <= most and isfinite(value)):
                 raise InputError(

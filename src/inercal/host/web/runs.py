@@ -57,12 +57,7 @@ class Runs:
 
     def all(self) -> dict[str, StoredRun]:
         """Return the runs by the names of their folders, latest first."""
-        found: list[StoredRun] = []
-        for journal in self.folder.glob(f"*/{JOURNAL}"):
-            try:
-                found.append(_stored_run(journal.parent))
-            except InputError as error:
-                found.append(_unreadable_run(journal.parent, error))
+        found = [_stored_run(journal.parent) for journal in self.folder.glob(f"*/{JOURNAL}")]
         found.sort(key=lambda one: one.summary["begun"], reverse=True)
         return {one.path.name: one for one in found}
 
@@ -144,32 +139,21 @@ class Runs:
 
 
 def _stored_run(path: Path) -> StoredRun:
-    with Journal(path / JOURNAL, read_only=True) as journal:
-        header = journal.header()
-    driven = run_request.run_in_progress(path)
-    state = "running" if driven else "interrupted" if header.state == "running" else header.state
-    stem = Path(header.run_file).stem
-    summary = {
-        "id": path.name,
-        "sensor": _sensor_name(path / header.run_file),
-        "begun": header.begun,
-        "state": state,
-        "report": (path / f"{stem}.report.html").is_file(),
-    }
+    """Return the run in a folder; if its journal cannot be read, its summary has the reason."""
+    stem, state = "", UNREADABLE
+    summary: dict[str, Any] = {"id": path.name, "sensor": path.name, "begun": "", "report": False}
+    try:
+        with Journal(path / JOURNAL, read_only=True) as journal:
+            header = journal.header()
+    except InputError as error:
+        summary["trouble"] = str(error)
+    else:
+        stem = Path(header.run_file).stem
+        state = "interrupted" if header.state == "running" else header.state
+        summary |= {"sensor": _sensor_name(path / header.run_file), "begun": header.begun}
+        summary["report"] = (path / f"{stem}.report.html").is_file()
+    summary["state"] = "running" if run_request.run_in_progress(path) else state
     return StoredRun(path, stem, summary)
-
-
-def _unreadable_run(path: Path, error: InputError) -> StoredRun:
-    """Return a run whose journal cannot be read, with the reason in its summary."""
-    summary = {
-        "id": path.name,
-        "sensor": path.name,
-        "begun": "",
-        "state": "running" if run_request.run_in_progress(path) else UNREADABLE,
-        "report": False,
-        "trouble": str(error),
-    }
-    return StoredRun(path, "", summary)
 
 
 def _sensor_name(run_file: Path) -> str:
