@@ -32,6 +32,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
 from time import monotonic, sleep
+from typing import Protocol
 
 import numpy as np
 
@@ -53,6 +54,20 @@ _WRITE_TIMEOUT = 0.5  # s of wall time to wait for a busy reader; 0 if there was
 _RETRY_INTERVAL = 0.001  # s
 
 
+class SimulatorPort(Protocol):
+    """A port that takes bytes."""
+
+    address: str
+
+    def write(self, data: bytes) -> int:
+        """Send as many bytes as possible, and return their number."""
+        ...
+
+    def close(self) -> None:
+        """Unplug the port."""
+        ...
+
+
 class TerminalPort:
     """A pseudo-terminal; `path` is a link to it, which stays the same when it is replugged."""
 
@@ -67,7 +82,7 @@ class TerminalPort:
         self._overrun = False
 
     def write(self, data: bytes) -> int:
-        """Send as many bytes as possible, and return their number."""
+        """As `SimulatorPort.write`."""
         done, end = 0, None
         while True:
             with suppress(BlockingIOError):
@@ -82,7 +97,7 @@ class TerminalPort:
             sleep(_RETRY_INTERVAL)
 
     def close(self) -> None:
-        """Unplug the port."""
+        """As `SimulatorPort.close`."""
         self._path.unlink(missing_ok=True)
         os.close(self._device)
         os.close(self._host)
@@ -99,7 +114,7 @@ class TcpPort:
         self._host: socket.socket | None = None
 
     def write(self, data: bytes) -> int:
-        """Send as many bytes as possible, and return their number."""
+        """As `SimulatorPort.write`."""
         # A host that has connected by now gets these bytes, whichever process was faster.
         with suppress(BlockingIOError):
             host = self._listener.accept()[0]
@@ -118,7 +133,7 @@ class TcpPort:
         return len(data)
 
     def close(self) -> None:
-        """Unplug the port."""
+        """As `SimulatorPort.close`."""
         self._disconnect_host()
         self._listener.close()
 
@@ -128,7 +143,6 @@ class TcpPort:
             self._host = None
 
 
-SimulatorPort = TerminalPort | TcpPort
 FAULT_SYNTAX = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
 _SPARE_NOISE = 300.0  # s of noise in addition to one and a half times the plan
 
