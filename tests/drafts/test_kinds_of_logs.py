@@ -251,7 +251,7 @@ def test_a_rate_table_is_drafted_with_questions_about_its_bench(head: str, tmp_p
 
 
 HEADS = [
-    "t,U1_Accel_LN_X_CAL,U1_Accel_LN_Y_CAL,U1_Accel_LN_Z_CAL,U1_Gyro_X_CAL,U1_Gyro_Y_CAL,U1_Gyro_Z_CAL",  # noqa: E501
+    "t,U1_Accel_LN_X_CAL,U1_Accel_LN_Y_CAL,U1_Accel_LN_Z_CAL,U1_Gyro_X_CAL,U1_Gyro_Y_CAL,U1_Gyro_Z_CAL",
     "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
     "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]",
     "time,RateOfTurn_X,RateOfTurn_Y,RateOfTurn_Z,Acceleration_X,Acceleration_Y,Acceleration_Z",

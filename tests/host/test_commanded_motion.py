@@ -12,15 +12,15 @@ from inercal.host.addresses import DeviceAddresses
 from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import AxisState, TableState
 from inercal.host.run_folder import create_run
-from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.table_driver import CommandedMotion
-from inercal.host.task_sequencer import (
+from inercal.host.sequencer import (
     Command,
     HomeCommand,
     MoveCommand,
     SpinCommand,
     StopCommand,
 )
+from inercal.host.sim.pmac import SimulatedPmac
+from inercal.host.table_driver import CommandedMotion
 
 STEP = 0.02  # s between readings
 ACCELERATION = radians(30)

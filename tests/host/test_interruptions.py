@@ -8,7 +8,7 @@ import pytest
 
 from inercal.basics.errors import InputError
 from inercal.host.interruptions import Interruptions
-from inercal.host.task_sequencer import Command, StopCommand
+from inercal.host.sequencer import Command, StopCommand
 
 
 @dataclass

@@ -175,6 +175,6 @@ def test_another_method_is_not_followed(tmp_path: Path):
 def test_neither_host_nor_terminal_names_a_method():
     source = Path(inercal.__file__).parent
     files = [*(source / "host").rglob("*.py"), *source.glob("cli/bench*.py")]
-    assert len(files) > 100
+    assert len(files) > 90
     texts = {file.name: file.read_text(encoding="utf-8") for file in files}
     assert [(file, one) for file, text in texts.items() for one in METHODS if one in text] == []

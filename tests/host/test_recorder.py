@@ -16,7 +16,7 @@ from inercal.host.journal import Journal
 from inercal.host.recorder import RunRecorder
 from inercal.host.run_folder import RunFolder, create_run
 from inercal.host.run_log import EVENT, LogFrame, RunLog, read_frames
-from inercal.host.task_sequencer import SectionEvent
+from inercal.host.sequencer import SectionEvent
 from inercal.methods import METHODS, PartialEstimate
 from inercal.physics.plan import TableStep
 from inercal.physics.sensors import Sensor

@@ -13,12 +13,12 @@ from inercal.benches.motion_control import TurnTask
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.benches.turntable.driving import plan_tasks
 from inercal.host.drivers.rotary_table import AxisState, TableFault, TableState
-from inercal.host.sequencer import Sequencer
-from inercal.host.task_sequencer import (
+from inercal.host.sequencer import (
     EnableCommand,
     HomeCommand,
     MoveCommand,
     SectionEvent,
+    Sequencer,
     StopCommand,
 )
 from inercal.physics.plan import Position, Rotation

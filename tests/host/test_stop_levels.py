@@ -21,8 +21,8 @@ from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.drivers.pmac_dialogue import STOP_TIMEOUT
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.guard.watchdog import Watchdog
+from inercal.host.sequencer import StopCommand
 from inercal.host.table_driver import TableDriver
-from inercal.host.task_sequencer import StopCommand
 
 pytestmark = pytest.mark.wall_time
 

@@ -11,8 +11,8 @@ import pytest
 from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import AxisState, ProtocolError, TableFault, TableState
 from inercal.host.link import LinkLost
+from inercal.host.sequencer import MoveCommand, StopCommand
 from inercal.host.table_driver import TableDriver
-from inercal.host.task_sequencer import MoveCommand, StopCommand
 
 RESTS = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=True)
 OFF = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=False, homed=True)

@@ -17,6 +17,7 @@ import os
 import re
 import socket
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from ipaddress import IPv6Address, ip_address
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
@@ -100,13 +101,10 @@ def table_places(address: str) -> tuple[str, ...]:
     kind, at = _scheme(link)
     if kind == "serial":
         return (f"serial:{os.path.realpath(at)}",)
-    parts = urlsplit(link)
-    try:
-        host, port = parts.hostname, parts.port or (_PMAC_PORT if kind == "pmac" else None)
-    except ValueError:
-        host, port = None, None
-    if not host:
+    place = host_and_port(urlsplit(link), _PMAC_PORT if kind == "pmac" else None)
+    if place is None:
         return (link,)
+    host, port = place
     return tuple(f"{one}:{port}" for one in _resolve(host))
 
 
@@ -121,14 +119,8 @@ def _resolve(host: str) -> tuple[str, ...]:
 
 def _number_of_host(family: int, number: str) -> str:
     """Return the numeric address of a host, or "localhost" for an address of this machine."""
-    with socket.socket(family, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((number, 0))
-        except OSError:
-            own = False
-        else:
-            own = True
-    if own:
+    with socket.socket(family, socket.SOCK_DGRAM) as probe, suppress(OSError):
+        probe.bind((number, 0))
         return "localhost"
     ip = ip_address(number.partition("%")[0])
     mapped = ip.ipv4_mapped if isinstance(ip, IPv6Address) else None

@@ -27,16 +27,9 @@ from inercal.benches.motion_control import SpinTask, TurnTask
 from inercal.benches.turntable import require_turntable
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
 from inercal.host.assembly.poll_record import CLOCK_LOST
-from inercal.host.assembly.rate_polls import RatePlausibility
 from inercal.host.assembly.reading_plausibility import ReadingPlausibility
-from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR
-from inercal.host.clock import (
-    Clock,
-    HostUptime,
-    MonotonicClock,
-    SimulatedClock,
-    read_host_uptime,
-)
+from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR, RatePlausibility
+from inercal.host.clock import Clock, HostUptime, MonotonicClock, SimulatedClock, read_host_uptime
 from inercal.host.drivers.rotary_table import TableFault, TableState
 from inercal.host.guard import Guard
 from inercal.host.imu_port import ImuReceiver
@@ -48,12 +41,11 @@ from inercal.host.plan_check import require_feasible_plan
 from inercal.host.recorder import PIECE_MAX, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
-from inercal.host.sequencer import Sequencer
+from inercal.host.sequencer import Command, Sequencer
 from inercal.host.spin_sequencer import MountingPrompt, MountingRequest, SpinSequencer
 from inercal.host.table_driver import READ_TIMEOUT, TableDriver
 from inercal.host.table_lock import TableLock
 from inercal.host.table_state_codec import pack_state
-from inercal.host.task_sequencer import Command
 from inercal.host.tasks import DEFAULT_OPTIONS, HostPlan, RunOptions, host_plan
 
 SHOW_INTERVAL = 0.2  # s of wall time between two updates of the display

@@ -1,5 +1,7 @@
-"""A base class for connections, files and processes that are closed at the end of a context."""
+"""Closes connections, files and processes at the end of a context, or after a failure in it."""
 
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from typing import Self
 
 
@@ -15,3 +17,14 @@ class Closeable:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+@contextmanager
+def on_failure(undo: Callable[[], object], *kinds: type[BaseException]) -> Generator[None]:
+    """Call `undo` if the context raises an error of these kinds, or any error without kinds."""
+    caught = kinds or (BaseException,)
+    try:
+        yield
+    except caught:
+        undo()
+        raise

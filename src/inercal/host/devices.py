@@ -10,12 +10,7 @@ import numpy as np
 
 from inercal.basics.units import format_count
 from inercal.benches.motion_control import ControlledBench
-from inercal.host.addresses import (
-    allows_second_connection,
-    layout_of_address,
-    link_of_address,
-    open_table,
-)
+from inercal.host import addresses
 from inercal.host.drivers.rotary_table import AxisLimits, ProtocolError, TableFault, TableState
 from inercal.host.link import LinkLost, open_link, require_pyserial
 from inercal.host.packets import PRESETS, Decoder, PacketCounts, PacketLayout, read_layout
@@ -111,8 +106,11 @@ def probe_imu(address: str, seconds: float = _LISTEN_TIME) -> ImuConnection:
     LinkLost
         No device answers, or the port cannot be opened.
     """
-    link = link_of_address(address)
-    told = [read_layout(p) for p in PRESETS] if link == address else [layout_of_address(address)]
+    link = addresses.link_of_address(address)
+    if link == address:
+        told = [read_layout(preset) for preset in PRESETS]
+    else:
+        told = [addresses.layout_of_address(address)]
     came = bytearray()
     with open_link(link) as opened:
         begun = monotonic()
@@ -137,9 +135,9 @@ def probe_table(
         program commands it.
     """
     # Two programs that read one serial port take each other's replies.
-    shares = allows_second_connection(address)
+    shares = addresses.allows_second_connection(address)
     lock = nullcontext() if shares else TableLock(address, "a query of the table")
-    with lock, open_table(address, bench, timeout) as opened:
+    with lock, addresses.open_table(address, bench, timeout) as opened:
         identity = ""
         with suppress(ProtocolError, TableFault):
             identity = opened.identity()
@@ -198,11 +196,9 @@ def table_lines(table: TableConnection) -> list[str]:
     state = table.state
     lines = [f"{table.address}: {table.identity or 'does not identify itself'}"]
     for name, limit, axis in zip(table.axes, table.limits, state.axes, strict=True):
-        soft = (
-            f"soft limits {degrees(limit.low):.6g} to {degrees(limit.high):.6g} °"
-            if isfinite(limit.low) or isfinite(limit.high)
-            else "no soft limits"
-        )
+        soft = "no soft limits"
+        if isfinite(limit.low) or isfinite(limit.high):
+            soft = f"soft limits {degrees(limit.low):.6g} to {degrees(limit.high):.6g} °"
         servo = "servo on" if axis.enabled else "servo off"
         homed = "homed" if axis.homed else "not homed"
         lines.append(

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from inercal.basics.errors import InercalError
 from inercal.host.clock import Tick
-from inercal.host.closeable import Closeable
+from inercal.host.closeable import Closeable, on_failure
 from inercal.host.link import CONNECT_TIMEOUT, Link, LinkLost
 from inercal.host.packets import PacketLayout
 
@@ -73,12 +73,9 @@ class ImuPort(Closeable):
         self._error: InercalError | None = None
         self._closed = False
         self._condition = Condition()
-        try:
+        with on_failure(link.close):
             while self.discarded_bytes < _MAX_STALE_BYTES and (stale := link.read(_MAX_BYTES, 0.0)):
                 self.discarded_bytes += len(stale)
-        except BaseException:
-            link.close()
-            raise
         self._thread: Thread | None = None
         if not synchronous:
             self._thread = Thread(target=self._read, name=f"reads {link.address}", daemon=True)
@@ -106,24 +103,17 @@ class ImuPort(Closeable):
         if self._thread is None:
             self._read_now(total_bytes, timeout)
         with self._condition:
-            if (
-                total_bytes is not None
-                and self.received_bytes < total_bytes
-                and self._error is None
-            ):
-                left = 0.0 if self._thread is None else timeout
-                self._condition.wait_for(
-                    lambda: self.received_bytes >= total_bytes or self._error is not None, left
-                )
-                if self.received_bytes < total_bytes and self._error is None:
-                    missing = total_bytes - self.received_bytes
-                    raise LinkLost(
-                        f"{self.address}: {missing} bytes that the IMU sent have not arrived "
-                        f"within {timeout:g} s; check the connection",
-                        key="total_bytes",
-                        names=(self.address,),
-                    )
             upto = self.received_bytes if total_bytes is None else total_bytes
+            left = 0.0 if self._thread is None else timeout
+            if not self._condition.wait_for(
+                lambda: self.received_bytes >= upto or self._error is not None, left
+            ):
+                raise LinkLost(
+                    f"{self.address}: {upto - self.received_bytes} bytes that the IMU sent have "
+                    f"not arrived within {timeout:g} s; check the connection",
+                    key="total_bytes",
+                    names=(self.address,),
+                )
             pieces = self._pop_pieces(upto)
             if not pieces and not self._pieces and self._error is not None:
                 raise LinkLost(str(self._error), names=(self.address,)) from self._error

@@ -40,20 +40,14 @@ _RATE_MARGIN = 1.2  # times the bench's rate limit
 _CLOCK_TIMEOUT = 0.5  # s for which the controller's clock may stand still
 # Time for which a temperature must be out of range, s: one false packet is no reason to stop
 _TEMPERATURE_PERSISTENCE = 1.0
-_RATE_DIFFERENCE, _RATE_SHARE, _DIFFERENCE_PERSISTENCE = (
-    radians(5),
-    0.05,
-    0.2,
-)  # rad/s, part of the rate, s
+_RATE_DIFFERENCE, _RATE_SHARE = radians(5), 0.05  # rad/s, part of the rate
+_DIFFERENCE_PERSISTENCE = 0.2  # s
 _STANDSTILL_RATE = radians(0.5)  # rad/s
 _UNEXPLAINED_SHARE = 0.25  # of the squared difference between gyros and table may remain
 
 
 Interlock = Literal["table", "gyros"]
-_CHECKED = {
-    "table": "the table's readings",
-    "gyros": "the gyros against the table",
-}
+_CHECKED = {"table": "the table's readings", "gyros": "the gyros against the table"}
 
 
 class LastChecks:
@@ -303,11 +297,9 @@ class ReadbackWarnings:
     def restart(self) -> None:
         """Start again, when the recording does."""
         bench = self._bench
-        self._comparison = (
-            GyroComparison(bench, self._sensor, bench.latency.value)
-            if is_turntable(bench)
-            else None
-        )
+        self._comparison: GyroComparison | None = None
+        if is_turntable(bench):
+            self._comparison = GyroComparison(bench, self._sensor, bench.latency.value)
 
     def find(self, begin: float, track: Track | None = None) -> list[str]:
         """Return the warnings from the windows that the samples complete, or from the last samples.

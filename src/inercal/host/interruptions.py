@@ -10,9 +10,8 @@ from inercal.basics.errors import InercalError
 from inercal.basics.units import format_duration
 from inercal.host.guard import Guard
 from inercal.host.interlocks import MAX_CHECK_INTERVAL
-from inercal.host.sequencer import Sequencer
+from inercal.host.sequencer import Command, Sequencer
 from inercal.host.spin_sequencer import SpinSequencer
-from inercal.host.task_sequencer import Command
 
 _GUARD_INTERVAL = 0.05  # s of wall time between two checks of the watchdog
 _PauseCause = Literal["operator", "host", "watchdog", "IMU", "interlocks"]

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Self
 
 from inercal.basics.atomic_files import atomic_write
 from inercal.basics.errors import InputError
-from inercal.host.closeable import Closeable
+from inercal.host.closeable import Closeable, on_failure
 from inercal.host.run_log import os_errors_as_input_errors
 
 NOTE_LEVEL = "note"  # level of an event that the operator wrote
@@ -116,7 +116,15 @@ class Journal(Closeable):
                 "begin a run there or name another folder",
                 file=self.path,
             )
-        self._db = _open_to_read(self.path) if read_only else _open_database(self.path)
+        with _sqlite_errors_as_input_errors(self.path):
+            self._db = _open_to_read(self.path) if read_only else sqlite3.connect(self.path)
+            with on_failure(self._db.close):
+                if not read_only:
+                    # A write-ahead log that is flushed at intervals: data from a killed host reach
+                    # the disk later, through the operating system.
+                    self._db.execute("PRAGMA journal_mode = WAL")
+                    self._db.execute("PRAGMA synchronous = NORMAL")
+                _require_version(self.path, self._db)
 
     @classmethod
     def create(
@@ -241,21 +249,6 @@ class Journal(Closeable):
         self._db.close()
 
 
-def _open_database(path: Path) -> sqlite3.Connection:
-    with _sqlite_errors_as_input_errors(path):
-        db = sqlite3.connect(path)
-        try:
-            # A write-ahead log that is flushed at intervals: data from a killed host reach the disk
-            # later, through the operating system.
-            db.execute("PRAGMA journal_mode = WAL")
-            db.execute("PRAGMA synchronous = NORMAL")
-            _require_version(path, db)
-        except BaseException:
-            db.close()
-            raise
-        return db
-
-
 def _open_to_read(path: Path) -> sqlite3.Connection:
     """Return a connection that leaves no extra file next to the journal.
 
@@ -263,23 +256,16 @@ def _open_to_read(path: Path) -> sqlite3.Connection:
     Then a copy of both files is read.
     """
     log = path.with_name(f"{path.name}-wal")
-    with _sqlite_errors_as_input_errors(path), os_errors_as_input_errors(path, "read"):
-        if not log.exists():
-            db = sqlite3.connect(f"{path.resolve().as_uri()}?immutable=1", uri=True)
-        else:
-            db = sqlite3.connect(":memory:")
-            with TemporaryDirectory() as folder:
-                copy = Path(shutil.copy(path, folder))
-                with suppress(FileNotFoundError):  # the other program has just closed it
-                    shutil.copy(log, folder)
-                with closing(sqlite3.connect(copy)) as copied:
-                    copied.backup(db)
-        try:
-            _require_version(path, db)
-        except BaseException:
-            db.close()
-            raise
-        return db
+    if not log.exists():
+        return sqlite3.connect(f"{path.resolve().as_uri()}?immutable=1", uri=True)
+    db = sqlite3.connect(":memory:")
+    with os_errors_as_input_errors(path, "read"), TemporaryDirectory() as folder:
+        copy = Path(shutil.copy(path, folder))
+        with suppress(FileNotFoundError):  # the other program has just closed it
+            shutil.copy(log, folder)
+        with closing(sqlite3.connect(copy)) as copied:
+            copied.backup(db)
+    return db
 
 
 def _require_version(path: Path, db: sqlite3.Connection) -> None:

@@ -241,8 +241,7 @@ def _integer_parameter(
     text = given.get(key, str(otherwise))
     if not (text.isascii() and text.isdigit() and int(text) in within):
         raise InputError(
-            f"{key}={text!r} in {address!r}; possible: {within.start} to {within.stop - 1}",
-            key=key,
+            f"{key}={text!r} in {address!r}; possible: {within.start} to {within.stop - 1}", key=key
         )
     return int(text)
 

@@ -17,9 +17,8 @@ from math import asin, atan2, degrees, nan
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import earth_rate_level_frame, reference_attitude
 from inercal.benches.turntable.bench import Turntable
@@ -76,9 +75,8 @@ class LiveEstimator:
             )
         rate_hz = required_rate(run)
         self.names, self.time = run.sensor.coefficients, nan
-        self._indices: dict[
-            tuple[str, ...], list[int]
-        ] = {}  # by the names of a part's coefficients
+        # By the names of a part's coefficients.
+        self._indices: dict[tuple[str, ...], list[int]] = {}
         self._start_estimator = partial(
             begin, run.estimator, run.sensor, run.bench, run.steps, run.priors, rate_hz
         )
@@ -214,8 +212,8 @@ def _integrate_samples(
     time: Array,
     f: Array,
     w: Array,
-    hold: NDArray[np.int64],
-    anew: NDArray[np.int64],
+    hold: Indices,
+    anew: Indices,
     aligned: Array,
     now: float,
     sensed: Array,

@@ -11,8 +11,9 @@ at the end, when the table is at rest.
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from subprocess import DEVNULL, Popen
 
@@ -67,12 +68,8 @@ def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
         if layout is not None:
             _assemble_rest(run, layout)
         return
-    tracks = (
-        [_rest_track(run.sensor, require_turntable(run))]
-        if layout is None
-        else _assemble_rest(run, layout)
-    )
     table = require_turntable(run)
+    tracks = [_rest_track(run.sensor, table)] if layout is None else _assemble_rest(run, layout)
     checks = Interlocks((AxisLimits(),) * len(table.names), table, run.sensor)
     for track in tracks:
         checks.check_gyros(track)
@@ -86,29 +83,15 @@ def _compile_estimator(run: Run) -> None:
     """Run the sequential estimator on a rest, in two processes if it must be compiled."""
     sensor = run.sensor
     if len({axis.measures for axis in sensor.axes}) > 1:
-        other = _ParallelCompilation(run)
-        with on_compilation(other.start):
+        # A second process compiles the accelerometers' kernels; then they can be loaded here.
+        program = (sys.executable, "-P", "-m", "inercal.host.precompilation", str(run.path))
+        others: list[Popen[bytes]] = []
+        begin = partial(Popen[bytes], program, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
+        with on_compilation(lambda: others.append(begin())):
             _follow_part(run, "w")
-        other.wait()
+        for other in others:
+            other.wait()
     _follow_rest(run, sensor, run.priors)
-
-
-class _ParallelCompilation:
-    """Compiles the accelerometers' kernels in a second process when `start` is called."""
-
-    def __init__(self, run: Run):
-        self._run = run
-        self._process: Popen[bytes] | None = None
-
-    def start(self) -> None:
-        """Start the process."""
-        program = (sys.executable, "-P", "-m", "inercal.host.precompilation", str(self._run.path))
-        self._process = Popen(program, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
-
-    def wait(self) -> None:
-        """Wait until the process has ended, so that its kernels can be loaded here."""
-        if self._process is not None:
-            self._process.wait()
 
 
 def _follow_part(run: Run, kind: Measures) -> None:
@@ -148,16 +131,10 @@ def _rest_frames(run: Run, layout: PacketLayout, lasting: float) -> list[LogFram
     assert run.rate_hz is not None
     k = len(run.motion_control.readback(run.bench))
     rests = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=True)
-    section = {
-        "what": "section",
-        "number": 0,
-        "label": "",
-        "state": "begun",
-        "time": _CLOCKS_MATCHED,
-    }
+    section = {"what": "section", "number": 0, "label": "", "state": "begun", "hold": True}
     frames = [
         _event_frame(0.0, {"what": "session", "next": 0}),
-        _event_frame(_CLOCKS_MATCHED, {**section, "hold": True}),
+        _event_frame(_CLOCKS_MATCHED, section | {"time": _CLOCKS_MATCHED}),
     ]
     for time in np.arange(0.0, lasting, _POLL).tolist():
         frames.append(LogFrame(TABLE, time, pack_state(TableState(time, (rests,) * k))))
@@ -173,7 +150,7 @@ def _rest_frames(run: Run, layout: PacketLayout, lasting: float) -> list[LogFram
     return sorted(frames, key=lambda one: one.time)
 
 
-def _event_frame(time: float, told: dict[str, object]) -> LogFrame:
+def _event_frame(time: float, told: Mapping[str, object]) -> LogFrame:
     return LogFrame(EVENT, time, json.dumps(told).encode())
 
 

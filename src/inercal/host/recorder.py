@@ -7,7 +7,6 @@ it.
 
 import json
 from collections import deque
-from contextlib import ExitStack
 from math import inf, isfinite, nan
 from time import monotonic
 from typing import Any, Literal, NamedTuple
@@ -18,15 +17,15 @@ from inercal.basics.errors import InercalError
 from inercal.benches.turntable import require_turntable
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.clock import HostUptime, read_host_uptime
-from inercal.host.closeable import Closeable
+from inercal.host.closeable import Closeable, on_failure
 from inercal.host.drivers.rotary_table import RotaryTable
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator, NavigationSolution, Navigator, is_whole_imu
 from inercal.host.packets import PacketLayout
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
+from inercal.host.sequencer import SectionEvent
 from inercal.host.table_state_codec import unpack_states
-from inercal.host.task_sequencer import SectionEvent
 
 # s of bench time that are processed at once: this is also how often gyros and table are compared
 _PIECE_MIN, PIECE_MAX = 0.2, 5.0
@@ -132,10 +131,9 @@ class RunRecorder(Closeable):
         self._waiting_sections: deque[tuple[float, SectionEvent]] = deque()
         self._last_processing = -inf, -inf
         self._losses, self._last_loss_warning = (0, 0, 0, 0), 0.0
-        with ExitStack() as opened:
-            self._log = opened.enter_context(RunLog(folder.log))
+        self._log = RunLog(folder.log)
+        with on_failure(self._log.close):
             self.log_end = self._replay(folder)
-            self._open_resources = opened.pop_all()
 
     @property
     def estimation(self) -> Literal["none", "waits", "on", "ended"]:
@@ -266,8 +264,7 @@ class RunRecorder(Closeable):
         if left_out != before[2]:
             result.append(
                 f"so far {left_out} samples of {tally.samples + tally.samples_without_angle} have "
-                "no usable angle: the table was polled too slowly while it turned, or "
-                "was homing"
+                "no usable angle: the table was polled too slowly while it turned, or was homing"
             )
         if tally.implausible_polls != before[3]:
             result.append(
@@ -305,7 +302,7 @@ class RunRecorder(Closeable):
 
     def close(self) -> None:
         """Close the log."""
-        self._open_resources.close()
+        self._log.close()
 
 
 def _read_poll(frame: LogFrame | None) -> tuple[float, float] | None:

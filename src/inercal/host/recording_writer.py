@@ -17,15 +17,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.atomic_files import atomic_write
 from inercal.basics.errors import InputError, require_extra, require_installed
-from inercal.benches.turntable.reading.host_readback import (
-    BENCH_GROUP,
-    IMPLAUSIBLE_POLLS,
-    INTERRUPTIONS,
-    POLLS,
-    UNUSABLE_ANGLES,
-    Interruption,
-    write_interruptions,
-)
+from inercal.benches.turntable.reading import host_readback
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.packets import PacketLayout
@@ -80,14 +72,15 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
     for key in ("gyro_file", "gyro_time", "table_file"):
         if getattr(data, key, None) is not None:
             raise refusal(key, "a run on the bench is written to one file; remove this key")
+    group = host_readback.BENCH_GROUP
     columns = [(key, name) for key in _AXIS_KEYS for name in getattr(data, key, None) or ()]
     columns += [(key, getattr(data, key)) for key in _SINGLE_KEYS if getattr(data, key, None)]
     for key, name in columns:
-        if not isinstance(name, str) or not name or set(name) & set("./()#") or name == BENCH_GROUP:
+        if not isinstance(name, str) or not name or set(name) & set("./()#") or name == group:
             raise refusal(
                 key,
                 f"column {name!r} cannot be written; give a name without . / ( ) #, other than "
-                f"{BENCH_GROUP!r}",
+                f"{group!r}",
                 str(name),
             )
         if name.startswith("-"):
@@ -176,19 +169,19 @@ def write_recording(
         "protection": layout.protection,
         "log sha256": log_sha256 or file_sha256(log),
         "samples": tally.samples,
-        POLLS: tally.polls,
+        host_readback.POLLS: tally.polls,
         "polls left out": tally.poll_drops,
-        IMPLAUSIBLE_POLLS: tally.implausible_polls,
+        host_readback.IMPLAUSIBLE_POLLS: tally.implausible_polls,
         **{f"bytes: {name}": n for name, n in asdict(tally.bytes).items()},
         **{f"packets left out: {name}": n for name, n in asdict(tally.drops).items()},
-        INTERRUPTIONS: write_interruptions(_interruptions(assembly)),
+        host_readback.INTERRUPTIONS: host_readback.write_interruptions(_interruptions(assembly)),
         **(about or {}),
     }
     reads_angles = bool(readback_columns(run))
     if reads_angles:
         told |= {
             "samples without angle": tally.samples_without_angle,
-            UNUSABLE_ANGLES: tally.samples_with_unusable_angle,
+            host_readback.UNUSABLE_ANGLES: tally.samples_with_unusable_angle,
         }
     table = unpack_states(said)
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
@@ -201,7 +194,7 @@ def write_recording(
                 file.create_dataset(name, data=column)
         if simulation:
             file.attrs[SIMULATION_KEY] = simulation
-        group = file.create_group(BENCH_GROUP)
+        group = file.create_group(host_readback.BENCH_GROUP)
         group.attrs.update(told)
         if reads_angles:
             group["heard"] = np.array(heard)
@@ -212,11 +205,11 @@ def write_recording(
     return path
 
 
-def _interruptions(assembly: SampleAssembler) -> list[Interruption]:
+def _interruptions(assembly: SampleAssembler) -> list[host_readback.Interruption]:
     """Return the interruptions of a recording, s from its first sample."""
     begin = assembly.recording_start or 0.0
     return [
-        Interruption(one.start - begin, one.stop - begin, "; ".join(one.causes))
+        host_readback.Interruption(one.start - begin, one.stop - begin, "; ".join(one.causes))
         for one in assembly.interruptions
         if one.start > begin
     ]

@@ -89,9 +89,8 @@ def execute_run(
         except InercalError as error:  # on a full disk neither log nor journal can record the end
             raise _interrupted(str(error), folder, run) from error
     if not done:
-        raise _interrupted(
-            run.trouble, folder, run
-        )  # the trouble includes the final messages by now
+        # The trouble includes the final messages by now.
+        raise _interrupted(run.trouble, folder, run)
     return run
 
 

@@ -20,6 +20,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_toml
 from inercal.host.addresses import layout_of_address
 from inercal.host.assembly.table_polls import POLL_INTERVAL
+from inercal.host.closeable import on_failure
 from inercal.host.journal import Journal, JournalHeader
 from inercal.host.recording_writer import require_recordable
 from inercal.host.run_log import os_errors_as_input_errors
@@ -186,7 +187,7 @@ def reopen_run(
         with one.
     """
     journal = Journal(Path(path) / JOURNAL)
-    try:
+    with on_failure(journal.close):
         was = journal.header()
         if was.state == "done":
             raise InputError(
@@ -205,9 +206,6 @@ def reopen_run(
                 names=(before, after),
             )
         journal.set_addresses((table, imu, addresses[2] or was.clock))
-    except BaseException:
-        journal.close()
-        raise
     return folder, journal
 
 

@@ -15,6 +15,7 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from errno import ENOSPC
+from functools import partial
 from pathlib import Path
 from struct import Struct
 from time import monotonic, sleep
@@ -22,7 +23,7 @@ from typing import Literal, NamedTuple
 from zlib import crc32
 
 from inercal.basics.errors import InputError
-from inercal.host.closeable import Closeable
+from inercal.host.closeable import Closeable, on_failure
 from inercal.recordings.io import column_table
 
 if sys.platform != "win32":
@@ -78,7 +79,7 @@ class RunLog(Closeable):
         self.path = Path(path)
         with os_errors_as_input_errors(self.path, "written"):
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
-            try:
+            with on_failure(partial(os.close, self._file)):
                 # Lock before reading: a frame that another host is writing looks like a torn one.
                 lock_file(
                     self._file, self.path, "another host drives this run; stop that host first"
@@ -87,9 +88,6 @@ class RunLog(Closeable):
                 self.incomplete_bytes = os.fstat(self._file).st_size - sound
                 if self.incomplete_bytes:
                     os.ftruncate(self._file, sound)
-            except BaseException:
-                os.close(self._file)
-                raise
 
     def append(self, kind: int, time: float, payload: bytes) -> None:
         """Write one frame; when this returns, the operating system has all of it.
@@ -201,11 +199,9 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
         at = 0
         while head := file.read(_HEAD.size + _CHECK.size):
             if _MAGIC[: len(head)] != head[:2]:
-                what = (
-                    "is damaged; the data before this can be read"
-                    if at
-                    else "is not the log of a run; name another file"
-                )
+                what = "is not the log of a run; name another file"
+                if at:
+                    what = "is damaged; the data before this can be read"
                 raise InputError(
                     f"{path}: no frame begins at byte {at}: the file {what}", file=path
                 )

@@ -1,4 +1,8 @@
-"""Sequences the steps of a plan on a turntable, which moves to angles.
+"""Sequences the tasks of a plan: derives the next commands from the state of the table.
+
+A sequencer has no link, no clock and no thread of its own. It takes each state of the table and
+returns commands, so it works the same way on a real table, in a simulation and in a test. A
+turntable, which moves to angles, has a `Sequencer`; a rate table has one in `spin_sequencer`.
 
 ::
 
@@ -9,21 +13,265 @@ A section of the recording lasts from the moment `work` begins to the moment it 
 clock.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import degrees, pi, radians
+from typing import Generic, Literal, NamedTuple, TypeVar
 
-from inercal.benches.motion_control import TurnTask
-from inercal.host.drivers.rotary_table import TableState
-from inercal.host.task_sequencer import (
-    DURATION_MARGIN,
-    GRACE,
-    Command,
-    EnableCommand,
-    HomeCommand,
-    MoveCommand,
-    Phase,
-    TaskSequencer,
-)
+from inercal.benches.motion_control import AxisMotionLimits, SpinTask, TurnTask
+from inercal.host.drivers.rotary_table import AxisState, TableFault, TableState
+
+T = TypeVar("T", TurnTask, SpinTask)
+Phase = Literal[
+    "enable", "home", "mount", "approach", "work", "return", "paused", "done", "aborted"
+]
+GRACE = 5.0  # s added to the time of a motion, for settling and similar delays
+DURATION_MARGIN = 1.5  # times the duration of a motion at its limits
+
+
+class EnableCommand(NamedTuple):
+    """Close the servo loop of an axis (0 is the outermost) or of all axes."""
+
+    axis: int | None = None
+
+
+class DisableCommand(NamedTuple):
+    """Open the servo loop of an axis at rest."""
+
+    axis: int
+
+
+class HomeCommand(NamedTuple):
+    """Find the zero position of an axis or of all axes."""
+
+    axis: int | None = None
+
+
+class MoveCommand(NamedTuple):
+    """Move an axis (0 is the outermost) to an angle (rad) at a rate (rad/s) and acceleration."""
+
+    axis: int
+    angle: float
+    rate: float
+    acceleration: float
+
+
+class SpinCommand(NamedTuple):
+    """Turn an axis at a signed rate (rad/s), with an acceleration (rad/s²); rate 0 stops it."""
+
+    axis: int
+    rate: float
+    acceleration: float
+
+
+class StopCommand(NamedTuple):
+    """Decelerate all axes and hold their positions."""
+
+
+Command = EnableCommand | DisableCommand | HomeCommand | MoveCommand | SpinCommand | StopCommand
+
+
+@dataclass(frozen=True)
+class SectionEvent:
+    """The beginning or the end of a section in the recording.
+
+    Parameters
+    ----------
+    number : int
+        Number of the task, from 0.
+    label : str
+    state : "begun", "done" or "void"
+        A void section will be repeated, and its samples get no label.
+    time : float
+        Time by the table's clock, s.
+    section : str
+        Label of its samples in the recording.
+    """
+
+    number: int
+    label: str
+    state: Literal["begun", "done", "void"]
+    time: float
+    section: str
+
+
+class TaskSequencer(ABC, Generic[T]):
+    """Carries out tasks; subclasses derive the commands for one task.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    limits : sequence of Limits
+        Limits of each axis.
+    first : int
+        Number of the first task; the ones before it are complete.
+    names : sequence of str, optional
+        Names of the axes for messages; by default their numbers from 0.
+
+    Attributes
+    ----------
+    phase : str
+    number : int
+        Number of the current task; `len(tasks)` when all are complete.
+    sections : list of Section
+        Sections that began and ended, in order; the caller may remove them.
+    """
+
+    def __init__(
+        self,
+        tasks: Sequence[T],
+        limits: Sequence[AxisMotionLimits],
+        first: int = 0,
+        names: Sequence[str] = (),
+    ):
+        self._names = tuple(names) or tuple(str(i) for i in range(len(limits)))
+        self.phase: Phase = "enable"
+        self.number = first
+        self.sections: list[SectionEvent] = []
+        self._tasks, self._limits = tuple(tasks), tuple(limits)
+        self._commanded = False  # whether the commands of this phase have been sent
+        self._phase_start, self._time_limit = 0.0, 0.0
+        self._working = False
+        self._motion_suspected = False  # whether the last reading showed an axis moving in a hold
+
+    @property
+    def task(self) -> T | None:
+        """The current task; None when all are complete."""
+        return self._tasks[self.number] if self.number < len(self._tasks) else None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether no more commands will follow."""
+        return self.phase in ("done", "aborted")
+
+    @property
+    def is_holding(self) -> bool:
+        """Whether the table holds its position for a recording, by the latest reading."""
+        task = self.task
+        return self._working and task is not None and not task.rate and not self._motion_suspected
+
+    def remaining_time(self, time: float) -> float:
+        """Return the time that the remaining tasks need without interruptions, s."""
+        left = sum(t.approach + t.seconds for t in self._tasks[self.number :])
+        task, gone = self.task, time - self._phase_start if self._commanded else 0.0
+        if task and self.phase == "approach":
+            left -= min(gone, task.approach)
+        if task and self.phase == "work":
+            left -= task.approach + min(gone, task.seconds)
+        return left
+
+    def pause(self, time: float) -> list[Command]:
+        """Stop the table; the interrupted step is repeated when the run continues."""
+        if self.is_over or self.phase == "paused":
+            return []
+        self._void_section(time)
+        self._enter_phase("paused")
+        return [StopCommand()]
+
+    def resume(self) -> None:
+        """Continue after a pause."""
+        if self.phase == "paused":
+            self._enter_phase("enable")
+
+    def abort(self, time: float) -> list[Command]:
+        """Stop the table and end the run."""
+        self._void_section(time)
+        self._enter_phase("aborted")
+        return [StopCommand()]
+
+    def step(self, seen: TableState) -> list[Command]:
+        """Return the commands to send to the table now.
+
+        Raises
+        ------
+        TableFault
+            An axis reports a fault, has its servo off, does not arrive in time, stops away from its
+            goal, or leaves its position during a hold.
+        """
+        if self.is_over or self.phase == "paused":
+            return []
+        self._refuse_faults(seen)
+        if not self._commanded:
+            self._commanded, self._phase_start = True, seen.time
+            commands, self._time_limit = self._commands(seen)
+            if commands:
+                return commands  # the table's status is older than these commands
+        if self._is_phase_finished(seen):
+            self._advance_phase(seen.time)
+        elif seen.time - self._phase_start > self._time_limit:
+            raise self._timeout_fault(seen)
+        return []
+
+    def _enter_phase(self, phase: Phase) -> None:
+        self.phase, self._commanded, self._motion_suspected = phase, False, False
+
+    def _record_section(
+        self, task: T, state: Literal["begun", "done", "void"], time: float
+    ) -> None:
+        self.sections.append(SectionEvent(self.number, task.label, state, time, task.section))
+
+    def _void_section(self, time: float) -> None:
+        if self._working and (task := self.task):
+            self._record_section(task, "void", time)
+        self._working = False
+
+    def _refuse_faults(self, seen: TableState) -> None:
+        enabling = self.phase == "enable" and not (
+            self._commanded and seen.time - self._phase_start > self._time_limit
+        )
+        for i, axis in enumerate(seen.axes):
+            if axis.faults and not enabling:
+                raise self._fault(f"axis {self._names[i]}: {', '.join(axis.faults)}", i)
+            if self.phase in ("approach", "work", "return") and not axis.enabled:
+                raise self._fault(f"axis {self._names[i]}: its servo is off; switch it on", i)
+
+    def _timeout_fault(self, seen: TableState) -> TableFault:
+        """Return the fault that names the axes that have not arrived."""
+        late = [i for i, axis in enumerate(seen.axes) if not _is_at_rest(axis)] or [0]
+        where = ", ".join(
+            f"axis {self._names[i]} at {degrees(seen.axes[i].angle):.4f}°" for i in late
+        )
+        return self._fault(
+            f"after {self._time_limit:.1f} s the table has not arrived: {where}", *late
+        )
+
+    def _fault(self, text: str, *axes: int) -> TableFault:
+        """Return a fault of these axes; `names` contains the axes, then the label of the step."""
+        names, task = tuple(self._names[i] for i in axes), self.task
+        if task is None:
+            return TableFault(text, key=self.phase, names=names)
+        return TableFault(
+            f"{text} (step {self.number + 1}, {task.label}: {self.phase})",
+            key=self.phase,
+            names=(*names, task.label),
+        )
+
+    @abstractmethod
+    def _commands(self, seen: TableState) -> tuple[list[Command], float]:
+        """Return the first commands of this phase, and how long it may take in s."""
+
+    @abstractmethod
+    def _is_phase_finished(self, seen: TableState) -> bool:
+        """Return whether the current phase is complete."""
+
+    @abstractmethod
+    def _advance_phase(self, time: float) -> None:
+        """Begin the next phase."""
+
+    def _begin_section(self, task: T, time: float) -> None:
+        self._working = True
+        self._record_section(task, "begun", time)
+
+    def _finish_section(self, task: T, time: float) -> None:
+        self._record_section(task, "done", time)
+        self._working = False
+        self.number += 1
+
+
+def _is_at_rest(axis: AxisState) -> bool:
+    return axis.enabled and axis.homed and axis.settled
+
 
 # Distance below which the table counts as already there, rad; a servo's band is smaller
 _MOTION_THRESHOLD = 1e-4

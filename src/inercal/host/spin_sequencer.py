@@ -26,7 +26,7 @@ from inercal.benches.motion_control import SpinTask
 from inercal.host.clock import Clock
 from inercal.host.drivers.rotary_table import AxisState, TableState
 from inercal.host.journal import Journal
-from inercal.host.task_sequencer import (
+from inercal.host.sequencer import (
     DURATION_MARGIN,
     GRACE,
     Command,

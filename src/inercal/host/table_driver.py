@@ -24,6 +24,7 @@ from time import monotonic
 from typing import Literal
 
 from inercal.basics.units import format_duration
+from inercal.host import sequencer
 from inercal.host.clock import Clock
 from inercal.host.drivers.rotary_table import (
     REST_RATE,
@@ -35,14 +36,6 @@ from inercal.host.drivers.rotary_table import (
 )
 from inercal.host.guard import Guard
 from inercal.host.link import LinkLost
-from inercal.host.task_sequencer import (
-    Command,
-    DisableCommand,
-    EnableCommand,
-    HomeCommand,
-    MoveCommand,
-    SpinCommand,
-)
 
 _READINGS = 3  # in a row
 _STARTING_TIME = 0.3  # s after a command in which readings may still show the earlier motion
@@ -91,21 +84,21 @@ class CommandedMotion:
         self._names = tuple(axes)
         self._axes = [_Axis() for _ in axes]
 
-    def record(self, command: Command) -> None:
+    def record(self, command: sequencer.Command) -> None:
         """Record a command before it is sent to the table."""
         match command:
-            case MoveCommand(axis, angle, rate, acceleration):
+            case sequencer.MoveCommand(axis, angle, rate, acceleration):
                 self._axes[axis] = _Axis("move", angle, rate, acceleration)
-            case SpinCommand(axis, rate, acceleration) if rate:
+            case sequencer.SpinCommand(axis, rate, acceleration) if rate:
                 self._axes[axis] = _Axis("spin", 0.0, rate, acceleration)
-            case SpinCommand(axis):
+            case sequencer.SpinCommand(axis):
                 self._axes[axis] = _Axis("stop")
-            case DisableCommand(axis):
+            case sequencer.DisableCommand(axis):
                 self._axes[axis] = _Axis()
-            case HomeCommand(axis):
+            case sequencer.HomeCommand(axis):
                 for i in range(len(self._axes)) if axis is None else (axis,):
                     self._axes[i] = _Axis("home")
-            case EnableCommand():
+            case sequencer.EnableCommand():
                 pass  # the axis holds its position
             case _:
                 self._axes = [_Axis("stop") for _ in self._axes]
@@ -293,7 +286,7 @@ class TableDriver:
         unread = f"the table could not be read for {format_duration(blind)}: {answer}"
         self._say("alarm", f"{unread}; the watchdog {does}")
 
-    def send(self, commands: Sequence[Command]) -> None:
+    def send(self, commands: Sequence[sequencer.Command]) -> None:
         """Send commands, possibly none, to the table before the next reading.
 
         Raises
@@ -307,15 +300,15 @@ class TableDriver:
         for command in commands:
             self._commanded_motion.record(command)
             match command:
-                case EnableCommand(axis):
+                case sequencer.EnableCommand(axis):
                     self._table.enable(self._name(axis))
-                case DisableCommand(axis):
+                case sequencer.DisableCommand(axis):
                     self._table.kill(self._name(axis))
-                case HomeCommand(axis):
+                case sequencer.HomeCommand(axis):
                     self._table.home(self._name(axis))
-                case MoveCommand(axis, angle, rate, acceleration):
+                case sequencer.MoveCommand(axis, angle, rate, acceleration):
                     self._table.move(self._table.axes[axis], angle, rate, acceleration)
-                case SpinCommand(axis, rate, acceleration):
+                case sequencer.SpinCommand(axis, rate, acceleration):
                     self._table.spin(self._table.axes[axis], rate, acceleration)
                 case _:
                     self._table.stop()
@@ -348,7 +341,7 @@ class TableDriver:
         """Return the name of an axis; None, which means all axes, for None."""
         return None if axis is None else self._table.axes[axis]
 
-    def stop(self, commands: Sequence[Command]) -> None:
+    def stop(self, commands: Sequence[sequencer.Command]) -> None:
         """Stop the table; if it does not accept the command, let the watchdog stop it."""
         off = self.state is not None and not any(axis.enabled for axis in self.state.axes)
         # A stop closes the servo loops, but an axis that somebody has switched off must stay off.

@@ -14,6 +14,7 @@ import os
 import socket
 import sys
 from contextlib import ExitStack, suppress
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from stat import S_IWOTH
@@ -22,7 +23,7 @@ from tempfile import gettempdir
 from inercal.basics.errors import InputError
 from inercal.basics.system_user import user_name
 from inercal.host.addresses import table_places
-from inercal.host.closeable import Closeable
+from inercal.host.closeable import Closeable, on_failure
 from inercal.host.run_log import lock_file, os_errors_as_input_errors
 
 _SHARED_FOLDERS = ("/run/lock", "/tmp")  # the first one that every user can write to is used
@@ -73,13 +74,10 @@ class _LockFile(Closeable):
         self._path = path
         while True:
             self._file = _open(path)
-            try:
+            with on_failure(partial(os.close, self._file)):
                 self._lock(address)
                 if self._is_current():
                     break
-            except BaseException:
-                os.close(self._file)
-                raise
             os.close(self._file)  # the previous owner of the lock has removed the file
         with suppress(OSError):  # on a full disk; the note is only for the message to others
             os.ftruncate(self._file, 0)

@@ -11,15 +11,14 @@ from struct import Struct
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.host.drivers.rotary_table import TableState
 
 _HEAD = Struct("<dd")
 _AXIS = Struct("<dddB")
-_IN_POSITION, _MOVING, _ENABLED, _HOMED, _FAULT = 1, 2, 4, 8, 16
+_FLAGS = _IN_POSITION, _MOVING, _ENABLED, _HOMED, _FAULT = 1, 2, 4, 8, 16
 
 
 class StateArrays(NamedTuple):
@@ -30,21 +29,16 @@ class StateArrays(NamedTuple):
     angle: Array  # (n, k)
     rate: Array  # (n, k)
     following_error: Array  # (n, k)
-    settled: NDArray[np.bool_]  # (n,), all axes
-    homed: NDArray[np.bool_]  # (n,), all axes
+    settled: Bools  # (n,), all axes
+    homed: Bools  # (n,), all axes
 
 
 def pack_state(state: TableState) -> bytes:
     """Return a state as the payload of a log frame."""
     parts = [_HEAD.pack(state.time, state.span)]
     for a in state.axes:
-        flags = (
-            _IN_POSITION * a.in_position
-            + _MOVING * a.moving
-            + _ENABLED * a.enabled
-            + _HOMED * a.homed
-            + _FAULT * bool(a.faults)
-        )
+        states = (a.in_position, a.moving, a.enabled, a.homed, bool(a.faults))
+        flags = sum(flag for flag, on in zip(_FLAGS, states, strict=True) if on)
         parts.append(_AXIS.pack(a.angle, a.rate, a.following_error, flags))
     return b"".join(parts)
 

@@ -23,18 +23,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.turntable import require_turntable
-from inercal.host.assembly.imu_samples import DroppedPackets, PacketSamples, ReceivedSamples
-from inercal.host.assembly.rate_polls import RatePolls
+from inercal.host.assembly.imu_samples import DroppedPackets, ReceivedSamples
+from inercal.host.assembly.packet_dating import PacketRows
 from inercal.host.assembly.section_timeline import (
     InterruptionList,
     InterruptionSpan,
     SectionSpan,
     SectionTimeline,
 )
-from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
+from inercal.host.assembly.table_polls import POLL_INTERVAL, RatePolls, TablePolls
 from inercal.host.packets import PacketCounts, PacketLayout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.host.tasks import host_plan, required_rate
@@ -78,7 +78,7 @@ class SampleBlock(NamedTuple):
     reading: Array
     angle_output: Array
     angles: Array
-    hold: NDArray[np.int64]
+    hold: Indices
     temperature: Array
     table: Array
     noise_gain: Array
@@ -234,7 +234,8 @@ class SampleAssembler:
         recent, offset = self.imu.recent, self.imu.provisional_offset
         if not recent or offset is None:
             return None
-        whole = PacketSamples._make(map(np.concatenate, zip(*recent, strict=True)))
+        first, *others = recent
+        whole = first.join(*others)
         recent.clear()
         return whole.ticks / self.imu.per_second + offset, whole.output
 
@@ -334,17 +335,18 @@ class SampleAssembler:
             begins,
         )
 
-    def _ready_samples(self, until: float, offset: float) -> PacketSamples | None:
+    def _ready_samples(self, until: float, offset: float) -> PacketRows | None:
         """Return the samples before a table time; later ones are kept."""
         waiting, imu = self.imu.waiting, self.imu
         if not waiting:
             return None
-        whole = PacketSamples._make(map(np.concatenate, zip(*waiting, strict=True)))
+        first, *others = waiting
+        whole = first.join(*others)
         n = int(np.searchsorted(whole.ticks / imu.per_second - offset, until))
         imu.waiting = [whole.where(slice(n, None))] if n < whole.ticks.size else []
         return whole.where(slice(0, n)) if n else None
 
-    def _hold_numbers(self, table: Array, time: Array) -> NDArray[np.int64]:
+    def _hold_numbers(self, table: Array, time: Array) -> Indices:
         """Return the number of the hold of each sample."""
         section = self._sections.hold_indices(table)
         held = np.flatnonzero(section >= 0)
@@ -378,6 +380,3 @@ def _parse_event(frame: LogFrame) -> dict[str, Any]:
             "program that wrote it",
             key="event",
         ) from None
-
-
-__all__ = ["DroppedPackets", "SampleAssembler", "SampleBlock", "SampleTally", "SectionSpan"]

@@ -5,12 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf, isfinite
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.host.assembly.packet_dating import PacketDating, PacketRows
 from inercal.host.assembly.poll_record import MATCHING_TIME
@@ -25,18 +23,6 @@ _MAX_TICK = 2.0**53  # floats represent integers up to this exactly
 _MAX_RECENT = 256  # pieces; during the 5 s in which the clocks are matched, each tick adds one
 _NO_NUMBER, _BAD_STATUS, _BEYOND_RANGE = 1, 2, 3
 _FLAWS = {_NO_NUMBER: "no_number", _BAD_STATUS: "bad_status", _BEYOND_RANGE: "beyond_range"}
-
-
-class PacketSamples(NamedTuple):
-    """Good packets in the order of time."""
-
-    ticks: Array  # (n,), unwrapped counter or clock of the device; integers are exact
-    output: Array  # (n, m), in output units of the sensor's axes
-    temperature: Array  # (n,) K; NaN if unknown
-
-    def where(self, rows: "NDArray[np.bool_] | slice") -> "PacketSamples":
-        """Return a selection of the packets."""
-        return self._make(column[rows] for column in self)
 
 
 @dataclass
@@ -81,9 +67,9 @@ class ReceivedSamples:
     offset : float or None
         Host time minus IMU time, s: the smallest difference for the first packets; None before.
     drops : DroppedPackets
-    waiting : list of PacketSamples
+    waiting : list of PacketRows
         Samples in order that have not been taken yet.
-    recent : deque of PacketSamples
+    recent : deque of PacketRows
         The latest samples for a viewer, which removes them.
 
     Raises
@@ -97,8 +83,8 @@ class ReceivedSamples:
     rate_hz: float
     offset: float | None = None
     drops: DroppedPackets = field(default_factory=DroppedPackets)
-    waiting: list[PacketSamples] = field(default_factory=list[PacketSamples])
-    recent: deque[PacketSamples] = field(default_factory=lambda: deque(maxlen=_MAX_RECENT))
+    waiting: list[PacketRows] = field(default_factory=list[PacketRows])
+    recent: deque[PacketRows] = field(default_factory=lambda: deque(maxlen=_MAX_RECENT))
 
     def __post_init__(self) -> None:
         layout, rate = self.layout, self.rate_hz
@@ -303,11 +289,10 @@ class ReceivedSamples:
                 setattr(self.drops, name, count)
             rows = rows.where(rows.flaw == 0)
         if rows.ticks.size:
-            good = PacketSamples(rows.ticks, rows.output, rows.temperature)
-            self.waiting.append(good)
-            self.recent.append(good)
+            self.waiting.append(rows)
+            self.recent.append(rows)
 
-    def _in_order(self, ticks: Array) -> "NDArray[np.bool_] | slice":
+    def _in_order(self, ticks: Array) -> "Bools | slice":
         """Return which packets are later than all earlier ones, without judging the last packet.
 
         A packet has a false counter if it is ahead of the next one, which is later than all packets

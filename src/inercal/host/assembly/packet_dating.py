@@ -23,9 +23,8 @@ from math import ceil, floor, inf, isfinite
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 
 _MAX_OUTAGE = 1.0  # s between two arrivals; after a longer time, the amount of loss is unknown
 _TURN_SHARE = 0.25  # of a counter turn; a larger step may include any number of turns
@@ -39,12 +38,12 @@ _MAX_WAIT = 60.0  # s of arrivals for which undated packets are kept
 class PacketRows(NamedTuple):
     """Packets, each with a flag for its flaw; 0 means none."""
 
-    ticks: Array  # (n,), counter or clock of the device
-    output: Array
-    temperature: Array
-    flaw: NDArray[np.int64]
+    ticks: Array  # (n,), counter or clock of the device; integers are exact
+    output: Array  # (n, m), in output units of the sensor's axes
+    temperature: Array  # (n,) K; NaN if unknown
+    flaw: Indices  # (n,)
 
-    def where(self, rows: "NDArray[np.bool_] | slice") -> "PacketRows":
+    def where(self, rows: "Bools | slice") -> "PacketRows":
         """Return a selection of the packets."""
         return self._make(column[rows] for column in self)
 

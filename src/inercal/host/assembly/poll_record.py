@@ -1,7 +1,7 @@
 """Polls of a table in the order of its clock, which is matched to the host's clock.
 
-Subclasses for turntables (`table_polls`) and rate tables (`rate_polls`) differ in the values they
-keep from a poll, in the check for implausible polls, and in the interpolation between polls.
+The subclasses for turntables and rate tables (`table_polls`) differ in the values they keep from a
+poll, in the check for implausible polls, and in the interpolation between polls.
 
 The clocks are matched at the start, and after an outage by `wrap_correction`.
 """
@@ -12,9 +12,8 @@ from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_duration
 from inercal.host.assembly.reading_plausibility import Plausibility
@@ -52,10 +51,9 @@ def wrap_correction(behind: float, wraps: float, outage: float) -> float:
         added = wraps * round(behind / wraps)
         if wraps / 2 < _ARRIVAL_UNCERTAINTY + drift:
             raise InputError(
-                f"the table sent nothing for {format_duration(outage)}, and its clock starts "
-                "again every "
-                f"{wraps:.3g} s: its clock can no longer be matched to that of the bench; begin a "
-                "new run",
+                f"the table sent nothing for {format_duration(outage)}, and its clock starts again "
+                f"every {wraps:.3g} s: its clock can no longer be matched to that of the bench; "
+                "begin a new run",
                 names=tuple(CLOCK_LOST),
             )
     if abs(behind - added) > _ARRIVAL_TOLERANCE + drift:
@@ -78,9 +76,9 @@ class PollHistory(NamedTuple):
 
     time: Array  # (n,) s by the table's clock, unwrapped
     value: Array  # (n, k) rad, NaN while a table searches for its zero; or rad/s
-    settled: NDArray[np.bool_]  # (n,)
+    settled: Bools  # (n,)
 
-    def where(self, rows: "NDArray[np.bool_] | slice") -> "PollHistory":
+    def where(self, rows: "Bools | slice") -> "PollHistory":
         """Return a selection of the polls."""
         return self._make(column[rows] for column in self)
 
@@ -205,7 +203,7 @@ class PollRecord(ABC):
                 self.history = self.history.where(slice(first, None))
 
     @abstractmethod
-    def readback(self, time: Array) -> tuple[Array, AngleQuality, NDArray[np.bool_]]:
+    def readback(self, time: Array) -> tuple[Array, AngleQuality, Bools]:
         """Return the values (n, k) at times (n,), their uncertainty, and where they are known.
 
         The times must be before `complete_until`.
@@ -216,7 +214,5 @@ class PollRecord(ABC):
         """Return the values to keep from the polls, (n, k)."""
 
     @abstractmethod
-    def _plausible(
-        self, time: Array, values: Array, came: StateArrays, later: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
+    def _plausible(self, time: Array, values: Array, came: StateArrays, later: Bools) -> Bools:
         """Return which polls are plausible as motion of the table, (n,)."""

@@ -110,11 +110,8 @@ class SectionTimeline:
         last = self.spans[-1]
         last.state, last.end_time = what, max(time, last.start_time)
         held = last.end_time - last.start_time - 2 * self._settling
-        if (
-            what == "void"
-            and len(self.spans) == self._first + 1
-            and held < COARSE_REST_SECONDS * _COARSE_MARGIN
-        ):
+        is_first = len(self.spans) == self._first + 1
+        if what == "void" and is_first and held < COARSE_REST_SECONDS * _COARSE_MARGIN:
             self._first += 1
             self.attempt += 1
 

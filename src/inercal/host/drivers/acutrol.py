@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import degrees, nan, radians
 
+from inercal.host.closeable import on_failure
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
@@ -24,8 +25,6 @@ from inercal.host.drivers.rotary_table import (
     RotaryTable,
     TableFault,
     TableState,
-    axis_index,
-    axis_indices,
     require_unique_names,
     stop_with_retry,
 )
@@ -77,11 +76,8 @@ class Acutrol(RotaryTable):
         # The last command to each axis: an angle or a rate.
         self._goals = [(nan, 0.0)] * len(self._axes)
         self._dialogue = TextDialogue(address, b"\n", timeout, opener)
-        try:
+        with on_failure(self.close):
             self.limits = tuple(self._read_limits(a.number) for a in self._axes)
-        except BaseException:
-            self._dialogue.close()
-            raise
 
     def identity(self) -> str:
         """Return the reply to `*idn?`."""
@@ -89,7 +85,7 @@ class Acutrol(RotaryTable):
 
     def enable(self, axis: str | None = None) -> None:
         """Close the interlock of an axis, or of all axes, and leave them at rest in rate mode."""
-        for i in axis_indices(axis, self.axes):
+        for i in self.indices(axis):
             n = self._axes[i].number
             self._send(":interlock:reset", f":mode:off {n}", f":interlock:close {n}")
             self._send(*self._rest_commands(i))
@@ -99,8 +95,7 @@ class Acutrol(RotaryTable):
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
         """As `RotaryTable.move`."""
-        i = axis_index(axis, self.axes)
-        self.limits[i].check(axis, rate, acceleration, angle)
+        i = self.checked_index(axis, rate, acceleration, angle)
         n = self._axes[i].number
         self._send(
             f":limit:rate pos,{n},{_degrees(rate)}",
@@ -112,8 +107,7 @@ class Acutrol(RotaryTable):
 
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
         """As `RotaryTable.spin`."""
-        i = axis_index(axis, self.axes)
-        self.limits[i].check(axis, rate, acceleration)
+        i = self.checked_index(axis, rate, acceleration)
         n = self._axes[i].number
         self._send(
             f":limit:acc rate,{n},{_degrees(acceleration)}",
@@ -130,7 +124,7 @@ class Acutrol(RotaryTable):
 
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
         """Open the interlock of an axis or of all axes; refused as in `RotaryTable.kill`."""
-        chosen = axis_indices(axis, self.axes)
+        chosen = self.indices(axis)
         if not coasting and any(self.read().axes[i].moving for i in chosen):
             raise TableFault(
                 f"{self._dialogue.address}: an axis turns and would coast if killed; call stop() "

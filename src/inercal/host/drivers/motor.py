@@ -20,8 +20,6 @@ from inercal.host.drivers.rotary_table import (
     RotaryTable,
     TableFault,
     TableState,
-    axis_index,
-    axis_indices,
     stop_with_retry,
 )
 from inercal.host.drivers.text_dialogue import TextDialogue
@@ -71,19 +69,18 @@ class Motor(RotaryTable):
 
     def enable(self, axis: str | None = None) -> None:
         """Query the position to check that the controller answers; its servo is always on."""
-        axis_indices(axis, self.axes)
+        self.indices(axis)
         self._send("PPO")
 
     def home(self, axis: str | None = None) -> None:
         """Start the search for zero (`HOM`)."""
-        axis_indices(axis, self.axes)
+        self.indices(axis)
         self._send("HOM")
         self._goal, self._spinning, self._homing = 0.0, 0.0, True
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
         """As `RotaryTable.move`."""
-        axis_index(axis, self.axes)
-        self.limits[0].check(axis, rate, acceleration, angle)
+        self.checked_index(axis, rate, acceleration, angle)
         self._send(f"ACL {degrees(acceleration):.5f}")
         self._send(f"VEL {degrees(rate):.5f}")
         self._send(f"POS {degrees(angle):.5f}")
@@ -91,8 +88,7 @@ class Motor(RotaryTable):
 
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
         """As `RotaryTable.spin`."""
-        axis_index(axis, self.axes)
-        self.limits[0].check(axis, rate, acceleration)
+        self.checked_index(axis, rate, acceleration)
         self._send(f"ACL {degrees(acceleration):.5f}")
         self._send(f"JOG {degrees(rate):.5f}")
         self._goal, self._spinning = nan, rate
@@ -104,7 +100,7 @@ class Motor(RotaryTable):
 
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
         """Refuse, because the controller has no such command; see the module docstring."""
-        axis_indices(axis, self.axes)
+        self.indices(axis)
         raise TableFault(_NO_SERVO_OFF)
 
     def read(self) -> TableState:

@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from math import inf, tau
 
 from inercal.basics.errors import InputError
+from inercal.host.closeable import on_failure
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.pmac_codec import CommandRefused
 from inercal.host.drivers.pmac_dialogue import PmacDialogue
@@ -36,8 +37,6 @@ from inercal.host.drivers.rotary_table import (
     RotaryTable,
     TableFault,
     TableState,
-    axis_index,
-    axis_indices,
     require_unique_names,
 )
 from inercal.host.link import Link, LinkLost, open_link
@@ -104,7 +103,7 @@ class Pmac(RotaryTable):
         self._start_cycles: list[int | None] = [None] * len(self._axes)
         self._timeout = timeout
         self._dialogue = PmacDialogue(address, timeout, opener)
-        try:
+        with on_failure(self.close):
             self.period = codec.parse_number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
             if self.period <= 0:
                 raise ProtocolError(
@@ -113,9 +112,6 @@ class Pmac(RotaryTable):
                 )
             self.wrap_period = _CYCLES * self.period
             self.limits = tuple(self._read_limits(a) for a in self._axes)
-        except BaseException:
-            self._dialogue.close()
-            raise
 
     def identity(self) -> str:
         """Return the version of the firmware and the type of the controller."""
@@ -124,12 +120,11 @@ class Pmac(RotaryTable):
 
     def enable(self, axis: str | None = None) -> None:
         """Close the servo loop of an axis, or of all axes, at the present position (`J/`)."""
-        chosen = axis_indices(axis, self.axes)
-        self._ask(" ".join(f"#{self._axes[i].motor}J/" for i in chosen))
+        self._ask(" ".join(f"#{self._axes[i].motor}J/" for i in self.indices(axis)))
 
     def home(self, axis: str | None = None) -> None:
         """Start to search for the zero of an axis, or of all axes (`HM`)."""
-        chosen = axis_indices(axis, self.axes)
+        chosen = self.indices(axis)
         homing = " ".join(f"#{self._axes[i].motor}HM" for i in chosen)
         cycle = codec.parse_word(self._ask(f"{homing} RHX$0", 1)[0], 6)
         for i in chosen:
@@ -137,15 +132,13 @@ class Pmac(RotaryTable):
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
         """Start a move to `angle` (`J=`); see `RotaryTable.move`."""
-        i = axis_index(axis, self.axes)
-        self.limits[i].check(axis, rate, acceleration, angle)
+        i = self.checked_index(axis, rate, acceleration, angle)
         counts = angle / tau * self._axes[i].counts_per_turn
         self._jog(i, rate, acceleration, f"J={_decimal_text(counts)}")
 
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
         """Bring an axis to `rate` (`J+`, `J-`; `J/` for 0); see `RotaryTable.spin`."""
-        i = axis_index(axis, self.axes)
-        self.limits[i].check(axis, rate, acceleration)
+        i = self.checked_index(axis, rate, acceleration)
         forward = rate * self._axes[i].counts_per_turn > 0
         self._jog(i, rate, acceleration, "J/" if rate == 0 else "J+" if forward else "J-")
 
@@ -172,18 +165,15 @@ class Pmac(RotaryTable):
             with suppress(ProtocolError, LinkLost):
                 state = self.read()
                 motors = [m for m, axis in zip(motors, state.axes, strict=True) if axis.moving]
-        try:
+        # Late replies may still arrive on the connection that is dropped.
+        with on_failure(self._dialogue.drop, *((ProtocolError, LinkLost) if heard else ())):
             # A one-line reply can be distinguished from a late answer to ^A.
             self._each(
                 (f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/ RHX$0" for m in motors),
                 lambda line: self._dialogue.ask_now(line, 1),
             )
-        except (ProtocolError, LinkLost):
-            heard = False
-            raise
-        finally:
-            if not heard:
-                self._dialogue.drop()  # late replies may still arrive
+        if not heard:
+            self._dialogue.drop()
 
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
         """Open the loop of an axis, or of all axes, and switch the power off (`K`).
@@ -193,7 +183,7 @@ class Pmac(RotaryTable):
         TableFault
             An axis turns and would coast; `coasting=True` permits this.
         """
-        chosen = axis_indices(axis, self.axes)
+        chosen = self.indices(axis)
         if not coasting:
             axes = self.read().axes
             for name, state in ((self.axes[i], axes[i]) for i in chosen):

@@ -13,7 +13,7 @@ connection; see `control` and `ask_now`.
 from collections.abc import Callable
 from contextlib import suppress
 
-from inercal.host.closeable import Closeable
+from inercal.host.closeable import Closeable, on_failure
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.link import Link, LinkLost, open_link, read_until
@@ -62,16 +62,13 @@ class PmacDialogue(Closeable):
             The connection is lost or cannot be opened; the next call opens a new one.
         """
         link = self._connect()
-        try:
+        with on_failure(self.drop, ProtocolError, LinkLost):
             if stray := link.read(codec.CHUNK_SIZE, 0.0):
                 raise ProtocolError(
                     f"{self.address}: {stray[:20]!r} arrived before {line!r} was sent; check that "
                     "no other program uses the controller"
                 )
             return self._exchange(link, line, replies, self._timeout)
-        except (ProtocolError, LinkLost):
-            self.drop()
-            raise
 
     def ask_now(self, line: str, replies: int) -> list[str]:
         """As `ask`, within `STOP_TIMEOUT`, and even if an earlier request is unanswered.
@@ -82,11 +79,8 @@ class PmacDialogue(Closeable):
         for a new one; the caller drops it after the last command.
         """
         link = self._open()
-        try:
+        with on_failure(self.drop, LinkLost):
             return self._exchange(link, line, replies, STOP_TIMEOUT)
-        except LinkLost:
-            self.drop()
-            raise
 
     def control(self, letter: str) -> bool:
         """Send a control character, "A" for ^A; return False without an answer in `STOP_TIMEOUT`.
@@ -103,7 +97,7 @@ class PmacDialogue(Closeable):
             The connection is lost or cannot be opened; the next call opens a new one.
         """
         link = self._open()
-        try:
+        with on_failure(self.drop, LinkLost):
             link.read(codec.CHUNK_SIZE, 0.0)  # bytes that arrived before are not an answer
             link.write(codec.control_request(letter))
             if not read_until(link, lambda _: True, STOP_TIMEOUT):
@@ -111,9 +105,6 @@ class PmacDialogue(Closeable):
             link.write(codec.FLUSH_REQUEST)
             if not read_until(link, lambda data: codec.FLUSH_ANSWER in data, STOP_TIMEOUT):
                 self.drop()
-        except LinkLost:
-            self.drop()
-            raise
         return True
 
     def drop(self) -> None:
@@ -176,7 +167,7 @@ class PmacDialogue(Closeable):
             came.extend(data)
             return codec.FLUSH_ANSWER in came
 
-        try:
+        with on_failure(self.close):
             link.write(codec.FLUSH_REQUEST)
             # A reply left over in the controller would arrive before the answer, and is dropped
             # here.
@@ -193,8 +184,5 @@ class PmacDialogue(Closeable):
                     f"{self.address}: no Turbo PMAC answered {_REPLY_FORMAT_COMMAND!r} at this "
                     "address; check the address, the cable and the power"
                 )
-        except BaseException:
-            self.close()
-            raise
         self._formatted = True
         return link

@@ -59,10 +59,8 @@ class AxisLimits:
                 names=(axis,),
             )
         requested = [("acceleration", acceleration, self.acceleration, "°/s²")]
-        if angle is not None:
-            requested.append(("rate", rate, self.rate, "°/s"))
-        elif rate != 0:  # a spin at 0 stops the axis, but a move needs a rate
-            requested.append(("rate", abs(rate), self.rate, "°/s"))
+        if angle is not None or rate != 0:  # a spin at 0 stops the axis, but a move needs a rate
+            requested.append(("rate", abs(rate) if angle is None else rate, self.rate, "°/s"))
         for what, value, most, unit in requested:
             if not (0 < value <= most and isfinite(value)):
                 raise InputError(
@@ -202,17 +200,24 @@ class RotaryTable(Closeable, ABC):
     def read(self) -> TableState:
         """Return the present state of the table."""
 
+    def indices(self, axis: str | None) -> tuple[int, ...]:
+        """Return the index of one axis, or of all axes; raises as `axis_index` does."""
+        return tuple(range(len(self.axes))) if axis is None else (axis_index(axis, self.axes),)
+
+    def checked_index(
+        self, axis: str, rate: float, acceleration: float, angle: float | None = None
+    ) -> int:
+        """Return the index of an axis that may move like this; raises as `AxisLimits.check`."""
+        i = axis_index(axis, self.axes)
+        self.limits[i].check(axis, rate, acceleration, angle)
+        return i
+
 
 def axis_index(axis: str, axes: tuple[str, ...]) -> int:
     """Return the index of the axis `axis`; raises an `InputError` that names the axes."""
     if axis not in axes:
         raise InputError(f"no axis {axis!r}; this table has {', '.join(axes)}", names=(axis,))
     return axes.index(axis)
-
-
-def axis_indices(axis: str | None, axes: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the index of one axis, or of all axes; raises as `axis_index` does."""
-    return tuple(range(len(axes))) if axis is None else (axis_index(axis, axes),)
 
 
 def require_unique_names(axes: tuple[str, ...]) -> None:

@@ -8,7 +8,7 @@ the next line, and nothing in such a protocol could show this.
 
 from collections.abc import Callable
 
-from inercal.host.closeable import Closeable
+from inercal.host.closeable import Closeable, on_failure
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.link import Link, LinkLost, read_until
 
@@ -62,7 +62,7 @@ class TextDialogue(Closeable):
                 )
             return self._ending in data
 
-        try:
+        with on_failure(self._open, ProtocolError, LinkLost):
             if not urgent and (stray := link.read(_MAX_REPLY_SIZE, 0.0)):
                 raise ProtocolError(
                     f"{self.address}: {stray[:20]!r} arrived before {line!r} was sent; check that "
@@ -81,9 +81,6 @@ class TextDialogue(Closeable):
                     f"{self.address}: {bytes(came[-40:])!r} is not one line of ASCII text in reply "
                     f"to {line!r}; check the baud rate"
                 )
-        except (ProtocolError, LinkLost):
-            self._open()
-            raise
         return text.decode("ascii").strip()
 
     def close(self) -> None:

@@ -32,7 +32,7 @@ from subprocess import PIPE, STDOUT, Popen, TimeoutExpired
 from time import monotonic
 from weakref import WeakSet
 
-from inercal.host.closeable import Closeable
+from inercal.host.closeable import Closeable, on_failure
 from inercal.host.link import LinkLost
 
 _BEAT_INTERVAL = 0.1  # s
@@ -82,11 +82,8 @@ class Guard(Closeable):
         os.set_blocking(self._pipe, False)
         os.set_blocking(self._lines, False)
         _guards.add(self)
-        try:
+        with on_failure(self.close):
             self._wait_until_ready()
-        except BaseException:
-            self.close()
-            raise
 
     @property
     def alive(self) -> bool:

@@ -17,12 +17,7 @@ from time import monotonic
 from typing import NamedTuple
 
 from inercal.host.addresses import allows_second_connection, open_table
-from inercal.host.drivers.rotary_table import (
-    REST_RATE,
-    ProtocolError,
-    RotaryTable,
-    TableState,
-)
+from inercal.host.drivers.rotary_table import REST_RATE, ProtocolError, RotaryTable, TableState
 
 _TIMEOUT = 0.5  # s for a reply
 _START_ATTEMPTS = 4  # attempts to reach the table at the beginning
@@ -97,6 +92,7 @@ class Watchdog:
         say: Callable[[str], None],
     ):
         self._address, self._silence, self._patience = address, silence, patience
+        self._shares_link = allows_second_connection(address)
         self._pipe, self._signals = listen
         self._say = say
         self._table: RotaryTable | None = None
@@ -116,7 +112,7 @@ class Watchdog:
                 self._table.close()
 
     def _watch(self) -> int:
-        if allows_second_connection(self._address) and not self._find_table():
+        if self._shares_link and not self._find_table():
             return 1
         self._say("ready")
         while not self._released:
@@ -127,10 +123,7 @@ class Watchdog:
                 self._stop(f"the host was silent for {self._silence:g} s")
             if self._stopping:
                 self._follow_stop(self._stopping)
-            elif (
-                allows_second_connection(self._address)
-                and now - self._last_reading_time >= _IDLE_INTERVAL
-            ):
+            elif self._shares_link and now - self._last_reading_time >= _IDLE_INTERVAL:
                 self._check_link()
             if self._host_gone and not self._stopping:
                 return 0
@@ -140,11 +133,7 @@ class Watchdog:
         return 0
 
     def _wait_time(self) -> float:
-        due = (
-            self._last_reading_time + _IDLE_INTERVAL
-            if allows_second_connection(self._address)
-            else inf
-        )
+        due = self._last_reading_time + _IDLE_INTERVAL if self._shares_link else inf
         if self._last_beat_time is not None:
             due = min(due, self._last_beat_time + self._silence)
         return min(max(due - monotonic(), 0.0), _IDLE_INTERVAL)
@@ -156,9 +145,8 @@ class Watchdog:
         ready, _, _ = select(ends, [], [], wait)
         late = monotonic() - due
         if self._last_beat_time is not None and late > _WAKE_UP_DELAY:
-            self._last_beat_time += (
-                late  # the whole machine stood still, so this is not a silence of the host
-            )
+            # The whole machine stood still, so this is not a silence of the host.
+            self._last_beat_time += late
         if self._signals in ready:
             os.read(self._signals, 64)
             self._host_gone = True
@@ -234,7 +222,7 @@ class Watchdog:
         self._stopping = None
         self._reported_errors.clear()
         self._say("at rest")
-        if self._table and not allows_second_connection(self._address):
+        if self._table and not self._shares_link:
             # From here on the host may command the table again.
             self._table.close()
             self._table = None

@@ -11,7 +11,7 @@ from time import monotonic
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
-from inercal.host.closeable import Closeable
+from inercal.host.closeable import Closeable, on_failure
 from inercal.host.link import Link, LinkLost, open_link
 
 _OVERLOAD = 9e36
@@ -43,11 +43,7 @@ class Instrument(Closeable):
     """
 
     def __init__(
-        self,
-        address: str,
-        query: str,
-        timeout: float,
-        opener: Callable[[str], Link] = open_link,
+        self, address: str, query: str, timeout: float, opener: Callable[[str], Link] = open_link
     ):
         self.address = address
         self._query, self._timeout, self._opener = query.encode(), timeout, opener
@@ -58,14 +54,11 @@ class Instrument(Closeable):
         """Discard earlier replies, so that the next reading is taken from now on."""
         link = self._link = self._link or self._open()
         data = self._buffer
-        try:
+        with on_failure(self.close, LinkLost):
             for _ in range(_MOST_PIECES):
                 if not (piece := link.read(_LONGEST, 0.0)):
                     break
                 data += piece
-        except LinkLost:
-            self.close()
-            raise
         if data:
             # Discard the rest of a line that began earlier, because it is not a current reading.
             _, ended, rest = data.rpartition(b"\n")
@@ -83,16 +76,13 @@ class Instrument(Closeable):
             There is no reply in time; the next reading reopens the link.
         """
         link = self._link = self._link or self._open()
-        try:
+        with on_failure(self.close, LinkLost):
             if self._query:
                 link.write(self._query + b"\n")
             line = self._line(link)
             if self._cut and not self._query:
                 line = self._line(link)
             self._cut = False
-        except LinkLost:
-            self.close()
-            raise
         return numbers_in_reply(line, self.address)
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ from typing import Literal
 
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
+from inercal.host import sequencer
 from inercal.host.drivers.rotary_table import (
     REST_RATE,
     AxisLimits,
@@ -21,21 +22,7 @@ from inercal.host.drivers.rotary_table import (
     TableState,
     axis_index,
 )
-from inercal.host.manual.commands import (
-    AxisCommand,
-    GoCommand,
-    HomeAxisCommand,
-    JogCommand,
-    ServoCommand,
-)
-from inercal.host.task_sequencer import (
-    Command,
-    DisableCommand,
-    EnableCommand,
-    HomeCommand,
-    MoveCommand,
-    SpinCommand,
-)
+from inercal.host.manual import commands
 
 Activity = Literal["idle", "home", "go", "jog", "stop"]
 
@@ -75,9 +62,7 @@ def narrower_limits(
     """Return the limits of each axis, the narrower of the controller's and the run file's."""
     return tuple(
         replace(
-            of,
-            rate=min(of.rate, held.rate),
-            acceleration=min(of.acceleration, held.acceleration),
+            of, rate=min(of.rate, held.rate), acceleration=min(of.acceleration, held.acceleration)
         )
         for of, held in zip(controller, bench, strict=True)
     )
@@ -102,8 +87,12 @@ class CommandCheck:
     unsupported: Mapping[Feature, str]
 
     def judge(
-        self, command: AxisCommand, state: TableState, tasks: Sequence[AxisTask], time: float
-    ) -> tuple[Command, AxisTask | None]:
+        self,
+        command: commands.AxisCommand,
+        state: TableState,
+        tasks: Sequence[AxisTask],
+        time: float,
+    ) -> tuple[sequencer.Command, AxisTask | None]:
         """Return the command for the table, and the axis's new task; None keeps the current task.
 
         Parameters
@@ -126,20 +115,20 @@ class CommandCheck:
         i = axis_index(command.axis, self.axes)
         axis, limits, task = state.axes[i], self.limits[i], tasks[i]
         match command:
-            case ServoCommand(on=True):
+            case commands.ServoCommand(on=True):
                 if axis.enabled and not axis.faults:
                     raise InputError("its servo is already on")
-                return EnableCommand(i), None
-            case ServoCommand():
+                return sequencer.EnableCommand(i), None
+            case commands.ServoCommand():
                 self._require_supported("servo")
                 if task.activity != "idle" or abs(axis.rate) > REST_RATE:
                     raise InputError("the axis is moving; stop it first")
-                return DisableCommand(i), None
-            case HomeAxisCommand():
+                return sequencer.DisableCommand(i), None
+            case commands.HomeAxisCommand():
                 self._require_supported("home")
                 _require_ready(axis, task)
-                return HomeCommand(i), AxisTask("home", due=time + _HOMING_TIMEOUT)
-            case GoCommand(_, angle, rate):
+                return sequencer.HomeCommand(i), AxisTask("home", due=time + _HOMING_TIMEOUT)
+            case commands.GoCommand(_, angle, rate):
                 limits.check(command.axis, rate, limits.acceleration, angle)
                 _require_ready(axis, task)
                 if not axis.homed:
@@ -147,8 +136,8 @@ class CommandCheck:
                 takes = abs(angle - axis.angle) / rate + 2 * rate / limits.acceleration
                 due = time + _DURATION_MARGIN * takes + _GRACE
                 goes = AxisTask("go", angle, rate, due=due)
-                return MoveCommand(i, angle, rate, limits.acceleration), goes
-            case JogCommand(_, rate):
+                return sequencer.MoveCommand(i, angle, rate, limits.acceleration), goes
+            case commands.JogCommand(_, rate):
                 if rate == 0:
                     raise InputError("the rate of a jog is not 0")
                 limits.check(command.axis, abs(rate), limits.acceleration)
@@ -161,9 +150,10 @@ class CommandCheck:
                         f"{degrees(limits.high if rate > 0 else limits.low):.6g}°; turn it back"
                     )
                 if isfinite(end):
-                    moves = MoveCommand(i, end, abs(rate), limits.acceleration)
+                    moves = sequencer.MoveCommand(i, end, abs(rate), limits.acceleration)
                     return moves, AxisTask("jog", end, rate)
-                return SpinCommand(i, rate, limits.acceleration), AxisTask("jog", nan, rate)
+                spins = sequencer.SpinCommand(i, rate, limits.acceleration)
+                return spins, AxisTask("jog", nan, rate)
 
     def _require_supported(self, feature: Feature) -> None:
         if feature in self.unsupported:

@@ -14,7 +14,7 @@ execute them.
 """
 
 from collections.abc import Callable, Mapping
-from math import degrees, isfinite, radians
+from math import degrees, radians
 from typing import Any, NamedTuple
 
 from inercal.basics.errors import InputError
@@ -135,10 +135,9 @@ def _axis(key: str, value: object) -> str:
 
 def _number(key: str, value: object) -> float:
     if (
-        not isinstance(value, (int, float))
-        or isinstance(value, bool)
-        or not isfinite(value)
-        or abs(value) > _MAX_NUMBER
+        isinstance(value, bool)
+        or not isinstance(value, (int, float))
+        or not abs(value) <= _MAX_NUMBER  # such as NaN
     ):
         raise InputError(
             f"{key}: give a number from {-_MAX_NUMBER:g} to {_MAX_NUMBER:g} (in degrees and "

@@ -40,26 +40,13 @@ from inercal.host.drivers.rotary_table import (
 from inercal.host.guard import Guard
 from inercal.host.interlocks import Interlocks, LastChecks
 from inercal.host.journal import NOTE_LEVEL, Journal
+from inercal.host.manual import commands
 from inercal.host.manual.command_check import AxisTask, CommandCheck, narrower_limits
-from inercal.host.manual.commands import (
-    AxisCommand,
-    GoCommand,
-    HaltCommand,
-    HoldCommand,
-    HomeAxisCommand,
-    JogCommand,
-    ManualCommand,
-    ReleaseCommand,
-)
 from inercal.host.manual.dead_man import HOLD_TIMEOUT, DeadMan
 from inercal.host.manual.imu import ManualImu
+from inercal.host.sequencer import Command, SpinCommand, StopCommand
 from inercal.host.table_driver import READ_TIMEOUT, TableDriver
 from inercal.host.table_lock import TableLock
-from inercal.host.task_sequencer import (
-    Command,
-    SpinCommand,
-    StopCommand,
-)
 from inercal.runfile import Run
 
 SHOW_INTERVAL = 0.1  # s of wall time between two updates of the display
@@ -121,7 +108,7 @@ class ManualSession:
     ):
         bench = require_turntable(run)
         self._journal, self._show = journal, show
-        self._requests: SimpleQueue[tuple[str, ManualCommand | str]] = SimpleQueue()
+        self._requests: SimpleQueue[tuple[str, commands.ManualCommand | str]] = SimpleQueue()
         self._end_words = ""
         self._watchdog_stops = self._is_alarmed = self._was_read = self._was_commanded = False
         self._fault_words: list[tuple[str, ...]] = [()] * len(bench.names)
@@ -167,15 +154,15 @@ class ManualSession:
         """The table state that was read last."""
         return self._driver.state
 
-    def request(self, by: str, command: ManualCommand) -> None:
+    def request(self, by: str, command: commands.ManualCommand) -> None:
         """Request a command from any thread; the dead-man control receives it at once."""
         match command:
-            case JogCommand(press=press):
+            case commands.JogCommand(press=press):
                 self.dead_man.begin(press)
-            case HoldCommand(press):
+            case commands.HoldCommand(press):
                 self.dead_man.hold(press)
                 return
-            case ReleaseCommand() | HaltCommand():
+            case commands.ReleaseCommand() | commands.HaltCommand():
                 self.dead_man.release()
             case _:
                 pass
@@ -255,15 +242,17 @@ class ManualSession:
                 commanded |= self._do(by, command)
         return commanded
 
-    def _do(self, by: str, command: ManualCommand) -> bool:
+    def _do(self, by: str, command: commands.ManualCommand) -> bool:
         """Execute or refuse one command, and return whether it was sent to the table."""
-        if isinstance(command, (ReleaseCommand, HoldCommand)):
-            return isinstance(command, ReleaseCommand) and self._stop_jog(f"released by {by}")
+        if isinstance(command, commands.HoldCommand):
+            return False
+        if isinstance(command, commands.ReleaseCommand):
+            return self._stop_jog(f"released by {by}")
         # Stop first and record afterwards; all other commands are recorded first.
-        if isinstance(command, HaltCommand):
+        if isinstance(command, commands.HaltCommand):
             self._halt(f"{by}: {command}", "info")
             return True
-        if isinstance(command, JogCommand) and not self.dead_man.is_live(command.press):
+        if isinstance(command, commands.JogCommand) and not self.dead_man.is_live(command.press):
             self._say("info", f"{by}: {command}: not started, because the key was already released")
             return False
         try:
@@ -282,7 +271,7 @@ class ManualSession:
             self._halt(f"{command}: {error}")
         return True
 
-    def _judged(self, command: AxisCommand, by: str) -> Command:
+    def _judged(self, command: commands.AxisCommand, by: str) -> Command:
         """Check a command, update `tasks`, and return the command for the table.
 
         Raises
@@ -296,7 +285,7 @@ class ManualSession:
             raise InputError("the watchdog is stopping the table; wait until it is at rest")
         checked, task = self._check.judge(command, self.state, self.tasks, self.time)
         i = axis_index(command.axis, self.axes)
-        if isinstance(command, JogCommand):
+        if isinstance(command, commands.JogCommand):
             self._stop_jog(f"replaced by a jog of axis {command.axis}")
             self._jog = i, command.press, by
             self.dead_man.set_moving(True)
@@ -307,10 +296,10 @@ class ManualSession:
     def _start(self, i: int, task: AxisTask) -> None:
         self.tasks[i] = replace(task, begun=self.time)
 
-    def _forget(self, command: AxisCommand) -> None:
+    def _forget(self, command: commands.AxisCommand) -> None:
         """Stop an axis that refused a motion, as its previous motion may no longer be wanted."""
-        if isinstance(command, (HomeAxisCommand, GoCommand, JogCommand)):
-            if isinstance(command, JogCommand):
+        if isinstance(command, (commands.HomeAxisCommand, commands.GoCommand, commands.JogCommand)):
+            if isinstance(command, commands.JogCommand):
                 self._jog = None
                 self.dead_man.set_moving(False)
             self._stop_axis(axis_index(command.axis, self.axes))

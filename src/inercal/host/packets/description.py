@@ -26,9 +26,7 @@ KEYS: Mapping[str, Mapping[str, type]] = {
     "": {
         **dict.fromkeys(("about", "byte_order", "rate", "line"), str),
         "frame": list,
-        **dict.fromkeys(
-            ("accelerometer", "gyro", "temperature", "time", "counter", "status"), dict
-        ),
+        **dict.fromkeys(_SECTIONS, dict),
     },
     "frame": {"packet": str, "length": int},
     "accelerometer": {"scale": str, "full_scale": str, "invalid": list},
@@ -104,15 +102,13 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
                 _check_keys(part, section)
     frames = _frames(content)
     roles = {field.role for field in frames[0].fields}
-    rate = (
-        _with_key("rate", lambda: parse_quantity(content["rate"], "Hz").value)
-        if "rate" in content
-        else None
-    )
-    if rate is not None and rate <= 0:
-        raise InputError(
-            f"rate: {content['rate']!r} is not possible; give a rate above 0", key="rate"
-        )
+    rate: float | None = None
+    if "rate" in content:
+        rate = _with_key("rate", lambda: parse_quantity(content["rate"], "Hz").value)
+        if rate <= 0:
+            raise InputError(
+                f"rate: {content['rate']!r} is not possible; give a rate above 0", key="rate"
+            )
     carried = {
         "accelerometer": roles & set(AXES[:3]),
         "gyro": roles & set(AXES[3:]),

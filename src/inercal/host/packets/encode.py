@@ -105,12 +105,7 @@ def _raw_values(layout: PacketLayout, field: Field, given: dict[str, NDArray[Any
         return np.clip(np.rint(raw), *_INTEGER_RANGE["d"]).astype(np.int64)
     if not field.bits:
         return raw
-    low, high = (-(2.0 ** (field.bits - 1)), 2.0 ** (field.bits - 1) - 1)
-    if field.type[0] == "u":
-        low, high = 0.0, 2.0**field.bits - 1
-    # The largest 64-bit integer is not a float, so use the largest float below it.
-    high = np.nextafter(high + 1, 0) if field.bits == 64 else high
-    return np.clip(np.rint(raw), low, high)
+    return np.clip(np.rint(raw), *field.limits)
 
 
 def _records(

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from inercal.host.packets.checksums import Bytes, Indices
+from inercal.basics.arrays import Bools, Indices
+from inercal.host.packets.checksums import Bytes
 from inercal.host.packets.packet_format import BinaryFrame, TextLine
 
 Raw = dict[str, NDArray[Any]]
@@ -96,7 +97,7 @@ def _count_leading_packets(data: Bytes, frame: BinaryFrame) -> int:
     return n if good.all() else int(np.argmin(good))
 
 
-def _valid_checks(data: Bytes, starts: Indices, frame: BinaryFrame) -> NDArray[np.bool_]:
+def _valid_checks(data: Bytes, starts: Indices, frame: BinaryFrame) -> Bools:
     """Return which packets have the right checksums."""
     good = np.ones(starts.size, bool)
     for check in frame.checks:
@@ -112,7 +113,7 @@ def _search_packets(
     data: Bytes, frames: tuple[BinaryFrame, ...], begin: int
 ) -> tuple[Indices, Indices, int, int]:
     """Return starts and kinds of the packets from `begin` on, bytes used, and failed packets."""
-    found, open_at = list[tuple[Indices, Indices, NDArray[np.bool_]]](), list[Indices]()
+    found, open_at = list[tuple[Indices, Indices, Bools]](), list[Indices]()
     for k, frame in enumerate(frames):
         starts = np.flatnonzero(data[begin:] == frame.constants[0][1]) + begin
         for offset, value in frame.constants[1:]:
@@ -140,7 +141,7 @@ def _search_packets(
     return starts[kept], kinds[kept], waiting, failed
 
 
-def _select_disjoint(starts: Indices, lengths: Indices) -> NDArray[np.bool_]:
+def _select_disjoint(starts: Indices, lengths: Indices) -> Bools:
     """Return which packets remain when each one excludes those that begin within it."""
     keep = np.ones(starts.size, bool)
     if np.all(np.diff(starts) >= lengths[:-1]):
@@ -153,7 +154,7 @@ def _select_disjoint(starts: Indices, lengths: Indices) -> NDArray[np.bool_]:
     return keep
 
 
-def _inside_packet(places: Indices, starts: Indices, lengths: Indices) -> NDArray[np.bool_]:
+def _inside_packet(places: Indices, starts: Indices, lengths: Indices) -> Bools:
     """Return which positions lie within a packet."""
     if not starts.size:
         return np.zeros(places.size, bool)
@@ -198,7 +199,7 @@ def find_lines(buffer: bytes, line: TextLine) -> DecodedPackets:
     return DecodedPackets(raw, len(matches), taken, used, failed)
 
 
-def _valid_line_checks(line: TextLine, matches: list[tuple[bytes, ...]]) -> NDArray[np.bool_]:
+def _valid_line_checks(line: TextLine, matches: list[tuple[bytes, ...]]) -> Bools:
     """Return which lines have the right checksums."""
     (check,) = line.checks
     covered = np.frombuffer(b"".join(match[0] for match in matches), np.uint8)

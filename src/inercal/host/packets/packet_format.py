@@ -59,6 +59,13 @@ class Field(NamedTuple):
         """Bits of an integer in a binary packet; 0 for real numbers and for text."""
         return int(self.type[1:]) if self.type[0] in "ui" else 0
 
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The least and the largest integer of a binary packet that is a float."""
+        signed = self.type[0] != "u"
+        low, high = -(2.0 ** (self.bits - 1)) * signed, 2.0 ** (self.bits - signed)
+        return low, float(np.nextafter(high, 0)) if self.bits == 64 else high - 1
+
 
 class CheckField(NamedTuple):
     """A checksum over the bytes from `start` up to its own position `at`."""

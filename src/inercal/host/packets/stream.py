@@ -13,12 +13,12 @@ from enum import IntFlag
 from math import isfinite
 from operator import add
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.host.packets.layout import PacketLayout
@@ -39,15 +39,7 @@ class Flag(IntFlag):
     STATUS = 32  # the device's status does not indicate good data
 
 
-class UnwrappedValues(NamedTuple):
-    """Unwrapped values (n,), flags of the packets (n,) uint8, and the number of lost packets."""
-
-    values: NDArray[Any]
-    flags: NDArray[np.uint8]
-    lost: int
-
-
-def flag_array(where: NDArray[np.bool_], flag: Flag) -> NDArray[np.uint8]:
+def flag_array(where: Bools, flag: Flag) -> NDArray[np.uint8]:
     """Return an array that has a flag where a condition is true."""
     return where.astype(np.uint8) * np.uint8(flag)
 
@@ -69,8 +61,10 @@ class CounterUnwrapper:
     _last: float | int | None = None
     _wrap_count: int = 0
 
-    def unwrap(self, raw: NDArray[Any]) -> UnwrappedValues:
-        """Unwrap raw values; a step of half the modulus or more counts as backward.
+    def unwrap(self, raw: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.uint8], int]:
+        """Return unwrapped values (n,), flags of the packets (n,), and the number of lost packets.
+
+        A step of half the modulus or more counts as backward.
 
         Parameters
         ----------
@@ -79,7 +73,7 @@ class CounterUnwrapper:
         """
         flags = np.zeros(raw.size, np.uint8)
         if not raw.size:
-            return UnwrappedValues(raw, flags, 0)
+            return raw, flags, 0
         before = np.concatenate([raw[:1] if self._last is None else [self._last], raw[:-1]])
         step = np.subtract(raw, before, dtype=np.float64)
         # In an invalid packet, a clock that is a real number may be NaN or absurdly large.
@@ -96,12 +90,12 @@ class CounterUnwrapper:
         known = slice(1 if self._last is None else 0, None)
         self._last = raw[-1]
         if not self.step:
-            return UnwrappedValues(values, flags, 0)
+            return values, flags, 0
         passed = np.rint(step[known] / self.step)
         flags[known] |= flag_array(passed > 1, Flag.GAP)
         flags[known] |= flag_array(step[known] == 0, Flag.REPEATED)
         flags[known] |= flag_array(step[known] < 0, Flag.OUT_OF_ORDER)
-        return UnwrappedValues(values, flags, int(np.sum(np.maximum(passed - 1, 0))))
+        return values, flags, int(np.sum(np.maximum(passed - 1, 0)))
 
 
 Number = TypeVar("Number", np.int64, np.float64)
@@ -219,10 +213,7 @@ class Decoder:
     """
 
     def __init__(
-        self,
-        layout: PacketLayout,
-        mid_stream: bool = False,
-        time_zero: int | float | None = 0,
+        self, layout: PacketLayout, mid_stream: bool = False, time_zero: int | float | None = 0
     ):
         self.layout, self.time_zero = layout, time_zero
         self.counts = PacketCounts()
@@ -312,11 +303,10 @@ class Decoder:
         """Unwrap a counter or clock, and flag and count missing packets."""
         if role not in raw:
             return None
-        values = raw[role].astype(kind)
-        found = self._sequences[role].unwrap(values)
-        flags |= found.flags
-        self.counts += PacketCounts(lost=found.lost)
-        return found.values
+        values, own_flags, lost = self._sequences[role].unwrap(raw[role].astype(kind))
+        flags |= own_flags
+        self.counts += PacketCounts(lost=lost)
+        return values
 
 
 def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCounts]:

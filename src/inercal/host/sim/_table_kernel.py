@@ -143,20 +143,14 @@ def _check_limits(x: Any, before: float) -> None:
 
 @njit(cache=True, nogil=True)
 def advance_axes(
-    axes: NDArray[Any],
-    past: Array,
-    shown: Array,
-    cycle: int,
-    count: int,
-    period: float,
-    out: Array,
+    axes: NDArray[Any], past: Array, shown: Array, cycle: int, period: float, out: Array
 ) -> None:
-    """Advance all axes by `count` cycles from cycle `cycle`.
+    """Advance all axes by the cycles of `out`, from cycle `cycle` on.
 
-    `out` (count, axes, 3) receives angle, rate and acceleration at the end of every cycle, and
+    `out` (cycles, axes, 3) receives angle, rate and acceleration at the end of every cycle, and
     `shown` (axes, PAST) receives the encoder angles.
     """
-    for k in range(count):
+    for k in range(out.shape[0]):
         for i in range(axes.size):
             x = axes[i]
             before = x.encoder

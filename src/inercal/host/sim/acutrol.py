@@ -11,8 +11,7 @@ import re
 from argparse import ArgumentParser
 from math import degrees, inf, radians
 
-from inercal.host.sim.controller import Controller, LineSession
-from inercal.host.sim.dynamics import ServoOffError, SimulatedTable, three_axes
+from inercal.host.sim import dynamics
 from inercal.host.sim.server import add_pace_option, selected_pace, serve
 
 _WORDS = ("mode", "demand", "read", "limit", "interlock", "position", "rate", "acceleration",
@@ -25,11 +24,11 @@ class _CommandError(Exception):
     """A command that the controller refuses."""
 
 
-class SimulatedAcutrol(Controller):
+class SimulatedAcutrol(dynamics.Controller):
     """A simulated ACUTROL3000; channel 1 is the outermost axis, and rates are in °/s."""
 
     def __init__(self):
-        super().__init__(SimulatedTable(three_axes(), 2000.0))
+        super().__init__(dynamics.SimulatedTable(dynamics.three_axes(), 2000.0))
         count = len(self.table.axes)
         self._mode = ["off"] * count
         self._demand = [{"position": 0.0, "rate": 0.0} for _ in range(count)]
@@ -42,9 +41,9 @@ class SimulatedAcutrol(Controller):
             # The encoders are absolute: the zero is where the axis was built to have it.
             x.zero, x.homed, x.fatal, x.band = 0.0, 1, radians(2.0), radians(1e-4)
 
-    def session(self) -> LineSession:
+    def session(self) -> dynamics.LineSession:
         """Return the controller's side of a new connection."""
-        return LineSession(b"\n", self._answer_line)
+        return dynamics.LineSession(b"\n", self._answer_line)
 
     def _answer_line(self, line: str) -> str:
         said: list[str] = []
@@ -144,7 +143,7 @@ class SimulatedAcutrol(Controller):
             else:
                 x.speed = radians(min(abs(demand), limit[mode, "rate"]))
                 self.table.rotate_axis(i, 1.0 if demand > 0 else -1.0)
-        except ServoOffError:
+        except dynamics.ServoOffError:
             raise _CommandError from None
 
     def _interlock(self, i: int) -> str:

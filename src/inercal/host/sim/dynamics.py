@@ -1,8 +1,8 @@
-"""The dynamics of a simulated table: motion profiles, servo lag, limits and faults.
+"""The dynamics of a simulated table, and the base class of the controllers that turn it.
 
 `advance(until)` runs whole servo cycles up to a bench time and returns the true motion in each of
 them. Time passes only in this way, so the same cycles give the same numbers at any speed. The
-equations are in `_table_kernel`.
+equations of motion profiles, servo lag, limits and faults are in `_table_kernel`.
 """
 
 from collections.abc import Callable, Sequence
@@ -153,13 +153,7 @@ class SimulatedTable:
 
     def _run_cycles(self, out: Array) -> None:
         kernel.advance_axes(
-            self._records,
-            self._rate_history,
-            self._encoder_history,
-            self.cycle,
-            len(out),
-            self.period,
-            out,
+            self._records, self._rate_history, self._encoder_history, self.cycle, self.period, out
         )
         self.cycle += len(out)
 
@@ -237,3 +231,60 @@ def three_axes() -> tuple[AxisDynamics, ...]:
         AxisDynamics("middle", start=-0.7, omega=50.0, torque=30.0),
         AxisDynamics("inner", start=pi / 3, omega=60.0, torque=60.0),
     )
+
+
+class Controller:
+    """A `server.Device` that turns a table; subclasses add its sessions.
+
+    Parameters
+    ----------
+    table : Table
+    """
+
+    def __init__(self, table: SimulatedTable):
+        self.table = table
+
+    @property
+    def time(self) -> float:
+        """Bench time, s."""
+        return self.table.time
+
+    def advance(self, until: float) -> AxesMotion:
+        """Let bench time pass; return the true motion in each servo cycle."""
+        return self.table.advance(until)
+
+    def fault(self, words: str) -> None:
+        """Set a fault of the table, such as `amplifier 2` or `frozen 1 off`; axes count from 1.
+
+        Raises
+        ------
+        InputError
+            There is no such fault or axis; the message lists the possible ones.
+        """
+        count = len(self.table.axes)
+        match words.split():
+            case [what, number, *state] if (
+                what in FAULTS
+                and number in map(str, range(1, count + 1))
+                and state in ([], ["on"], ["off"])
+            ):
+                self.table.fault(int(number) - 1, what, state != ["off"])
+            case _:
+                axes = f"then an axis from 1 to {count}, then on or off"
+                raise unknown_fault(words, f"{', '.join(FAULTS)}, {axes}")
+
+
+class LineSession:
+    """A connection on which a controller receives lines and answers each one at once.
+
+    Received bytes are split at `ending`, and `answer` takes a line.
+    """
+
+    def __init__(self, ending: bytes, answer: Callable[[str], str]):
+        self._ending, self._answer = ending, answer
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> bytes:
+        """As `server.Session.feed`."""
+        *lines, self._buffer = (self._buffer + data).split(self._ending)
+        return "".join(self._answer(line.decode("latin-1").strip()) for line in lines).encode()

@@ -52,18 +52,16 @@ def connect(address: str, patience: float) -> socket.socket:
         No IMU answers.
     """
     end, until = socket.socket(socket.AF_UNIX), monotonic() + patience
-    try:
-        while True:
-            try:
-                end.connect(address.removeprefix("unix:"))
-                return end
-            except (FileNotFoundError, ConnectionRefusedError):  # the IMU is not listening yet
-                if monotonic() > until:
-                    raise
-                sleep(_RETRY_INTERVAL)
-    except OSError:
-        end.close()
-        raise
+    while True:
+        try:
+            end.connect(address.removeprefix("unix:"))
+            return end
+        except OSError as error:
+            waits = isinstance(error, (FileNotFoundError, ConnectionRefusedError))
+            if not waits or monotonic() > until:  # it waits for an IMU that does not listen yet
+                end.close()
+                raise
+            sleep(_RETRY_INTERVAL)
 
 
 def send(end: socket.socket, part: MotionBlock) -> None:

@@ -6,8 +6,7 @@ Run it as `python -m inercal.host.sim.motor`, on a pseudo-terminal, or with `--p
 from argparse import ArgumentParser
 from math import degrees, isfinite, radians
 
-from inercal.host.sim.controller import Controller, LineSession
-from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable
+from inercal.host.sim.dynamics import AxisDynamics, Controller, LineSession, SimulatedTable
 from inercal.host.sim.faults import parse_number
 from inercal.host.sim.server import add_pace_option, selected_pace, serve
 

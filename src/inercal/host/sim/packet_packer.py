@@ -9,24 +9,25 @@ are left to `encode`.
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.kernel_options import njit
 from inercal.host.packets import PacketLayout, encode
 from inercal.host.packets.packet_format import AXES, ROLES, BinaryFrame
 
 _TEMPERATURE = 293.15  # K; the temperature of the simulated IMU
+_MAX_INTEGER = float(np.nextafter(2.0**63, 0))  # of a signed integer; no device counts further
 _TEMPERATURE_AT, _COUNTER_AT, _TIME_AT, _STATUS_AT = range(len(AXES), len(ROLES))
 
 
 @njit(cache=True, nogil=True)
 def _write_fields(
     given: Array,
-    columns: NDArray[np.int64],
+    columns: Indices,
     scales: Array,
-    whole: NDArray[np.bool_],
-    at: NDArray[np.int64],
-    sizes: NDArray[np.int64],
-    big: NDArray[np.bool_],
+    whole: Bools,
+    at: Indices,
+    sizes: Indices,
+    big: Bools,
     out: NDArray[np.uint8],
 ) -> None:
     """Write the values (n, given) to the fields of packets (n, length).
@@ -114,25 +115,21 @@ class _FramePacker:
 
     def __init__(self, layout: PacketLayout, frame: BinaryFrame):
         self._frame = frame
-        self._columns = np.array([ROLES.index(field.role) for field in frame.fields])
-        self._is_integer = np.array([field.bits > 0 for field in frame.fields])
-        self._offsets = np.array([field.at for field in frame.fields])
-        self._sizes = np.array([int(field.type[1:]) // 8 for field in frame.fields])
-        self._is_big_endian = np.array(
-            [frame.byte_orders[field.role] == "big" for field in frame.fields]
-        )
         scales: list[tuple[float, ...]] = []
         for field in frame.fields:
             scale = layout.scale(field.role)
-            low, high = -(2.0 ** (field.bits - 1)), 2.0 ** (field.bits - 1) - 1
-            if field.type[0] == "u":
-                low, high = 0.0, 2.0**field.bits - 1
-            if field.bits == 64:
-                # The largest value of a signed integer; no device counts further.
-                high = float(np.nextafter(2.0**63, 0))
+            low, high = field.limits
+            high = min(high, _MAX_INTEGER)
             wraps = layout.wraps.get(field.role, 0.0)
             scales.append((scale.size, scale.zero, field.sign, scale.full_scale, low, high, wraps))
-        self._scales = np.array(scales)
+        self._fields = (
+            np.array([ROLES.index(field.role) for field in frame.fields]),
+            np.array(scales),
+            np.array([field.bits > 0 for field in frame.fields]),
+            np.array([field.at for field in frame.fields]),
+            np.array([int(field.type[1:]) // 8 for field in frame.fields]),
+            np.array([frame.byte_orders[field.role] == "big" for field in frame.fields]),
+        )
         self._template = np.zeros(frame.length, np.uint8)
         for offset, value in frame.constants:
             self._template[offset] = value
@@ -142,16 +139,7 @@ class _FramePacker:
         n, length = len(given), self._frame.length
         rows = np.empty((n, length), np.uint8)
         rows[:] = self._template
-        _write_fields(
-            given,
-            self._columns,
-            self._scales,
-            self._is_integer,
-            self._offsets,
-            self._sizes,
-            self._is_big_endian,
-            rows,
-        )
+        _write_fields(given, *self._fields, rows)
         for check in self._frame.checks:
             starts = np.arange(check.start, n * length, length)
             ends = starts + (check.at - check.start)

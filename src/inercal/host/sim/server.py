@@ -164,27 +164,20 @@ class SimulatorServer(Generic[D]):
         """Let time pass up to now, and send the delayed replies that are due."""
         with self.lock:
             self.device.advance(self.pace())
-            if not self._delayed_replies:
-                return
-            due = [late for late in self._delayed_replies if late[0] <= self.device.time]
-            self._delayed_replies = [
-                late for late in self._delayed_replies if late[0] > self.device.time
-            ]
-            for _, line, reply in due:
-                self._send(line, reply)
+            delayed, self._delayed_replies = self._delayed_replies, []
+            for due, line, reply in delayed:
+                if due <= self.device.time:
+                    self._send(line, reply)
+                else:
+                    self._delayed_replies.append((due, line, reply))
 
     def _accept(self) -> None:
         assert self._listener is not None
         connection, _ = self._listener.accept()
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._add_connection(
-            _Connection(
-                connection,
-                lambda: connection.recv(_READ_SIZE),
-                connection.sendall,
-                connection.close,
-            )
-        )
+        receive = partial(connection.recv, _READ_SIZE)
+        line = _Connection(connection, receive, connection.sendall, connection.close)
+        self._add_connection(line)
 
     def _add_connection(self, line: "_Connection") -> None:
         line.session = self.device.session()

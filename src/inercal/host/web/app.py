@@ -10,7 +10,7 @@ from importlib.metadata import version
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from time import monotonic
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -28,10 +28,8 @@ from inercal.host.web.plans import check_filter_changes
 from inercal.host.web.refusal_log import RefusalLog
 from inercal.host.web.viewers import Client, Viewer
 
-Result = TypeVar("Result")
 
-
-class SharedCall(Generic[Result]):
+class SharedCall:
     """Calls a slow function in a thread; callers that ask before a call begins share its result.
 
     Parameters
@@ -41,18 +39,18 @@ class SharedCall(Generic[Result]):
         Locked during a call.
     """
 
-    def __init__(self, function: Callable[[], Result], lock: asyncio.Lock):
+    def __init__(self, function: Callable[[], dict[str, Any]], lock: asyncio.Lock):
         self._function, self._lock = function, lock
-        self._next: asyncio.Task[Result] | None = None
+        self._next: asyncio.Task[dict[str, Any]] | None = None
 
-    async def __call__(self) -> Result:
+    async def __call__(self) -> dict[str, Any]:
         """Return the result of a call that begins after this request."""
         if self._next is None:
             self._next = asyncio.create_task(self._call())
         # A caller that is cancelled ends only its own wait, as the others still wait for the call.
         return await asyncio.shield(self._next)
 
-    async def _call(self) -> Result:
+    async def _call(self) -> dict[str, Any]:
         async with self._lock:
             self._next = None
             return await asyncio.to_thread(self._function)

@@ -11,6 +11,7 @@ from zlib import crc32
 from inercal.basics.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
+from inercal.host.web import run_request, viewers
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
 from inercal.host.web.json_objects import (
     JsonObject,
@@ -20,25 +21,7 @@ from inercal.host.web.json_objects import (
 )
 from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
 from inercal.host.web.run_process import RunProcess
-from inercal.host.web.run_request import (
-    HALT,
-    NOTE,
-    ManualRequest,
-    ProcessRequest,
-    RunRequest,
-    manual_line,
-    mounted_line,
-    premature_end_message,
-)
 from inercal.host.web.runs import Runs, StoredRun
-from inercal.host.web.viewers import (
-    OPERATOR_GRACE,
-    Client,
-    MessageHistory,
-    Viewer,
-    Viewers,
-    is_alarm,
-)
 
 _MAX_NAME = 80  # characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s within which a process must exit after its end message
@@ -84,13 +67,13 @@ class Hub:
     ):
         self.probe_lock = asyncio.Lock()
         self.plans, self.runs, self.choice = plans, runs, choice
-        self.people = Viewers()
+        self.people = viewers.Viewers()
         self._stop_executor = ThreadPoolExecutor(1, "stop")
         self._register, self._options = register, options
         self._start = start
         self.run_process: RunProcess | None = None
         self._end_published = False
-        self._history: MessageHistory | None = None
+        self._history: viewers.MessageHistory | None = None
         self._relay_task: asyncio.Task[None] | None = None
 
     @property
@@ -99,8 +82,8 @@ class Hub:
         return self.run_process is not None and not self._end_published
 
     def add_viewer(
-        self, version: str, browser: str, tab: str | None, client: Client
-    ) -> Viewer | None:
+        self, version: str, browser: str, tab: str | None, client: viewers.Client
+    ) -> viewers.Viewer | None:
         """Add a viewer and send it the current state of the run, then its history.
 
         Returns None if there is no free place.
@@ -118,7 +101,7 @@ class Hub:
             viewer.send_history(self._history.past())
         return viewer
 
-    def remove_viewer(self, viewer: Viewer) -> None:
+    def remove_viewer(self, viewer: viewers.Viewer) -> None:
         """Remove a viewer; an operator's place becomes free later, and all viewers are told."""
         operated = self.people.is_operator(viewer)
         if operated:
@@ -127,10 +110,10 @@ class Hub:
         self._broadcast_viewers()
         if operated:
             asyncio.get_running_loop().call_later(
-                OPERATOR_GRACE + _TIMER_MARGIN, self._broadcast_viewers
+                viewers.OPERATOR_GRACE + _TIMER_MARGIN, self._broadcast_viewers
             )
 
-    async def execute(self, viewer: Viewer, asked: JsonObject) -> None:
+    async def execute(self, viewer: viewers.Viewer, asked: JsonObject) -> None:
         """Execute a viewer's request.
 
         Raises
@@ -183,7 +166,7 @@ class Hub:
                         "characters",
                         key="text",
                     )
-                self._send_to_run(f"{NOTE}{self.people.operator}: {text}")
+                self._send_to_run(f"{run_request.NOTE}{self.people.operator}: {text}")
             case "mounted":
                 self._confirm_mounting(asked)
             case _:
@@ -203,22 +186,24 @@ class Hub:
                 "request",
                 key="mounting",
             )
-        self._send_to_run(mounted_line(number, str(mounting), self.people.operator or ""))
+        self._send_to_run(
+            run_request.mounted_line(number, str(mounting), self.people.operator or "")
+        )
 
     def _send_manual(self, command: ManualCommand) -> None:
         if not self._is_manual:
             raise InputError("no manual session is active; start one first")
-        self._send_to_run(manual_line(self.people.operator or "", command))
+        self._send_to_run(run_request.manual_line(self.people.operator or "", command))
 
     def _halt_manual(self, why: str) -> None:
         """Stop all axes in a manual session because it has no operator any more."""
         if self._is_manual and self.run_process is not None:
-            self.run_process.send_line(f"{HALT}{why}")
+            self.run_process.send_line(f"{run_request.HALT}{why}")
 
     @property
     def _is_manual(self) -> bool:
         run_process = self.run_process if self.is_run_active else None
-        return run_process is not None and isinstance(run_process.order, ManualRequest)
+        return run_process is not None and isinstance(run_process.order, run_request.ManualRequest)
 
     def _send_to_run(self, line: str) -> None:
         if self._is_manual and line in ("pause", "go on"):
@@ -254,7 +239,7 @@ class Hub:
         """
         runs = await asyncio.to_thread(self.runs.all)
         if self.run_process is not None:
-            if isinstance(self.run_process.order, ManualRequest):
+            if isinstance(self.run_process.order, run_request.ManualRequest):
                 raise InputError(
                     "the table is under manual control; end that session before you start a run"
                 )
@@ -303,7 +288,7 @@ class Hub:
         folder = self.runs.new_folder("manual")
         with_imu = asked.get("with_imu") is True
         table, imu, clock, simulated = chosen
-        order = ManualRequest(
+        order = run_request.ManualRequest(
             str(folder.absolute()), str(plan.path.absolute()), self.people.operator or "", table,
             imu if with_imu else "", clock, simulated, crc32(folder.name.encode()), with_imu,
         )  # fmt: skip
@@ -337,14 +322,14 @@ class Hub:
 
     def _run_request(
         self, folder: Path, chosen: ChosenDevices, asked: JsonObject, plan: Path | None
-    ) -> RunRequest:
+    ) -> run_request.RunRequest:
         sensor = asked.get("sensor") if plan is not None else None
         if sensor is not None and (sensor := printable_line(sensor, _MAX_NAME)) is None:
             raise InputError(
                 f"the sensor name is empty or too long; give 1 to {_MAX_NAME} printable characters",
                 key="sensor",
             )
-        return RunRequest(
+        return run_request.RunRequest(
             str(folder.absolute()),
             None if plan is None else str(plan.absolute()),
             sensor,
@@ -359,7 +344,7 @@ class Hub:
             None if plan is None else filter_changes(asked.get("filter")),
         )
 
-    def _launch(self, order: ProcessRequest) -> None:
+    def _launch(self, order: run_request.ProcessRequest) -> None:
         try:
             self.run_process = self._start(order)
         except OSError as error:
@@ -367,15 +352,15 @@ class Hub:
                 f"the operating system cannot start the process of the run: {error.strerror}; "
                 "free memory or disk space, then start again"
             ) from None
-        is_manual = isinstance(order, ManualRequest)
-        self._history, self._end_published = MessageHistory(keeps_trend=is_manual), False
+        is_manual = isinstance(order, run_request.ManualRequest)
+        self._history, self._end_published = viewers.MessageHistory(keeps_trend=is_manual), False
         # The process takes seconds before it sends its own first message.
         starts = _message_text("phase", run=order.name, words="starting the run's process")
         self._history.add_message("phase", starts)
         self._broadcast("phase", starts)
         self._relay_task = asyncio.create_task(self._relay(self.run_process, self._history))
 
-    async def _relay(self, run_process: RunProcess, kept: MessageHistory) -> None:
+    async def _relay(self, run_process: RunProcess, kept: viewers.MessageHistory) -> None:
         """Relay the messages of a run until there are no more."""
         async for kind, text in run_process.messages():
             self._end_published |= kind == "done"
@@ -386,7 +371,9 @@ class Hub:
         if not self._end_published:
             since = run_process.order.loss_text
             words = f"the run's process has ended (status {status}){since}"
-            text = _message_text("done", **premature_end_message(run_process.order, words))
+            text = _message_text(
+                "done", **run_request.premature_end_message(run_process.order, words)
+            )
             kept.add_message("done", text)
             self._broadcast("done", text)
 
@@ -395,7 +382,7 @@ class Hub:
         self._broadcast("idle", _message_text("idle"))
 
     def _broadcast(self, kind: str, text: str) -> None:
-        urgent = kind != "event" or is_alarm(text)
+        urgent = kind != "event" or viewers.is_alarm(text)
         for viewer in self.people.viewers.values():
             viewer.send(kind, text, urgent=urgent)
 

@@ -21,18 +21,7 @@ from inercal.host.journal import Journal
 from inercal.host.manual.commands import HaltCommand
 from inercal.host.manual.session import ManualSession
 from inercal.host.run_log import os_errors_as_input_errors
-from inercal.host.web.run_request import (
-    END,
-    HALT,
-    MANUAL,
-    MANUAL_JOURNAL,
-    NOTE,
-    ManualRequest,
-    SimulationRequest,
-    end_message,
-    parse_manual_line,
-    write_process_record,
-)
+from inercal.host.web import run_request
 from inercal.host.web.telemetry import ManualTelemetry
 from inercal.host.web.worker_process import LineReader, Publisher, serve_request
 from inercal.runfile import read
@@ -66,17 +55,19 @@ class SessionRelay:
 
     def hear_line(self, line: str) -> None:
         """Execute a line; before the session exists, only remember a request to end."""
-        if line == END:
+        if line == run_request.END:
             self.end("ended by the operator")
         elif self.session is None:
             return
-        elif line.startswith(HALT):
-            self.session.request("the server", HaltCommand(line.removeprefix(HALT)))
-        elif line.startswith(NOTE):
-            self.session.write_note(line.removeprefix(NOTE))
-        elif line.startswith(MANUAL):
+        elif line.startswith(run_request.HALT):
+            self.session.request("the server", HaltCommand(line.removeprefix(run_request.HALT)))
+        elif line.startswith(run_request.NOTE):
+            self.session.write_note(line.removeprefix(run_request.NOTE))
+        elif line.startswith(run_request.MANUAL):
             try:
-                self.session.request(*parse_manual_line(line.removeprefix(MANUAL)))
+                self.session.request(
+                    *run_request.parse_manual_line(line.removeprefix(run_request.MANUAL))
+                )
             except InercalError as error:
                 print(f"inercal: {error}", file=sys.stderr, flush=True)
 
@@ -103,15 +94,17 @@ def main() -> int:
     """Carry out the session and return the exit status."""
     relay = SessionRelay()
     end = serve_request(
-        ManualRequest.from_json,
-        lambda order, publisher: end_message(order, "manual", _operate(order, publisher, relay)),
+        run_request.ManualRequest.from_json,
+        lambda order, publisher: run_request.end_message(
+            order, "manual", _operate(order, publisher, relay)
+        ),
         relay.hear,
         relay.interrupt,
     )
     return 2 if end is None else 0
 
 
-def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) -> str:
+def _operate(order: run_request.ManualRequest, publisher: Publisher, relay: SessionRelay) -> str:
     """Operate the table until the session ends, and return the reason for its end."""
     folder, plan = Path(order.folder), Path(order.plan)
     run = read(plan)
@@ -125,16 +118,18 @@ def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) ->
             bench = BenchSimulator(plan, order.seed, order.simulated, pace=1.0, compiling=compiling)
             opened.enter_context(bench)
             addresses = DeviceAddresses(bench.table, bench.imu if order.with_imu else "")
-            simulated = SimulationRequest(order.simulated, order.seed)
+            simulated = run_request.SimulationRequest(order.simulated, order.seed)
         publisher.publish("phase", run=order.name, words="connecting to the table")
         with os_errors_as_input_errors(folder, "made"):
             folder.mkdir(parents=True)
             (folder / plan.name).write_bytes(plan.read_bytes())
         with ExitStack() as removed:
             removed.callback(shutil.rmtree, folder, ignore_errors=True)
-            opened.callback(os.close, write_process_record(folder, simulated))
+            opened.callback(os.close, run_request.write_process_record(folder, simulated))
             journal = opened.enter_context(
-                Journal.create(folder / MANUAL_JOURNAL, plan.name, addresses, POLL_INTERVAL, 0)
+                Journal.create(
+                    folder / run_request.MANUAL_JOURNAL, plan.name, addresses, POLL_INTERVAL, 0
+                )
             )
             journal.record_event("info", _begin_text(order))
             telemetry = ManualTelemetry(order, run, publisher, journal)
@@ -153,7 +148,7 @@ def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) ->
         return words
 
 
-def _begin_text(order: ManualRequest) -> str:
+def _begin_text(order: run_request.ManualRequest) -> str:
     by = order.requested_by or "an operator who gave no name"
     words = f"manual session, started from the page by {by}; limits of {Path(order.plan).name}"
     return f"{words}; simulated bench, seed {order.seed}" if order.simulated else words

@@ -78,6 +78,7 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
     remaining = run.sequencer.remaining_time(seen.time) if seen is not None else None
     table = None if seen is None else {"axes": [axis_fields(axis) for axis in seen.axes]}
     task, request = run.sequencer.task, run.mounting_request
+    celsius = rounded_number(run.recorder.temperature - ZERO_CELSIUS, 4)
     return {
         "time": rounded_number(run.time),
         "phase": run.sequencer.phase,
@@ -89,12 +90,7 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
         "table": table,
         "set_rate": _set_rate(task, run.sequencer.phase),
         "mounting": None if request is None else request._asdict(),
-        "imu": imu_fields(
-            tally.bytes,
-            tally.samples,
-            tally.samples_without_angle,
-            rounded_number(run.recorder.temperature - ZERO_CELSIUS, 4),
-        ),
+        "imu": imu_fields(tally.bytes, tally.samples, tally.samples_without_angle, celsius),
         "live": run.recorder.estimation,
         "attitude": _attitude_fields(run, plan, angles),
     }

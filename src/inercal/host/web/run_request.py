@@ -7,7 +7,7 @@ import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -78,17 +78,12 @@ class ProcessRequest(ABC):
             The line is not a valid request.
         """
         try:
-            return cls.from_fields(json.loads(line))
+            return cls(**json.loads(line))
         except (TypeError, ValueError):
             raise InputError(
                 f"{line[:80]!r} is not a request; send the JSON object of a {cls.__name__}",
                 key="request",
             ) from None
-
-    @classmethod
-    def from_fields(cls, fields: dict[str, Any]) -> Self:
-        """Return the request with the given fields, as parsed from JSON."""
-        return cls(**fields)
 
 
 @dataclass(frozen=True)
@@ -142,14 +137,10 @@ class RunRequest(ProcessRequest):
     ambient: float | None = None
     filter: Mapping[str, str] | None = None
 
-    @classmethod
-    def from_fields(cls, fields: dict[str, Any]) -> Self:
-        """Return the request with the given fields, as parsed from JSON."""
-        request = cls(**fields)
-        if request.temperature is None:
-            return request
-        low, high = request.temperature  # JSON has no tuples, only lists
-        return replace(request, temperature=(low, high))
+    def __post_init__(self) -> None:
+        if self.temperature is not None:
+            low, high = self.temperature  # JSON has no tuples, only lists
+            object.__setattr__(self, "temperature", (low, high))
 
     @property
     def options(self) -> RunOptions:

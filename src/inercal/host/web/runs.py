@@ -12,12 +12,7 @@ from inercal.basics.small_files import read_toml
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
 from inercal.host.run_log import is_locked
-from inercal.host.web.run_request import (
-    MANUAL_JOURNAL,
-    PROCESS_RECORD,
-    read_process_record,
-    run_in_progress,
-)
+from inercal.host.web import run_request
 from inercal.laboratory.store import Register
 
 UNREADABLE = "unreadable"  # state of a run whose journal cannot be read
@@ -62,12 +57,7 @@ class Runs:
 
     def all(self) -> dict[str, StoredRun]:
         """Return the runs by the names of their folders, latest first."""
-        found: list[StoredRun] = []
-        for journal in self.folder.glob(f"*/{JOURNAL}"):
-            try:
-                found.append(_stored_run(journal.parent))
-            except InputError as error:
-                found.append(_unreadable_run(journal.parent, error))
+        found = [_stored_run(journal.parent) for journal in self.folder.glob(f"*/{JOURNAL}")]
         found.sort(key=lambda one: one.summary["begun"], reverse=True)
         return {one.path.name: one for one in found}
 
@@ -76,13 +66,13 @@ class Runs:
 
         This reads no journal, because a stop must not depend on one.
         """
-        names = (JOURNAL, MANUAL_JOURNAL)
+        names = (JOURNAL, run_request.MANUAL_JOURNAL)
         folders = dict.fromkeys(p.parent for name in names for p in self.folder.glob(f"*/{name}"))
-        return [folder for folder in folders if run_in_progress(folder)]
+        return [folder for folder in folders if run_request.run_in_progress(folder)]
 
     def manual_sessions(self) -> list[Path]:
         """Return the folders of active manual sessions."""
-        return [one for one in self.active_folders() if (one / MANUAL_JOURNAL).exists()]
+        return [one for one in self.active_folders() if (one / run_request.MANUAL_JOURNAL).exists()]
 
     def new_folder(self, stem: str) -> Path:
         """Return an unused path for the folder of a run."""
@@ -149,32 +139,21 @@ class Runs:
 
 
 def _stored_run(path: Path) -> StoredRun:
-    with Journal(path / JOURNAL, read_only=True) as journal:
-        header = journal.header()
-    driven = run_in_progress(path)
-    state = "running" if driven else "interrupted" if header.state == "running" else header.state
-    stem = Path(header.run_file).stem
-    summary = {
-        "id": path.name,
-        "sensor": _sensor_name(path / header.run_file),
-        "begun": header.begun,
-        "state": state,
-        "report": (path / f"{stem}.report.html").is_file(),
-    }
+    """Return the run in a folder; if its journal cannot be read, its summary has the reason."""
+    stem, state = "", UNREADABLE
+    summary: dict[str, Any] = {"id": path.name, "sensor": path.name, "begun": "", "report": False}
+    try:
+        with Journal(path / JOURNAL, read_only=True) as journal:
+            header = journal.header()
+    except InputError as error:
+        summary["trouble"] = str(error)
+    else:
+        stem = Path(header.run_file).stem
+        state = "interrupted" if header.state == "running" else header.state
+        summary |= {"sensor": _sensor_name(path / header.run_file), "begun": header.begun}
+        summary["report"] = (path / f"{stem}.report.html").is_file()
+    summary["state"] = "running" if run_request.run_in_progress(path) else state
     return StoredRun(path, stem, summary)
-
-
-def _unreadable_run(path: Path, error: InputError) -> StoredRun:
-    """Return a run whose journal cannot be read, with the reason in its summary."""
-    summary = {
-        "id": path.name,
-        "sensor": path.name,
-        "begun": "",
-        "state": "running" if run_in_progress(path) else UNREADABLE,
-        "report": False,
-        "trouble": str(error),
-    }
-    return StoredRun(path, "", summary)
 
 
 def _sensor_name(run_file: Path) -> str:
@@ -189,7 +168,8 @@ def _interrupt_process(folder: Path) -> bool:
     """Signal the process of a page's run in a folder to stop; return False if there is none."""
     # A record that nobody has locked is old, and its process ID may belong to another process by
     # now.
-    was = read_process_record(folder) if is_locked(folder / PROCESS_RECORD) else None
+    is_driven = is_locked(folder / run_request.PROCESS_RECORD)
+    was = run_request.read_process_record(folder) if is_driven else None
     if was is None:
         return False
     try:

@@ -239,15 +239,12 @@ def serve(options: ServerOptions) -> None:
         choice = DeviceCatalogue(options.table, options.imu, options.clock)
         hub = Hub(Plans(options.plans), runs, choice, options.register, options.run_options)
         server = web_server(hub, options.register, access, refused)
-        host = (
-            socket.gethostname()
-            if options.host in _WILDCARD_HOSTS
-            else _bracketed_host(options.host)
-        )
+        host = socket.gethostname() if options.host in _WILDCARD_HOSTS else options.host
         print_notice(
             "the STOP of this page is software and not a safety function; the hardware interlock is"
         )
-        print(_page_address_text(f"http://{host}:{port}/", options.token, token), flush=True)
+        address = f"http://{_bracketed_host(host)}:{port}/"
+        print(_page_address_text(address, options.token, token), flush=True)
         asyncio.run(server.serve(sockets=[opened]))
 
 

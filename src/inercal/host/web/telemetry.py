@@ -23,12 +23,7 @@ from inercal.host.live_estimator import LiveEstimator
 from inercal.host.manual.command_check import LIMIT_MARGIN, AxisTask
 from inercal.host.manual.session import ManualSession
 from inercal.host.web import page_messages
-from inercal.host.web.page_messages import (
-    axis_fields,
-    channel_fields,
-    imu_fields,
-    rounded_number,
-)
+from inercal.host.web.page_messages import axis_fields, channel_fields, imu_fields, rounded_number
 from inercal.host.web.run_request import ManualRequest
 from inercal.host.web.worker_process import Publisher
 from inercal.runfile import Run
@@ -102,10 +97,8 @@ class RunTelemetry(Telemetry):
         live, start = recorder.live_estimator, recorder.assembly.recording_start
         if live is not None and live.has_estimate and start is not None:
             self._record_innovations(live)
-            if (
-                monotonic() - self._estimates_published_at >= _ESTIMATE_INTERVAL
-                or run.sequencer.is_over
-            ):
+            is_due = monotonic() - self._estimates_published_at >= _ESTIMATE_INTERVAL
+            if is_due or run.sequencer.is_over:
                 self._publish_estimates(live, start)
         self._publisher.publish(
             "state", **page_messages.state_message(run, self._plan, self._angles)
@@ -196,9 +189,8 @@ class ManualTelemetry(Telemetry):
     def __call__(self, session: ManualSession) -> None:
         """Publish all changes since the last call."""
         self.publish_events()
-        self._publish_samples(
-            session.imu.assembly.take_received() if session.imu is not None else None
-        )
+        if session.imu is not None:
+            self._publish_samples(session.imu.assembly.take_received())
         self._publisher.publish("state", **_state_message(session))
 
     def publish_plan(self, session: ManualSession) -> None:

@@ -61,11 +61,7 @@ class Viewer:
     """
 
     def __init__(
-        self,
-        number: int,
-        browser: str | None,
-        tab: str | None = None,
-        client: Client | None = None,
+        self, number: int, browser: str | None, tab: str | None = None, client: Client | None = None
     ):
         self.number, self.browser, self.tab = number, browser, tab
         self.client = client or Client("", browser)
@@ -228,10 +224,8 @@ class Viewers:
             return hosts[one.client.host], clients[one.client], one.number
 
         most = max(others, key=places)
-        if (
-            self.is_operator_browser(client.browser)
-            or hosts[client.host] + 1 < hosts[most.client.host]
-        ):
+        has_fewer = hosts[client.host] + 1 < hosts[most.client.host]
+        if has_fewer or self.is_operator_browser(client.browser):
             return most
         neighbours = (one for one in others if one.client.host == client.host)
         most = max(neighbours, key=places, default=None)

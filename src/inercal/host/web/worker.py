@@ -19,14 +19,9 @@ from urllib.parse import quote
 
 from inercal.basics.errors import InercalError
 from inercal.estimation.kernel_options import on_compilation
+from inercal.host import bench_simulator
 from inercal.host.addresses import DeviceAddresses, layout_of_address
 from inercal.host.bench_run import BenchRun
-from inercal.host.bench_simulator import (
-    COMPILATION_MESSAGE,
-    STARTUP_MESSAGE,
-    BenchSimulator,
-    start_bench_simulator,
-)
 from inercal.host.clock import SimulatedClock
 from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
@@ -36,19 +31,7 @@ from inercal.host.registration import RegisterSync
 from inercal.host.run_execution import RunInterrupted, execute_run, finish_run
 from inercal.host.run_folder import JOURNAL, LOG, RunFolder, create_run, reopen_run
 from inercal.host.run_log import read_frames
-from inercal.host.web import page_messages
-from inercal.host.web.run_request import (
-    MOUNTED,
-    NOTE,
-    PROCESS_RECORD,
-    EndMessage,
-    RunRequest,
-    SimulationRequest,
-    changed_run_file,
-    end_message,
-    read_process_record,
-    write_process_record,
-)
+from inercal.host.web import page_messages, run_request
 from inercal.host.web.telemetry import UPDATE_INTERVAL, RunTelemetry
 from inercal.host.web.worker_process import LineReader, Publisher, serve_request
 from inercal.laboratory.store import Register
@@ -56,11 +39,7 @@ from inercal.runfile import Run, read
 
 _TIME_STEP, _TIME_MARGIN = 10.0, 2.0  # s of bench time in a simulation
 _RunCommand = Literal["pause", "go on", "stop"]
-_COMMANDS: dict[str, _RunCommand] = {
-    "pause": "pause",
-    "go on": "go on",
-    "abort": "stop",
-}
+_COMMANDS: dict[str, _RunCommand] = {"pause": "pause", "go on": "go on", "abort": "stop"}
 
 
 class CommandRelay:
@@ -80,10 +59,10 @@ class CommandRelay:
 
     def command(self, words: str) -> None:
         """Execute `pause`, `go on`, `abort`, a note or `mounted`; may be called from any thread."""
-        if words.startswith(NOTE):
-            self._notes.put(words.removeprefix(NOTE))
-        if words.startswith(MOUNTED) and self._run is not None:
-            self._run.confirm_mounting(*json.loads(words.removeprefix(MOUNTED)))
+        if words.startswith(run_request.NOTE):
+            self._notes.put(words.removeprefix(run_request.NOTE))
+        if words.startswith(run_request.MOUNTED) and self._run is not None:
+            self._run.confirm_mounting(*json.loads(words.removeprefix(run_request.MOUNTED)))
         if (what := _COMMANDS.get(words)) is None:
             return
         self._queue.put(what)
@@ -134,7 +113,7 @@ class RunController:
     control : CommandRelay
     """
 
-    def __init__(self, order: RunRequest, publisher: Publisher, control: CommandRelay):
+    def __init__(self, order: run_request.RunRequest, publisher: Publisher, control: CommandRelay):
         self._order, self._publisher, self._control = order, publisher, control
         self._folder = Path(order.folder)
         self._by = order.requested_by or "an operator who gave no name"
@@ -155,12 +134,9 @@ class RunController:
             addresses = self._open_addresses(run, bench, opened)
             result, journal = self._open_folder(run, addresses)
             opened.enter_context(journal)
-            with (
-                result.removed_on_failure(PROCESS_RECORD)
-                if self._order.plan is not None
-                else nullcontext()
-            ):
-                opened.callback(os.close, write_process_record(result.path, bench))
+            undo = result.removed_on_failure(run_request.PROCESS_RECORD)
+            with undo if self._order.plan is not None else nullcontext():
+                opened.callback(os.close, run_request.write_process_record(result.path, bench))
                 journal.record_event("info", self._start_text(bench))
                 if self._order.filter and self._order.plan is not None:
                     journal.record_event("info", self._filter_text(self._order.filter))
@@ -206,14 +182,16 @@ class RunController:
         return run
 
     def _open_addresses(
-        self, run: Run, wanted: SimulationRequest | None, opened: ExitStack
+        self, run: Run, wanted: run_request.SimulationRequest | None, opened: ExitStack
     ) -> DeviceAddresses:
         order = self._order
         if wanted is None:
             return DeviceAddresses(order.table, order.imu, order.clock)
-        self._publish_phase(STARTUP_MESSAGE)
+        self._publish_phase(bench_simulator.STARTUP_MESSAGE)
         bench = opened.enter_context(
-            start_bench_simulator(run, wanted.seed, wanted.preset, self._publish_compilation)
+            bench_simulator.start_bench_simulator(
+                run, wanted.seed, wanted.preset, self._publish_compilation
+            )
         )
         self._compiled = True
         if order.plan is None:
@@ -227,7 +205,7 @@ class RunController:
         order = self._order
         if order.plan is None:
             return reopen_run(self._folder, addresses)
-        content = changed_run_file(run.path, order.sensor, order.filter)
+        content = run_request.changed_run_file(run.path, order.sensor, order.filter)
         warnings = check_plan(run)
         made, journal = create_run(self._folder, run, addresses, content=content)
         for words in warnings:
@@ -263,7 +241,7 @@ class RunController:
             journal.record_event(NOTE_LEVEL, words, time)
 
     def _publish_compilation(self) -> None:
-        self._publish_phase(COMPILATION_MESSAGE)
+        self._publish_phase(bench_simulator.COMPILATION_MESSAGE)
 
     def _publish_phase(self, words: str) -> None:
         self._publisher.publish("phase", run=self._order.name, words=words)
@@ -272,7 +250,7 @@ class RunController:
         listed = "; ".join(f"{key} {text or 'as by default'}" for key, text in changes.items())
         return f"{self._by} changed on the page: {listed}"
 
-    def _start_text(self, bench: SimulationRequest | None) -> str:
+    def _start_text(self, bench: run_request.SimulationRequest | None) -> str:
         what = "begun" if self._order.plan is not None else "resumed"
         words = f"{what} from the page by {self._by}"
         return words if bench is None else f"{words}; simulated bench, seed {bench.seed}"
@@ -291,7 +269,7 @@ class _RunFinalizer:
     journal : Journal
     """
 
-    def __init__(self, order: RunRequest, made: RunFolder, journal: Journal):
+    def __init__(self, order: run_request.RunRequest, made: RunFolder, journal: Journal):
         self._order, self._folder, self._journal = order, made, journal
         self._register: Register | None = None
         try:
@@ -300,13 +278,13 @@ class _RunFinalizer:
             journal.record_event("warning", f"the run is not in the register: {error}")
         self.register_sync = RegisterSync(self._register, made.path)
 
-    def interruption_message(self, words: str) -> EndMessage:
+    def interruption_message(self, words: str) -> run_request.EndMessage:
         """Return the message about the end of a run that can be resumed."""
-        return end_message(
+        return run_request.end_message(
             self._order, "interrupted", words or "interrupted", history=self._enter_in_register()
         )
 
-    def complete_run(self, live: LiveEstimator | None) -> EndMessage:
+    def complete_run(self, live: LiveEstimator | None) -> run_request.EndMessage:
         """Write recording, calibration and report, and return the message about the end."""
         sensor = self._folder.run.sensor.name
         try:
@@ -315,7 +293,7 @@ class _RunFinalizer:
             )
         except InercalError as error:
             self._journal.record_event("alarm", str(error))
-            return end_message(
+            return run_request.end_message(
                 self._order, "carried out", str(error), history=self._enter_in_register()
             )
         name = quote(self._order.name, safe="")
@@ -326,7 +304,7 @@ class _RunFinalizer:
             "reasons": list(outcome.verdict.reasons),
         }
         words = outcome.verdict.lines[0]
-        return end_message(
+        return run_request.end_message(
             self._order,
             "done",
             words,
@@ -350,19 +328,21 @@ class _RunFinalizer:
         return f"/history/{sensor.id}" if sensor.calibrations else None
 
 
-def _simulation_request(order: RunRequest) -> SimulationRequest | None:
+def _simulation_request(order: run_request.RunRequest) -> run_request.SimulationRequest | None:
     """Return the bench to simulate; None for a real bench.
 
     A resumed run keeps its simulated bench.
     """
-    note = read_process_record(Path(order.folder)) if order.plan is None else None
+    note = run_request.read_process_record(Path(order.folder)) if order.plan is None else None
     was = note.simulated if note is not None else None
     if order.simulated is None:
         return None if order.table or order.imu else was
-    return SimulationRequest(order.simulated, was.seed if was is not None else order.seed)
+    return run_request.SimulationRequest(
+        order.simulated, was.seed if was is not None else order.seed
+    )
 
 
-def _advance_past_log(bench: BenchSimulator, folder: Path) -> None:
+def _advance_past_log(bench: bench_simulator.BenchSimulator, folder: Path) -> None:
     """Advance the simulated bench past the end of a run's log.
 
     Raises
@@ -394,7 +374,7 @@ def main() -> int:
             control.command(line)
 
     end = serve_request(
-        RunRequest.from_json,
+        run_request.RunRequest.from_json,
         lambda order, publisher: RunController(order, publisher, control).execute(),
         hear,
         control.interrupt,
