@@ -309,11 +309,7 @@ class Rests:
         of_rounding = of_turns[..., shared] @ x[shared]
         return ResidualRows(
             np.concatenate(
-                [
-                    at.residual,
-                    (turns.residual - of_rounding).ravel(),
-                    (rates - x[shared]).ravel(),
-                ]
+                [at.residual, (turns.residual - of_rounding).ravel(), (rates - x[shared]).ravel()]
             ),
             np.concatenate([jacobian, of_turns.reshape(-1, x.size), of_rates]),
             at,

@@ -78,12 +78,7 @@ class NormResiduals(NamedTuple):
 
 
 def norm_residuals(
-    sensor: Sensor,
-    y: Array,
-    c: Array,
-    g: Array,
-    w: Array | None = None,
-    dT: Array | float = 0.0,
+    sensor: Sensor, y: Array, c: Array, g: Array, w: Array | None = None, dT: Array | float = 0.0
 ) -> NormResiduals:
     """Return the residuals 0 − (‖f̂‖ − g) of readings in unknown attitudes, with f̂ = h⁻¹(y; c).
 

@@ -63,9 +63,8 @@ from inercal.recordings import Observations
 MIN_TILTED_STATES = 12  # groups
 RANK_TOLERANCE = 1e-9  # of the largest singular value; smaller ones determine no direction
 _INITIAL_DAMPING, _MAX_DAMPING = 1e-3, 1e12  # μ relative to the largest eigenvalue
-_CONVERGED_STEP = (
-    1e-10  # g, or relative: the problem is nearly linear, so the next step is far smaller
-)
+# g, or relative: the problem is nearly linear, so the next step is far smaller
+_CONVERGED_STEP = 1e-10
 _ROUNDING = 2.0**-46  # relative to the squares
 _PAIRS = ((1, 2), (2, 0), (0, 1))
 _MAX_STEPS = 200

@@ -20,9 +20,7 @@ from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProb
 from inercal.methods import Priors
 from inercal.methods.candidates import candidates_from_columns, extended_sensor
 from inercal.methods.systematic.alignment import attitudes_at, initial_attitudes
-from inercal.methods.systematic.coefficient_rules import (
-    require_turns,
-)
+from inercal.methods.systematic.coefficient_rules import require_turns
 from inercal.methods.systematic.navigation import ImuModel
 from inercal.methods.systematic.rest_and_turn_rows import RestAndTurnRows
 from inercal.methods.systematic.segments import Segments

@@ -32,11 +32,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanMotion
-from inercal.benches.turntable.attitude import (
-    Misalignment,
-    linear_misalignment,
-    reference_attitude,
-)
+from inercal.benches.turntable.attitude import Misalignment, linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name
 from inercal.estimation import Estimate, Problem

@@ -36,10 +36,7 @@ from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.methods import Fit, Method, PartialEstimate, Priors, Remarks, turntable
 from inercal.methods.turntable_kalman import _accelerometers, _readback
-from inercal.methods.turntable_kalman.combined_estimate import (
-    estimate_by_filters,
-    split_priors,
-)
+from inercal.methods.turntable_kalman.combined_estimate import estimate_by_filters, split_priors
 from inercal.methods.turntable_kalman.filter import RunningFilter
 from inercal.methods.turntable_kalman.filter_config import (
     FILTER_CONFIGS,
@@ -166,11 +163,7 @@ def _partial_estimate(one: _AnyRunningFilter) -> PartialEstimate:
     names, found = one.filter.triad.sensor.coefficients, one.estimate
     p = len(names)
     return PartialEstimate(
-        names,
-        found.value[:p],
-        found.covariance[:p, :p],
-        float(one.state.nis),
-        one.dof,
+        names, found.value[:p], found.covariance[:p, :p], float(one.state.nis), one.dof
     )
 
 

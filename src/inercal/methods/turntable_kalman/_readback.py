@@ -29,11 +29,7 @@ from inercal.methods.turntable.strapdown import (
     rotation_error,
     turn_level,
 )
-from inercal.methods.turntable_kalman._filter_steps import (
-    KernelModel,
-    KernelWorkspace,
-    Transition,
-)
+from inercal.methods.turntable_kalman._filter_steps import KernelModel, KernelWorkspace, Transition
 
 MAX_LINEAR_DELAY = 1e-4  # s: within it the angle is linear to 0.04″, even at 1000 °/s²
 MAX_ITERATIONS, DELAY_TOLERANCE = 10, 1e-6  # for the delay; tolerance in s
@@ -56,9 +52,8 @@ class AttitudeSettings(NamedTuple):
     gate: float  # standard deviations above which an innovation is rejected
     alignment_variance: float  # of φ at an alignment, rad²
     gap: float  # s, time step above which the attitude is taken from the readback again
-    timing_states: (
-        Indices  # (3,), indices of latency, clock and azimuth among the states; -1 if no state
-    )
+    # (3,), indices of latency, clock and azimuth among the states; -1 if no state
+    timing_states: Indices
     delay: float  # s, latency if it is not a state
     feedback: bool  # whether estimates are fed back
     azimuth: float  # rad, azimuth of the earth's rate in the model
@@ -78,9 +73,8 @@ class AttitudeState(NamedTuple):
     # (5, 3), readings of the last two samples, the newer first, their curvature, rad/s³, and the
     # last two third differences
     rates: Array
-    acceleration_variance: (
-        Array  # (1,) rad², variance of φ due to sudden accelerations since the epoch before
-    )
+    # (1,) rad², variance of φ due to sudden accelerations since the epoch before
+    acceleration_variance: Array
     alignment_due: Bools  # (1,), whether an alignment is due
     rejections: Indices  # (2,), readbacks rejected in a row, and in total
     # (k,), (k, 3, 3) and (k, size of φ, 9), ring buffer: attitude at the last samples, and −G since
@@ -324,11 +318,7 @@ def _add_delay_curvature(
 @kernel_piece
 def begin_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
     """Make the sums in the ring buffer, −G, start at this epoch."""
-    sums, total, used = (
-        state.sensitivity_integrals,
-        work.total,
-        work.used_terms,
-    )
+    sums, total, used = state.sensitivity_integrals, work.total, work.used_terms
     for row in range(len(sums)):
         for t in range(used.size):
             b = used[t]
