@@ -160,17 +160,13 @@ def fine_variance(
 
 def _log_variance(freedom: Array) -> Array:
     """Return the variance of the logarithm of an estimated variance: a trigamma function."""
-    return np.array(
-        [float(cast("float", scipy.special.polygamma(1, half))) for half in (freedom / 2).tolist()]
-    )
+    return np.asarray(scipy.special.polygamma(1, freedom / 2), dtype=np.float64)
 
 
 def _log_bias(freedom: Array) -> Array:
     """Return the mean of the logarithm of an estimated variance divided by its expectation."""
     half: Array = freedom / 2
-    return np.array(
-        [float(cast("float", scipy.special.digamma(h))) for h in half.tolist()]
-    ) - np.log(half)
+    return np.asarray(scipy.special.digamma(half) - np.log(half), dtype=np.float64)
 
 
 def moderated_variances(found: Sequence[tuple[float, int]]) -> tuple[Array, Array]:

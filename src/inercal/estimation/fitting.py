@@ -141,13 +141,8 @@ def _whitened_rows(system: WhitenedProblem, point: LinearisationPoint) -> Whiten
     def whiten(rows: Array) -> Array:
         return inverse[0] @ rows if full else inverse[0][:, None] * rows
 
-    return WhitenedRows(
-        point.whitened[0],
-        point.weight[0][:, None] * point.rows[0],
-        point.prior[0],
-        system.prior_rows,
-        whiten,
-    )
+    jacobian = point.weight[0][:, None] * point.rows[0]
+    return WhitenedRows(point.whitened[0], jacobian, point.prior[0], system.prior_rows, whiten)
 
 
 def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint) -> ScoreTestSet:

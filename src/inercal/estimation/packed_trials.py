@@ -83,12 +83,9 @@ class PackedTrials:
     def step(self, point: PackedPoint, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
         """Return the moves; see `inercal.estimation.search.Trials`."""
         some = slice(None) if active.all() else np.flatnonzero(active)
+        normal, gradient, prior = point.normal[some], point.gradient[some], point.prior[some]
         step = gauss_newton_steps.solve_packed(
-            point.normal[some],
-            point.gradient[some],
-            self._prior_rows,
-            point.prior[some],
-            damping[some],
+            normal, gradient, self._prior_rows, prior, damping[some]
         )
         return gauss_newton_steps.moves(step, self.basis, point.x, some)
 

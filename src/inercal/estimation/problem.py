@@ -30,6 +30,11 @@ class NormalEquations(NamedTuple):
     normal: Array  # lower triangle of AᵀA, row after row, (trials, p (p + 1)/2)
     gradient: Array  # Aᵀu, (trials, p)
 
+    @classmethod
+    def empty(cls, trials: int, m: int, p: int) -> "NormalEquations":
+        """Return uninitialised arrays."""
+        return cls(*(np.empty((trials, size)) for size in (m, m, m, p * (p + 1) // 2, p)))
+
 
 NormalEquationsOf = Callable[[Array, NDArray[np.intp]], NormalEquations]
 KnownNull = tuple[str, Array | Callable[[Array], Array]]

@@ -153,13 +153,8 @@ def haar_contrasts(section: Array, seconds: float) -> Contrasts:
         width = count // len(merged)
         levels.append((merged[::2] - merged[1::2]) * np.sqrt(width / 2) * size)
         merged = 0.5 * (merged[::2] + merged[1::2])
-    return Contrasts(
-        seconds,
-        n,
-        tuple(reversed(levels)),
-        place @ means / length * size,
-        length * seconds / count * size,
-    )
+    slope, slope_per_trend = place @ means / length * size, length * seconds / count * size
+    return Contrasts(seconds, n, tuple(reversed(levels)), slope, slope_per_trend)
 
 
 def analyse_sections(

@@ -178,13 +178,17 @@ def candidates_from_columns(
     declared: Mapping[str, Parameter],
     column: Mapping[str, Array],
     families: Mapping[str, Sequence[str]] | None = None,
+    further_units: dict[str, str] | None = None,
 ) -> list[Candidate]:
-    """Return the candidates from their columns (m,); arguments as for `candidate_function`."""
+    """Return the candidates from their columns (m,); arguments as for `candidate_function`.
+
+    `further_units` are those of observed quantities that are not channels of the sensor.
+    """
     families = families or {}
     return [
         *_coefficient_candidates(sensor, names, column, families),
         *bench_candidates(declared, column, families, _row_labels(observations, sensor)),
-        *row_candidates(observations, sensor),
+        *row_candidates(observations, sensor, further_units or {}),
     ]
 
 
@@ -336,9 +340,12 @@ def _row_labels(observations: Sequence[str], sensor: Sensor) -> list[str]:
     return [_row_label(label, channels) for label in observations]
 
 
-def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
+def row_candidates(
+    observations: Sequence[str], sensor: Sensor, further_units: dict[str, str]
+) -> list[Candidate]:
     """Return one candidate per row, in which the readings of that row are arbitrary."""
     channels = {axis.name: QUANTITIES[axis.measures].unit for axis in sensor.axes}
+    channels |= further_units
     rows: dict[str, list[int]] = {}
     for k, label in enumerate(observations):
         rows.setdefault(_row_label(label, channels), []).append(k)

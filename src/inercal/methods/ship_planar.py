@@ -16,7 +16,6 @@ Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technolo
 equations 1 to 5. The covariance is our own.
 """
 
-from collections.abc import Mapping
 from math import pi
 from typing import NamedTuple
 
@@ -166,7 +165,6 @@ def affine_estimate(
     variance: Array,
     observations: tuple[str, ...],
     agreement: ship_consistency.Consistency,
-    moved: Mapping[str, Array],
     *,
     notes: tuple[str, ...],
     rank: int = 12,
@@ -220,7 +218,9 @@ def affine_estimate(
         iterations=np.ones(trials, dtype=np.intp) if iterations is None else iterations,
         notes=notes,
         scoring=agreement.scoring,
-        sensitivities={name: (slope @ by[..., None])[..., 0] for name, by in moved.items()},
+        sensitivities={
+            name: (slope @ by[..., None])[..., 0] for name, by in agreement.sensitivities.items()
+        },
     )
 
 
@@ -274,7 +274,6 @@ def planar(
         np.diagonal(spread, axis1=-2, axis2=-1),
         tuple(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
         agreement,
-        ship_consistency.bench_sensitivities(bench, steps, whole),
         notes=(
             *([f"Estimator planar does not use the {tilted} tilted states."] if tilted else []),
             "The frame is that of the mountings' nominal axes. The uncertainties include the "

@@ -137,11 +137,7 @@ def _component(value: Array, std: Array, lots: Indices, count: int, dof: int) ->
     begin = max(spread - float(variance.mean()), least)
     roots = [
         0.0 if spread == 0 else _root(squares, size, least, begin)
-        for size in (
-            float(dof),
-            float(scipy.special.chdtri(dof, tail)),
-            float(scipy.special.chdtri(dof, 1 - tail)),
-        )
+        for size in (float(dof), *(float(scipy.special.chdtri(dof, p)) for p in (tail, 1 - tail)))
     ]
     sd, low, high = (root**0.5 for root in roots)
     return Component(sd, low, high, dof)

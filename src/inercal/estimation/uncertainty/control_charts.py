@@ -175,12 +175,8 @@ def chart_values(
             difference / np.sqrt(of_point), np.sqrt(of_reference / of_point), restarts
         )
         ewma = np.where(up >= down, up, -down)
-    return ChartValues(
-        difference / np.sqrt(of_point + of_reference),
-        ewma,
-        np.einsum("np,np->n", difference, solved),
-        mewma,
-    )
+    t2 = np.einsum("np,np->n", difference, solved)
+    return ChartValues(difference / np.sqrt(of_point + of_reference), ewma, t2, mewma)
 
 
 def _inverse_root(covariance: Array) -> Array:

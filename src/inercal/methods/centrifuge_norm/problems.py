@@ -199,11 +199,8 @@ def _ungauged_norm_problem(
         turned = sensed_motion(bench, steps, q) if turning else None
         y, covariance = observations.mean, observations.covariance
         w = None if turned is None else turned.w
-        return (
-            result,
-            turned,
-            noisy_norm_residuals(sensor, y, covariance, x[..., :p], result.norm, w, warmth),
-        )
+        seen = noisy_norm_residuals(sensor, y, covariance, x[..., :p], result.norm, w, warmth)
+        return result, turned, seen
 
     def linearise(x: Array) -> tuple[Array, Array]:
         result, turned, seen = compared(x)

@@ -170,28 +170,18 @@ def screen_rows(
 
     suspects: list[SuspectRow] = []
     for k in bad:
-        written = sensor.to_output(observations.mean[k])
+        written, z = sensor.to_output(observations.mean[k]), float(fit.whitened[k]) / noise
         repairs: tuple[Repair, ...] = ()
         for changes in _single_changes(written, sensor.channels):
             after = np.tile(written, (len(changes), 1))
             for row, change in zip(after, changes, strict=True):
                 for axis, value in change.after.items():
                     row[sensor.channels.index(axis)] = value
-            near = deviations(sensor.to_si(after), k) < min(
-                _REPAIR_LIMIT, abs(float(fit.whitened[k])) / noise / 2
-            )
+            near = deviations(sensor.to_si(after), k) < min(_REPAIR_LIMIT, abs(z) / 2)
             repairs = tuple(c for c, good in zip(changes, near.tolist(), strict=True) if good)
             if repairs:
                 break
-        suspects.append(
-            SuspectRow(
-                observations.labels[k],
-                k,
-                float(fit.residual[k]),
-                float(fit.whitened[k]) / noise,
-                repairs,
-            )
-        )
+        suspects.append(SuspectRow(observations.labels[k], k, float(fit.residual[k]), z, repairs))
     return tuple(suspects)
 
 

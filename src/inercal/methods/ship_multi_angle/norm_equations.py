@@ -329,13 +329,8 @@ def search(
     def after(intermediate_result: Any) -> None:
         nonlocal late
         model = AffineModel.of(np.asarray(intermediate_result.x, dtype=float))
-        history.append(
-            Generation(
-                len(history) + 1,
-                float(intermediate_result.fun),
-                worst_relative_error(model, a, square),
-            )
-        )
+        worst = worst_relative_error(model, a, square)
+        history.append(Generation(len(history) + 1, float(intermediate_result.fun), worst))
         if progress is not None:
             progress(history[-1])
         late = perf_counter() - began > options.seconds

@@ -54,13 +54,6 @@ class VelocityErrors(NamedTuple):
     after: Array
 
 
-class PositionDrift(NamedTuple):
-    """Level position error after one hour at rest, along east and north, m."""
-
-    before: Array  # (2,)
-    expanded: Array  # (2,) U after calibration
-
-
 def velocity_errors(
     segments: Segments, sensor: Sensor, c: Array, attitudes: Array, gravity: float, latitude: float
 ) -> VelocityErrors:
@@ -99,7 +92,7 @@ def velocity_errors(
 
 def position_drift(
     sensor: Sensor, c: Array, covariance: Array, gravity: float, latitude: float
-) -> PositionDrift:
+) -> tuple[Array, Array]:
     """Return the position error after an hour without calibration, and its U with calibration.
 
     Parameters
@@ -115,7 +108,7 @@ def position_drift(
     design = sensor.design(Motion(gravity * _UP[None], earth[None]), np.zeros(len(c)))[0]
     by = _response(gravity, earth) @ design
     variance = np.einsum("ip,pq,iq->i", by, covariance, by)
-    return PositionDrift(by @ c, COVERAGE * np.sqrt(variance))
+    return by @ c, COVERAGE * np.sqrt(variance)
 
 
 def _response(gravity: float, earth: Array) -> Array:

@@ -101,11 +101,6 @@ def planned_angles(bench: Turntable, steps: TableSteps) -> list[AxisAngles]:
     return ways
 
 
-def time_mean(values: Array, time: Array) -> Array:
-    """Return the time mean of (..., n, k) by the trapezoidal rule; a single sample is unchanged."""
-    return _time_weights(time) @ values
-
-
 def _time_weights(time: Array) -> Array:
     """Return the weight of each sample in a trapezoidal time mean, (n,)."""
     if len(time) == 1:
@@ -326,12 +321,9 @@ def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observatio
         return observations
     start = observations.time - observations.duration / 2
     stop = start + observations.duration
-    track = observations.track
-    run = (
-        (float(start.min()), float(stop.max()))
-        if track is None
-        else (float(track.time[0]), float(track.time[-1]))
-    )
+    track, run = observations.track, (float(start.min()), float(stop.max()))
+    if track is not None:
+        run = float(track.time[0]), float(track.time[-1])
     return replace(observations, drift=covariance_of_means(noises, start, stop, run))
 
 
@@ -357,7 +349,7 @@ def _rows_from_readback(
             ways.append(AxisAngles(time[:1], angles.mean(axis=-2, keepdims=True)))
         else:
             ways.append(AxisAngles(time, angles))
-            means[..., r, :] = time_mean(track.reading[..., at, :], time)
+            means[..., r, :] = _time_weights(time) @ track.reading[..., at, :]
     return replace(observations, mean=means), ways
 
 

@@ -84,14 +84,8 @@ def sequential(
     InputError
         A prior combines gyros and accelerometers, or the table cannot carry out the steps.
     """
-    run_duration = turntable_path_duration(bench, steps)
-    return FilterPair(
-        sensor,
-        bench,
-        config or FILTER_CONFIGS[estimator],
-        split_priors(sensor, priors),
-        run_duration,
-    )
+    duration, chosen = turntable_path_duration(bench, steps), config or FILTER_CONFIGS[estimator]
+    return FilterPair(sensor, bench, chosen, split_priors(sensor, priors), duration)
 
 
 class FilterPair:

@@ -90,14 +90,6 @@ class AttitudeState(NamedTuple):
     dof: int = 0  # of NIS, if the coefficients are treated as known
 
 
-class ReadbackTerms(NamedTuple):
-    """A readback minus the attitude, z = h x + noise."""
-
-    z: Array  # (3,) rad
-    extra_variance: Array  # (3,) rad², variance in addition to that of the readback
-    h: Array  # (3, n)
-
-
 @kernel_step
 def _readback_time(
     age: float, settings: AttitudeSettings, time: Array, x: Array, p: Array
@@ -168,20 +160,21 @@ def update_by_readback(
     settings: AttitudeSettings,
     state: AttitudeState,
     work: KernelWorkspace,
-    seen: ReadbackTerms,
+    h: Array,
     gain: Array,
 ) -> None:
     """Write the readback minus the attitude at its time, linearised at the most probable value.
 
-    If the delay is uncertain, z = h x is iterated at the estimated delay by the Gauss–Newton
-    method. Source: Bell and Cathey 1993, IEEE TAC 38(2), 294–297.
+    `work.z`, rad, is h x + noise, and `work.variance`, rad², is what the delay adds to the variance
+    of the readback. If the delay is uncertain, z = h x is iterated at the estimated delay by the
+    Gauss–Newton method. Source: Bell and Cathey 1993, IEEE TAC 38(2), 294–297.
     """
-    z, spread, h = seen
+    z, spread = work.z, work.variance
     x, p = state.x, state.p
     when, variance = _readback_time(readback.age[e], settings, state.time, x, p)
     is_certain, before = variance <= MAX_LINEAR_DELAY * MAX_LINEAR_DELAY, np.inf
     for iteration in range(MAX_ITERATIONS + 1):
-        _linearise(e, readback, model, settings, state, work, x, p, when, variance, seen)
+        _linearise(e, readback, model, settings, state, work, x, p, when, variance, h)
         is_found = is_certain or abs(when - before) < DELAY_TOLERANCE
         if is_found or iteration == MAX_ITERATIONS:
             return
@@ -207,13 +200,14 @@ def _linearise(
     p: Array,
     when: float,
     variance: float,
-    seen: ReadbackTerms,
+    h: Array,
 ) -> None:
     """Write the readback minus the attitude at its time, linearised at x with covariance p.
 
     Its variance is larger if the rate changes. `when` is the time and `variance` its variance.
     """
-    (z, spread, h), late, beside = seen, settings.timing_states, readback.table_sensitivity
+    z, spread, beside = work.z, work.variance, readback.table_sensitivity
+    late = settings.timing_states
     times, past, sums, newest = (
         state.times, state.attitudes, state.sensitivity_integrals, state.newest_row[0],
     )  # fmt: skip
