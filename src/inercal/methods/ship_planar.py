@@ -188,9 +188,7 @@ def affine_estimate(
         In g and g².
     observations : tuple of m str
     agreement : Consistency
-        Tests of the rows that were used.
-    moved : mapping of str to (..., 12) array
-        Sensitivity of θ to the stated errors of the bench (`bench_sensitivities`).
+        Tests of the rows that were used, and the sensitivity of θ to the bench's stated errors.
     notes, rank, null_directions, converged, iterations
         As for `Estimate`.
     """

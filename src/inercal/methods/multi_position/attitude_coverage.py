@@ -130,10 +130,10 @@ def next_attitudes(
         Up in the body frame at the last rest.
     g : float
     errors : GeometryErrors
-    target_deviation : float
-        Stop when every combination has at most this deviation, in natural sizes.
     max_attitudes : int
         Stop after this number of attitudes.
+    target_deviation : float
+        Stop when every combination has at most this deviation, in natural sizes.
     """
     turning = len(sensor.axes) > len(sensor.select_axes("f").axes)
     at_rest = rest_rows(sensor, CUBE_DIRECTIONS, g, errors)

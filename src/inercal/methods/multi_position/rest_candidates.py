@@ -158,12 +158,8 @@ def _rotation_column(
     seconds = float(np.median(way.duration))
     r, k = len(rows.norm.residual), len(way.rest)
     earth = rows.attitude[way.rest + 1] * way.duration[:, None, None]
-    turned, force, across = (
-        earth @ x[p + 1 : p + 4],
-        rows.norm.specific_force,
-        rests.cross_directions,
-    )
-    clock = x[-1]
+    turned, clock = earth @ x[p + 1 : p + 4], x[-1]
+    force, across = rows.norm.specific_force, rests.cross_directions
 
     def column(axis: int, basis: Callable[[Motion, slice], Array]) -> Array:
         # In chunks, because the motion of all samples takes more memory than the samples.
