@@ -8,9 +8,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation import gauss_newton_steps, nullspace
 from inercal.estimation.candidate_scores import score_tests, spanned_candidates
 from inercal.estimation.lazy_value import LazyValue
@@ -94,7 +93,7 @@ def estimate_at_solution(
     point: LinearisationPoint,
     structure: nullspace.Observability,
     converged: Bools,
-    iterations: NDArray[np.intp],
+    iterations: Indices,
     loss: Cauchy | None = None,
 ) -> Estimate:
     """Return the estimate at a solution, without a trials dimension if the problem has none."""

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.estimation.priors_and_gauges import Gauge, Gaussian
 from inercal.estimation.scores import Candidate
@@ -36,7 +35,7 @@ class NormalEquations(NamedTuple):
         return cls(*(np.empty((trials, size)) for size in (m, m, m, p * (p + 1) // 2, p)))
 
 
-NormalEquationsOf = Callable[[Array, NDArray[np.intp]], NormalEquations]
+NormalEquationsOf = Callable[[Array, Indices], NormalEquations]
 KnownNull = tuple[str, Array | Callable[[Array], Array]]
 
 

@@ -9,9 +9,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Bools
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.estimation import gauss_newton_steps
 from inercal.estimation.fitting import LinearisedRows, estimate_at_solution
@@ -254,7 +253,7 @@ class PackedTrials:
         fixed = 0 if self.basis is None else self.basis.shape[0] - self.basis.shape[1]
         return self.m + len(self._prior_rows) + fixed - len(self.problem.names)
 
-    def _point(self, x: Array, which: NDArray[np.intp]) -> PackedPoint:
+    def _point(self, x: Array, which: Indices) -> PackedPoint:
         """Return the point for the trials with these indices, at their own x."""
         found = self._of(x, which)
         if self.basis is not None:
@@ -296,11 +295,7 @@ class PackedTrials:
         return tried if chosen.all() else PackedPoint(*merge(chosen, tried, point))
 
     def estimate(
-        self,
-        point: PackedPoint,
-        structure: Observability,
-        converged: Bools,
-        iterations: NDArray[np.intp],
+        self, point: PackedPoint, structure: Observability, converged: Bools, iterations: Indices
     ) -> Estimate:
         """Return the estimate at a solution."""
         covariance, exists = gauss_newton_steps.covariance_packed(point.normal, self._prior_rows)

@@ -20,9 +20,8 @@ from math import pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Bools
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import NotObserved
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
@@ -170,7 +169,7 @@ def affine_estimate(
     rank: int = 12,
     null_directions: tuple[NullDirection, ...] = (),
     converged: Bools | None = None,
-    iterations: NDArray[np.intp] | None = None,
+    iterations: Indices | None = None,
 ) -> Estimate:
     """Return the estimate for a model fitted with equal weights.
 

@@ -25,13 +25,11 @@ from math import sqrt
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty.coverage import COVERAGE_PROBABILITY
 
-Indices = NDArray[np.intp]
 _PRECISION = 1e-9  # relative tolerance for σ²
 _STEPS = 200
 _LEAST = 1e-200  # variance used for a value without uncertainty

@@ -15,9 +15,8 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Bools
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanMotion
 from inercal.benches.centrifuge.arm_motion import (
@@ -240,7 +239,7 @@ def _ungauged_norm_problem(
 
     y, covariance, table = observations.mean, observations.covariance, term_table(sensor)
 
-    def norm_equations(x: Array, which: NDArray[np.intp]) -> NormalEquations:
+    def norm_equations(x: Array, which: Indices) -> NormalEquations:
         assert table is not None
         result = exact or specific_force_norm(bench, steps, unknowns.bench_values(x))
         norm = result.norm

@@ -25,9 +25,8 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimation import Cauchy, Estimate, Problem, least_squares
@@ -190,7 +189,7 @@ class Agreement(NamedTuple):
 
     fit: Estimate
     noise: float  # ratio of the scatter of most rows to the stated one, at least 1
-    outlier_rows: NDArray[np.intp]  # rows whose residual is too large to be the largest of all
+    outlier_rows: Indices  # rows whose residual is too large to be the largest of all
 
     @property
     def inconsistent(self) -> bool:

@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, Indices
 from inercal.benches import MeanMotion
@@ -187,7 +186,7 @@ def norm_normal_equations(
     dT: Array | float,
     stated: StatedNorms,
     x: Array,
-    which: NDArray[np.intp],
+    which: Indices,
     jacobian: Array | None = None,
 ) -> NormalEquations:
     """Return the normal equations of trials for the residuals of `noisy_norm_residuals`.

@@ -47,9 +47,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Bools
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import is_tilted
@@ -120,7 +119,7 @@ class DampedSolution(NamedTuple):
     model: AffineModel
     cost: Array  # (...), Σρ², g⁴
     converged: Bools
-    steps: NDArray[np.intp]
+    steps: Indices
 
 
 def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSolution:
@@ -201,7 +200,7 @@ def norm_observations(
     return observations.mean[..., groups, :] / G0, (f**2).sum(-1)
 
 
-def axis_columns(rows: Sequence[int]) -> NDArray[np.intp]:
+def axis_columns(rows: Sequence[int]) -> Indices:
     """Return the indices of the columns for the three axes of each row."""
     return (3 * np.asarray(rows, dtype=np.intp)[:, None] + np.arange(3)).ravel()
 
