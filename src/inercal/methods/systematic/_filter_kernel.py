@@ -26,8 +26,7 @@ from inercal.methods.systematic._kernels import (
     apply_matrix,
     cross,
 )
-from inercal.methods.turntable.small_matrices import copy_matrix
-from inercal.methods.turntable.strapdown import rotation_error
+from inercal.methods.turntable.small_matrices import copy_matrix, product
 
 FILTER_VECTORS = SAMPLE_VECTORS + 9
 NAVIGATION = 6  # number of states in ψ and v
@@ -156,11 +155,19 @@ def _observe(
 
 
 @kernel_step
-def _count_from(x: Array, c: Array, v: Array, reference: Array, work: Array) -> None:
+def _count_from(x: Array, c: Array, v: Array, reference: Array, work: Array, turned: Array) -> None:
     """Make ψ and v relative to a reference attitude and to rest, which C and v are set to."""
-    rotation_error(c, reference, work[0])
+    for i in range(3):
+        for j in range(3):
+            turned[0, i, j] = reference[j, i]
+    product(c, turned[0], turned[1])
     for j in range(3):
-        x[j] += work[0, j]
+        work[0, j] = 0.5 * (
+            turned[1, (j + 2) % 3, (j + 1) % 3] - turned[1, (j + 1) % 3, (j + 2) % 3]
+        )
+    squared = work[0, 0] ** 2 + work[0, 1] ** 2 + work[0, 2] ** 2
+    for j in range(3):
+        x[j] += work[0, j] * (1 + squared / 6)  # arcsin
         x[3 + j] += v[j]
         v[j] = 0.0
     copy_matrix(reference, c)
@@ -229,7 +236,7 @@ def filter_epochs(
     before : (2, 3) array
         Increments in the sample before.
     vectors, matrices, rows
-        Work arrays, (FILTER_VECTORS, 3), (2, 3, 3) and (16, n).
+        Work arrays, (FILTER_VECTORS, 3), (4, 3, 3) and (16, n).
     innovation, standard, nis : (e, 3), (e, 3) and (e,) arrays
         Output for rests: in m/s, divided by standard deviations, and squared. Other epochs are
         unchanged.
@@ -239,7 +246,7 @@ def filter_epochs(
     lag_at = q - d - _AFTER_COEFFICIENTS
     sample, work = vectors[:SAMPLE_VECTORS], vectors[SAMPLE_VECTORS : SAMPLE_VECTORS + 5]
     gained, late, force, lagging = vectors[-4], vectors[-3], vectors[-2], vectors[-1]
-    middle, reference = matrices[0], matrices[1]
+    middle, turned, reference = matrices[0], matrices[1:3], matrices[3]
     earth, gravity, _, dt = settings
     moved, by, six, gain = rows[:6], rows[6:12, :q], rows[12:14, :6], rows[14]
     for k in range(2):
@@ -252,14 +259,15 @@ def filter_epochs(
             if rest[e] != present[0]:
                 known = rest[e] < rest_attitude.shape[0]
                 copy_matrix(rest_attitude[rest[e]] if known else c, reference)
-                _count_from(x, c, v, reference, work)
+                _count_from(x, c, v, reference, work, turned)
             copy_matrix(c, reference)
         present[0] = rest[e]
         for k in range(count):
             i = e * count + k
             if k == count // 2:
                 copy_matrix(c, middle)
-            advance_sample(motion, i, c, v, settings, begins and i == 0, sample, gained, late)
+            first = begins and i == 0
+            advance_sample(motion, i, c, v, settings, first, sample, gained, late, turned)
             for j in range(3):
                 force[j] += gained[j]
                 lagging[j] += late[j]
@@ -287,7 +295,7 @@ def filter_epochs(
         for i in range(d):
             x[n - d + i] *= keep[i]
         if rest[e] >= 0:
-            _count_from(x, c, v, reference, work)
+            _count_from(x, c, v, reference, work, turned)
             nis[e] = _observe(x, p, rest_variance, gain, innovation[e], standard[e])
     for k in range(2):
         for j in range(3):

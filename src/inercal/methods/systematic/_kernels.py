@@ -21,10 +21,11 @@ Sources: Savage 2000, Strapdown Analytics, chapters 7 (integration) and 18 (erro
 
 from typing import NamedTuple
 
+import numpy as np
+
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import kernel, kernel_step
-from inercal.methods.turntable.small_matrices import copy_matrix
-from inercal.methods.turntable.strapdown import rotate, turn_level
+from inercal.methods.turntable.small_matrices import copy_matrix, product
 
 VECTORS = 20  # number of work vectors
 SAMPLE_VECTORS = 10  # number that `advance_sample` needs
@@ -81,6 +82,22 @@ def copy_vector(v: Array, out: Array) -> None:
 
 
 @kernel_step
+def write_rotation(x: float, y: float, z: float, out: Array) -> None:
+    """Write the rotation exp [v×] for v = (x, y, z)."""
+    s = x * x + y * y + z * z
+    once, twice = 1 - s / 6 * (1 - s / 20), 0.5 - s / 24 * (1 - s / 30)
+    if s > 1e-4:
+        angle = np.sqrt(s)
+        once, twice = np.sin(angle) / angle, (1 - np.cos(angle)) / s
+    out[0, 0] = 1 - twice * (y * y + z * z)
+    out[1, 1] = 1 - twice * (x * x + z * z)
+    out[2, 2] = 1 - twice * (x * x + y * y)
+    out[0, 1], out[1, 0] = twice * x * y - once * z, twice * x * y + once * z
+    out[0, 2], out[2, 0] = twice * x * z + once * y, twice * x * z - once * y
+    out[1, 2], out[2, 1] = twice * y * z - once * x, twice * y * z + once * x
+
+
+@kernel_step
 def advance_sample(
     motion: TurnMotion,
     i: int,
@@ -91,11 +108,12 @@ def advance_sample(
     work: Array,
     gained: Array,
     lagging: Array,
+    turned: Array,
 ) -> None:
     """Propagate C and v over sample i; write the velocity gained and its sensitivity to the lag.
 
     The first two rows of `work`, (SAMPLE_VECTORS, 3), contain the increments of the sample before,
-    or of this sample if the motion begins here.
+    or of this sample if the motion begins here. `turned`, (2, 3, 3), is a work array.
     """
     w, f, dw = motion.w[i], motion.f[i], motion.dw[i]
     earth, gravity, lag, dt = settings
@@ -135,10 +153,10 @@ def advance_sample(
         v[j] += gained[j] - 2 * dt * b[j]
     v[2] -= gravity * dt
     cross(d0, d, a)
-    for j in range(3):
-        moved[j], b[j] = d[j] + a[j] / 12, -earth[j] * dt
-    rotate(c, moved)
-    turn_level(c, b)
+    write_rotation(d[0] + a[0] / 12, d[1] + a[1] / 12, d[2] + a[2] / 12, turned[0])
+    product(c, turned[0], turned[1])
+    write_rotation(-earth[0] * dt, -earth[1] * dt, -earth[2] * dt, turned[0])
+    product(turned[0], turned[1], c)
     copy_vector(d, d0)
     copy_vector(u, u0)
 
@@ -254,12 +272,12 @@ def integrate_turns(
     settings : NavigationSettings
     white : (6,) array
         Squared noise densities of accelerometers and gyros in the body axes, SI²/Hz.
-    vectors, matrices : (VECTORS, 3) and (2, 3, 3) arrays
+    vectors, matrices : (VECTORS, 3) and (4, 3, 3) arrays
         Work arrays.
     done : Navigation
         Output; all but the attitude must be zero at the start.
     """
-    c, middle, attitude = matrices[0], matrices[1], done.attitude
+    c, middle, turned, attitude = matrices[0], matrices[1], matrices[2:4], done.attitude
     earth, dt = settings.earth, settings.dt
     state, e, moved = vectors[:SAMPLE_VECTORS], vectors[SAMPLE_VECTORS], vectors[SAMPLE_VECTORS + 1]
     force, lagging, work = vectors[12], vectors[13], vectors[14:18]
@@ -275,7 +293,7 @@ def integrate_turns(
                     force[j], lagging[j] = 0.0, 0.0
             if in_block == count // 2:
                 copy_matrix(c, middle)
-            advance_sample(motion, i, c, v, settings, i == first[k], state, e, moved)
+            advance_sample(motion, i, c, v, settings, i == first[k], state, e, moved, turned)
             for j in range(3):
                 force[j] += e[j]
                 done.impulse[k, j] += e[j]

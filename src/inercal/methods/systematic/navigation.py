@@ -226,7 +226,7 @@ def integrate_navigation(
         NavigationSettings(earth, gravity, lag, segments.dt),
         np.zeros(6) if white is None else white,
         np.zeros((VECTORS, 3)),
-        np.zeros((2, 3, 3)),
+        np.zeros((4, 3, 3)),
         done,
     )
     return done

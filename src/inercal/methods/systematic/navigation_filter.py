@@ -280,7 +280,7 @@ class NavigationFilter:
             self._fed == 0, NavigationSettings(earth_rate(latitude), gravity, lag, model.dt),
             earth_rate_slope(latitude), model.imu.white, REST_VELOCITY**2, self._keep,
             self._drawn, self._x, self._p, self._c, self._v, self._before,
-            np.zeros((FILTER_VECTORS, 3)), np.zeros((2, 3, 3)), np.zeros((16, size)),
+            np.zeros((FILTER_VECTORS, 3)), np.zeros((4, 3, 3)), np.zeros((16, size)),
             innovation, standard, nis,
         )  # fmt: skip
         if self._keeps_history:
