@@ -281,9 +281,14 @@ def test_what_is_carried_along_is_the_product_of_all_steps():
     model = inverse_model(rests.sensor, x[: len(rests.sensor.coefficients)])
     white = 1e-6 * np.array([[2.0, 0.3, -0.2], [0.3, 1.0, 0.1], [-0.2, 0.1, 3.0]])
     found = integrate_transitions(
-        way.time, way.output, way.start, way.left, way.reached, way.stop,
-        model.matrix, model.offset, white, np.zeros(0),
-    )  # fmt: skip
+        way.time,
+        way.output,
+        (way.start, way.left, way.reached, way.stop),
+        model.matrix,
+        model.offset,
+        white,
+        np.zeros(0),
+    )
     for i in range(len(way.rest)):
         expected = dense_carry(way, i, model.matrix, model.offset, white)
         for one, other in zip(found, expected, strict=True):
@@ -299,10 +304,7 @@ def test_a_turn_of_known_rate_is_carried_as_that_turn(axis: int):
     rotation, _, _ = integrate_transitions(
         dt * np.arange(n, dtype=np.float64),
         output,
-        one,
-        one,
-        last,
-        last,
+        (one, one, last, last),
         np.eye(6),
         np.zeros(6),
         np.eye(3),

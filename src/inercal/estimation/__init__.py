@@ -18,27 +18,20 @@ if TYPE_CHECKING:
     from inercal.estimation.scores import Candidate, ModelTest, ScoreTest, ScoreTestSet
     from inercal.estimation.trial_blocks import least_squares_of_trials
 
-_MODULES = {
-    "Candidate": "scores",
-    "Cauchy": "fitting",
-    "Estimate": "result",
-    "FilterHistory": "filter_history",
-    "Gauge": "priors_and_gauges",
-    "Gaussian": "priors_and_gauges",
-    "ModelTest": "scores",
-    "NullDirection": "nullspace",
-    "Problem": "problem",
-    "ResidualGroup": "result",
-    "ScoreTest": "scores",
-    "ScoreTestSet": "scores",
-    "SmoothedStates": "filter_history",
-    "least_squares": "fitting",
-    "least_squares_of_trials": "trial_blocks",
-    "score_tests": "candidate_scores",
+_NAMES = {
+    "candidate_scores": ("score_tests",),
+    "filter_history": ("FilterHistory", "SmoothedStates"),
+    "fitting": ("Cauchy", "least_squares"),
+    "nullspace": ("NullDirection",),
+    "priors_and_gauges": ("Gauge", "Gaussian"),
+    "problem": ("Problem",),
+    "result": ("Estimate", "ResidualGroup"),
+    "scores": ("Candidate", "ModelTest", "ScoreTest", "ScoreTestSet"),
+    "trial_blocks": ("least_squares_of_trials",),
 }
 
 
-__getattr__ = lazy_names(__name__, _MODULES)
+__getattr__ = lazy_names(__name__, {one: module for module, of in _NAMES.items() for one in of})
 
 
 __all__ = [

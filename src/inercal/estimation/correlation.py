@@ -16,9 +16,8 @@ from typing import NamedTuple, cast
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 
 COARSE_LEVELS = 2  # levels that reveal a change; the finer levels show the noise
 SMALLEST_VARIANCE = 1e-6  # fraction of the mean variance; below it a section is constant
@@ -78,7 +77,7 @@ def block_durations(seconds: float, levels: int) -> Array:
     return np.array([seconds / 2**place for place in range(1, levels + 1)])
 
 
-def contrast_powers(one: Contrasts, size: Array, used: NDArray[np.intp]) -> Array:
+def contrast_powers(one: Contrasts, size: Array, used: Indices) -> Array:
     """Return the mean square of the contrasts at each level over all channels, (levels,)."""
     return np.array([float(np.mean((level[:, used] / size[used]) ** 2)) for level in one.levels])
 
@@ -145,7 +144,7 @@ def fit_correlations(powers: Sequence[Array], sections: Sequence[Contrasts]) -> 
 
 
 def fine_variance(
-    one: Contrasts, size: Array, used: NDArray[np.intp], correlation: NoiseCorrelation
+    one: Contrasts, size: Array, used: Indices, correlation: NoiseCorrelation
 ) -> tuple[float, int]:
     """Return the fine levels' variance relative to the common scale, and its degrees of freedom."""
     total, dof = 0.0, 0
@@ -160,17 +159,13 @@ def fine_variance(
 
 def _log_variance(freedom: Array) -> Array:
     """Return the variance of the logarithm of an estimated variance: a trigamma function."""
-    return np.array(
-        [float(cast("float", scipy.special.polygamma(1, half))) for half in (freedom / 2).tolist()]
-    )
+    return np.asarray(scipy.special.polygamma(1, freedom / 2), dtype=np.float64)
 
 
 def _log_bias(freedom: Array) -> Array:
     """Return the mean of the logarithm of an estimated variance divided by its expectation."""
     half: Array = freedom / 2
-    return np.array(
-        [float(cast("float", scipy.special.digamma(h))) for h in half.tolist()]
-    ) - np.log(half)
+    return np.asarray(scipy.special.digamma(half) - np.log(half), dtype=np.float64)
 
 
 def moderated_variances(found: Sequence[tuple[float, int]]) -> tuple[Array, Array]:

@@ -8,9 +8,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation import gauss_newton_steps, nullspace
 from inercal.estimation.candidate_scores import score_tests, spanned_candidates
 from inercal.estimation.lazy_value import LazyValue
@@ -94,7 +93,7 @@ def estimate_at_solution(
     point: LinearisationPoint,
     structure: nullspace.Observability,
     converged: Bools,
-    iterations: NDArray[np.intp],
+    iterations: Indices,
     loss: Cauchy | None = None,
 ) -> Estimate:
     """Return the estimate at a solution, without a trials dimension if the problem has none."""
@@ -141,13 +140,8 @@ def _whitened_rows(system: WhitenedProblem, point: LinearisationPoint) -> Whiten
     def whiten(rows: Array) -> Array:
         return inverse[0] @ rows if full else inverse[0][:, None] * rows
 
-    return WhitenedRows(
-        point.whitened[0],
-        point.weight[0][:, None] * point.rows[0],
-        point.prior[0],
-        system.prior_rows,
-        whiten,
-    )
+    jacobian = point.weight[0][:, None] * point.rows[0]
+    return WhitenedRows(point.whitened[0], jacobian, point.prior[0], system.prior_rows, whiten)
 
 
 def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint) -> ScoreTestSet:

@@ -11,12 +11,11 @@ condition numbers up to about 1e7 (Björck 1996, Numerical Methods for Least Squ
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Bools
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.singular_values import column_lengths
 
-Places = slice | NDArray[np.intp]
+Places = slice | Indices
 
 # With fewer trials than this, loading the compiled kernel is not worthwhile.
 QR_MAX_TRIALS = 8

@@ -19,9 +19,8 @@ the estimate, including priors, sums A r over groups have the covariance A Aᵀ 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.scores import ModelTest
 
 _FEWEST = 8  # least number of groups for a correlation
@@ -33,7 +32,7 @@ def standardised_innovations(off: Array, s: Array) -> Array:
     return np.divide(off, np.sqrt(s), out=np.full(off.shape, np.nan), where=s > 0)
 
 
-def epoch_groups(time: Array, middle: Array, duration: Array) -> NDArray[np.int64]:
+def epoch_groups(time: Array, middle: Array, duration: Array) -> Indices:
     """Return the index of the step that contains each epoch, (e,), or -1 if there is none.
 
     Parameters
@@ -49,7 +48,7 @@ def epoch_groups(time: Array, middle: Array, duration: Array) -> NDArray[np.int6
     return group
 
 
-def group_innovations(standard: Array, group: NDArray[np.int64]) -> Array:
+def group_innovations(standard: Array, group: Indices) -> Array:
     """Return z for each group, (g, m): the sum of its n innovations divided by √n.
 
     Parameters

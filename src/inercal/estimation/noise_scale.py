@@ -22,9 +22,8 @@ from typing import NamedTuple, cast
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.estimation.singular_values import column_lengths
 
 _RANGE = float(np.log(1e4))  # s is between 1e-4 and 1e4
@@ -84,9 +83,7 @@ class NoiseScale(NamedTuple):
     p_value: float
 
 
-def noise_scale(
-    rows: WhitenedRows, chosen: NDArray[np.bool_], level: float = 1.0
-) -> NoiseScale | None:
+def noise_scale(rows: WhitenedRows, chosen: Bools, level: float = 1.0) -> NoiseScale | None:
     """Compare the stated noise of some observations with the noise in their residuals.
 
     Parameters

@@ -94,10 +94,7 @@ def _add_piece(
     count = steps.s.shape[1] if tested is None else tested
     ends, epoch = np.zeros(2, np.int64), 0
     while epoch < epochs:
-        _whiten_rows(
-            steps.a, steps.keep, steps.h, steps.gain, steps.off, steps.s, x, driven, at, seen, row,
-            count, epoch, work, rows, ends,
-        )  # fmt: skip
+        _whiten_rows(steps, x, driven, at, seen, row, count, epoch, work, rows, ends)
         epoch = int(ends[0])
         whitened = rows[: ends[1]]
         square += whitened.T @ whitened
@@ -105,12 +102,7 @@ def _add_piece(
 
 @kernel
 def _whiten_rows(
-    a: Array,
-    keep: Array,
-    h: Array,
-    gain: Array,
-    off: Array,
-    s: Array,
+    steps: FilterSteps,
     x: Array,
     driven: Array,
     at: int,
@@ -127,6 +119,7 @@ def _whiten_rows(
     `ends` (2,) receives the epoch at which to continue and the number of rows written; `work`, (k +
     1, c), is scratch space.
     """
+    a, keep, h, gain, off, s = steps[:6]
     k, n, r, d = a.shape[1], a.shape[2], driven.shape[1], driven.shape[2]
     o, c, m = seen.shape[1], x.shape[1], s.shape[1]
     column, filled = work[k], 0

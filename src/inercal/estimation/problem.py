@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.estimation.priors_and_gauges import Gauge, Gaussian
 from inercal.estimation.scores import Candidate
@@ -30,8 +29,13 @@ class NormalEquations(NamedTuple):
     normal: Array  # lower triangle of AᵀA, row after row, (trials, p (p + 1)/2)
     gradient: Array  # Aᵀu, (trials, p)
 
+    @classmethod
+    def empty(cls, trials: int, m: int, p: int) -> "NormalEquations":
+        """Return uninitialised arrays."""
+        return cls(*(np.empty((trials, size)) for size in (m, m, m, p * (p + 1) // 2, p)))
 
-NormalEquationsOf = Callable[[Array, NDArray[np.intp]], NormalEquations]
+
+NormalEquationsOf = Callable[[Array, Indices], NormalEquations]
 KnownNull = tuple[str, Array | Callable[[Array], Array]]
 
 

@@ -13,9 +13,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
 from inercal.estimation.filter_history import FilterHistory
 from inercal.estimation.lazy_value import LazyValue
@@ -149,8 +148,8 @@ class Estimate:
     wanted: tuple[str, ...]
     rank: int
     singular_values: Array
-    converged: NDArray[np.bool_]
-    iterations: NDArray[np.intp]
+    converged: Bools
+    iterations: Indices
     residual: Array = field(default_factory=lambda: np.zeros(0))
     whitened: Array = field(default_factory=lambda: np.zeros(0))
     observations: tuple[str, ...] = ()
@@ -202,7 +201,7 @@ class Estimate:
         return chi2_tail_probabilities(self.chi2, self.dof, self.noise_dof, self.noise_channels)
 
     @property
-    def consistent(self) -> NDArray[np.bool_]:
+    def consistent(self) -> Bools:
         """Whether χ² is within its one-sided 95 % bound or, with groups, no group has excess."""
         if self.groups:
             return np.array(all(group.spread.excess == 0 for group in self.groups))

@@ -34,9 +34,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.run_file_advice import Change
 from inercal.estimation.lazy_value import LazyValue
 
@@ -196,7 +195,7 @@ class ExplainedResidual:
         The projection Qᵀ c.
     """
 
-    indices: NDArray[np.intp]
+    indices: Indices
     column: Array
     projection: Array
 

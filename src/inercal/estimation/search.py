@@ -20,9 +20,8 @@ from collections.abc import Iterable
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Bools
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.problem import Problem
 
 # λ after the first rejected step, the smallest nonzero λ, and the λ at which a search ends.
@@ -85,7 +84,7 @@ class Trials(Protocol[P]):
         ...
 
 
-def search(system: Trials[P], max_iterations: int) -> tuple[P, Bools, NDArray[np.intp]]:
+def search(system: Trials[P], max_iterations: int) -> tuple[P, Bools, Indices]:
     """Return the final point, which trials converged (trials,), and the number of steps (trials,).
 
     Parameters

@@ -45,9 +45,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.estimation.correlation import (
     COARSE_LEVELS,
     SMALLEST_VARIANCE,
@@ -153,13 +152,8 @@ def haar_contrasts(section: Array, seconds: float) -> Contrasts:
         width = count // len(merged)
         levels.append((merged[::2] - merged[1::2]) * np.sqrt(width / 2) * size)
         merged = 0.5 * (merged[::2] + merged[1::2])
-    return Contrasts(
-        seconds,
-        n,
-        tuple(reversed(levels)),
-        place @ means / length * size,
-        length * seconds / count * size,
-    )
+    slope, slope_per_trend = place @ means / length * size, length * seconds / count * size
+    return Contrasts(seconds, n, tuple(reversed(levels)), slope, slope_per_trend)
 
 
 def analyse_sections(
@@ -261,7 +255,7 @@ def _changes(
     sections: Sequence[Contrasts],
     judged: Sequence[_ReferenceNoise],
     size: Array,
-    used: NDArray[np.intp],
+    used: Indices,
     steps: Array,
 ) -> list[_DisturbanceTest]:
     """Test each section and channel for changes, compared with the section's own scatter."""
@@ -282,7 +276,7 @@ def _changes(
 
 
 def _changes_by_other_sections(
-    sections: Sequence[Contrasts], size: Array, used: NDArray[np.intp]
+    sections: Sequence[Contrasts], size: Array, used: Indices
 ) -> list[_DisturbanceTest]:
     """Test for changes by comparison with contrasts at the same level in the other sections."""
     found: list[_DisturbanceTest] = []
@@ -309,7 +303,7 @@ def _change_variance(one: Contrasts, place: int, k: int) -> float:
 
 
 def _bursts(
-    sections: Sequence[Contrasts], size: Array, used: NDArray[np.intp], steps: Array
+    sections: Sequence[Contrasts], size: Array, used: Indices, steps: Array
 ) -> list[_DisturbanceTest]:
     """Test each section and channel for one or two batches that differ from the others.
 
@@ -338,7 +332,7 @@ def _trend(
     sections: Sequence[Contrasts],
     names: Sequence[str],
     size: Array,
-    used: NDArray[np.intp],
+    used: Indices,
     correlation: NoiseCorrelation | None,
 ) -> tuple[Array, Array, Array, ModelTest | None]:
     """Return the mean trend, its sd, the sd of one slope, (m,) each, and the trend test."""

@@ -37,6 +37,12 @@ _LARGEST_HARMONIC = 0.01
 _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 
 
+Columns = Mapping[str, Array]
+"""The derivative of the observations, (m,), with respect to each parameter."""
+Families = Mapping[str, Sequence[str]]
+"""The parameters that are also tested together, by the name of their candidate."""
+
+
 class Column(NamedTuple):
     """One component of a candidate: full name, SI unit and derivative of the observations, (m,).
 
@@ -107,7 +113,7 @@ def candidate_function(
     sensor: Sensor,
     declared: Mapping[str, Parameter],
     time: Array | None = None,
-    families: Mapping[str, Sequence[str]] | None = None,
+    families: Families | None = None,
     priors: Priors = (),
     common_errors: Sequence[str] = (),
     zero_input: Bools | None = None,
@@ -176,23 +182,24 @@ def candidates_from_columns(
     sensor: Sensor,
     names: Sequence[str],
     declared: Mapping[str, Parameter],
-    column: Mapping[str, Array],
-    families: Mapping[str, Sequence[str]] | None = None,
+    column: Columns,
+    families: Families | None = None,
+    further_units: dict[str, str] | None = None,
 ) -> list[Candidate]:
-    """Return the candidates from their columns (m,); arguments as for `candidate_function`."""
+    """Return the candidates from their columns (m,); arguments as for `candidate_function`.
+
+    `further_units` are those of observed quantities that are not channels of the sensor.
+    """
     families = families or {}
     return [
         *_coefficient_candidates(sensor, names, column, families),
         *bench_candidates(declared, column, families, _row_labels(observations, sensor)),
-        *row_candidates(observations, sensor),
+        *row_candidates(observations, sensor, further_units or {}),
     ]
 
 
 def _coefficient_candidates(
-    sensor: Sensor,
-    names: Sequence[str],
-    column: Mapping[str, Array],
-    families: Mapping[str, Sequence[str]],
+    sensor: Sensor, names: Sequence[str], column: Columns, families: Families
 ) -> list[Candidate]:
     """Return the coefficients that are not estimated, tested by kind and then one by one."""
     larger = extended_sensor(sensor, temperature_varies=True)
@@ -213,21 +220,18 @@ def family_name(line: ErrorTerm) -> str:
     return line.group if line.group == "g" else line.name
 
 
-def _family_names(full: str, families: Mapping[str, Sequence[str]]) -> list[str]:
+def _family_names(full: str, families: Families) -> list[str]:
     """Return the names of the families that contain a parameter."""
     return [name for name, members in families.items() if full in members]
 
 
 def bench_candidates(
-    declared: Mapping[str, Parameter],
-    column: Mapping[str, Array],
-    families: Mapping[str, Sequence[str]] | None = None,
-    rows: Sequence[str] | None = None,
+    declared: Mapping[str, Parameter], column: Columns, families: Families, rows: Sequence[str]
 ) -> list[Candidate]:
     """Return candidates for the bench parameters that act on several rows, from columns (m,).
 
-    `rows` are the row names of the observations, (m,). If they are given, the parameters of one
-    position are also candidates, provided that several rows share its attitude. Parameters of one
+    `rows` are the row names of the observations, (m,). The parameters of one position are also
+    candidates, provided that several rows share its attitude. Parameters of one
     row are candidates if `families` contains them, because together they act on many rows.
 
     The components of one vector at one place, "pose_x[XY30]" to "pose_z[XY30]", form one candidate,
@@ -237,8 +241,8 @@ def bench_candidates(
     for name, parameter in declared.items():
         if name not in column or not _affects_observations(column[name]):
             continue
-        together = _family_names(name, families or {})
-        several = rows is not None and _affects_several_rows(column[name], rows)
+        together = _family_names(name, families)
+        several = _affects_several_rows(column[name], rows)
         if together or several or parameter.scope in _SHARED_SCOPES:
             for kind in together or [ErrorName(name).vector]:
                 kinds.setdefault(kind, []).append(_bench_column(name, parameter, column[name]))
@@ -253,7 +257,7 @@ def _bench_column(name: str, parameter: Parameter, rows: Array) -> Column:
 
 
 def common_error_candidates(
-    declared: Mapping[str, Parameter], column: Mapping[str, Array], names: Sequence[str]
+    declared: Mapping[str, Parameter], column: Columns, names: Sequence[str]
 ) -> list[Candidate]:
     """Return candidates that treat errors stated for single rows as common to all rows.
 
@@ -285,9 +289,7 @@ def common_error_candidates(
     return result
 
 
-def prior_candidates(
-    sensor: Sensor, priors: Priors, column: Mapping[str, Array]
-) -> list[Candidate]:
+def prior_candidates(sensor: Sensor, priors: Priors, column: Columns) -> list[Candidate]:
     """Return the priors of coefficients as candidates, by kind and one by one.
 
     The column leaves out the row of the prior, so only the data determine the coefficient.
@@ -336,9 +338,12 @@ def _row_labels(observations: Sequence[str], sensor: Sensor) -> list[str]:
     return [_row_label(label, channels) for label in observations]
 
 
-def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
+def row_candidates(
+    observations: Sequence[str], sensor: Sensor, further_units: dict[str, str]
+) -> list[Candidate]:
     """Return one candidate per row, in which the readings of that row are arbitrary."""
     channels = {axis.name: QUANTITIES[axis.measures].unit for axis in sensor.axes}
+    channels |= further_units
     rows: dict[str, list[int]] = {}
     for k, label in enumerate(observations):
         rows.setdefault(_row_label(label, channels), []).append(k)
@@ -353,7 +358,7 @@ def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidat
 
 
 def drift_candidates(
-    observations: Sequence[str], sensor: Sensor, time: Array, column: Mapping[str, Array]
+    observations: Sequence[str], sensor: Sensor, time: Array, column: Columns
 ) -> list[Candidate]:
     """Return candidates for a drift of the biases, linear in time from the first row to the last.
 

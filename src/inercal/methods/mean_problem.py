@@ -236,19 +236,12 @@ def problem_of_readings(
     suspects : mapping of str to Parameter, optional
         The bench parameters that are candidates, if there are more than those declared.
     """
+    given = observations, motion_function, reading_columns or {}, dwell_covariance, stated_noise
     forces = unknown_forces or {}
     doubted = declared if suspects is None else suspects
 
     def build(unknowns: Unknowns, priors: Priors = ()) -> Problem:
-        return _compare_vectors(
-            unknowns,
-            observations,
-            motion_function,
-            reading_columns or {},
-            dwell_covariance,
-            stated_noise,
-            priors,
-        )
+        return _compare_vectors(unknowns, priors, *given)
 
     def larger() -> Problem:
         whole = candidates.extended_sensor(
@@ -276,12 +269,12 @@ def problem_of_readings(
 
 def _compare_vectors(
     unknowns: Unknowns,
+    priors: Priors,
     observations: Observations,
     motion_function: MotionFunction,
     reading_columns: Mapping[str, Array],
     dwell_covariance: Callable[[Array, MeanMotion], Array] | None,
     stated_noise: ReadingNoise | None,
-    priors: Priors,
 ) -> Problem:
     """Compare each reading with the motion that its axis sensed; see `problem_of_readings`."""
     p, sensor, nuisances = unknowns.p, unknowns.sensor, unknowns.nuisances

@@ -98,12 +98,8 @@ def _patterns(fit: Fit[Hand, Any], order: Sequence[int]) -> Iterator[_Pattern]:
         for j in range(len(steps) - 1):
             name = f"step of the {kind} between two positions"
             yield _Pattern(name, _REPEATED, axis.name, np.where(later > j, 1.0, 0.0))
-        yield _Pattern(
-            f"vibration rectification of the {kind}",
-            _STILL,
-            axis.name,
-            np.ones(len(steps)),
-        )
+        name = f"vibration rectification of the {kind}"
+        yield _Pattern(name, _STILL, axis.name, np.ones(len(steps)))
         if axis.measures != "f":
             continue
         inputs, senses = _inputs_and_senses(steps, np.array(axis.i), order)

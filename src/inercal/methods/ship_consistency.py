@@ -18,7 +18,7 @@ its vectors are closest to the bench's. Directions with a standard deviation abo
 natural size count as not observed and keep the estimator's value.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -41,11 +41,12 @@ _VARIANCE_FLOOR = 1e-14  # relative to the largest variance; smaller variances a
 
 
 class Consistency(NamedTuple):
-    """χ² for (...) trials, its degrees of freedom, and the score tests of a single trial."""
+    """χ² for (...) trials, its degrees of freedom, score tests of a single trial, sensitivities."""
 
     chi2: Array
     dof: int
     scoring: LazyValue[ScoreTestSet]
+    sensitivities: Mapping[str, Array]  # of θ to bench errors, (..., 12)
 
 
 def joint_problem(
@@ -86,7 +87,7 @@ def row_covariance(
     return (turned.reshape(*turned.shape[:-4], size, size) + result.T @ result) / G0**2
 
 
-def bench_sensitivities(bench: RateTable, steps: Spins, gain: Array) -> dict[str, Array]:
+def _bench_sensitivities(bench: RateTable, steps: Spins, gain: Array) -> dict[str, Array]:
     """Return the sensitivity of θ to bench errors that are stated for the whole run, (..., 12).
 
     Parameters
@@ -183,8 +184,9 @@ def consistency(
     theta, u, residual = _generalised_least_squares(theta, at, whitener)
     chi2 = np.asarray((residual**2).sum(-1))
     dof = residual.shape[-1] - u.shape[-1]
+    by_bench = _bench_sensitivities(bench, steps, gain)
     if observations.mean.ndim > 2:
-        return Consistency(chi2, dof, NO_SCORE_TESTS)
+        return Consistency(chi2, dof, NO_SCORE_TESTS, by_bench)
 
     def work() -> ScoreTestSet:
         fitted = AffineModel.of(theta)
@@ -208,7 +210,7 @@ def consistency(
         none = np.zeros((len(value), u.shape[1]))
         return score_tests(residual, u, whitened, none)
 
-    return Consistency(chi2, dof, LazyValue(work))
+    return Consistency(chi2, dof, LazyValue(work), by_bench)
 
 
 def _added_rows(matrix: Array, rows: Array) -> Array:
@@ -237,11 +239,7 @@ def _generalised_least_squares(
 def _largest_singular_vectors(slope: Array, count: int) -> tuple[Array, Array, Array]:
     """Return the largest singular values and their vectors."""
     u, s, vt = np.linalg.svd(slope, full_matrices=False)
-    return (
-        np.asarray(u[..., :count], dtype=float),
-        np.asarray(s[..., :count], dtype=float),
-        np.asarray(vt[..., :count, :], dtype=float),
-    )
+    return u[..., :count], s[..., :count], vt[..., :count, :]
 
 
 def comparison_map(

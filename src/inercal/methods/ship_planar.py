@@ -16,14 +16,12 @@ Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technolo
 equations 1 to 5. The covariance is our own.
 """
 
-from collections.abc import Mapping
 from math import pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Bools
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import NotObserved
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
@@ -166,13 +164,12 @@ def affine_estimate(
     variance: Array,
     observations: tuple[str, ...],
     agreement: ship_consistency.Consistency,
-    moved: Mapping[str, Array],
     *,
     notes: tuple[str, ...],
     rank: int = 12,
     null_directions: tuple[NullDirection, ...] = (),
     converged: Bools | None = None,
-    iterations: NDArray[np.intp] | None = None,
+    iterations: Indices | None = None,
 ) -> Estimate:
     """Return the estimate for a model fitted with equal weights.
 
@@ -190,9 +187,7 @@ def affine_estimate(
         In g and g².
     observations : tuple of m str
     agreement : Consistency
-        Tests of the rows that were used.
-    moved : mapping of str to (..., 12) array
-        Sensitivity of θ to the stated errors of the bench (`bench_sensitivities`).
+        Tests of the rows that were used, and the sensitivity of θ to the bench's stated errors.
     notes, rank, null_directions, converged, iterations
         As for `Estimate`.
     """
@@ -220,7 +215,9 @@ def affine_estimate(
         iterations=np.ones(trials, dtype=np.intp) if iterations is None else iterations,
         notes=notes,
         scoring=agreement.scoring,
-        sensitivities={name: (slope @ by[..., None])[..., 0] for name, by in moved.items()},
+        sensitivities={
+            name: (slope @ by[..., None])[..., 0] for name, by in agreement.sensitivities.items()
+        },
     )
 
 
@@ -274,7 +271,6 @@ def planar(
         np.diagonal(spread, axis1=-2, axis2=-1),
         tuple(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
         agreement,
-        ship_consistency.bench_sensitivities(bench, steps, whole),
         notes=(
             *([f"Estimator planar does not use the {tilted} tilted states."] if tilted else []),
             "The frame is that of the mountings' nominal axes. The uncertainties include the "

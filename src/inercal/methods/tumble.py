@@ -198,9 +198,7 @@ def fourier(
         estimate, dividing_head_problem.head_problem(observations, sensor, bench, steps)
     )
     return replace(
-        estimate,
-        notes=harmonics.folding_notes(angle),
-        sensitivities=moved | {"g": gain[:, -1]},
+        estimate, notes=harmonics.folding_notes(angle), sensitivities=moved | {"g": gain[:, -1]}
     )
 
 

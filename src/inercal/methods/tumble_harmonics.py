@@ -171,11 +171,7 @@ def require_distinct_harmonics(
 
 
 def not_observed_error(
-    sensor: Sensor,
-    directions: Sequence[str],
-    angle: Array,
-    remedy: str,
-    names: Sequence[str] = (),
+    sensor: Sensor, directions: Sequence[str], angle: Array, remedy: str, names: Sequence[str] = ()
 ) -> NotObserved:
     """Return an error with the coefficients, the free directions, and the harmonics that fold.
 

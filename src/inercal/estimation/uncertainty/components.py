@@ -25,13 +25,11 @@ from math import sqrt
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.estimation.uncertainty.coverage import COVERAGE_PROBABILITY
 
-Indices = NDArray[np.intp]
 _PRECISION = 1e-9  # relative tolerance for σ²
 _STEPS = 200
 _LEAST = 1e-200  # variance used for a value without uncertainty
@@ -137,11 +135,7 @@ def _component(value: Array, std: Array, lots: Indices, count: int, dof: int) ->
     begin = max(spread - float(variance.mean()), least)
     roots = [
         0.0 if spread == 0 else _root(squares, size, least, begin)
-        for size in (
-            float(dof),
-            float(scipy.special.chdtri(dof, tail)),
-            float(scipy.special.chdtri(dof, 1 - tail)),
-        )
+        for size in (float(dof), *(float(scipy.special.chdtri(dof, p)) for p in (tail, 1 - tail)))
     ]
     sd, low, high = (root**0.5 for root in roots)
     return Component(sd, low, high, dof)

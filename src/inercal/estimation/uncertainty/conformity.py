@@ -66,8 +66,7 @@ class DecisionRule:
             )
         if self.name == "simple" and self.factor != 1.0:
             raise InputError(
-                "rule 'simple' has no guard band; remove factor, or choose 'guarded'",
-                key="factor",
+                "rule 'simple' has no guard band; remove factor, or choose 'guarded'", key="factor"
             )
 
     def guard(self, std: Array, dof: float | Array = inf) -> Array:

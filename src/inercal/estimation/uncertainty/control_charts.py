@@ -24,9 +24,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.estimation.uncertainty.cusum import cusum_limit, cusum_sums
 from inercal.estimation.uncertainty.run_lengths import chart_limit, wider_limit
 
@@ -86,7 +85,7 @@ class ChartValues:
     t2: Array
     mewma: Array
 
-    def signals(self, limits: ChartLimits) -> dict[ChartKind, NDArray[np.bool_]]:
+    def signals(self, limits: ChartLimits) -> dict[ChartKind, Bools]:
         """Return which points exceed each kind's limits, as (n,) or (n, p) arrays of bool."""
         return {
             "Shewhart": self.shewhart**2 > limits.shewhart,
@@ -175,12 +174,8 @@ def chart_values(
             difference / np.sqrt(of_point), np.sqrt(of_reference / of_point), restarts
         )
         ewma = np.where(up >= down, up, -down)
-    return ChartValues(
-        difference / np.sqrt(of_point + of_reference),
-        ewma,
-        np.einsum("np,np->n", difference, solved),
-        mewma,
-    )
+    t2 = np.einsum("np,np->n", difference, solved)
+    return ChartValues(difference / np.sqrt(of_point + of_reference), ewma, t2, mewma)
 
 
 def _inverse_root(covariance: Array) -> Array:

@@ -20,9 +20,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 
 _STEPS = 100
 _HALVINGS = 30
@@ -43,7 +42,7 @@ class RandomEffect:
     """
 
     shape: Array
-    level: NDArray[np.intp]
+    level: Indices
 
     @property
     def levels(self) -> int:
@@ -215,7 +214,7 @@ def pooled_variances(blocks: Sequence[MeasurementBlock], start: Array) -> Effect
 
 def _are_seen(
     blocks: Sequence[MeasurementBlock], covariances: Sequence[Array], projected: Sequence[Array]
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Return whether the free parameters leave effects visible: Σ tr HᵀPH vs. Σ tr HᵀV⁻¹H."""
     found: list[bool] = []
     for c in range(len(blocks[0].factors)):

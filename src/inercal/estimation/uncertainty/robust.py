@@ -31,9 +31,8 @@ and the test of a single column needs fewer rows to find one wrong coefficient a
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 
 FALSE_DISCOVERIES = 0.05  # expected share of false discoveries among those selected
 _MAD_TO_SIGMA = 1.482602218505602  # of a normal distribution
@@ -148,7 +147,7 @@ def _orthogonalised(values: Array) -> tuple[Array, Array]:
     return back @ np.median(turned, axis=0), back @ np.diag(variance) @ back.T
 
 
-def false_discovery_selection(tails: Array, rate: float = FALSE_DISCOVERIES) -> NDArray[np.intp]:
+def false_discovery_selection(tails: Array, rate: float = FALSE_DISCOVERIES) -> Indices:
     """Return the indices of the rejected p-values, smallest first.
 
     Parameters
@@ -164,7 +163,7 @@ def false_discovery_selection(tails: Array, rate: float = FALSE_DISCOVERIES) -> 
     return order[:count]
 
 
-def find_outliers(values: Array, distances: Array) -> NDArray[np.intp]:
+def find_outliers(values: Array, distances: Array) -> Indices:
     """Return the row indices of the outliers, farthest first.
 
     Parameters
@@ -188,7 +187,7 @@ def find_outliers(values: Array, distances: Array) -> NDArray[np.intp]:
     return found[np.argsort(-distances[found], kind="stable")]
 
 
-def _outliers_of_columns(values: Array, level: float) -> NDArray[np.bool_]:
+def _outliers_of_columns(values: Array, level: float) -> Bools:
     """Return which rows are outliers in at least one column, (n,)."""
     n = len(values)
     order = np.argsort(np.abs(values - np.median(values, axis=0)), axis=0)
@@ -208,7 +207,7 @@ def _outliers_of_columns(values: Array, level: float) -> NDArray[np.bool_]:
     return named
 
 
-def _joint_outliers(values: Array, distances: Array, level: float) -> NDArray[np.intp]:
+def _joint_outliers(values: Array, distances: Array, level: float) -> Indices:
     """Return the indices of the outliers found by the joint test of all columns."""
     n, p = values.shape
     order = np.argsort(distances, kind="stable")

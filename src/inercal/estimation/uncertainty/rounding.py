@@ -30,9 +30,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 
 _ORDERS = np.arange(1, 400)
 _GRID = 0.02  # step in s
@@ -81,7 +80,7 @@ class Ladder(NamedTuple):
     first: float
     off: float
 
-    def indices(self, readings: Array) -> NDArray[np.int64]:
+    def indices(self, readings: Array) -> Indices:
         """Return the level index k of each reading."""
         return np.rint((readings - self.first) / self.step).astype(np.int64)
 
@@ -146,7 +145,7 @@ def _fitted_ladder(levels: Array, step: float, digit: float) -> Ladder | None:
     return Ladder(step, first, off) if off <= allowed else None
 
 
-def noise_lower_bound(sections: Sequence[NDArray[np.int64]]) -> float:
+def noise_lower_bound(sections: Sequence[Indices]) -> float:
     """Return a lower bound for s = σ/q from the readings within sections.
 
     Parameters
@@ -201,7 +200,7 @@ def _profile(counts: Array, grid: Array) -> Array:
     a, b = right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)
     at_a, at_b = value(a), value(b)
     for _ in range(_ROUNDS):
-        less: NDArray[np.bool_] = at_a < at_b
+        less: Bools = at_a < at_b
         left, right = np.where(less, a, left), np.where(less, right, b)
         a, b = right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)
         at_a, at_b = value(a), value(b)

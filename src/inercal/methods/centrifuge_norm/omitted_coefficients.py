@@ -17,11 +17,7 @@ from inercal.estimation import least_squares
 from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
 from inercal.methods import Priors
 from inercal.methods.centrifuge_norm.problems import norm_problem
-from inercal.methods.centrifuge_norm.screening import (
-    START_ITERATIONS,
-    Agreement,
-    row_agreement,
-)
+from inercal.methods.centrifuge_norm.screening import START_ITERATIONS, Agreement, row_agreement
 from inercal.physics.plan import Spins
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations

@@ -15,9 +15,8 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Bools
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanMotion
 from inercal.benches.centrifuge.arm_motion import (
@@ -199,11 +198,8 @@ def _ungauged_norm_problem(
         turned = sensed_motion(bench, steps, q) if turning else None
         y, covariance = observations.mean, observations.covariance
         w = None if turned is None else turned.w
-        return (
-            result,
-            turned,
-            noisy_norm_residuals(sensor, y, covariance, x[..., :p], result.norm, w, warmth),
-        )
+        seen = noisy_norm_residuals(sensor, y, covariance, x[..., :p], result.norm, w, warmth)
+        return result, turned, seen
 
     def linearise(x: Array) -> tuple[Array, Array]:
         result, turned, seen = compared(x)
@@ -243,7 +239,7 @@ def _ungauged_norm_problem(
 
     y, covariance, table = observations.mean, observations.covariance, term_table(sensor)
 
-    def norm_equations(x: Array, which: NDArray[np.intp]) -> NormalEquations:
+    def norm_equations(x: Array, which: Indices) -> NormalEquations:
         assert table is not None
         result = exact or specific_force_norm(bench, steps, unknowns.bench_values(x))
         norm = result.norm

@@ -25,9 +25,8 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimation import Cauchy, Estimate, Problem, least_squares
@@ -171,28 +170,18 @@ def screen_rows(
 
     suspects: list[SuspectRow] = []
     for k in bad:
-        written = sensor.to_output(observations.mean[k])
+        written, z = sensor.to_output(observations.mean[k]), float(fit.whitened[k]) / noise
         repairs: tuple[Repair, ...] = ()
         for changes in _single_changes(written, sensor.channels):
             after = np.tile(written, (len(changes), 1))
             for row, change in zip(after, changes, strict=True):
                 for axis, value in change.after.items():
                     row[sensor.channels.index(axis)] = value
-            near = deviations(sensor.to_si(after), k) < min(
-                _REPAIR_LIMIT, abs(float(fit.whitened[k])) / noise / 2
-            )
+            near = deviations(sensor.to_si(after), k) < min(_REPAIR_LIMIT, abs(z) / 2)
             repairs = tuple(c for c, good in zip(changes, near.tolist(), strict=True) if good)
             if repairs:
                 break
-        suspects.append(
-            SuspectRow(
-                observations.labels[k],
-                k,
-                float(fit.residual[k]),
-                float(fit.whitened[k]) / noise,
-                repairs,
-            )
-        )
+        suspects.append(SuspectRow(observations.labels[k], k, float(fit.residual[k]), z, repairs))
     return tuple(suspects)
 
 
@@ -201,7 +190,7 @@ class Agreement(NamedTuple):
 
     fit: Estimate
     noise: float  # ratio of the scatter of most rows to the stated one, at least 1
-    outlier_rows: NDArray[np.intp]  # rows whose residual is too large to be the largest of all
+    outlier_rows: Indices  # rows whose residual is too large to be the largest of all
 
     @property
     def inconsistent(self) -> bool:

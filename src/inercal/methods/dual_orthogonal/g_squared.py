@@ -35,19 +35,7 @@ from inercal.physics.plan import Indexings
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
-TERMS = (
-    "a.k0",
-    "b.k0",
-    "a.k1",
-    "b.k1",
-    "delta",
-    "a.k2",
-    "b.k2",
-    "a.k3",
-    "b.k3",
-    "a.kip",
-    "b.kip",
-)
+TERMS = ("a.k0", "b.k0", "a.k1", "b.k1", "delta", "a.k2", "b.k2", "a.k3", "b.k3", "a.kip", "b.kip")
 NULL_DIRECTIONS: tuple[tuple[str, dict[str, float]], ...] = (
     ("harmonic 1 of A", {"a.k0": 1.0, "a.k2": -1.0, "b.kip": 1.0}),
     ("harmonic 1 of B", {"b.k0": 1.0, "b.k2": -1.0, "a.kip": -1.0}),

@@ -342,11 +342,7 @@ def _require_enough(sensor: Sensor, steps: Indexings, others: list[int]) -> None
     if set(g_squared.MOUNTING_ANGLES) <= set(sensor.coefficients):
         wanted.append(g_squared.TERMS.index("delta"))
     theta = np.array([steps[k].angle for k in others])
-    rank = (
-        int(np.linalg.matrix_rank(g_squared.design_matrix(theta)[:, wanted], tol=1e-9))
-        if len(theta)
-        else 0
-    )
+    rank = int(np.linalg.matrix_rank(g_squared.design_matrix(theta)[:, wanted], tol=1e-9))
     if rank < len(wanted):
         raise NotObserved(
             "estimator patent: the positions other than the four cardinal ones determine only "

@@ -202,15 +202,9 @@ def gyro_delay(
     warmth = temperature.row_offsets(observations, sensor)
     up = norm_residuals(force, observations.mean[:, :m], c[:p], np.array([gravity]), dT=warmth).up
     model = inverse_model(sensor, c, float(np.mean(warmth)))
+    ends = way.start, way.left, way.reached, way.stop
     along, square = delay_sums(
-        way.time,
-        way.output,
-        way.left,
-        way.reached,
-        model.matrix,
-        model.offset,
-        up[way.rest],
-        gravity,
+        way.time, way.output, ends, model.matrix, model.offset, up[way.rest], gravity
     )
     if not square.sum() > 0:
         raise NotObserved(
@@ -236,17 +230,11 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     covariance = estimate.covariance[:p, :p] / np.outer(unit_scale, unit_scale)
     covariance -= shared.T @ shared
     sizes = {group.name: float(np.sqrt(np.mean(group.sd**2))) for group in estimate.groups}
-    typical = GeometryErrors(*(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations")))
+    errors = GeometryErrors(*(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations")))
     ups = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
     before = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     more, after = next_attitudes(
-        sensor,
-        before,
-        ups[-1],
-        rests.bench.gravity.value,
-        typical,
-        target_deviation=0.0,
-        max_attitudes=_ADVISED_ATTITUDES,
+        sensor, before, ups[-1], rests.bench.gravity.value, errors, max_attitudes=_ADVISED_ATTITUDES
     )
     stays = (shared**2).sum(axis=0)
     old = np.sqrt(np.diag(covariance) + stays) * unit_scale

@@ -19,6 +19,9 @@ import numpy as np
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import njit
 
+Ends = tuple[Indices, Indices, Indices, Indices]
+"""The samples `start`, `left`, `reached` and `stop` of each of k transitions, (k,) each."""
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _corrected_motion(sensed: Array, back: Array, zero: Array, output: Array, i: int) -> None:
@@ -31,22 +34,13 @@ def _corrected_motion(sensed: Array, back: Array, zero: Array, output: Array, i:
 
 
 def integrate_transitions(
-    time: Array,
-    output: Array,
-    start: Indices,
-    left: Indices,
-    reached: Indices,
-    stop: Indices,
-    back: Array,
-    zero: Array,
-    white: Array,
-    weight: Array,
+    time: Array, output: Array, ends: Ends, back: Array, zero: Array, white: Array, weight: Array
 ) -> tuple[Array, Array, Array]:
     """Return the rotation, sensitivity and noise of each of k transitions.
 
     Parameters
     ----------
-    time, output, start, left, reached, stop
+    time, output, ends
         As in `inercal.recordings.Transitions`.
     back, zero : (6, m) and (6,) arrays
         f and ω computed from the output: back @ y + zero, SI.
@@ -65,33 +59,26 @@ def integrate_transitions(
     noise : (k, 3, 3) array
         Covariance of ψ due to the rate's white noise between `left` and `reached`, rad².
     """
-    count = start.size
+    count = ends[0].size
     # Allocated here, because in a kernel each shape takes a tenth of a second to compile.
-    rotation, noise = np.empty((count, 3, 3)), np.empty((count, 3, 3))
-    sensitivity = np.empty((count, 3, 3, 7))
-    _integrate(
-        time, output, start, left, reached, stop, back, zero, white, weight,
-        rotation, sensitivity, noise,
-    )  # fmt: skip
-    return rotation, sensitivity, noise
+    found = np.empty((count, 3, 3)), np.empty((count, 3, 3, 7)), np.empty((count, 3, 3))
+    _integrate(time, output, ends, back, zero, white, weight, found)
+    return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _integrate(
     time: Array,
     output: Array,
-    start: Indices,
-    left: Indices,
-    reached: Indices,
-    stop: Indices,
+    ends: Ends,
     back: Array,
     zero: Array,
     white: Array,
     weight: Array,
-    rotation: Array,
-    sensitivity: Array,
-    noise: Array,
+    found: tuple[Array, Array, Array],
 ) -> None:
+    start, left, reached, stop = ends
+    rotation, sensitivity, noise = found
     sensed, last, result = np.empty(7), np.empty(7), np.empty(7)
     # Rows of the sensitivity, (b, quantity), are separate arrays of the kernel, so the compiler
     # knows that they do not overlap.
@@ -186,20 +173,13 @@ def _integrate(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def delay_sums(
-    time: Array,
-    output: Array,
-    left: Indices,
-    reached: Indices,
-    back: Array,
-    zero: Array,
-    before: Array,
-    g: float,
+    time: Array, output: Array, ends: Ends, back: Array, zero: Array, before: Array, g: float
 ) -> tuple[Array, Array]:
     """Return Σ d·(f − g u) and Σ d·d for each transition; their ratio is a delay, s; d = g u × ω.
 
     Parameters
     ----------
-    time, output, left, reached
+    time, output, ends
         As in `inercal.recordings.Transitions`.
     back, zero : (6, m) and (6,) arrays
         f and ω computed from the output, SI.
@@ -208,6 +188,7 @@ def delay_sums(
     g : float
         m/s².
     """
+    _, left, reached, _ = ends
     count = left.size
     along, square = np.zeros(count), np.zeros(count)
     sensed, last = np.empty(6), np.empty(6)

@@ -43,7 +43,6 @@ WORST_FORCE = 1e-3 * G0  # m/s², error of a norm
 WORST_TURN = 1e-2  # rad, error of a rotation; rad/s, error of a rate
 MOVE_SECONDS = 2.0
 _TURN_STEPS = 8  # number of steps per turn, each at a constant attitude
-_MAX_ATTITUDES = 6  # number of attitudes to name
 # Information relative to 100, the value that counts as observed; it keeps determinants finite
 _REGULARISATION = 1e-3
 _MAX_TURN_COSINE = 0.8  # turns of 37 to 143° are easy by hand, and their path is unambiguous
@@ -116,8 +115,9 @@ def next_attitudes(
     last: Array,
     g: float,
     errors: GeometryErrors,
-    target_deviation: float,
-    max_attitudes: int = _MAX_ATTITUDES,
+    *,
+    max_attitudes: int,
+    target_deviation: float = 0.0,
 ) -> tuple[list[Array], Array]:
     """Return attitudes to add and the information matrix that results.
 
@@ -130,10 +130,10 @@ def next_attitudes(
         Up in the body frame at the last rest.
     g : float
     errors : GeometryErrors
-    target_deviation : float
-        Stop when every combination has at most this deviation, in natural sizes.
     max_attitudes : int
         Stop after this number of attitudes.
+    target_deviation : float
+        Stop when every combination has at most this deviation, in natural sizes.
     """
     turning = len(sensor.axes) > len(sensor.select_axes("f").axes)
     at_rest = rest_rows(sensor, CUBE_DIRECTIONS, g, errors)
@@ -188,13 +188,7 @@ def hand_held_plan(positions: int = 24, seconds: float = 3.0) -> tuple[Hold, ...
     first = np.array([0.0, 0.0, 1.0])
     start = rest_rows(sensor, first[None], G0, GeometryErrors())[0]
     more, _ = next_attitudes(
-        sensor,
-        start.T @ start,
-        first,
-        G0,
-        GeometryErrors(),
-        target_deviation=0.0,
-        max_attitudes=positions - 1,
+        sensor, start.T @ start, first, G0, GeometryErrors(), max_attitudes=positions - 1
     )
     return tuple(
         Hold(f"p{k:02d}", (float(up[0]), float(up[1]), float(up[2])), seconds)

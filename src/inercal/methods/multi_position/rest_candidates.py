@@ -158,7 +158,8 @@ def _rotation_column(
     seconds = float(np.median(way.duration))
     r, k = len(rows.norm.residual), len(way.rest)
     earth = rows.attitude[way.rest + 1] * way.duration[:, None, None]
-    clock = x[-1]
+    turned, clock = earth @ x[p + 1 : p + 4], x[-1]
+    force, across = rows.norm.specific_force, rests.cross_directions
 
     def column(axis: int, basis: Callable[[Motion, slice], Array]) -> Array:
         # In chunks, because the motion of all samples takes more memory than the samples.
@@ -171,24 +172,10 @@ def _rotation_column(
         before = changed[:, axis].copy()
         try:
             changed[:, axis] += size
-            moved_way = replace(way, output=changed)
-            there = rotations.transition_rotations(
-                moved_way,
-                sensor,
-                x[:p],
-                rests.rate_noise,
-                clock,
-                rests.transition_temperature_offsets,
-            )
+            there = rests.rotations(replace(way, output=changed), x[:p], clock)
         finally:
             changed[:, axis] = before
-        moved = rotations.rotation_residuals(
-            way.rest,
-            there,
-            rows.norm.specific_force,
-            rests.cross_directions,
-            earth @ x[p + 1 : p + 4],
-        )
+        moved = rotations.rotation_residuals(way.rest, there, force, across, turned)
         found = nothing.copy()
         found[r : r + 2 * k] = ((moved.residual - turns.residual) / step).ravel()
         return found

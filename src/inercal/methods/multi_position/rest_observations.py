@@ -153,11 +153,9 @@ class Rests:
     def rounding(self) -> Array:
         """Variance of each mean reading due to rounding, (r, q), which is part of `noise`."""
         found = self.observations.rounding
-        return (
-            np.zeros(self.noise.shape[:2])
-            if found is None
-            else found.variances[:, : self.noise.shape[1]]
-        )
+        if found is None:
+            return np.zeros(self.noise.shape[:2])
+        return found.variances[:, : self.noise.shape[1]]
 
     @cached_property
     def rounding_share(self) -> tuple[float, float, float]:
@@ -309,11 +307,7 @@ class Rests:
         of_rounding = of_turns[..., shared] @ x[shared]
         return ResidualRows(
             np.concatenate(
-                [
-                    at.residual,
-                    (turns.residual - of_rounding).ravel(),
-                    (rates - x[shared]).ravel(),
-                ]
+                [at.residual, (turns.residual - of_rounding).ravel(), (rates - x[shared]).ravel()]
             ),
             np.concatenate([jacobian, of_turns.reshape(-1, x.size), of_rates]),
             at,
@@ -329,12 +323,14 @@ class Rests:
 
         @lru_cache(maxsize=2)
         def at(c: bytes, timebase: float) -> TransitionRotations:
-            return transition_rotations(
-                transitions, self.sensor, np.frombuffer(c), self.rate_noise, timebase,
-                self.transition_temperature_offsets,
-            )  # fmt: skip
+            return self.rotations(transitions, np.frombuffer(c), timebase)
 
         return at
+
+    def rotations(self, way: Transitions, c: Array, timebase: float) -> TransitionRotations:
+        """Return the rotations during transitions for coefficients c, (p,), and a clock error."""
+        warmth = self.transition_temperature_offsets
+        return transition_rotations(way, self.sensor, c, self.rate_noise, timebase, warmth)
 
     def _attitudes(self, at: NormResiduals, way: TransitionRotations) -> Array:
         """Return the rotation from the level frame to the body's at each rest, (r, 3, 3).

@@ -140,12 +140,9 @@ def output_at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> A
     model, result = inverse_model(sensor, c), np.empty(output.shape)
     scale = np.array([axis.readout.scale for axis in sensor.axes])
     # In the reference form each term adds to the reading independently.
-    names = (
-        sensor.coefficients
-        if sensor.form == "tilted"
-        else temperature.temperature_coefficients(sensor)
-    )
-    hot = replace(sensor, coefficients=tuple(names))
+    names = tuple(temperature.temperature_coefficients(sensor))
+    names = sensor.coefficients if sensor.form == "tilted" else names
+    hot = replace(sensor, coefficients=names)
     warm = c[[sensor.coefficients.index(name) for name in names]]
     for start in range(0, len(output), _CHUNK_SAMPLES):
         at = slice(start, start + _CHUNK_SAMPLES)
@@ -190,15 +187,11 @@ def transition_rotations(
     time = way.time * (1 + timebase)
     output = way.output if dT is None else output_at_reference(way.output, sensor, c, dT)
     ends = way.start, way.left, way.reached, way.stop
-    white = np.ascontiguousarray(white)
-    turn, sensitivity, noise = integrate_transitions(
-        time, output, *ends, model.matrix, model.offset, white, np.zeros(0)
-    )
+    given = time, output, ends, model.matrix, model.offset, np.ascontiguousarray(white)
+    turn, sensitivity, noise = integrate_transitions(*given, np.zeros(0))
     coefficient_derivatives = np.einsum("kabq,bqp->kap", sensitivity, model.coefficient_derivatives)
     if dT is not None:
-        _, warmed, _ = integrate_transitions(
-            time, output, *ends, model.matrix, model.offset, white, dT
-        )
+        _, warmed, _ = integrate_transitions(*given, dT)
         by_kelvin = (
             inverse_model(sensor, c, 1.0).coefficient_derivatives - model.coefficient_derivatives
         )

@@ -157,14 +157,9 @@ def score_tests(rests: Rests, last: FitStage, priors: Priors) -> ScoreTestSet:
     free = _free_indices(rests)
     if rests.transitions is None:
         free = free[free <= len(rests.sensor.coefficients)]
+    stated = last.scatter.shares
     return _fit(
-        rests,
-        free,
-        last.x,
-        last.scatter.shares,
-        priors,
-        most=_COARSE_ITERATIONS,
-        with_score_tests=True,
+        rests, free, last.x, stated, priors, most=_COARSE_ITERATIONS, with_score_tests=True
     ).score_tests
 
 
@@ -218,11 +213,8 @@ def _fit(
             yield replace(one, rows=white)
         for one, below in step_candidates(rests, rows, changed) if changed is not None else ():
             whole = replace(one, rows=np.concatenate([whiten(one.rows), below]))
-            yield from (
-                component_candidates(whole)
-                if len(rests.observations.labels) <= _MAX_SCORED_RESTS
-                else (whole,)
-            )
+            few = len(rests.observations.labels) <= _MAX_SCORED_RESTS
+            yield from component_candidates(whole) if few else (whole,)
 
     places: list[int] = free.tolist()
     chosen = tuple(names[k] for k in places)

@@ -172,10 +172,7 @@ def without_signs(whole: Problem, sensor: Sensor, unsigned: Bools) -> Problem:
         without[..., terms] = 0.0
         plain, slope = whole.linearise(without)
         slope[..., terms] = 0.0
-        return (
-            np.where(unsigned, plain, residual),
-            np.where(unsigned[:, None], slope, jacobian),
-        )
+        return np.where(unsigned, plain, residual), np.where(unsigned[:, None], slope, jacobian)
 
     return replace(whole, linearise=linearise, normal_equations=None)
 

@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, Indices
 from inercal.benches import MeanMotion
@@ -78,12 +77,7 @@ class NormResiduals(NamedTuple):
 
 
 def norm_residuals(
-    sensor: Sensor,
-    y: Array,
-    c: Array,
-    g: Array,
-    w: Array | None = None,
-    dT: Array | float = 0.0,
+    sensor: Sensor, y: Array, c: Array, g: Array, w: Array | None = None, dT: Array | float = 0.0
 ) -> NormResiduals:
     """Return the residuals 0 − (‖f̂‖ − g) of readings in unknown attitudes, with f̂ = h⁻¹(y; c).
 
@@ -113,11 +107,8 @@ def norm_residuals(
     motion = Motion(sensed, dT=dT) if w is None else Motion(sensed, w, dT=dT)
     _, design, slope = sensor.linearise(motion, c)
     by_force = slope[..., :3]
-    back = (
-        three_axes.invert(by_force)
-        if len(sensor.axes) == 3
-        else np.asarray(np.linalg.pinv(by_force), dtype=np.float64)
-    )
+    invert = three_axes.invert if len(sensor.axes) == 3 else np.linalg.pinv
+    back = np.asarray(invert(by_force), dtype=np.float64)
     length = np.linalg.norm(sensed, axis=-1)
     up = sensed / length[..., None]
     along = up[..., None, :] @ back
@@ -195,7 +186,7 @@ def norm_normal_equations(
     dT: Array | float,
     stated: StatedNorms,
     x: Array,
-    which: NDArray[np.intp],
+    which: Indices,
     jacobian: Array | None = None,
 ) -> NormalEquations:
     """Return the normal equations of trials for the residuals of `noisy_norm_residuals`.
@@ -221,13 +212,7 @@ def norm_normal_equations(
     (count, k), r = x.shape, y.shape[-2]
     warmth = np.broadcast_to(dT, (*np.shape(dT)[:-1], r))
     derivatives = stated.derivatives.reshape(len(stated.derivatives), stated.norm.size // r, r)
-    found = NormalEquations(
-        np.empty((count, r)),
-        np.empty((count, r)),
-        np.empty((count, r)),
-        np.empty((count, k * (k + 1) // 2)),
-        np.empty((count, k)),
-    )
+    found = NormalEquations.empty(count, r, k)
     # Small arrays are copied, because numba would compile again for a read-only array.
     _kernels.norm_kernel(
         table,
@@ -337,13 +322,7 @@ class VectorEquations:
             residual = residual[:, self.observed]
         if self.readings:
             residual -= x[:, p:] @ self._columns.T
-        found = NormalEquations(
-            residual,
-            np.empty((count, n)),
-            np.empty((count, n)),
-            np.empty((count, (p + q) * (p + q + 1) // 2)),
-            np.empty((count, p + q)),
-        )
+        found = NormalEquations.empty(count, n, p + q)._replace(residual=residual)
         # If there are only accelerometers, no rate is sensed.
         by_rate = self._stacked(stated.dw, r) if slope[..., 3:].any() else np.zeros((0, 1, r, 3))
         vector_kernel(

@@ -90,7 +90,6 @@ def planar_norm(
             *(f"|f|[{steps[k].label}]" for k in groups),
         ),
         agreement,
-        ship_consistency.bench_sensitivities(bench, steps, gain @ map_to),
         notes=(
             "All directions are determined. The frame is that of the nominal axes of the untilted "
             "mountings.",

@@ -238,11 +238,9 @@ def _start_from_priors(
         words = tuple(
             one.words for one in (*undetermined_rotations(sensor, left), *left.unobserved)
         )
-        others = (
-            "priors on all twelve coefficients"
-            if sensor.frame == "mount"
-            else "tilts of a second kind, such as XY 135 + 45"
-        )
+        others = "tilts of a second kind, such as XY 135 + 45"
+        if sensor.frame == "mount":
+            others = "priors on all twelve coefficients"
         raise NotObserved(
             f"these norms do not determine {'; '.join(words)}; add the untilted states XY, YX "
             f"and ZY, or {others}, or use estimator joint",

@@ -47,9 +47,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Bools
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import NotObserved
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import is_tilted
@@ -63,9 +62,8 @@ from inercal.recordings import Observations
 MIN_TILTED_STATES = 12  # groups
 RANK_TOLERANCE = 1e-9  # of the largest singular value; smaller ones determine no direction
 _INITIAL_DAMPING, _MAX_DAMPING = 1e-3, 1e12  # μ relative to the largest eigenvalue
-_CONVERGED_STEP = (
-    1e-10  # g, or relative: the problem is nearly linear, so the next step is far smaller
-)
+# g, or relative: the problem is nearly linear, so the next step is far smaller
+_CONVERGED_STEP = 1e-10
 _ROUNDING = 2.0**-46  # relative to the squares
 _PAIRS = ((1, 2), (2, 0), (0, 1))
 _MAX_STEPS = 200
@@ -121,7 +119,7 @@ class DampedSolution(NamedTuple):
     model: AffineModel
     cost: Array  # (...), Σρ², g⁴
     converged: Bools
-    steps: NDArray[np.intp]
+    steps: Indices
 
 
 def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSolution:
@@ -202,7 +200,7 @@ def norm_observations(
     return observations.mean[..., groups, :] / G0, (f**2).sum(-1)
 
 
-def axis_columns(rows: Sequence[int]) -> NDArray[np.intp]:
+def axis_columns(rows: Sequence[int]) -> Indices:
     """Return the indices of the columns for the three axes of each row."""
     return (3 * np.asarray(rows, dtype=np.intp)[:, None] + np.arange(3)).ravel()
 
@@ -330,13 +328,8 @@ def search(
     def after(intermediate_result: Any) -> None:
         nonlocal late
         model = AffineModel.of(np.asarray(intermediate_result.x, dtype=float))
-        history.append(
-            Generation(
-                len(history) + 1,
-                float(intermediate_result.fun),
-                worst_relative_error(model, a, square),
-            )
-        )
+        worst = worst_relative_error(model, a, square)
+        history.append(Generation(len(history) + 1, float(intermediate_result.fun), worst))
         if progress is not None:
             progress(history[-1])
         late = perf_counter() - began > options.seconds

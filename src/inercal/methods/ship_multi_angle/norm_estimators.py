@@ -17,7 +17,7 @@ from inercal.benches.rate_table.bench import RateTable
 from inercal.estimation import Estimate, NullDirection
 from inercal.methods import Priors
 from inercal.methods.estimator_inputs import refuse_priors, require_single_recording
-from inercal.methods.ship_consistency import bench_sensitivities, consistency, row_covariance
+from inercal.methods.ship_consistency import consistency, row_covariance
 from inercal.methods.ship_multi_angle import free_norm_directions as free
 from inercal.methods.ship_multi_angle import norm_equations
 from inercal.methods.ship_planar import affine_estimate
@@ -226,7 +226,6 @@ def _norm_estimate(
         np.einsum("...ai,...aij,...aj->...a", along, blocks, along),
         tuple(f"|f|[{steps[k].label}]" for k in groups),
         agreement,
-        bench_sensitivities(bench, steps, gain),
         notes=_free_direction_notes(left, turns, decided),
         rank=left.rank,
         null_directions=(*turns, *left.unobserved, *left.weak),

@@ -19,6 +19,8 @@ from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import kernel, kernel_step
 from inercal.methods.systematic._kernels import (
     SAMPLE_VECTORS,
+    NavigationSettings,
+    TurnMotion,
     add_white_noise,
     advance_sample,
     apply_matrix,
@@ -26,7 +28,7 @@ from inercal.methods.systematic._kernels import (
 )
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 
-FILTER_VECTORS, FILTER_MATRICES = SAMPLE_VECTORS + 9, 4
+FILTER_VECTORS = SAMPLE_VECTORS + 9
 NAVIGATION = 6  # number of states in ψ and v
 _AFTER_COEFFICIENTS = 3  # lag, gravity, latitude
 
@@ -173,21 +175,16 @@ def _count_from(x: Array, c: Array, v: Array, reference: Array, work: Array, tur
 
 @kernel
 def filter_epochs(
-    w: Array,
-    f: Array,
-    dw: Array,
+    motion: TurnMotion,
     by_rate: Array,
     by_force: Array,
     rest: Indices,
     rest_attitude: Array,
     present: Indices,
     count: int,
-    dt: float,
     begins: bool,
-    earth: Array,
+    settings: NavigationSettings,
     earth_slope: Array,
-    gravity: float,
-    lag: float,
     white: Array,
     rest_variance: float,
     keep: Array,
@@ -208,8 +205,8 @@ def filter_epochs(
 
     Parameters
     ----------
-    w, f, dw : (e count, 3) arrays
-        ω, f and dω/dt of the samples, SI, with the coefficients that the states are relative to.
+    motion : TurnMotion
+        e count samples, with the coefficients that the states are relative to.
     by_rate, by_force : (e, 3, n − 6) arrays
         Sensitivity of ω and f in each epoch to the states after ψ and v.
     rest : (e,) array of int
@@ -220,14 +217,12 @@ def filter_epochs(
         Index of the rest before the first epoch, −1 in motion; changed in place.
     count : int
         Number of samples in an epoch.
-    dt : float
-        Sampling interval, s.
     begins : bool
         Whether the first sample is the first of the recording.
-    earth, earth_slope : (3,) arrays
-        ω_ie in n and its derivative with respect to latitude.
-    gravity, lag : float
-        Reference values of their states, m/s² and s.
+    settings : NavigationSettings
+        With the reference values of the states for gravity and lag.
+    earth_slope : (3,) array
+        Derivative of ω_ie in n with respect to latitude.
     white : (6,) array
         Squared noise densities of accelerometers and gyros in the body axes, SI²/Hz.
     rest_variance : float
@@ -241,7 +236,7 @@ def filter_epochs(
     before : (2, 3) array
         Increments in the sample before.
     vectors, matrices, rows
-        Work arrays, (FILTER_VECTORS, 3), (FILTER_MATRICES, 3, 3) and (16, n).
+        Work arrays, (FILTER_VECTORS, 3), (4, 3, 3) and (16, n).
     innovation, standard, nis : (e, 3), (e, 3) and (e,) arrays
         Output for rests: in m/s, divided by standard deviations, and squared. Other epochs are
         unchanged.
@@ -252,6 +247,7 @@ def filter_epochs(
     sample, work = vectors[:SAMPLE_VECTORS], vectors[SAMPLE_VECTORS : SAMPLE_VECTORS + 5]
     gained, late, force, lagging = vectors[-4], vectors[-3], vectors[-2], vectors[-1]
     middle, turned, reference = matrices[0], matrices[1:3], matrices[3]
+    earth, gravity, _, dt = settings
     moved, by, six, gain = rows[:6], rows[6:12, :q], rows[12:14, :6], rows[14]
     for k in range(2):
         for j in range(3):
@@ -270,10 +266,8 @@ def filter_epochs(
             i = e * count + k
             if k == count // 2:
                 copy_matrix(c, middle)
-            advance_sample(
-                w[i], f[i], dw[i], c, v, earth, gravity, lag, dt, begins and i == 0, sample,
-                gained, late, turned,
-            )  # fmt: skip
+            first = begins and i == 0
+            advance_sample(motion, i, c, v, settings, first, sample, gained, late, turned)
             for j in range(3):
                 force[j] += gained[j]
                 lagging[j] += late[j]

@@ -19,14 +19,44 @@ Functions write their results to arguments, in place, and allocate nothing, so t
 Sources: Savage 2000, Strapdown Analytics, chapters 7 (integration) and 18 (errors at turns).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.kernel_options import kernel, kernel_step
 from inercal.methods.turntable.small_matrices import copy_matrix, product
 
-VECTORS, MATRICES = 20, 4  # number of work arrays: (VECTORS, 3) and (MATRICES, 3, 3)
+VECTORS = 20  # number of work vectors
 SAMPLE_VECTORS = 10  # number that `advance_sample` needs
+
+
+class TurnMotion(NamedTuple):
+    """The motion in successive samples, (n, 3) each, SI: ω, f and dω/dt."""
+
+    w: Array
+    f: Array
+    dw: Array
+
+
+class NavigationSettings(NamedTuple):
+    """What a navigation assumes besides the motion."""
+
+    earth: Array  # ω_ie in n, (3,) rad/s
+    gravity: float  # m/s²
+    lag: float  # s
+    dt: float  # s, sampling interval
+
+
+class Navigation(NamedTuple):
+    """The navigation at the end of k turns; the gyros have q coefficients, the accelerometers r."""
+
+    attitude: Array  # (k, 3, 3)
+    velocity: Array  # (k, 3) m/s
+    impulse: Array  # integral of F, (k, 3)
+    psi: Array  # sensitivity of ψ, (k, 3, q)
+    v: Array  # sensitivity of v to the gyros, the accelerometers and the lag, (k, 3, q + r + 1)
+    covariance: Array  # of (ψ, v) due to white noise, (k, 6, 6)
 
 
 @kernel_step
@@ -69,26 +99,24 @@ def write_rotation(x: float, y: float, z: float, out: Array) -> None:
 
 @kernel_step
 def advance_sample(
-    w: Array,
-    f: Array,
-    dw: Array,
+    motion: TurnMotion,
+    i: int,
     c: Array,
     v: Array,
-    earth: Array,
-    gravity: float,
-    lag: float,
-    dt: float,
+    settings: NavigationSettings,
     begins: bool,
     work: Array,
     gained: Array,
     lagging: Array,
     turned: Array,
 ) -> None:
-    """Propagate C and v over a sample; write the velocity gained and its sensitivity to the lag.
+    """Propagate C and v over sample i; write the velocity gained and its sensitivity to the lag.
 
     The first two rows of `work`, (SAMPLE_VECTORS, 3), contain the increments of the sample before,
     or of this sample if the motion begins here. `turned`, (2, 3, 3), is a work array.
     """
+    w, f, dw = motion.w[i], motion.f[i], motion.dw[i]
+    earth, gravity, lag, dt = settings
     d0, u0, d, u, own = work[0], work[1], work[2], work[3], work[4]
     a, b, e, rho, moved = work[5], work[6], work[7], work[8], work[9]
     # ω relative to n, and the force rotated back by the rotation of the body during the lag
@@ -210,36 +238,26 @@ def _add_block(
 
 @kernel
 def integrate_turns(
-    w: Array,
-    f: Array,
-    dw: Array,
+    motion: TurnMotion,
     by_rate: Array,
     by_force: Array,
     first: Indices,
     last: Indices,
     block: int,
-    dt: float,
     start: Array,
     chained: bool,
-    earth: Array,
-    gravity: float,
-    lag: float,
+    settings: NavigationSettings,
     white: Array,
     vectors: Array,
     matrices: Array,
-    attitude: Array,
-    velocity: Array,
-    impulse: Array,
-    psi: Array,
-    v_by: Array,
-    covariance: Array,
+    done: Navigation,
 ) -> None:
     """Write the final navigation after k turns, with sensitivities and noise.
 
     Parameters
     ----------
-    w, f, dw : (n, 3) arrays
-        ω, f and dω/dt of the samples in all turns, one after the other, SI.
+    motion : TurnMotion
+        The samples of all turns, one after the other.
     by_rate, by_force : (b, 3, q) and (b, 3, r) arrays
         ∂ω/∂θ and ∂f/∂θ in each block of samples; each turn begins a new block. If b is 0 there are
         no sensitivities and no covariance.
@@ -247,36 +265,26 @@ def integrate_turns(
         First sample of each turn, and the sample after its last one.
     block : int
         Number of samples in a block; the last block of a turn may have fewer.
-    dt : float
-        Sampling interval, s.
     start : (k, 3, 3) array
         C at the start of each turn.
     chained : bool
         Whether each turn but the first starts at the end of the one before instead.
-    earth : (3,) array
-        ω_ie in n, rad/s.
-    gravity, lag : float
-        m/s² and s.
+    settings : NavigationSettings
     white : (6,) array
         Squared noise densities of accelerometers and gyros in the body axes, SI²/Hz.
-    vectors, matrices : (VECTORS, 3) and (MATRICES, 3, 3) arrays
+    vectors, matrices : (VECTORS, 3) and (4, 3, 3) arrays
         Work arrays.
-    attitude : (k, 3, 3) array
-        Output; the other outputs must be zero at the start.
-    velocity, impulse : (k, 3) arrays
-        Output: velocity, m/s; integral of F.
-    psi, v_by : (k, 3, q) and (k, 3, q + r + 1) arrays
-        Output: sensitivities; those of v are for the gyros, the accelerometers, and the lag.
-    covariance : (k, 6, 6) array
-        Output: covariance of (ψ, v) due to white noise.
+    done : Navigation
+        Output; all but the attitude must be zero at the start.
     """
-    c, middle, turned = matrices[0], matrices[1], matrices[2:4]
+    c, middle, turned, attitude = matrices[0], matrices[1], matrices[2:4], done.attitude
+    earth, dt = settings.earth, settings.dt
     state, e, moved = vectors[:SAMPLE_VECTORS], vectors[SAMPLE_VECTORS], vectors[SAMPLE_VECTORS + 1]
     force, lagging, work = vectors[12], vectors[13], vectors[14:18]
     at = 0
     for k in range(first.size):
         copy_matrix(attitude[k - 1] if chained and k > 0 else start[k], c)
-        v = velocity[k]
+        v = done.velocity[k]
         in_block, count, seconds = 0, 0, 0.0
         for i in range(first[k], last[k]):
             if in_block == 0:
@@ -285,25 +293,10 @@ def integrate_turns(
                     force[j], lagging[j] = 0.0, 0.0
             if in_block == count // 2:
                 copy_matrix(c, middle)
-            advance_sample(
-                w[i],
-                f[i],
-                dw[i],
-                c,
-                v,
-                earth,
-                gravity,
-                lag,
-                dt,
-                i == first[k],
-                state,
-                e,
-                moved,
-                turned,
-            )
+            advance_sample(motion, i, c, v, settings, i == first[k], state, e, moved, turned)
             for j in range(3):
                 force[j] += e[j]
-                impulse[k, j] += e[j]
+                done.impulse[k, j] += e[j]
                 lagging[j] += moved[j]
             if count % 2 and in_block == count // 2:  # the block's middle is inside a sample
                 for m in range(3):
@@ -314,12 +307,12 @@ def integrate_turns(
             if in_block == block or i == last[k] - 1:
                 if by_rate.shape[0] > 0:
                     _add_block(
-                        psi[k], v_by[k], by_rate[at], by_force[at], middle, force, lagging,
+                        done.psi[k], done.v[k], by_rate[at], by_force[at], middle, force, lagging,
                         earth, seconds, work,
                     )  # fmt: skip
-                    add_white_noise(covariance[k], middle, white, seconds)
-                    _turn_velocity(covariance[k], force, work)
-                    add_white_noise(covariance[k], middle, white, seconds)
+                    add_white_noise(done.covariance[k], middle, white, seconds)
+                    _turn_velocity(done.covariance[k], force, work)
+                    add_white_noise(done.covariance[k], middle, white, seconds)
                 at += 1
                 in_block = 0
         copy_matrix(c, attitude[k])

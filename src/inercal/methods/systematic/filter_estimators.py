@@ -124,13 +124,9 @@ def _estimate(
     every = (*sensor.coefficients, LAG, *exact)
     at = [every.index(name) for name in names]
     share = _require_determined(found, start, sensor)
-    notes = (
-        (
-            f"Up to {100 * share:.2g} % of the information on a direction of the coefficients "
-            "comes from the initial standard deviations of the filter, not from the data.",
-        )
-        if share > _NOTED_SHARE
-        else ()
+    note = (
+        f"Up to {100 * share:.2g} % of the information on a direction of the coefficients "
+        "comes from the initial standard deviations of the filter, not from the data."
     )
     scaled = found.covariance[:p, :p] / np.outer(sensor.unit_scale, sensor.unit_scale)
     return Estimate(
@@ -144,7 +140,7 @@ def _estimate(
         singular_values=1 / np.sqrt(np.linalg.eigvalsh(scaled)),
         converged=np.asarray(converged),
         iterations=np.asarray(passes, dtype=np.intp),
-        notes=notes,
+        notes=(note,) if share > _NOTED_SHARE else (),
         courses=(made.history(),),
         tests=_innovation_tests(*made.standardised_innovations()),
     )
@@ -157,11 +153,8 @@ def _innovation_tests(standard: Array, rest: Indices) -> tuple[ModelTest, ...]:
     innovations that error would be too small to notice.
     """
     first = np.append(False, rest[1:] != rest[:-1])
-    turns = ModelTest(
-        "first innovations after each turn",
-        float(np.sum(standard[first] ** 2)),
-        standard[first].size,
-    )
+    z = standard[first]
+    turns = ModelTest("first innovations after each turn", float(np.sum(z**2)), z.size)
     return (
         turns,
         *mean_and_whiteness_tests(
@@ -288,18 +281,13 @@ class LiveNavigation:
 
     def estimate(self) -> Mapping[str, PartialEstimate]:
         """Return the estimate of all coefficients; empty until rests determine the azimuth."""
-        if self._filter is None:
+        made = self._filter
+        if made is None:
             return {}
-        names, found = self._model.sensor.coefficients, self._filter.estimate()
+        names, found = self._model.sensor.coefficients, made.estimate()
         p = len(names)
-        one = PartialEstimate(
-            names,
-            found.value[:p],
-            found.covariance[:p, :p],
-            self._filter.nis,
-            self._filter.components,
-        )
-        return {"all": one}
+        value, covariance = found.value[:p], found.covariance[:p, :p]
+        return {"all": PartialEstimate(names, value, covariance, made.nis, made.components)}
 
 
 def sequential(

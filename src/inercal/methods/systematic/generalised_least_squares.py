@@ -20,11 +20,9 @@ from inercal.estimation.whitened_problem import LinearisationPoint, WhitenedProb
 from inercal.methods import Priors
 from inercal.methods.candidates import candidates_from_columns, extended_sensor
 from inercal.methods.systematic.alignment import attitudes_at, initial_attitudes
-from inercal.methods.systematic.coefficient_rules import (
-    require_turns,
-)
+from inercal.methods.systematic.coefficient_rules import require_turns
 from inercal.methods.systematic.navigation import ImuModel
-from inercal.methods.systematic.rest_and_turn_rows import RestAndTurnRows
+from inercal.methods.systematic.rest_and_turn_rows import TURN_UNITS, RestAndTurnRows
 from inercal.methods.systematic.segments import Segments
 from inercal.physics.frames import exp_so3
 from inercal.physics.sensors import Sensor
@@ -204,20 +202,6 @@ def omitted_coefficients(
     column = {name: jacobian[:, k] for k, name in enumerate(names)}
     q = len(names)
     column |= {"g": jacobian[:, q + 1], "latitude": jacobian[:, q + 2]}
-    found = candidates_from_columns(rows.labels, sensor, sensor.coefficients, declared, column)
-    return [one for one in found if one.kind != "row"] + _row_candidates(rows)
-
-
-def _row_candidates(rows: RestAndTurnRows) -> list[Candidate]:
-    """Return a candidate for each rest and each turn, with arbitrary readings."""
-    result: list[Candidate] = []
-    turn_labels = rows.segments.turn_labels
-    for k in range(2 * rows.rests - 1):
-        at = slice(6 * k, 6 * k + 6)
-        columns = np.zeros((len(rows.labels), 6))
-        columns[at] = np.eye(6)
-        turn = k % 2 == 1
-        units = ("rad",) * 3 + ("m/s",) * 3 if turn else ("m/s²",) * 3 + ("rad/s",) * 3
-        name = turn_labels[k // 2] if turn else rows.segments.labels[k // 2]
-        result.append(Candidate(name, "row", rows.labels[at], units, columns))
-    return result
+    return candidates_from_columns(
+        rows.labels, sensor, sensor.coefficients, declared, column, further_units=TURN_UNITS
+    )

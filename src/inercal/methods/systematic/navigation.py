@@ -8,12 +8,17 @@ the time t − τ.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.methods.systematic._kernels import MATRICES, VECTORS, integrate_turns
+from inercal.methods.systematic._kernels import (
+    VECTORS,
+    Navigation,
+    NavigationSettings,
+    TurnMotion,
+    integrate_turns,
+)
 from inercal.methods.systematic.segments import Indices, Segments
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.motion import Motion
@@ -38,25 +43,6 @@ def earth_rate_slope(latitude: float) -> Array:
     """Return dω_ie/dφ in n, (3,) rad/s."""
     up, north = earth_rate(latitude)[2], earth_rate(latitude)[1]
     return np.array([0.0, -up, north])
-
-
-class TurnMotion(NamedTuple):
-    """The motion in the samples of all turns, (n, 3) each, SI."""
-
-    w: Array
-    f: Array
-    dw: Array
-
-
-class Navigation(NamedTuple):
-    """Results from `inercal.methods.systematic._kernels.integrate_turns`."""
-
-    attitude: Array
-    velocity: Array
-    impulse: Array
-    psi: Array
-    v: Array
-    covariance: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,32 +212,21 @@ def integrate_navigation(
     """
     by_rate, by_force = (np.ascontiguousarray(one) for one in by)
     k, q, r = segments.first.size, by_rate.shape[2], by_force.shape[2]
-    done = Navigation(
-        np.zeros((k, 3, 3)),
-        np.zeros((k, 3)),
-        np.zeros((k, 3)),
-        np.zeros((k, 3, q)),
-        np.zeros((k, 3, q + r + 1)),
-        np.zeros((k, 6, 6)),
-    )
+    shapes = (3, 3), (3,), (3,), (3, q), (3, q + r + 1), (6, 6)
+    done = Navigation(*(np.zeros((k, *shape)) for shape in shapes))
     integrate_turns(
-        np.ascontiguousarray(motion.w),
-        np.ascontiguousarray(motion.f),
-        motion.dw,
+        TurnMotion(*(np.ascontiguousarray(part) for part in motion)),
         by_rate,
         by_force,
         segments.first,
         segments.last,
         segments.block,
-        segments.dt,
         np.ascontiguousarray(start),
         chained,
-        earth,
-        gravity,
-        lag,
+        NavigationSettings(earth, gravity, lag, segments.dt),
         np.zeros(6) if white is None else white,
         np.zeros((VECTORS, 3)),
-        np.zeros((MATRICES, 3, 3)),
-        *done,
+        np.zeros((4, 3, 3)),
+        done,
     )
     return done

@@ -30,16 +30,11 @@ from inercal.basics.arrays import Array, Indices
 from inercal.benches.turntable.still_table import StillTable
 from inercal.estimation import FilterHistory, Gaussian
 from inercal.methods import Priors
-from inercal.methods.systematic._filter_kernel import (
-    FILTER_MATRICES,
-    FILTER_VECTORS,
-    NAVIGATION,
-    filter_epochs,
-)
+from inercal.methods.systematic._filter_kernel import FILTER_VECTORS, NAVIGATION, filter_epochs
+from inercal.methods.systematic._kernels import NavigationSettings, TurnMotion
 from inercal.methods.systematic.alignment import initial_attitudes
 from inercal.methods.systematic.navigation import (
     ImuModel,
-    TurnMotion,
     bias_name,
     block_means,
     earth_rate,
@@ -281,12 +276,12 @@ class NavigationFilter:
         size = self._x.size
         innovation, standard, nis = np.zeros((epochs, 3)), np.zeros((epochs, 3)), np.zeros(epochs)
         filter_epochs(
-            motion.w, motion.f, motion.dw, by_rate, by_force, rest,
-            self._rest_attitudes, self._present, model.count, model.dt,
-            self._fed == 0, earth_rate(latitude), earth_rate_slope(latitude), gravity, lag,
-            model.imu.white, REST_VELOCITY**2, self._keep, self._drawn, self._x, self._p,
-            self._c, self._v, self._before, np.zeros((FILTER_VECTORS, 3)),
-            np.zeros((FILTER_MATRICES, 3, 3)), np.zeros((16, size)), innovation, standard, nis,
+            motion, by_rate, by_force, rest, self._rest_attitudes, self._present, model.count,
+            self._fed == 0, NavigationSettings(earth_rate(latitude), gravity, lag, model.dt),
+            earth_rate_slope(latitude), model.imu.white, REST_VELOCITY**2, self._keep,
+            self._drawn, self._x, self._p, self._c, self._v, self._before,
+            np.zeros((FILTER_VECTORS, 3)), np.zeros((4, 3, 3)), np.zeros((16, size)),
+            innovation, standard, nis,
         )  # fmt: skip
         if self._keeps_history:
             found = self.estimate()

@@ -19,7 +19,7 @@ Source: Titterton and Weston, Strapdown Inertial Navigation Technology, 2nd edit
 
 from collections.abc import Sequence
 from math import degrees
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -47,24 +47,12 @@ _NAMED = 4  # number of turns named in a message
 _MOVED = 4.5  # standard deviations between halves of a rest; by chance in 114 tests: 8e-4
 
 
-class VelocityErrors(NamedTuple):
-    """Magnitude of the level velocity error at the end of each rest, (m,) m/s."""
-
-    before: Array
-    after: Array
-
-
-class PositionDrift(NamedTuple):
-    """Level position error after one hour at rest, along east and north, m."""
-
-    before: Array  # (2,)
-    expanded: Array  # (2,) U after calibration
-
-
 def velocity_errors(
     segments: Segments, sensor: Sensor, c: Array, attitudes: Array, gravity: float, latitude: float
-) -> VelocityErrors:
+) -> tuple[Array, Array]:
     """Return the velocity errors after each rest, with nominal and with estimated coefficients.
+
+    They are magnitudes of the level part, (m,) m/s each.
 
     Parameters
     ----------
@@ -94,12 +82,12 @@ def velocity_errors(
         v = force * seconds - 0.5 * gravity * np.cross(_UP, rate) * seconds**2
         return np.linalg.norm(v[:, :2], axis=1)
 
-    return VelocityErrors(velocity(nominal), velocity(sensed))
+    return velocity(nominal), velocity(sensed)
 
 
 def position_drift(
     sensor: Sensor, c: Array, covariance: Array, gravity: float, latitude: float
-) -> PositionDrift:
+) -> tuple[Array, Array]:
     """Return the position error after an hour without calibration, and its U with calibration.
 
     Parameters
@@ -115,7 +103,7 @@ def position_drift(
     design = sensor.design(Motion(gravity * _UP[None], earth[None]), np.zeros(len(c)))[0]
     by = _response(gravity, earth) @ design
     variance = np.einsum("ip,pq,iq->i", by, covariance, by)
-    return PositionDrift(by @ c, COVERAGE * np.sqrt(variance))
+    return by @ c, COVERAGE * np.sqrt(variance)
 
 
 def _response(gravity: float, earth: Array) -> Array:
@@ -181,7 +169,7 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
         for text in vertical_turn_messages(attitudes, segments.labels)
     ]
     return Remarks(
-        tuple(findings), notes, {"lag of the accelerometers": lag}, (_velocity_plot(errors),)
+        tuple(findings), notes, {"lag of the accelerometers": lag}, (_velocity_plot(*errors),)
     )
 
 
@@ -189,11 +177,11 @@ def _kilometres(metres: float) -> str:
     return f"{format_value_and_uncertainty(0.0, metres / 1e3)[1]} km"
 
 
-def _velocity_plot(errors: VelocityErrors) -> Plot:
-    number = np.arange(1.0, len(errors.before) + 1)
+def _velocity_plot(before: Array, after: Array) -> Plot:
+    number = np.arange(1.0, len(before) + 1)
     series = tuple(
         Series(number, np.log10(np.maximum(1e3 * y, 1e-6)), name, hollow=name == "before")
-        for name, y in (("before", errors.before), ("after", errors.after))
+        for name, y in (("before", before), ("after", after))
     )
     return Plot(
         "navigation",

@@ -40,6 +40,13 @@ from inercal.physics.motion import Motion
 
 _UP = np.array([0.0, 0.0, 1.0])
 _ROWS = 6  # per rest and per turn
+_LEVEL = ("east", "north", "up")
+TURN_UNITS = {
+    f"{what} {way}": unit
+    for what, unit in (("attitude", "rad"), ("velocity", "m/s"))
+    for way in _LEVEL
+}
+"""The units of the quantities that a turn's rows observe."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,12 +92,10 @@ class RestAndTurnRows:
         """Names of the rows, such as "gx[p1]" or "velocity east[p1 to p2]"."""
         result: list[str] = []
         turns = (*self.segments.turn_labels, "")
-        level = ("east", "north", "up")
         for rest, turn in zip(self.segments.labels, turns, strict=True):
             result += [f"{axis}[{rest}]" for axis in self.model.sensor.channels]
             if turn:
-                result += [f"attitude {way}[{turn}]" for way in level]
-                result += [f"velocity {way}[{turn}]" for way in level]
+                result += [f"{quantity}[{turn}]" for quantity in TURN_UNITS]
         return tuple(result)
 
     def linearise(self, x: Array) -> tuple[Array, Array]:

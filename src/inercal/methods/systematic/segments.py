@@ -230,8 +230,7 @@ def _rest_ranges(hold: Indices) -> Indices:
     change = np.flatnonzero(np.diff(hold)) + 1
     edges = np.concatenate([[0], change, [hold.size]])
     return np.array(
-        [(a, b) for a, b in pairwise(edges.tolist()) if hold[a] >= 0],
-        dtype=np.int64,
+        [(a, b) for a, b in pairwise(edges.tolist()) if hold[a] >= 0], dtype=np.int64
     ).reshape(-1, 2)
 
 

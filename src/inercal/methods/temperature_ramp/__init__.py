@@ -280,10 +280,7 @@ METHOD = Method(
     name="temperature_ramp",
     bench=Hand,
     default_coefficients={"f": ("k0_dT",), "w": ("bias", "bias_dT")},
-    also={
-        "f": ("k0_dT2", "k0_dT3", "k0_dTdt"),
-        "w": ("bias_dT2", "bias_dT3", "bias_dTdt"),
-    },
+    also={"f": ("k0_dT2", "k0_dT3", "k0_dTdt"), "w": ("bias_dT2", "bias_dT3", "bias_dTdt")},
     needs=(),
     plan=rest,
     estimators={"gls": ramp},

@@ -226,16 +226,6 @@ class RampBlocks:
         return [found[key] for key in keys]
 
     @cached_property
-    def rises(self) -> float:
-        """Sum of the rising temperature steps, K."""
-        return float(np.diff(self._course).clip(min=0).sum())
-
-    @cached_property
-    def falls(self) -> float:
-        """Sum of the falling temperature steps, K."""
-        return float(-np.diff(self._course).clip(max=0).sum())
-
-    @cached_property
     def _course(self) -> Array:
         """The temperature about once per minute, with the noise of its sensor averaged out, K."""
         every = max(1, round(60 / self.seconds))
@@ -246,7 +236,9 @@ class RampBlocks:
     @property
     def is_monotonic(self) -> bool:
         """Whether the temperature hardly reverses its direction."""
-        return min(self.rises, self.falls) < 0.5 * float(np.ptp(self.kelvin))
+        steps = np.diff(self._course)
+        rises, falls = float(steps.clip(min=0).sum()), float(-steps.clip(max=0).sum())
+        return min(rises, falls) < 0.5 * float(np.ptp(self.kelvin))
 
 
 class _Cut(NamedTuple):

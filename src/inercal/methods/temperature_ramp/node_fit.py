@@ -74,10 +74,7 @@ def fit_along_nodes(model: RampModel, priors: Priors, environment: Environment) 
     covariance = np.outer(moved, moved)
     covariance[:-1, :-1] += held.covariance
     return replace(
-        held,
-        names=model.names,
-        value=np.append(held.value, stated.value),
-        covariance=covariance,
+        held, names=model.names, value=np.append(held.value, stated.value), covariance=covariance
     )
 
 

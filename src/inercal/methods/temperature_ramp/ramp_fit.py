@@ -222,11 +222,8 @@ def fit_ramp(model: RampModel, priors: Priors, environment: Environment) -> Esti
     lag = 0.0 if environment.lag is None else environment.lag.value
 
     def candidates(x: Array) -> list[Candidate]:
-        return [
-            *_coefficient_candidates(model, x),
-            *_drift_candidates(model),
-            *_warm_up_candidates(model, x),
-        ]
+        found = _coefficient_candidates(model, x) + _drift_candidates(model)
+        return found + _warm_up_candidates(model, x)
 
     return solve_ramp(model, priors, environment, model.linearise, rows, lag, candidates)
 

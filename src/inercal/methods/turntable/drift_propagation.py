@@ -19,12 +19,7 @@ def sum_drift_components(x: Array, first: int, components: int, out: Array) -> N
 
 @kernel
 def propagate_drift(
-    drift: Drift,
-    since: float,
-    first: int,
-    keep: Array,
-    drawn: Array,
-    joint: Array,
+    drift: Drift, since: float, first: int, keep: Array, drawn: Array, joint: Array
 ) -> None:
     """Write the diagonals of Φ and Q for the drift over a time; its states start at `first`.
 

@@ -32,11 +32,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanMotion
-from inercal.benches.turntable.attitude import (
-    Misalignment,
-    linear_misalignment,
-    reference_attitude,
-)
+from inercal.benches.turntable.attitude import Misalignment, linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name
 from inercal.estimation import Estimate, Problem
@@ -103,11 +99,6 @@ def planned_angles(bench: Turntable, steps: TableSteps) -> list[AxisAngles]:
         now = now.copy()
         now[step.axis] += step.angle
     return ways
-
-
-def time_mean(values: Array, time: Array) -> Array:
-    """Return the time mean of (..., n, k) by the trapezoidal rule; a single sample is unchanged."""
-    return _time_weights(time) @ values
 
 
 def _time_weights(time: Array) -> Array:
@@ -330,12 +321,9 @@ def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observatio
         return observations
     start = observations.time - observations.duration / 2
     stop = start + observations.duration
-    track = observations.track
-    run = (
-        (float(start.min()), float(stop.max()))
-        if track is None
-        else (float(track.time[0]), float(track.time[-1]))
-    )
+    track, run = observations.track, (float(start.min()), float(stop.max()))
+    if track is not None:
+        run = float(track.time[0]), float(track.time[-1])
     return replace(observations, drift=covariance_of_means(noises, start, stop, run))
 
 
@@ -361,7 +349,7 @@ def _rows_from_readback(
             ways.append(AxisAngles(time[:1], angles.mean(axis=-2, keepdims=True)))
         else:
             ways.append(AxisAngles(time, angles))
-            means[..., r, :] = time_mean(track.reading[..., at, :], time)
+            means[..., r, :] = _time_weights(time) @ track.reading[..., at, :]
     return replace(observations, mean=means), ways
 
 

@@ -36,10 +36,7 @@ from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.methods import Fit, Method, PartialEstimate, Priors, Remarks, turntable
 from inercal.methods.turntable_kalman import _accelerometers, _readback
-from inercal.methods.turntable_kalman.combined_estimate import (
-    estimate_by_filters,
-    split_priors,
-)
+from inercal.methods.turntable_kalman.combined_estimate import estimate_by_filters, split_priors
 from inercal.methods.turntable_kalman.filter import RunningFilter
 from inercal.methods.turntable_kalman.filter_config import (
     FILTER_CONFIGS,
@@ -87,14 +84,8 @@ def sequential(
     InputError
         A prior combines gyros and accelerometers, or the table cannot carry out the steps.
     """
-    run_duration = turntable_path_duration(bench, steps)
-    return FilterPair(
-        sensor,
-        bench,
-        config or FILTER_CONFIGS[estimator],
-        split_priors(sensor, priors),
-        run_duration,
-    )
+    duration, chosen = turntable_path_duration(bench, steps), config or FILTER_CONFIGS[estimator]
+    return FilterPair(sensor, bench, chosen, split_priors(sensor, priors), duration)
 
 
 class FilterPair:
@@ -166,11 +157,7 @@ def _partial_estimate(one: _AnyRunningFilter) -> PartialEstimate:
     names, found = one.filter.triad.sensor.coefficients, one.estimate
     p = len(names)
     return PartialEstimate(
-        names,
-        found.value[:p],
-        found.covariance[:p, :p],
-        float(one.state.nis),
-        one.dof,
+        names, found.value[:p], found.covariance[:p, :p], float(one.state.nis), one.dof
     )
 
 

@@ -218,31 +218,19 @@ def write_estimate(
     for s in range(count):
         out[first + before + s] += theta[s]
     if model.drift.mean_over_run and elapsed > 0:
-        _write_mean_biases(
-            work.biases, model.terms.axis, model.terms.weights, model.drift.times, before, count,
-            elapsed, x, p, work.mean_rows, work.mean_weights, out[first:],
-        )  # fmt: skip
+        _write_mean_biases(model, work, elapsed, x, p, out[first:])
 
 
 @kernel_step
 def _write_mean_biases(
-    biases: Indices,
-    axes: Indices,
-    weights: Array,
-    times: Array,
-    before: int,
-    count: int,
-    elapsed: float,
-    x: Array,
-    p: Array,
-    at: Indices,
-    by: Array,
-    out: Array,
+    model: KernelModel, work: KernelWorkspace, elapsed: float, x: Array, p: Array, out: Array
 ) -> None:
     """Add the mean drift to the biases, and write their variances."""
-    n, components = x.size, times.size
-    for b in range(biases.size):
-        s = biases[b]
+    axes, weights, times = model.terms.axis, model.terms.weights, model.drift.times
+    before, at, by = len(work.driven), work.mean_rows, work.mean_weights
+    n, count, components = x.size, axes.size, times.size
+    for b in range(work.biases.size):
+        s = work.biases[b]
         own, axis, weight = before + s, axes[s], weights[s, BIAS]
         at[0], by[0] = own, 1.0
         for c in range(components + 1):

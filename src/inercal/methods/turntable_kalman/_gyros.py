@@ -52,7 +52,6 @@ from inercal.methods.turntable_kalman._readback import (
     AttitudeReadback,
     AttitudeSettings,
     AttitudeState,
-    ReadbackTerms,
     align,
     begin_epoch,
     feed_back,
@@ -117,9 +116,7 @@ def run_gyro_filter(
         predict_covariance(model.drift, gm, to, work.moved, p)
         nis = 0.0
         if not lost:
-            update_by_readback(
-                e, readback, model, settings, state, work, ReadbackTerms(z, spread, h), gain
-            )
+            update_by_readback(e, readback, model, settings, state, work, h, gain)
             for k in range(3):
                 innovation[k] = z[k]
                 for j in range(n):

@@ -29,11 +29,7 @@ from inercal.methods.turntable.strapdown import (
     rotation_error,
     turn_level,
 )
-from inercal.methods.turntable_kalman._filter_steps import (
-    KernelModel,
-    KernelWorkspace,
-    Transition,
-)
+from inercal.methods.turntable_kalman._filter_steps import KernelModel, KernelWorkspace, Transition
 
 MAX_LINEAR_DELAY = 1e-4  # s: within it the angle is linear to 0.04″, even at 1000 °/s²
 MAX_ITERATIONS, DELAY_TOLERANCE = 10, 1e-6  # for the delay; tolerance in s
@@ -56,9 +52,8 @@ class AttitudeSettings(NamedTuple):
     gate: float  # standard deviations above which an innovation is rejected
     alignment_variance: float  # of φ at an alignment, rad²
     gap: float  # s, time step above which the attitude is taken from the readback again
-    timing_states: (
-        Indices  # (3,), indices of latency, clock and azimuth among the states; -1 if no state
-    )
+    # (3,), indices of latency, clock and azimuth among the states; -1 if no state
+    timing_states: Indices
     delay: float  # s, latency if it is not a state
     feedback: bool  # whether estimates are fed back
     azimuth: float  # rad, azimuth of the earth's rate in the model
@@ -78,9 +73,8 @@ class AttitudeState(NamedTuple):
     # (5, 3), readings of the last two samples, the newer first, their curvature, rad/s³, and the
     # last two third differences
     rates: Array
-    acceleration_variance: (
-        Array  # (1,) rad², variance of φ due to sudden accelerations since the epoch before
-    )
+    # (1,) rad², variance of φ due to sudden accelerations since the epoch before
+    acceleration_variance: Array
     alignment_due: Bools  # (1,), whether an alignment is due
     rejections: Indices  # (2,), readbacks rejected in a row, and in total
     # (k,), (k, 3, 3) and (k, size of φ, 9), ring buffer: attitude at the last samples, and −G since
@@ -94,14 +88,6 @@ class AttitudeState(NamedTuple):
     pending_samples: Array
     nis: float = 0.0
     dof: int = 0  # of NIS, if the coefficients are treated as known
-
-
-class ReadbackTerms(NamedTuple):
-    """A readback minus the attitude, z = h x + noise."""
-
-    z: Array  # (3,) rad
-    extra_variance: Array  # (3,) rad², variance in addition to that of the readback
-    h: Array  # (3, n)
 
 
 @kernel_step
@@ -174,20 +160,21 @@ def update_by_readback(
     settings: AttitudeSettings,
     state: AttitudeState,
     work: KernelWorkspace,
-    seen: ReadbackTerms,
+    h: Array,
     gain: Array,
 ) -> None:
     """Write the readback minus the attitude at its time, linearised at the most probable value.
 
-    If the delay is uncertain, z = h x is iterated at the estimated delay by the Gauss–Newton
-    method. Source: Bell and Cathey 1993, IEEE TAC 38(2), 294–297.
+    `work.z`, rad, is h x + noise, and `work.variance`, rad², is what the delay adds to the variance
+    of the readback. If the delay is uncertain, z = h x is iterated at the estimated delay by the
+    Gauss–Newton method. Source: Bell and Cathey 1993, IEEE TAC 38(2), 294–297.
     """
-    z, spread, h = seen
+    z, spread = work.z, work.variance
     x, p = state.x, state.p
     when, variance = _readback_time(readback.age[e], settings, state.time, x, p)
     is_certain, before = variance <= MAX_LINEAR_DELAY * MAX_LINEAR_DELAY, np.inf
     for iteration in range(MAX_ITERATIONS + 1):
-        _linearise(e, readback, model, settings, state, work, x, p, when, variance, seen)
+        _linearise(e, readback, model, settings, state, work, x, p, when, variance, h)
         is_found = is_certain or abs(when - before) < DELAY_TOLERANCE
         if is_found or iteration == MAX_ITERATIONS:
             return
@@ -213,13 +200,14 @@ def _linearise(
     p: Array,
     when: float,
     variance: float,
-    seen: ReadbackTerms,
+    h: Array,
 ) -> None:
     """Write the readback minus the attitude at its time, linearised at x with covariance p.
 
     Its variance is larger if the rate changes. `when` is the time and `variance` its variance.
     """
-    (z, spread, h), late, beside = seen, settings.timing_states, readback.table_sensitivity
+    z, spread, beside = work.z, work.variance, readback.table_sensitivity
+    late = settings.timing_states
     times, past, sums, newest = (
         state.times, state.attitudes, state.sensitivity_integrals, state.newest_row[0],
     )  # fmt: skip
@@ -324,11 +312,7 @@ def _add_delay_curvature(
 @kernel_piece
 def begin_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
     """Make the sums in the ring buffer, −G, start at this epoch."""
-    sums, total, used = (
-        state.sensitivity_integrals,
-        work.total,
-        work.used_terms,
-    )
+    sums, total, used = state.sensitivity_integrals, work.total, work.used_terms
     for row in range(len(sums)):
         for t in range(used.size):
             b = used[t]

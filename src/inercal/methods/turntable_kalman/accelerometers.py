@@ -110,12 +110,9 @@ class AccelerometerFilter(Filter[VelocityState]):
         InputError
             The filter does not support the sensor, or there is no rest at the start.
         """
+        lasting = model.run_duration(track, run_duration)
         part = model.triad_model(
-            sensor,
-            "f",
-            model.run_duration(track, run_duration),
-            bias_drift=bias_drift,
-            expected_sizes=expected_sizes,
+            sensor, "f", lasting, bias_drift=bias_drift, expected_sizes=expected_sizes
         )
         first, prior = model.initial_estimate(part, priors, model.coarse_bias(bench, track, part))
         seen = linear_misalignment(bench, np.zeros((1, len(bench.axes)))).parameters

@@ -249,14 +249,8 @@ class Filter(ABC, Generic[S]):
     def kernel_model(self) -> KernelModel:
         """The model of the triad at its location, in the form that a kernel needs."""
         part, bench = self.triad, self.bench
-        return KernelModel(
-            part.terms,
-            part.white,
-            part.drift,
-            part.drift.size,
-            earth_rate_level_frame(bench),
-            bench.gravity.value,
-        )
+        earth, gravity = earth_rate_level_frame(bench), bench.gravity.value
+        return KernelModel(part.terms, part.white, part.drift, part.drift.size, earth, gravity)
 
     def workspace(self) -> KernelWorkspace:
         """Return work arrays for a kernel."""

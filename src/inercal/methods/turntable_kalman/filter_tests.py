@@ -40,6 +40,8 @@ from inercal.methods.turntable_kalman.filtered_track import FilteredTrack
 from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.recordings import Observations, Track
 
+AnyFilter = GyroFilter | AccelerometerFilter
+AnyTrack = FilteredTrack[AttitudeState] | FilteredTrack[VelocityState]
 _CONFIDENCE_LEVEL = 0.95
 # Relative to the expected NIS: noise is seldom known to 5 %, and a small overstatement is harmless
 _MIN_NIS_RATIO = 0.9
@@ -59,9 +61,7 @@ class InnovationTestData(NamedTuple):
 
 
 def innovation_test_data(
-    made: GyroFilter | AccelerometerFilter,
-    filtered: FilteredTrack[AttitudeState] | FilteredTrack[VelocityState],
-    found: FilterEstimate,
+    made: AnyFilter, filtered: AnyTrack, found: FilterEstimate
 ) -> InnovationTestData:
     """Return the data for testing a filter; `found` is its estimate at the end of the run."""
     track, time = filtered.track, filtered.history.time
@@ -94,10 +94,7 @@ def innovation_test_data(
 
 
 def _pieces_with_columns(
-    made: GyroFilter | AccelerometerFilter,
-    filtered: FilteredTrack[AttitudeState] | FilteredTrack[VelocityState],
-    at: ColumnInputs,
-    standard: Array,
+    made: AnyFilter, filtered: AnyTrack, at: ColumnInputs, standard: Array
 ) -> Iterator[tuple[FilterSteps, Array, Array]]:
     """Yield the steps and columns of each piece, and write the standardised innovations."""
     first = 0
@@ -115,15 +112,13 @@ def _pieces_with_columns(
         first = stop
 
 
-def _columns(
-    made: GyroFilter | AccelerometerFilter, at: ColumnInputs, first: int, stop: int
-) -> ConstantColumns:
+def _columns(made: AnyFilter, at: ColumnInputs, first: int, stop: int) -> ConstantColumns:
     if isinstance(made, GyroFilter):
         return columns.gyro_columns(at, first, stop)[0]
     return columns.accelerometer_columns(at, first, stop)
 
 
-def _initial_sensitivity(made: GyroFilter | AccelerometerFilter, some: ConstantColumns) -> Array:
+def _initial_sensitivity(made: AnyFilter, some: ConstantColumns) -> Array:
     """Return U for the columns at the start, (n, c); columns that are states act as states."""
     known = [one.name for one in made.table]
     start = np.zeros((len(made.states), len(some.columns)))
@@ -133,9 +128,7 @@ def _initial_sensitivity(made: GyroFilter | AccelerometerFilter, some: ConstantC
     return start
 
 
-def _without_effects_of_states(
-    made: GyroFilter | AccelerometerFilter, some: ConstantColumns
-) -> ConstantColumns:
+def _without_effects_of_states(made: AnyFilter, some: ConstantColumns) -> ConstantColumns:
     """Return the columns, with zero effects for columns that already act as a state."""
     known = [one.name for one in made.table]
     driving = np.array([one.name not in known for one in some.driving_columns])

@@ -126,12 +126,9 @@ class GyroFilter(Filter[AttitudeState]):
             The filter does not support the sensor, there is no rest at the start, or the latency is
             too uncertain.
         """
+        lasting = model.run_duration(track, run_duration)
         part = model.triad_model(
-            sensor,
-            "w",
-            model.run_duration(track, run_duration),
-            bias_drift=bias_drift,
-            expected_sizes=expected_sizes,
+            sensor, "w", lasting, bias_drift=bias_drift, expected_sizes=expected_sizes
         )
         first, prior = model.initial_estimate(part, priors, model.coarse_bias(bench, track, part))
         loose = [q for q in bench.parameters if q.sd > 0]
@@ -296,11 +293,9 @@ def _buffer_lengths(
         Planned duration of the run, s; None means that of the track.
     """
     late, step = bench.latency.value, float(np.median(np.diff(track.time)))
-    most = (
-        model.run_duration(track, None)
-        if run_duration is None
-        else _DURATION_FACTOR * run_duration + _PAUSE_ALLOWANCE
-    )
+    most = model.run_duration(track, None)
+    if run_duration is not None:
+        most = _DURATION_FACTOR * run_duration + _PAUSE_ALLOWANCE
     ahead = _LATENCY_COVERAGE * sd - late
     # The curvature at the time of the readback needs one more sample.
     lag = ceil((ahead - STAMP_ROUNDING) / step) + 1 if sd > 0 or late != 0 else 0

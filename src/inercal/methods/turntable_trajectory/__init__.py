@@ -33,7 +33,12 @@ from inercal.methods.turntable import (
 )
 from inercal.methods.turntable.score_columns import ConstantColumn
 from inercal.methods.turntable.terms import BIAS
-from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows, parameters
+from inercal.methods.turntable_trajectory.rows import (
+    RotationRows,
+    StaticRows,
+    TriadRows,
+    parameters,
+)
 from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
@@ -132,10 +137,7 @@ def solve_trial(
 
 
 def trajectory_problem(
-    sensor: Sensor,
-    bench: Turntable,
-    parts: Sequence[RotationRows | StaticRows],
-    priors: Priors = (),
+    sensor: Sensor, bench: Turntable, parts: Sequence[TriadRows], priors: Priors = ()
 ) -> Problem:
     """Return the problem with the whitened residuals of one trial.
 
@@ -208,7 +210,7 @@ def trajectory_problem(
 
 
 def with_mean_biases(
-    estimate: Estimate, sensor: Sensor, bench: Turntable, parts: Sequence[RotationRows | StaticRows]
+    estimate: Estimate, sensor: Sensor, bench: Turntable, parts: Sequence[TriadRows]
 ) -> Estimate:
     """Return the estimate from one trial with biases as means over the run (`turntable.drift`).
 
@@ -246,9 +248,7 @@ def with_mean_biases(
     )
 
 
-def _mean_drift_by_coefficient(
-    part: RotationRows | StaticRows, at: Indices, drift: Array, count: int
-) -> Array:
+def _mean_drift_by_coefficient(part: TriadRows, at: Indices, drift: Array, count: int) -> Array:
     """Return the effect of each bias's mean drift, (3, m), on that bias, (count, m)."""
     t, result = part.triad.terms, np.zeros((count, drift.shape[1]))
     biases = np.flatnonzero(t.bias)
@@ -258,7 +258,7 @@ def _mean_drift_by_coefficient(
 
 
 def _tests(
-    estimate: Estimate, jacobian: Array, parts: Sequence[RotationRows | StaticRows], steps: Array
+    estimate: Estimate, jacobian: Array, parts: Sequence[TriadRows], steps: Array
 ) -> tuple[ModelTest, ...]:
     """Return the tests of mean residuals per step, for gyros and for accelerometers."""
     result: list[ModelTest] = []
@@ -281,9 +281,9 @@ def _tests(
 
 def _row_sets(
     sensor: Sensor, bench: Turntable, track: Track, epochs: Indices | None
-) -> list[RotationRows | StaticRows]:
+) -> list[TriadRows]:
     kinds, run_duration = {axis.measures for axis in sensor.axes}, model.run_duration(track, None)
-    result: list[RotationRows | StaticRows] = []
+    result: list[TriadRows] = []
     if "w" in kinds:
         result.append(
             RotationRows.from_track(
@@ -297,7 +297,7 @@ def _row_sets(
     return result
 
 
-def _coefficient_indices(part: RotationRows | StaticRows, sensor: Sensor) -> Indices:
+def _coefficient_indices(part: TriadRows, sensor: Sensor) -> Indices:
     names = part.triad.sensor.coefficients
     return np.array([sensor.coefficients.index(name) for name in names], dtype=np.int64)
 

@@ -361,3 +361,6 @@ class StaticRows:
         warmth = self.temperature_offset if self.temperature_varies else None
         epochs = ColumnInputs(self.triad, self.bench, theta, self.time, self.angles, warmth)
         return score_columns.static_mean_columns(epochs)
+
+
+TriadRows = RotationRows | StaticRows
