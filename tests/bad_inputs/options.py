@@ -51,12 +51,12 @@ CASES: dict[str, BadInput] = {
     "plan by steps of no kind": BadInput(
         "plan @mimu.toml", ("path.csv line 2", "kind"), {"path.csv": swap("position", "posit")}
     ),
-    "init from a folder": refused("init -y @", "folder"),
-    "init from three files": refused("init -y @log.csv @imu.csv @positions.csv", "3 files"),
+    "init from a folder": refused("init -y @", "same"),
+    "init from three files": refused("init -y @log.csv @imu.csv @positions.csv", "imu.csv", "same"),
     "init onto the recording": refused(
         "init -y @log.csv --out @log.csv --force", "log.csv", "input"
     ),
-    "init, two of one": refused("init -y @log.csv @log.csv --out @new.toml", "log.csv", "gyros"),
+    "init, two of one": refused("init -y @log.csv @log.csv --out @new.toml", "log.csv", "twice"),
     "init, a rate of zero": refused((*INIT, "data.rate=0 Hz"), "[data] rate", "positive"),
     "init, a key without a value": refused((*INIT, "data.rate="), "data.rate"),
     "init, a key twice": refused((*INIT, "data.rate=5 Hz", "--set", "data.rate=6 Hz"), "data.rate"),

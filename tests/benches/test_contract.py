@@ -27,7 +27,7 @@ NEEDED: Mapping[str, Mapping[str, Any]] = {
     "dividing_head": {"harmonics": (1e-5,), "division": 1e-5, "creep": 1e-6, "lean": 1e-4},
     "rate_table": {"radius": Measured(0.25, 1e-4)},
     "rate_platform": {
-        "latitude": 0.8,
+        "latitude": Measured(0.8, 1e-3),
         "rate_scale": 5e-4,
         "rate_asymmetry": 1e-4,
         "rate_stability": 1e-4,

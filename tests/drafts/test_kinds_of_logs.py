@@ -1,5 +1,6 @@
 """Drafts of logs with text that is no label, of tables of poses and rates, and of several files."""
 
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests import generated_logs as logs
+from tests.program import run_program
 from tests.reports import report_file
 
 import inercal
@@ -248,6 +250,22 @@ def test_a_rate_table_is_drafted_with_questions_about_its_bench(head: str, tmp_p
     truth = {f"g{a}.bias": np.radians(b) for a, b in zip("xyz", (0.4, -0.25, 0.15), strict=True)}
     scales = {f"g{a}.scale": s for a, s in zip("xyz", (0.006, -0.005, 0.011), strict=True)}
     assert_true(calibrated(draft), truth | scales)
+
+
+def test_the_printed_command_answers_all_questions_at_once(tmp_path: Path):
+    faces, rows = logs.rates(3, 48.0, (-200, -50, -10, 0, 10, 50, 200))
+    names = ("axis", "rate", "gx (deg/s)", "gy (deg/s)", "gz (deg/s)")
+    path = logs.write(tmp_path / "rates.csv", names, [faces, *rows.T])
+    first = run_program("init", path, "--out", tmp_path / "run.toml")
+    (command,) = [one for one in first.output.splitlines() if one.startswith("then: ")]
+    answers = iter(["48 °", "500 ppm", "100 ppm", "100 ppm", "0.05 °"])
+    words = [
+        word.replace("…", next(answers)) if "…" in word else word
+        for word in shlex.split(command.removeprefix("then: inercal "))
+    ]
+    second = run_program(*words)
+    assert (second.status, "please state" in second.output) == (0, False)
+    assert inercal.calibrate(tmp_path / "run.toml").verdict.grade == "consistent"
 
 
 HEADS = [

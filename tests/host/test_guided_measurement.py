@@ -277,7 +277,7 @@ def test_rows_of_another_order_remarks_and_what_is_filled_stay(run_file: Path):
     )
     done = measure(run_file, given=lines([good[1], good[0]]))
     assert done.status == 0
-    assert "no row of y_p, y_a, z_a" in done.output
+    assert "no row for y_p, y_a, z_a" in done.output
     text = table.read_text(encoding="utf-8")
     assert text.startswith("# on the plate\nposition,ax,ay,az,remark\n")
     assert f"z_p,{filled},by hand" in text

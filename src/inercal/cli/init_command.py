@@ -1,5 +1,6 @@
 """`inercal init`: draft a run file from a recording."""
 
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -89,9 +90,13 @@ def run(
         print(f"· {trial.text}")
     print_written_files(files.values())
     for question in draft.questions:
-        print(f"please state {question.name}: {question.ask}")
-        print(f'  inercal init {" ".join(map(str, logs))} --set "{_key(question)}=…"')
-    if not draft.questions:
+        print(f"please state {question.name}: {question.question}")
+    if draft.questions:
+        names = [*map(str, logs), *(["--out", str(out)] if out else []), "--force"]
+        keys = [*stated, *(f"{_key(one)}=…" for one in draft.questions)]
+        sets = " ".join(f"--set {shlex.quote(one)}" for one in keys)
+        print(f"then: inercal init {shlex.join(names)} {sets}")
+    else:
         print(f"next: inercal calibrate {path}")
     if missing is not None:
         report_line(f"no page: {missing}")
@@ -128,7 +133,7 @@ def _draft(
 def _three_columns(log: Path) -> str:
     """Ask until three columns are given; an empty answer cancels."""
     while True:
-        answer = input("Accelerometer columns x, y and z, separated by commas: ").strip()
+        answer = _answer("Accelerometer columns x, y and z, separated by commas: ")
         if not answer:
             raise InputError(f"{log}: no method works without accelerometers", file=log)
         if answer.count(",") == len("xyz") - 1:
@@ -139,10 +144,11 @@ def _ask(draft: "Draft", logs: Sequence[Path], known: dict[str, str]) -> "Draft"
     """Ask for values that only the user knows, and draft again with the answers."""
     from inercal.pipeline.drafts import draft_run_file
 
-    # An empty answer leaves a key open.
+    # An empty answer takes the typical value, or leaves the key open if there is none.
     while questions := [one for one in draft.questions if _key(one) not in known]:
         for question in questions:
-            known[_key(question)] = input(f"{question.name}: {question.ask}? ").strip()
+            answer = _answer(f"{question.name} ({question.question}): ")
+            known[_key(question)] = answer or question.typical
         answered = {key: value for key, value in known.items() if value}
         try:
             with progress_status("trying the methods"):
@@ -152,6 +158,15 @@ def _ask(draft: "Draft", logs: Sequence[Path], known: dict[str, str]) -> "Draft"
             for question in questions:
                 known.pop(_key(question))
     return draft
+
+
+def _answer(prompt: str) -> str:
+    """Return what the user types; empty at the end of the input."""
+    try:
+        return input(prompt).strip()
+    except EOFError:
+        print()
+        return ""
 
 
 def _key(question: "DraftKey") -> str:

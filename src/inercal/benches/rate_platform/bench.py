@@ -171,7 +171,8 @@ class RatePlatform:
         sd = level / sqrt(2) if level > _EXACT else 0.0
         text = "horizontal earth rate"
         scopes: dict[str, Scope] = {"earth": "mounting", "pose_earth": "position"}
-        return [
+        place = [_latitude_parameter(self.latitude)] if self.latitude.sd > 0 else []
+        return place + [
             Parameter(f"{name}_{k}", "rad/s", sd, scope, 0.0, f"{text}, component {k}")
             for name, scope in scopes.items()
             for k in (1, 2)

@@ -41,7 +41,6 @@ from inercal.pipeline.drafts.draft_sections import (
 )
 from inercal.pipeline.drafts.log_files import read_logs, recording_name
 from inercal.pipeline.drafts.method_trials import (
-    AUTO,
     Candidate,
     MethodTrial,
     candidate_methods,
@@ -62,7 +61,12 @@ from inercal.pipeline.drafts.stated_keys import (
 )
 from inercal.recordings.io.column_table import Table
 
-_AUTO_REASON = 'adds the coefficients that the tests point to; a list, such as ["g"], fixes them'
+_REASONS = {
+    ("also", "auto"): "adds the coefficients that the tests point to; a list, such as "
+    '["g"], fixes them',
+    ("temperature_order", "auto"): "chosen by tests; U includes errors that the rows of a soak "
+    "share only if [environment] states them",
+}
 _WORST = "unreliable"
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
@@ -192,7 +196,7 @@ def draft_run_file(
     defaults = default_bench_keys(as_sections(found.entries), found.method.name)
     keys = [*defaults, DraftKey("method", "name", found.method.name, reason)]
     keys += [
-        DraftKey("method", key, value, _AUTO_REASON if {key: value} == AUTO else "")
+        DraftKey("method", key, value, _REASONS.get((key, str(value)), ""))
         for key, value in found.method.keys.items()
     ]
     return replace(found, entries=(*found.entries, *keys))
@@ -373,7 +377,8 @@ def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tu
         )
     if "bench.latitude" in stated:
         known.pop("bench.gravity", None)
-        if "bench.height" not in stated:
+        weighs_gravity = any(one.section == "sensor.accelerometer" for one in entries)
+        if "bench.height" not in stated and weighs_gravity:
             reason = "as stated; without a height, gravity covers 0 to 2000 m: state height too"
             known["bench.latitude"] = replace(known["bench.latitude"], reason=reason)
     return tuple(known.values())

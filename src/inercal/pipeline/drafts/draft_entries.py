@@ -23,6 +23,8 @@ class DraftKey:
         Reason for the value, for the comment beside it.
     ask : str
         Question for the user; empty if there is no need to ask.
+    typical : str
+        A typical value that the user may accept; empty if there is none.
     """
 
     section: str
@@ -30,6 +32,12 @@ class DraftKey:
     value: Any
     reason: str = ""
     ask: str = ""
+    typical: str = ""
+
+    @property
+    def question(self) -> str:
+        """The question with the typical value."""
+        return f"{self.ask}; {self.typical} is typical" if self.typical else self.ask
 
     @property
     def name(self) -> str:
@@ -62,7 +70,7 @@ def run_file_text(entries: tuple[DraftKey, ...], head: tuple[str, ...]) -> str:
         lines += ["", f"[{section}]"]
         for entry in found:
             text = f"{entry.key} = {_toml(entry.value)}"
-            reason = "please state: " + entry.ask if entry.value == UNKNOWN else entry.reason
+            reason = "please state: " + entry.question if entry.value == UNKNOWN else entry.reason
             lines.append(f"{text}  # {_one_line(reason)}" if reason else text)
     return "\n".join(lines) + "\n"
 

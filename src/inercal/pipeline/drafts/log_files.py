@@ -72,6 +72,8 @@ def read_logs(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
         If a file cannot be read, or if the files do not belong together.
     """
     files = [file for log in logs for file in _expanded(log)]
+    if twice := next((file for file in files if files.count(file) > 1), None):
+        raise InputError(f"{twice} is given twice: name each file once", file=twice)
     if len(files) == 1:
         return _single_file(files[0], values)
     read = [_read(file, values) for file in files]

@@ -147,9 +147,10 @@ def rate_bench_keys(table: Table, roles: ColumnRoles, *, typical: bool) -> tuple
         entries.append(DraftKey("bench", "gravity", "9.80 m/s² ± 0.02 m/s²", reason))
     for key, meaning in (_ERRORS | _POSE_ERRORS if poses else _ERRORS).items():
         value = STATED[key].example
-        ask = f"{meaning}; {value} is typical"
         reason = f"{meaning}: a typical value that nobody measured; state your own"
-        entries.append(DraftKey("bench", key, value if typical else UNKNOWN, reason, ask))
+        entries.append(
+            DraftKey("bench", key, value if typical else UNKNOWN, reason, meaning, value)
+        )
     return tuple(entries)
 
 
