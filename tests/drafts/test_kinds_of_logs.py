@@ -226,7 +226,7 @@ def test_a_file_for_each_pose_is_a_section(tmp_path: Path):
 
 
 def test_files_that_do_not_belong_together_are_refused(tmp_path: Path):
-    first = logs.write(tmp_path / "a.csv", ("ax", "ay", "az"), logs.poses(1, 9).T)
+    first = logs.write(tmp_path / "a.csv", ("ax", "ay", "az"), list(logs.poses(1, 9).T))
     second = logs.write(
         tmp_path / "b.csv", ("t", "ax", "ay", "az"), [range(9), *list(logs.poses(2, 9).T)]
     )

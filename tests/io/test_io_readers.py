@@ -94,10 +94,10 @@ def test_each_format_of_ours_is_recognised_by_content_whatever_its_name(tmp_path
         ("a.mat", b"1 2\n3 4\n", "text"),
         ("a.mat", b"\0\0\0\0\3\0\0\0", "mat"),
         ("a.H5", b"no signature", "hdf5"),
-        ("a.pq", b"", "parquet"),
-        ("a.npz", b"", "npz"),
+        ("a.pq", b"no signature", "parquet"),
+        ("a.npz", b"no signature", "npz"),
         ("a.txt", b"x\n1\n", "text"),
-        ("a", b"", "text"),
+        ("a", b"1 2\n", "text"),
     ],
 )
 def test_a_suffix_decides_where_content_does_not(

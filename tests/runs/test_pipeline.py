@@ -273,7 +273,7 @@ def test_means_typed_by_hand_are_calibrated_without_a_recording(tmp_path: Path):
     ("old", "new", "wrong"),
     [
         ("y_a,0.0330", "y_p,0.0330", "y_p"),
-        ("y_a,0.0330", "Y_A,0.0330", "Y_A"),
+        ("y_a,0.0330", "w_a,0.0330", "w_a"),
         ("acc_z\n", "az\n", "acc_z"),
         ("-1.0000", "nan", "acc_z"),
         ("-1.0000", "low", "acc_z"),

@@ -22,7 +22,7 @@ def test_what_another_site_posts_is_refused(served: Served, watched: Page):
     for origin in (EVIL, "null", ""):
         answer = served.ask("/api/probe", "POST", b"{}", {"Origin": origin})
         assert answer.status == 403
-    served.was_refused("'http://evil.example': not this page")
+    served.was_refused("'http://evil.example' is not this page's")
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])

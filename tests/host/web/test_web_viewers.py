@@ -16,7 +16,7 @@ from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL, LOG
 from inercal.host.run_log import RunLog
 from inercal.host.tasks import RunOptions
-from inercal.host.web import app, hub, run_process, runs, viewers
+from inercal.host.web import app, run_process, runs, viewers
 from inercal.host.web.run_request import PROCESS_RECORD, RunRequest, write_process_record
 
 
@@ -212,8 +212,7 @@ def test_an_operator_who_stays_away_is_followed_by_another(
 def test_all_are_told_when_the_place_of_an_operator_who_stays_away_is_free(
     served: Served, ada: Page, monkeypatch: pytest.MonkeyPatch
 ):
-    for module in (viewers, hub):
-        monkeypatch.setattr(module, "OPERATOR_GRACE", 0.1)
+    monkeypatch.setattr(viewers, "OPERATOR_GRACE", 0.1)
     with served.page() as other:
         other.until("people", operator="Ada", viewers=2)
         ada.close()
