@@ -168,7 +168,7 @@ def test_the_vertical_earth_rate_left_out_of_a_tumble_shows_in_no_residual():
     terms = ("bias", *G_TERMS)
     made = devices(TUMBLE, "T", LEVEL, terms, N, np.random.default_rng(6))
     # On the equator the earth's rate has no vertical part.
-    found = estimated(made, replace(bench(LEVEL), latitude=0.0), terms)
+    found = estimated(made, replace(bench(LEVEL), latitude=Measured(0.0, 0.0)), terms)
     off, _ = errors(made, found, terms)["g_i"]
     assert np.mean(off) / UNIT["g_i"] * G / G0 == pytest.approx(11.55, rel=0.02)
     assert np.mean(found.chi2) / found.dof < 1.2

@@ -168,7 +168,7 @@ def _judge_labels(
     """Add the first column that names rows or sections, and say which others are ignored."""
     force = None
     moved = single.keys() & _MOVED_BY_BENCH
-    if "accelerometer" in triads and not moved:
+    if triads.get("accelerometer") and not moved:
         force = np.stack([table.numbers(n) for n in triads["accelerometer"]], axis=-1)
     for name in names:
         text = table.columns[name].dtype.kind == "U"
