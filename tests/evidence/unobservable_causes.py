@@ -29,83 +29,92 @@ _PAGE = """\
 
 Written by `make evidence`; do not edit.
 
-A calibration is judged by its residuals. If the coefficients and the stated errors of the bench can
-absorb an error, the error leaves no residual: the verdict is "consistent", but the coefficients are
-wrong. For each method, this page lists such causes, with the size at which they matter and the size
-at which a test would find them.
+If the estimated coefficients and the stated errors of the bench can absorb an error, the error
+leaves no residual. The verdict is then "consistent", although the coefficients are wrong. For each
+method, this page lists causes of such errors, the size at which each cause matters, and the size at
+which a test would detect it.
 
-η measures how visible a cause is: it is the norm of the residual that the cause leaves after the
-fit, in standard deviations. The cause increases χ² by η². If η is below 6, no test of these data
-finds the cause reliably; at η = 6 a good test nearly always finds it. Each row of the tables is a
-cause that shifts some coefficient by 5 u (five of its standard uncertainties) while its η is still
-below 6. "Never" means that the cause leaves no residual, whatever its size.
+η measures how visible a cause is. It is the norm of the residuals that the cause leaves after the
+fit, where each residual is divided by its standard deviation. The cause increases χ² by η². If η is
+below 6, no test of these data detects the cause reliably; at η = 6, a good test nearly always
+detects it. Each row of the tables describes a cause that shifts some coefficient by 5 u (five of
+its standard uncertainties) while η is still below 6. "Never" means that the cause leaves no
+residual, whatever its size.
 
-The numbers apply to one ordinary device and bench for each method; with other noise or other stated
-uncertainties they are different. The numbers were computed by finite differences with generators
-that are independent of inercal. If a cause becomes visible before it shifts a coefficient by 5 u,
-it is only listed in [the table of violations](../evidence/violations.md).
+The numbers apply to one ordinary device and one ordinary bench for each method. With a different
+noise or different stated uncertainties, the numbers would be different. All numbers were computed
+by finite differences with simulation programs that are independent of inercal. If a cause becomes
+visible before it shifts a coefficient by 5 u, this cause is only listed in [the table of
+violations](../evidence/violations.md).
 
-You can do one of three things. State a standard deviation in the run file, so that U includes the
-cause. Let the method estimate the coefficient. If the run file has no key for the cause, remember
-that the result is only valid within the limit in the second column. For causes without a key, the
-last column counts the devices whose verdict names the cause. The verdict lists most of these causes
-under "not detectable from these data and not included in U", with the size that shifts a
-coefficient by 5 u in that run. Axes and lever arms that the norms cannot reveal are named in the
+There are three ways to deal with such a cause. You can state a standard deviation in the run file,
+so that U includes the cause. You can let the method estimate the coefficient. If the run file has
+no key for the cause, remember that the result is only valid if the cause is smaller than the size
+in the second column. For causes without a key, the last column counts the simulated devices for
+which the verdict names the cause. The verdict lists most of these causes under "not detectable from
+these data and not included in U", with the size that shifts a coefficient by 5 u in that run. If
+norms do not reveal swapped or reversed axes or lever arms, the verdict names these causes in the
 line "norms … do not tell …" instead.
 {sections}"""
 _ABOUT = {
     "six_position": (
-        "The data are a table of means from accelerometers with a noise of 30 µg; each face may "
-        "be off by 0.1°. The scale factors rely on the stated gravity, and the misalignments rely "
-        "on the faces. Only the readings of the axes across gravity are left for a test, and these "
-        "readings include the tilt of the faces. Swapped columns describe a different device. With "
-        "a plan that has labels, the scale factors reveal swapped columns; with marks that were "
-        "found from the readings, nothing reveals them."
+        "The data are a table of means from accelerometers with a noise of 30 µg; the tilt of "
+        "each face may be 0.1°. The scale factors depend on the stated gravity, and the "
+        "misalignments depend on the directions of the faces. Only the readings of the axes "
+        "perpendicular to gravity are left for a test, and these readings include the tilt of "
+        "the faces. Data with swapped columns look like data from a different device. If the "
+        "plan has labels, the scale factors reveal swapped columns. If the marks were found from "
+        "the readings, nothing reveals swapped columns."
     ),
     "six_position, recorded": (
-        "The measurement is the same, but the data are a recording, so each rest is also tested "
-        "against itself."
+        "The measurement is the same as for `six_position`, but the data are a recording. Each "
+        "rest is therefore also tested for changes of the readings within the rest."
     ),
     "ferraris": (
-        "The data are means from an IMU in six positions and three turns of 360° ± 0.1°. The scale "
-        "factors of the gyros rely on the stated angle of the turns and on the clock."
+        "The data are means from an IMU in six positions and in three turns of 360° ± 0.1°. The "
+        "scale factors of the gyros depend on the stated angle of the turns and on the clock."
     ),
     "multi_position": (
-        "The data are means from accelerometers in 24 attitudes, with a noise of 30 µg. Norms do "
-        "not depend on the attitude. Swapped or reversed axes therefore give the same norms, and "
-        "without gyros nothing reveals them."
+        "The data are means from accelerometers in 24 attitudes, with a noise of 30 µg. The norm "
+        "of the readings does not depend on the attitude. Swapped or reversed axes therefore "
+        "give the same norms as correct axes, and without gyros nothing reveals them."
     ),
     "multi_position, recorded": (
-        "The data are a recording of an IMU in 24 attitudes, each held for three seconds, with a "
-        "noise of 100 µg/√Hz."
+        "The data are a recording of an IMU in 24 attitudes, with a noise of 100 µg/√Hz. Each "
+        "attitude lasts three seconds."
     ),
     "centrifuge_norm": (
-        "The data are the norms of the readings in twenty attitudes at 60, 120 and 180 r/min on an "
-        "arm of 1 m. Swapped or reversed axes give the same norm. The sign of the means at rest "
-        "reveals reversed axes, and so do `attitude` and `indexing`."
+        "The data are the norms of the readings in twenty attitudes at 60, 120 and 180 r/min on "
+        "an arm of 1 m. Swapped or reversed axes give the same norms as correct axes. Reversed "
+        "axes can be recognised from the sign of the means at rest, or if `attitude` and "
+        "`indexing` are stated."
     ),
     "dual_orthogonal": (
-        "Two accelerometers are measured on a head with harmonics of 1.9″ and 1.6″, with an "
-        "autocollimator in four positions."
+        "Two accelerometers are measured on a dividing head whose angle error has harmonics of "
+        "1.9″ and 1.6″. An autocollimator is used in four positions."
     ),
     "tumble": (
-        "One accelerometer is measured on a head with harmonics of 0.5″ and 0.4″. The harmonics of "
-        "the head have the same effect on the readings as the coefficients. Only their stated size "
-        "separates the two."
+        "One accelerometer is measured on a dividing head whose angle error has harmonics of "
+        "0.5″ and 0.4″. These harmonics have the same effect on the readings as the "
+        "coefficients. Only the stated size of the harmonics separates them from the "
+        "coefficients."
     ),
     "rates_and_poses": (
-        "Three gyros are measured on a rate table. In each setting another axis points up, and the "
-        "gyros are measured at rest and at three rates in both directions."
+        "Three gyros are measured on a rate table. In each setting, a different axis points up, "
+        "and the gyros are measured at rest and at three rates in both directions."
     ),
-    "ship_planar": "The sensor is measured in nine level states.",
-    "ship_multi_angle": "The sensor is measured in level and tilted states, 25 in all.",
+    "ship_planar": "The sensor is measured in nine states in which it is level.",
+    "ship_multi_angle": (
+        "The sensor is measured in 25 states, in some of which it is level and in the others "
+        "tilted."
+    ),
     "turntable_discrete": (
         "The IMU is measured in six positions, and in each position it is turned about the "
-        "vertical and back."
+        "vertical and back again."
     ),
     "turntable_kalman": (
-        "The IMU is moved through ten positions and three turns, each there and back. Filters "
-        "process the recording."
+        "The IMU is moved through ten positions and three turns, and each turn is made forward "
+        "and back. The recording is processed by filters."
     ),
     "turntable_trajectory": (
         "The recording is the same as for `turntable_kalman`, but it is evaluated by generalised "

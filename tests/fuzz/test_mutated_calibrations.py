@@ -88,7 +88,7 @@ def strict(content: Any, like: Any) -> bool:
     return type(content) is type(like) and content == like
 
 
-@pytest.mark.parametrize("count", [15, *COUNTS[1:]])
+@pytest.mark.parametrize("count", [40, *COUNTS[1:]])
 def test_a_mutated_calibration_is_refused_or_read_as_it_stands(tmp_path: Path, count: int):
     run = run_file(tmp_path, SIX_POSITIONS)
     assert run_program("simulate", run).status == 0

@@ -153,7 +153,7 @@ def test_text_in_an_hdf5_file_is_left_to_the_whole_reader(table: np.ndarray, tmp
 
 @pytest.mark.parametrize(
     ("change", "text"),
-    [("nan", "not finite"), ("reset", "does not increase"), ("losses", "lost singly")],
+    [("nan", "not finite"), ("reset", "does not increase"), ("losses", "in short gaps")],
 )
 def test_what_blocks_cannot_take_is_refused_with_its_place(
     table: np.ndarray, tmp_path: Path, change: str, text: str

@@ -9,7 +9,7 @@ from inercal.host.packets import PRESETS, parse_layout, read_layout
 from inercal.host.packets.packet_format import BinaryFrame
 
 N = 1_000_000
-FEW = N // 4
+FEW = 240_000
 RISK = 1e-6  # of a false alarm, each side
 BINARY = [name for name in PRESETS if isinstance(read_layout(name).frames[0], BinaryFrame)]
 # Bits of all checks of a packet together: both of WitMotion's have to be right.
