@@ -8,9 +8,8 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
-from inercal.benches.hand.axes_check import check_axes, positions_note
+from inercal.benches.hand.axes_check import check_axes, explain_norm, positions_note
 from inercal.benches.hand.bench import Hand
-from inercal.benches.hand.offset_check import explain_norm
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
