@@ -242,7 +242,7 @@ def test_the_demonstration_finds_its_truth_within_the_stated_uncertainty(
 @pytest.mark.slow
 def test_the_demonstration_says_its_normalised_error(tmp_path: Path, said: Callable[..., str]):
     printed = said("demo", "--quick", "--out", tmp_path)
-    (line,) = [line for line in printed.splitlines() if line.startswith("normalised error")]
+    (line,) = [line for line in printed.splitlines() if line.startswith("normalised squared error")]
     assert 0 < float(line.split(": ")[1].split(" ")[0]) < 2
 
 
