@@ -69,7 +69,7 @@ def test_of_1000_sockets_most_are_closed_and_the_viewers_there_stay(served: Serv
             except ConnectionError:
                 closed += 1
         assert closed >= 1000 - CONNECTIONS
-        served.was_refused(f"there are {CONNECTIONS} connections")
+        served.was_refused(f"there are more than {CONNECTIONS} connections")
         assert len(served.refused) < 100
     finally:
         for connection in opened:
