@@ -82,7 +82,9 @@ def test_the_wheel_is_small_typed_and_has_no_tests(wheel: Path):
 
 @pytest.mark.slow
 def test_the_page_of_limits_states_the_size_of_the_wheel(wheel: Path):
-    (stated,) = re.findall(r"wheel of inercal has a size of (\S+) MB", LIMITS.read_text(encoding="utf-8"))
+    (stated,) = re.findall(
+        r"wheel of inercal has a size of (\S+) MB", LIMITS.read_text(encoding="utf-8")
+    )
     assert float(stated) == pytest.approx(wheel.stat().st_size / MB, abs=0.02)
 
 
