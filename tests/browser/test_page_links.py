@@ -202,9 +202,9 @@ def test_who_comes_late_sees_the_run_as_it_stands_and_filled_plots(page: Page, b
     expect(page.locator("#phase")).to_have_text("x down 1, measuring")
     expect(page.locator("#waits")).to_be_hidden()
     expect(page.get_by_role("button", name="ax.k0: −").first).to_be_visible()
-    assert told[0].index("state") < min(told[0].index(kind) for kind in ("samples", "events"))
     expect_filled(page)
     expect(page.locator("#event-list li")).to_have_count(91)
+    assert told[0].index("state") < min(told[0].index(kind) for kind in ("samples", "events"))
     words = page.locator("#event-list li").all_inner_texts()
     assert [one.split()[-1] for one in words if " event " in one] == [
         str(k) for k in range(89, -1, -1)
