@@ -1,12 +1,14 @@
 """`inercal calibrate`: make a calibration file and a report from a run file."""
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
-from inercal.basics.atomic_files import atomic_write_all, keep_previous
-from inercal.basics.errors import MissingExtra
+from inercal.basics.atomic_files import atomic_write_all, keep_previous, write_text
+from inercal.basics.errors import InputError, MissingExtra
 from inercal.cli.console import (
     draw_refusal,
     exit_with_verdict,
@@ -19,15 +21,39 @@ from inercal.cli.console import (
     progress_status,
     report_line,
 )
+from inercal.cli.log_drafts import SET, draft_logs
 from inercal.cli.options import Explain, Json, Strict
-from inercal.cli.outputs import CALIBRATION, PAGE, check_outputs, require_same_run, table_kind
+from inercal.cli.outputs import (
+    CALIBRATION,
+    PAGE,
+    RUN_FILE,
+    check_outputs,
+    require_same_run,
+    table_kind,
+)
+
+if TYPE_CHECKING:
+    from inercal.pipeline.drafts import Draft
+
+_SUFFIX = ".toml"  # of a run file; every other file is a log
 
 
 def run(
-    run_file: Path = typer.Argument(help="The run file (TOML): sensor, bench, data, method."),
+    inputs: list[Path] = typer.Argument(
+        metavar="RUN_FILE|LOG…",
+        help="A run file (TOML), or a recording, for which a run file is drafted: a file, a file "
+        "for the accelerometers and one for the gyros, several files with the same columns, a "
+        "folder, or a name with a star.",
+    ),
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to; created if needed."),
+    stated: list[str] = SET,
+    yes: bool = typer.Option(
+        False, "--yes", "-y", help="Ask no questions about a log, but list what is assumed."
+    ),
     force: bool = typer.Option(
-        False, "--force", help="Also overwrite a calibration from another run file."
+        False,
+        "--force",
+        help="Also overwrite a calibration from another run file, and the run file of a log.",
     ),
     with_report: bool = typer.Option(True, "--report/--no-report", help="Write the HTML report."),
     register: str | None = typer.Option(
@@ -42,13 +68,31 @@ def run(
     strict: Strict = False,
     json: Json = False,
 ) -> None:
-    """Estimate a sensor's coefficients and their uncertainties from a recording.
+    """Estimate a sensor's coefficients and their uncertainties from a run file or a recording.
+
+    For a recording, a run file is drafted as by inercal init, and written beside the results. In a
+    terminal, you are asked for values that cannot be found from the data; otherwise state them with
+    --set, or accept typical values with --yes.
 
     The exit status is 0 on success, 2 if the input cannot be used, 3 if the result is written but
     should not be relied on, and 130 if interrupted.
     """
     from inercal.runfile import read
 
+    run_file, drafted = inputs[0], None
+    if len(inputs) > 1 and any(one.suffix == _SUFFIX for one in inputs):
+        raise InputError(f"{' '.join(map(str, inputs))}: give either one run file or only logs")
+    if run_file.suffix != _SUFFIX:
+        drafted = _draft(inputs, out, stated, yes=yes, force=force)
+        run_file = drafted.path
+        write_text(run_file, drafted.text)
+        for line in drafted.assumptions if not json else ():
+            print(line)
+    elif stated or yes:
+        raise InputError(
+            f"{run_file} is a run file, but --set and --yes are for logs: change its keys instead",
+            file=run_file,
+        )
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
     from inercal.calibration.files import calibration_object, save
@@ -61,8 +105,8 @@ def run(
     if refused is not None:
         files["report"] = out / f"{run_file.stem}.report.html"
         kinds |= {files["report"]: PAGE, refused: PAGE}
-    inputs = plan.input_files()
-    check_outputs(kinds, inputs)
+    sources = plan.input_files()
+    check_outputs(kinds, sources)
     if not force:
         require_same_run(files["calibration_file"], run_file, plan.sensor.name)
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
@@ -79,7 +123,7 @@ def run(
         tables = plan.kind.tables(plan, outcome)
         files |= {what: out / f"{run_file.stem}.{what}.csv" for what in tables}
         own = {files[what]: table_kind(what, columns) for what, columns in tables.items()}
-        check_outputs(own, inputs)
+        check_outputs(own, sources)
         results = [kind for kind in files if kind != "report"]
         keep_previous(files["calibration_file"])
         with atomic_write_all([files[kind] for kind in results]) as parts:
@@ -101,10 +145,13 @@ def run(
             except MissingExtra as error:
                 missing = error
                 del files["report"]
+    if drafted is not None:
+        files["run_file"] = run_file
     if json:
         print_json(
             calibration_object(outcome.calibration)
             | {kind: str(path) for kind, path in files.items()}
+            | ({} if drafted is None else {"assumptions": list(drafted.assumptions)})
         )
     else:
         print_coefficients(outcome, plan.truth)
@@ -113,3 +160,22 @@ def run(
     if missing is not None:
         report_line(f"no report: {missing}")
     exit_with_verdict(outcome, strict=strict)
+
+
+def _draft(
+    logs: Sequence[Path], out: Path, stated: Sequence[str], *, yes: bool, force: bool
+) -> "Draft":
+    """Draft the run file for a recording; raise an error if questions are open."""
+    from inercal.pipeline.drafts import recording_name, require_answers
+
+    path = out / f"{recording_name(logs)}{_SUFFIX}"
+    if path.exists() and not force:
+        raise InputError(
+            f"{path} exists: calibrate it with inercal calibrate {path}, or overwrite it with "
+            "--force",
+            file=path,
+        )
+    check_outputs({path: RUN_FILE}, logs, force=force)
+    draft = draft_logs(logs, path, stated, yes=yes)
+    require_answers(draft)
+    return draft

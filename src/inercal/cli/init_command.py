@@ -1,21 +1,16 @@
 """`inercal init`: draft a run file from a recording."""
 
 import shlex
-import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
 from inercal.basics.atomic_files import write_text
-from inercal.basics.errors import InputError, MissingExtra
-from inercal.cli.console import print_json, print_written_files, progress_status, report_line
-from inercal.cli.options import Force, Json, assignments
+from inercal.basics.errors import MissingExtra
+from inercal.cli.console import print_json, print_written_files, report_line
+from inercal.cli.log_drafts import SET, draft_logs
+from inercal.cli.options import Force, Json
 from inercal.cli.outputs import PAGE, RUN_FILE, check_outputs
-
-if TYPE_CHECKING:
-    from inercal.pipeline.drafts import Draft, DraftKey
 
 
 def run(
@@ -27,12 +22,7 @@ def run(
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Run file to write; by default the log's name with .toml."
     ),
-    stated: list[str] = typer.Option(
-        [],
-        "--set",
-        metavar="KEY=VALUE",
-        help='Values that you know: --set "data.rate=100 Hz", --set data.gyro=gx,gy,gz.',
-    ),
+    stated: list[str] = SET,
     yes: bool = typer.Option(
         False, "--yes", "-y", help="Ask no questions, but report each decision."
     ),
@@ -54,11 +44,7 @@ def run(
     page = path.with_suffix(".draft.html")
     kinds = {path: RUN_FILE} | ({page: PAGE} if report else {})
     check_outputs(kinds, logs, force=force)
-    known = stated_keys(stated)
-    asks = not yes and sys.stdin.isatty() and sys.stdout.isatty()
-    draft = _draft(logs, path, known, asks=asks, yes=yes)
-    if draft.questions and asks:
-        draft = _ask(draft, logs, known)
+    draft = draft_logs(logs, path, stated, yes=yes)
     write_text(path, draft.text)
     missing = None
     if report:
@@ -81,11 +67,12 @@ def run(
                 for one in draft.trials
             ],
             "facts": list(draft.facts),
+            "assumptions": list(draft.assumptions),
         }  # fmt: skip
         print_json(content | {what: str(name) for what, name in files.items()})
         return
-    for fact in draft.facts:
-        print(fact)
+    for line in (*draft.facts, *draft.assumptions):
+        print(line)
     for trial in draft.trials:
         print(f"· {trial.text}")
     print_written_files(files.values())
@@ -93,81 +80,10 @@ def run(
         print(f"please state {question.name}: {question.question}")
     if draft.questions:
         names = [*map(str, logs), *(["--out", str(out)] if out else []), "--force"]
-        keys = [*stated, *(f"{_key(one)}=…" for one in draft.questions)]
+        keys = [*stated, *(f"{one.dotted}=…" for one in draft.questions)]
         sets = " ".join(f"--set {shlex.quote(one)}" for one in keys)
         print(f"then: inercal init {shlex.join(names)} {sets}")
     else:
         print(f"next: inercal calibrate {path}")
     if missing is not None:
         report_line(f"no page: {missing}")
-
-
-def stated_keys(texts: Sequence[str]) -> dict[str, str]:
-    """Return the values given with `--set`, by key."""
-    form = 'a key with its section, as "data.rate=100 Hz"'
-    return assignments(texts, "--set", form, sectioned=True)
-
-
-def _draft(
-    logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: bool, yes: bool
-) -> "Draft":
-    """Draft the run file; in a terminal, ask for accelerometer columns that are not recognised."""
-    from inercal.pipeline.drafts import UnknownAccelerometers, draft_run_file
-
-    key = "data.accelerometer"
-    while True:
-        try:
-            with progress_status(f"reading {', '.join(map(str, logs))}"):
-                return draft_run_file(logs, path, known, typical=yes)
-        except UnknownAccelerometers as error:
-            if not asks:
-                raise
-            print(f"Columns with numbers: {', '.join(error.columns)}")
-        except InputError as error:
-            if not asks or error.key != key:
-                raise
-            report_line(str(error))
-        known[key] = _three_columns(logs[0])
-
-
-def _three_columns(log: Path) -> str:
-    """Ask until three columns are given; an empty answer cancels."""
-    while True:
-        answer = _answer("Accelerometer columns x, y and z, separated by commas: ")
-        if not answer:
-            raise InputError(f"{log}: no method works without accelerometers", file=log)
-        if answer.count(",") == len("xyz") - 1:
-            return answer
-
-
-def _ask(draft: "Draft", logs: Sequence[Path], known: dict[str, str]) -> "Draft":
-    """Ask for values that only the user knows, and draft again with the answers."""
-    from inercal.pipeline.drafts import draft_run_file
-
-    # An empty answer takes the typical value, or leaves the key open if there is none.
-    while questions := [one for one in draft.questions if _key(one) not in known]:
-        for question in questions:
-            answer = _answer(f"{question.name} ({question.question}): ")
-            known[_key(question)] = answer or question.typical
-        answered = {key: value for key, value in known.items() if value}
-        try:
-            with progress_status("trying the methods"):
-                draft = draft_run_file(logs, draft.path, answered)
-        except InputError as error:
-            report_line(str(error))
-            for question in questions:
-                known.pop(_key(question))
-    return draft
-
-
-def _answer(prompt: str) -> str:
-    """Return what the user types; empty at the end of the input."""
-    try:
-        return input(prompt).strip()
-    except EOFError:
-        print()
-        return ""
-
-
-def _key(question: "DraftKey") -> str:
-    return f"{question.section}.{question.key}"

@@ -5,8 +5,9 @@ run file ─> recording ─> audit ─> marks ─> observations ─> method's es
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from os import PathLike, fspath
-from typing import TYPE_CHECKING, Any
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -35,7 +36,7 @@ from inercal.pipeline.calibration_record import (
 from inercal.pipeline.correction import apply, load_recording
 from inercal.pipeline.outcome import FittedRun, Outcome
 from inercal.pipeline.qualified_errors import qualification_conditions, uncounted_notes
-from inercal.pipeline.run_arguments import stated_run
+from inercal.pipeline.run_arguments import drafted_run, stated_run
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
 from inercal.pipeline.stated_noise import stated_noise_findings
 from inercal.pipeline.stated_values import (
@@ -73,13 +74,15 @@ def calibrate(
     Parameters
     ----------
     data : Run or path, or with `method`: path, Recording, DataFrame, Arrow table, mapping or array
-        A run file; or the data themselves, as a file or as a table whose columns have names. The
-        columns of an array are named "1", "2", ….
+        A run file, whose name ends in ".toml"; a recording, for which a run file is drafted as by
+        `inercal init`; or, with `method`, the data themselves, as a file or as a table whose
+        columns have names. The columns of an array are named "1", "2", ….
     progress : callable, optional
         Called after each generation of a search with its number, smallest sum of squares and
         largest error.
     method : str or mapping
-        Name of the method, or the keys of [method].
+        Name of the method, or the keys of [method]. Without it, only a path is accepted, and the
+        sections of a recording's run file contain the values that cannot be found from the data.
     sensor, bench, environment, specification, job : mapping
         The keys of these run-file sections. Paths of files that they name are relative to the
         working folder.
@@ -93,8 +96,8 @@ def calibrate(
     Raises
     ------
     InercalError
-        If the run file, the recording or the marks cannot be used, or if the data do not determine
-        all coefficients.
+        If the run file, the recording or the marks cannot be used, if the data do not determine
+        all coefficients, or if a drafted run file has open questions.
     TypeError
         If the data have an unsupported type, or if sections are given without a method.
 
@@ -126,20 +129,28 @@ def calibrate(
         "specification": specification,
         "job": job,
     }
+    given = {name: one for name, one in sections.items() if one is not None}
+    path = _path(data)
+    if method is None and path is not None and path.suffix != ".toml":
+        return _calibrate(drafted_run(path, given, data_keys), progress, also)
     if method is not None and not isinstance(data, Run):
         required = {"sensor": sensor or {}, "bench": bench or {}}
         with stated_run(data, sections | required, data_keys) as run:
             return _calibrate(run, progress, also)
-    if data_keys or any(one is not None for one in sections.values()):
+    if data_keys or given:
         raise TypeError(
             "a run file already states all sections: give either only a run file, or data with "
             "method"
         )
-    if isinstance(data, str | PathLike):
-        return _calibrate(read(fspath(data)), progress, also)
+    if path is not None:
+        return _calibrate(read(path), progress, also)
     if isinstance(data, Run):
         return _calibrate(data, progress, also)
     raise TypeError(f"data are a {type(data).__name__}: give method, sensor and bench too")
+
+
+def _path(data: object) -> Path | None:
+    return Path(cast("str", data)) if isinstance(data, str | PathLike) else None
 
 
 def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) -> FittedRun:

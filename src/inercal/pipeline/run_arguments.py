@@ -1,6 +1,6 @@
 """Build a run from sections and data given as arguments, with the same checks as a run file."""
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from hashlib import sha256
@@ -134,6 +134,43 @@ def stated_run(
                 for part in error.args
             )
             raise
+
+
+def drafted_run(log: Path, sections: Mapping[str, object], data_keys: Mapping[str, object]) -> Run:
+    """Draft the run for a recording from a file, with the sections that are known.
+
+    Parameters
+    ----------
+    log : Path
+        The file, a folder, or a name with a star.
+    sections : mapping of str to mapping
+        Values that the data do not contain, by section, such as {"bench": {"latitude": "48.1 °"}}.
+    data_keys : mapping
+        Keys of [data], such as `rate`.
+
+    Raises
+    ------
+    InercalError
+        If no method can use the recording, or questions are open.
+    """
+    from inercal.pipeline.drafts import draft_run_file, recording_name, require_answers
+    from inercal.pipeline.drafts.draft_entries import as_sections
+
+    stated = dict(_dotted("", {**sections, "data": data_keys}))
+    draft = draft_run_file([log], Path.cwd() / f"{recording_name([log])}.toml", stated)
+    require_answers(draft)
+    digest = sha256(draft.text.encode()).hexdigest()
+    return from_sections(draft.path, as_sections(draft.entries), digest)
+
+
+def _dotted(place: str, content: Mapping[str, object]) -> Iterator[tuple[str, str]]:
+    """Yield the keys with their sections, such as "data.rate", and their values as text."""
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _dotted(f"{place}{key}.", cast("Mapping[str, object]", value))
+        else:
+            plain = _plain(value)
+            yield f"{place}{key}", plain if isinstance(plain, str) else dumps(plain)
 
 
 def _marks_as_json(marks: Mapping[str, object]) -> str:

@@ -43,6 +43,7 @@ from inercal.runfile.qualified_bench import (
 from inercal.runfile.run import Run
 from inercal.runfile.schema import RunSchema, reader_options, schema_for_kind
 from inercal.runfile.section_checks import (
+    assumed_units,
     check_stated_gravity,
     require_time_offset,
     require_used_keys,
@@ -205,7 +206,8 @@ def _build_run(
         search=search_options(schema.method, chosen, estimator),
         filter=config,
         bench_name=schema.bench.name,
-        findings=check_stated_gravity(schema.bench)
+        findings=assumed_units(schema.sensor)
+        + check_stated_gravity(schema.bench)
         + overdue
         + check_validity(used, schema.job)
         + doubts,

@@ -28,6 +28,9 @@ class ReadoutSection(Section):
     """Keys of [sensor.accelerometer] and [sensor.gyro]: output and noise of the axes."""
 
     unit: str = Field(description="output unit, such as 'LSB' or 'V'", examples=["m/s²"])
+    unit_assumed: bool = Field(
+        False, description="whether the unit is a guess that neither the user nor the data confirm"
+    )
     scale: str | None = Field(None, description="nominal scale factor", examples=["2048 LSB/g"])
     offset: float = Field(0.0, description="output at zero, in output units")
     full_scale: str | None = Field(

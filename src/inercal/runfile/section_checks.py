@@ -26,7 +26,13 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding
 from inercal.recordings.temperature import COUNTS
 from inercal.runfile.job import JobSection
-from inercal.runfile.schema import DataSection, MethodSection, ReadoutSection, RunSchema
+from inercal.runfile.schema import (
+    DataSection,
+    MethodSection,
+    ReadoutSection,
+    RunSchema,
+    SensorSection,
+)
 
 _ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalies
 _HIGHEST = 3000.0  # m, range for a laboratory whose height is not stated
@@ -83,6 +89,21 @@ def require_used_keys(
             if key in section.model_fields_set and not (name == "bench" and key in qualified):
                 place = f"[{name}] {key}"
                 raise InputError(f"{place}: {reason}; remove {key}", key=place)
+
+
+def assumed_units(sensor: SensorSection) -> tuple[Finding, ...]:
+    """Return a warning for each unit that neither the user nor the data confirm."""
+    sections = {"accelerometer": sensor.accelerometer, "gyro": sensor.gyro}
+    return tuple(
+        Finding(
+            "warning",
+            "unit",
+            f"the unit {section.unit} of the {kind}s was assumed; check the unit in the data "
+            f"sheet, and then remove unit_assumed from [sensor.{kind}]",
+        )
+        for kind, section in sections.items()
+        if section is not None and section.unit_assumed
+    )
 
 
 def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:

@@ -24,7 +24,13 @@ from inercal.pipeline.drafts.column_roles import (
     unknown_accelerometers,
     without_label,
 )
-from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections, run_file_text
+from inercal.pipeline.drafts.draft_entries import (
+    UNKNOWN,
+    DraftKey,
+    as_sections,
+    run_file_text,
+    with_typical_values,
+)
 from inercal.pipeline.drafts.draft_sections import (
     bench_keys,
     clock_keys,
@@ -77,6 +83,8 @@ class Draft:
 
     Parameters
     ----------
+    logs : tuple of Path
+        Files of the recording.
     path : Path
         Path at which the run file is to be written.
     entries : tuple of DraftKey
@@ -94,6 +102,7 @@ class Draft:
         Readings of each triad, in output units.
     """
 
+    logs: tuple[Path, ...]
     path: Path
     entries: tuple[DraftKey, ...]
     trials: tuple[MethodTrial, ...]
@@ -111,6 +120,15 @@ class Draft:
         return tuple(rate or found)
 
     @property
+    def assumptions(self) -> tuple[str, ...]:
+        """A line for each typical value that stands for an answer of the user."""
+        return tuple(
+            f"assumed: {one.name} = {one.value} ({one.reason})"
+            for one in self.entries
+            if one.assumed
+        )
+
+    @property
     def method(self) -> MethodTrial | None:
         """The proposed method; None if no method fits."""
         works = [trial for trial in self.trials if trial.outcome is not None]
@@ -121,7 +139,7 @@ class Draft:
     def text(self) -> str:
         """The text of the run file."""
         head = (
-            "Drafted by inercal init. Every line gives its reason; change what is wrong.",
+            "Drafted by inercal. Every line gives its reason; change what is wrong.",
             "",
             *self.facts,
             "Methods that these data support, and the result of trying each:",
@@ -130,6 +148,26 @@ class Draft:
             f"  inercal calibrate {self.path.name}",
         )
         return run_file_text(self.entries, head)
+
+
+def require_answers(draft: Draft) -> None:
+    """Raise an error that lists the questions of a draft, if there are any.
+
+    Raises
+    ------
+    InputError
+    """
+    if not draft.questions:
+        return
+    log = draft.logs[0]
+    asked = "; ".join(f"{one.dotted}: {one.question}" for one in draft.questions)
+    typical = ", or take typical values with --yes" * all(one.typical for one in draft.questions)
+    raise InputError(
+        f"{log}: only you know {asked} (state it with --set, as an argument in Python{typical})",
+        file=log,
+        key=draft.questions[0].name,
+        names=tuple(one.dotted for one in draft.questions),
+    )
 
 
 def draft_run_file(
@@ -151,7 +189,7 @@ def draft_run_file(
     stated : mapping of str to str, optional
         Values that the user states, by key, such as "data.rate" or "bench.gravity".
     typical : bool
-        Whether typical errors of a rate table replace the questions about them.
+        Whether typical values replace the questions that have them.
 
     Raises
     ------
@@ -259,11 +297,7 @@ def _draft(
             for kind, readout in readouts.items()
             for entry in (*readout_keys(kind, readout), *noise.get(kind, ()))
         ),
-        *(
-            rate_bench_keys(table, roles, typical=typical)
-            if at_rates
-            else bench_keys(bench, radius)
-        ),
+        *(rate_bench_keys(roles) if at_rates else bench_keys(bench, radius)),
         *data_keys(logs, path, table, roles, bench, values),
         *signs,
         *suggest_rate(clock, readouts.get("gyro")),
@@ -271,16 +305,16 @@ def _draft(
         *((deviation_key(start_deviation(roles), "a guess"),) if guessed else ()),
     )
     entries = _with_stated(entries, _named_columns(values, roles))
+    if typical:
+        entries = tuple(with_typical_values(entries))
     trials = try_methods(entries, candidates, path.parent)
     if guessed and "data.sd.accelerometer" not in stated:
         start = start_deviation(roles)
         entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
     seen = facts(logs, table, roles, rests, time, readings)
     why_unused = [roles.reasons[key] for key in (NO_GYROS, NO_LABEL) if key in roles.reasons]
-    if at_rates and typical:
-        why_unused.append("errors of the rate table are typical values: replace them by your own")
     seen = (*seen, *unused_columns(table, entries), *why_unused)
-    return Draft(path, entries, trials, seen, roles, rests, time, readings)
+    return Draft(tuple(logs), path, entries, trials, seen, roles, rests, time, readings)
 
 
 def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, str]) -> None:
@@ -367,7 +401,7 @@ def _named_columns(values: Mapping[str, Any], roles: ColumnRoles) -> dict[str, A
 
 def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tuple[DraftKey, ...]:
     """Return the entries with the values that the user states, which may add new keys."""
-    known = {f"{entry.section}.{entry.key}": entry for entry in entries}
+    known = {entry.dotted: entry for entry in entries}
     for key, value in stated.items():
         section, _, name = key.rpartition(".")
         known[key] = replace(
@@ -391,4 +425,5 @@ __all__ = [
     "UnknownAccelerometers",
     "draft_run_file",
     "recording_name",
+    "require_answers",
 ]

@@ -1,11 +1,14 @@
 """The keys of a drafted run file, each with its reason."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 UNKNOWN = "?"
 """The value of a key that only the user knows."""
+
+ASSUMED_UNIT = "unit_assumed"
+"""The key that tells that nobody has confirmed a unit."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,8 @@ class DraftKey:
         Question for the user; empty if there is no need to ask.
     typical : str
         A typical value that the user may accept; empty if there is none.
+    assumed : bool
+        Whether the value is the typical one because the user was not asked.
     """
 
     section: str
@@ -33,6 +38,7 @@ class DraftKey:
     reason: str = ""
     ask: str = ""
     typical: str = ""
+    assumed: bool = False
 
     @property
     def question(self) -> str:
@@ -43,6 +49,28 @@ class DraftKey:
     def name(self) -> str:
         """The key with its section, as it appears in messages."""
         return f"[{self.section}] {self.key}"
+
+    @property
+    def dotted(self) -> str:
+        """The key as in `--set`: section, dot, name."""
+        return f"{self.section}.{self.key}"
+
+
+def with_typical_values(entries: Iterable[DraftKey]) -> Iterator[DraftKey]:
+    """Yield the keys with typical values where only the user knows the value.
+
+    An assumed unit is marked as such in the run file, which makes the result one with reservations.
+    """
+    for entry in entries:
+        if entry.value != UNKNOWN or not entry.typical:
+            yield entry
+            continue
+        reason = entry.reason or f"assumed: {entry.ask}"
+        yield replace(entry, value=entry.typical, reason=reason, assumed=True)
+        if entry.key == "unit":
+            yield DraftKey(
+                entry.section, ASSUMED_UNIT, True, "remove this line when you have checked the unit"
+            )
 
 
 def as_sections(entries: tuple[DraftKey, ...]) -> dict[str, Any]:

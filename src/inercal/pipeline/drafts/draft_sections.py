@@ -187,7 +187,8 @@ def readout_keys(kind: str, readout: GuessedReadout) -> tuple[DraftKey, ...]:
     if not readout.certain and (kind == "gyro" or readout.unit == UNKNOWN):
         example = "rad/s" if kind == "gyro" else "m/s²"
         ask = f"the unit of the {kind}s, such as {example} ({readout.reason})"
-        unit = replace(unit, value=UNKNOWN, ask=ask)
+        typical = "" if readout.unit == UNKNOWN else readout.unit
+        unit = replace(unit, value=UNKNOWN, ask=ask, typical=typical)
     entries = [unit]
     if readout.scale:
         example = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"

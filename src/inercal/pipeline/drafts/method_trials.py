@@ -1,6 +1,7 @@
 """Find the methods that a recording supports by trying each suitable method on the data."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -128,7 +129,8 @@ def try_methods(
         content["method"] = content.get("method", {}) | {"name": name, **keys}
         run_file = folder / "draft"
         try:
-            outcome = calibrate(from_sections(run_file, content, ""))
+            with _existing(folder):
+                outcome = calibrate(from_sections(run_file, content, ""))
         except InercalError as error:
             reason = str(error).removeprefix(f"{run_file}: ").partition(" (free directions")[0]
             reason = shorten(reason, _LONGEST_REASON)
@@ -136,3 +138,15 @@ def try_methods(
         else:
             trials.append(MethodTrial(name, keys, outcome))
     return tuple(trials)
+
+
+@contextmanager
+def _existing(folder: Path) -> Generator[None]:
+    """Make a folder exist for a while: paths are relative to it before anything is written."""
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    finally:
+        for one in missing:
+            one.rmdir()

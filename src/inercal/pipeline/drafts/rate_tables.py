@@ -134,8 +134,8 @@ def gyro_readout(table: Table, roles: ColumnRoles) -> GuessedReadout:
     return GuessedReadout(unit, f"{near:.6g} {unit}/(°/s)", 0.0, si_factor("°/s") / near, reason)
 
 
-def rate_bench_keys(table: Table, roles: ColumnRoles, *, typical: bool) -> tuple[DraftKey, ...]:
-    """Return the keys of [bench]; typical errors replace the questions if the user wants none."""
+def rate_bench_keys(roles: ColumnRoles) -> tuple[DraftKey, ...]:
+    """Return the keys of [bench], with typical errors of a rate table beside the questions."""
     from inercal.benches.rate_platform.bench import STATED
 
     entries = [DraftKey("bench", "kind", "rate_platform", "by the columns")]
@@ -148,9 +148,7 @@ def rate_bench_keys(table: Table, roles: ColumnRoles, *, typical: bool) -> tuple
     for key, meaning in (_ERRORS | _POSE_ERRORS if poses else _ERRORS).items():
         value = STATED[key].example
         reason = f"{meaning}: a typical value that nobody measured; state your own"
-        entries.append(
-            DraftKey("bench", key, value if typical else UNKNOWN, reason, meaning, value)
-        )
+        entries.append(DraftKey("bench", key, UNKNOWN, reason, meaning, value))
     return tuple(entries)
 
 

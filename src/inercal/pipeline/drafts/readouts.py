@@ -50,7 +50,8 @@ class GuessedReadout(NamedTuple):
     Parameters
     ----------
     unit : str
-        Unit of the readings; "LSB" if it is none of the usual units.
+        Unit of the readings; "LSB" if it is none of the usual units; if it is not certain, the
+        usual one, or `UNKNOWN`.
     scale : str
         Nominal scale factor of counts, such as "2048 LSB/g"; empty if the readings have a unit.
     offset : float
@@ -269,7 +270,8 @@ def guess_gyro(
         unknown = known_with if size is not None else "no turn between rests determines it"
         if size is None and whole:
             unknown += "; for raw counts use LSB and a sensor.gyro.scale such as 131 LSB/(°/s)"
-        return GuessedReadout("°/s", "", offset, np.pi / 180, unknown, False)
+        unit = UNKNOWN if whole or size is not None else "°/s"
+        return GuessedReadout(unit, "", offset, np.pi / 180, unknown, False)
     size /= dt
     for unit, si in _GYRO_UNITS.items():
         if stated is None and abs(size / si - 1) < _NEAR:
