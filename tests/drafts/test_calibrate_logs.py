@@ -1,4 +1,4 @@
-"""`inercal calibrate LOG…` and `inercal.calibrate("log.csv")`: drafted and calibrated in one step."""
+"""`inercal calibrate LOG…` and `inercal.calibrate("log.csv")` draft and calibrate at once."""
 
 import json
 from pathlib import Path
@@ -25,7 +25,7 @@ def hand_held(folder: Path, seed: int = 3) -> Path:
 def six_rests(folder: Path) -> Path:
     """Write a log without turns between the rests, so that nothing confirms the gyros' unit."""
     force, _ = logs.six_faces(1, 20.0)
-    rate = np.random.default_rng(0).normal(0, 0.05, force.shape) + [0.5, -0.3, 0.2]
+    rate = np.random.default_rng(0).normal([0.5, -0.3, 0.2], 0.05, force.shape)
     return logs.write(folder / "six.csv", HEAD, [np.arange(len(force)) / 50, *force.T, *rate.T])
 
 
@@ -120,7 +120,7 @@ def test_a_run_file_of_before_is_kept(tmp_path: Path):
 
 @pytest.mark.parametrize(
     "arguments",
-    [("imu.csv", "run.toml"), ("run.toml", "--yes"), ("run.toml", "--set", "data.rate=1")],
+    [("a.csv", "run.toml"), ("run.toml", "--yes"), ("run.toml", "--set", "data.rate=1")],
 )
 def test_run_files_and_logs_do_not_mix(
     arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -4,55 +4,20 @@ run file ─> recording ─> audit ─> marks ─> observations ─> method's es
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
-
 from inercal.basics.blas_threads import with_one_thread
-from inercal.basics.errors import InercalError, InputError, NotObserved
-from inercal.basics.units import ZERO_CELSIUS
-from inercal.benches import Bench
-from inercal.calibration import Calibration
-from inercal.calibration.additions import additions_text, doubtful_additions
-from inercal.calibration.advising import also as also_change
-from inercal.calibration.check_standard import CHECK_STANDARD
-from inercal.calibration.verdict import verdict
-from inercal.estimation import Estimate
-from inercal.methods import Fit
-from inercal.methods.temperature import temperature_coefficients
-from inercal.physics.sensors import Sensor
-from inercal.pipeline.added_coefficients import with_added_coefficients
-from inercal.pipeline.advisor import RunAdvisor, changed_run
-from inercal.pipeline.calibration_record import (
-    bench_estimates,
-    provenance,
-    run_conditions,
-    shared_errors,
-    validity,
-)
 from inercal.pipeline.correction import apply, load_recording
-from inercal.pipeline.outcome import FittedRun, Outcome
-from inercal.pipeline.qualified_errors import qualification_conditions, uncounted_notes
+from inercal.pipeline.outcome import Outcome
 from inercal.pipeline.run_arguments import drafted_run, stated_run
+from inercal.pipeline.run_calibration import calibrate_run
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
-from inercal.pipeline.stated_noise import stated_noise_findings
-from inercal.pipeline.stated_values import (
-    constant_notes,
-    find_assumed_constants,
-    gravity_notes,
-    require_small_assumed_share,
-)
-from inercal.pipeline.temperature_fit import fit_over_temperatures, with_common_errors
-from inercal.pipeline.zero_rate_check import check_zero_rates
-from inercal.recordings import Finding, merge_findings
-from inercal.recordings.data import EstimatorInput
 from inercal.runfile import Run, read
 
 if TYPE_CHECKING:
-    from inercal.methods.ship_multi_angle.norm_equations import Generation, SearchHistory
+    from inercal.methods.ship_multi_angle.norm_equations import Generation
 
 
 @with_one_thread
@@ -132,238 +97,25 @@ def calibrate(
     given = {name: one for name, one in sections.items() if one is not None}
     path = _path(data)
     if method is None and path is not None and path.suffix != ".toml":
-        return _calibrate(drafted_run(path, given, data_keys), progress, also)
+        return calibrate_run(drafted_run(path, given, data_keys), progress, also)
     if method is not None and not isinstance(data, Run):
         required = {"sensor": sensor or {}, "bench": bench or {}}
         with stated_run(data, sections | required, data_keys) as run:
-            return _calibrate(run, progress, also)
+            return calibrate_run(run, progress, also)
     if data_keys or given:
         raise TypeError(
             "a run file already states all sections: give either only a run file, or data with "
             "method"
         )
     if path is not None:
-        return _calibrate(read(path), progress, also)
+        return calibrate_run(read(path), progress, also)
     if isinstance(data, Run):
-        return _calibrate(data, progress, also)
+        return calibrate_run(data, progress, also)
     raise TypeError(f"data are a {type(data).__name__}: give method, sensor and bench too")
 
 
 def _path(data: object) -> Path | None:
     return Path(cast("str", data)) if isinstance(data, str | PathLike) else None
-
-
-def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) -> FittedRun:
-    """Run the estimator of a run that was read and checked."""
-    stated = run
-    inputs = run.kind.observe(run)
-    try:
-        run, inputs, thermal = fit_over_temperatures(run, inputs)
-    except (InputError, NotObserved) as error:
-        raise error.located(run.path) from None
-    sensor, bench = run.sensor, inputs.bench or run.bench
-    expected = bench.nuisances(inputs.steps, sensor)
-    observations, findings = inputs.observations, (*run.findings, *inputs.findings)
-    zero_rates = check_zero_rates(observations, sensor, inputs.steps, run.priors, run.data.gyro)
-    findings += zero_rates
-    solver_sensor = inputs.sensor_of_samples(sensor)
-    if thermal is not None:
-        findings += thermal.findings
-    generations: list[Generation] = []
-
-    def after(generation: "Generation") -> None:
-        generations.append(generation)
-        if progress is not None:
-            progress(generation)
-
-    try:
-        estimate = run.solver(after)(observations, solver_sensor, bench, inputs.plan, run.priors)
-    except (InputError, NotObserved) as error:
-        located = error.located(run.path)
-        located.args = (f"{located}{_possible_causes(inputs, sensor, zero_rates, error)}",)
-        raise located from None
-    estimate = with_common_errors(run, inputs, estimate)
-    fit = Fit(
-        run.estimator,
-        sensor,
-        bench,
-        observations,
-        inputs.steps,
-        run.priors,
-        estimate,
-        run.time_offset,
-        run.environment,
-    )
-    remarks = run.method.remarks(fit)
-    findings += remarks.findings
-    findings += stated_noise_findings(
-        estimate,
-        observations,
-        sensor,
-        inputs.steps,
-        recorded=inputs.recording is not None,
-        by_hand=run.method.unknown_attitudes,
-    )
-    findings = merge_findings(findings)
-    if not np.all(estimate.converged):
-        text = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
-        sections = "rows" if inputs.recording is None else "marks"
-        raise InputError(
-            f"{run.path}: the fit did not converge; check the {sections} and the plan{text}",
-            file=run.path,
-        )
-    if not np.isfinite(estimate.covariance).all():
-        raise InputError(
-            f"{run.path}: estimator {run.estimator} states no uncertainty for this noise, because "
-            "its equation may have no root; use another estimator",
-            file=run.path,
-            key="[method] estimator",
-        )
-    p = len(sensor.coefficients)
-    assumed = find_assumed_constants(expected)
-
-    def solve(other: Bench) -> Estimate:
-        return run.solver()(observations, solver_sensor, other, inputs.plan, run.priors)
-
-    try:
-        require_small_assumed_share(assumed, estimate, p, bench, solve)
-    except InputError as error:
-        raise error.located(run.path) from None
-    weighs_gravity = bool(sensor.select_axes("f").coefficients)
-    estimate = replace(
-        estimate,
-        notes=(
-            *remarks.notes,
-            *inputs.notes,
-            *observations.notes,
-            *estimate.notes,
-            *(() if thermal is None else thermal.notes),
-            *gravity_notes(bench, sensor, estimate),
-            *constant_notes(bench, assumed),
-            *uncounted_notes(run, estimate, expected),
-            *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
-        ),
-        tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
-        # Estimators that follow a track weight samples by the stated noise, or set these values.
-        noise_dof=estimate.noise_dof if observations.track is not None else observations.dof,
-        noise_channels=len(sensor.axes),
-    )
-    return FittedRun(
-        stated,
-        run,
-        inputs,
-        thermal,
-        bench,
-        expected,
-        estimate,
-        findings,
-        remarks,
-        tuple(generations),
-    )
-
-
-def _advisor(fitted: FittedRun) -> RunAdvisor:
-    run = fitted.run
-    return RunAdvisor(
-        fitted, "rest" if run.method.unknown_attitudes else run.kind.words.row, _fitted
-    )
-
-
-def _calibrate(
-    stated: Run,
-    progress: "Callable[[Generation], None] | None",
-    also: str | Sequence[str] | None = None,
-) -> Outcome:
-    """Calibrate from a run that was read and checked, and try the advice before it is given."""
-    if also is not None:
-        try:
-            stated = changed_run(stated, (also_change(also),))
-        except InputError as error:
-            raise error.located(stated.path) from None
-    fitted = _fitted(stated, progress)
-    if stated.adds_coefficients:
-        fitted, advisor, additions = with_added_coefficients(fitted, _advisor)
-    else:
-        advisor, additions = _advisor(fitted), ()
-    _, run, inputs, thermal, bench, expected, estimate, findings, remarks, generations = fitted
-    sensor, observations, p = run.sensor, inputs.observations, len(run.sensor.coefficients)
-    conditions = {**run_conditions(run, inputs), **remarks.conditions}
-    if run.bench_name:
-        conditions["bench"] = run.bench_name
-    conditions |= qualification_conditions(run)
-    if run.check_standard:
-        conditions[CHECK_STANDARD] = run.check_standard
-    possible, findings = run.method.possible(sensor), findings + doubtful_additions(additions)
-    judged = verdict(
-        estimate, sensor, findings, expected, possible, advisor.row_word, advisor,
-        additions_text(additions, sensor),
-    )  # fmt: skip
-    judged = replace(judged, additions=additions)
-    if observations.rounding is not None:
-        judged = replace(judged, rounding=observations.rounding.channels)
-    value, covariance = estimate.value[:p], estimate.stated_covariance[:p, :p]
-    calibration = Calibration(
-        sensor,
-        value,
-        covariance,
-        run.method.name,
-        run.estimator,
-        conditions,
-        provenance(run, inputs),
-        judged.statements,
-        "symmetric" if sensor.frame == "symmetric" else run.method.frame(run.bench),
-        verdict=judged,
-        shared=shared_errors(run, estimate, expected, p),
-        validity=validity(sensor, inputs),
-        job=run.job,
-        conformity=None
-        if run.specification is None
-        else run.specification.judge(sensor.coefficients, value, covariance),
-        bench_estimates=bench_estimates(estimate, expected, p),
-    )
-    return Outcome(
-        calibration=calibration,
-        estimate=estimate,
-        observations=observations,
-        steps=inputs.steps,
-        bench=bench,
-        kind=run.kind,
-        expected=expected,
-        recording=inputs.recording,
-        marks=inputs.marks,
-        findings=findings,
-        verdict=judged,
-        rests=inputs.rests,
-        search=_search_history(run, generations),
-        temperature_fit=thermal,
-        plots=remarks.plots,
-    )
-
-
-def _search_history(run: Run, generations: "Sequence[Generation]") -> "SearchHistory | None":
-    if run.search is None:
-        return None
-    from inercal.methods.ship_multi_angle.norm_equations import SearchHistory
-
-    return SearchHistory(run.search.goal, tuple(generations))
-
-
-def _possible_causes(
-    inputs: EstimatorInput, sensor: Sensor, zero_rates: Sequence[Finding], error: InercalError
-) -> str:
-    """Return possible reasons why the estimator refused the data: units, temperatures, rests."""
-    causes = [finding.message for finding in inputs.findings if finding.what == "missing"]
-    if inputs.rests is not None:
-        causes.append(inputs.rests.finding.message)
-    causes = [*(finding.message for finding in zero_rates), *causes]
-    t = inputs.observations.temperature
-    if t is not None and isinstance(error, NotObserved):
-        free = " ".join(error.directions).split()
-        if set(temperature_coefficients(sensor)) & set(free):
-            low, high = float(t.min()) - ZERO_CELSIUS, float(t.max()) - ZERO_CELSIUS
-            rows = f"the rows are at {low:.2f} to {high:.2f} °C, but temperature coefficients need"
-            causes.insert(0, f"{rows} rows over a wider range of temperatures")
-    return "".join(f"; {cause}" for cause in causes)
 
 
 __all__ = [

@@ -12,7 +12,7 @@ from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections
 from inercal.recordings.io.column_table import shorten
 
 if TYPE_CHECKING:
-    from inercal.pipeline import Outcome
+    from inercal.pipeline.outcome import Outcome
 
 _LONGEST_REASON = 160  # characters
 
@@ -114,7 +114,7 @@ def try_methods(
     folder : Path
         Folder of the run file.
     """
-    from inercal.pipeline import calibrate
+    from inercal.pipeline.run_calibration import calibrate_run
     from inercal.runfile import from_sections
 
     unknown = [entry.name for entry in entries if entry.value == UNKNOWN]
@@ -130,7 +130,7 @@ def try_methods(
         run_file = folder / "draft"
         try:
             with _existing(folder):
-                outcome = calibrate(from_sections(run_file, content, ""))
+                outcome = calibrate_run(from_sections(run_file, content, ""))
         except InercalError as error:
             reason = str(error).removeprefix(f"{run_file}: ").partition(" (free directions")[0]
             reason = shorten(reason, _LONGEST_REASON)
