@@ -10,8 +10,8 @@ pattern of the readings in time order::
 
 A vibration that the sensor rectifies, or that is aliased to a constant, adds the same amount in all
 rows. The part of a pattern that the coefficients and bench errors absorb leaves no residual. A
-pattern is reported if a size that shifts a coefficient by 5 u leaves a residual of norm below 7.
-This size is stated (`inercal.calibration.detectability`).
+pattern is reported if a size that shifts a coefficient by 5 u leaves residuals with a norm below 7.
+The report states this size (`inercal.calibration.detectability`).
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Harmonics of a tumble test: which coefficients each contains, and which fold onto one another.
+"""Harmonics of a tumble test: the coefficients in each harmonic, and harmonics that fold together.
 
 At n evenly spaced positions θ = θ₀ + 2πk/n the columns 1, sin hθ, cos hθ are orthogonal if
 n ≥ 2m + 1 for the highest harmonic m (IEEE Std 1293), and amplitudes are simple sums::
@@ -147,7 +147,7 @@ def folded_harmonics(angle: Array) -> tuple[str, ...]:
 def require_distinct_harmonics(
     sensor: Sensor, terms: Sequence[str], matrix: Array, angle: Array
 ) -> None:
-    """Raise NotObserved if terms have harmonics, columns of `matrix`, that fold onto one another.
+    """Raise NotObserved if harmonics of the terms, columns of `matrix`, fold onto one another.
 
     Raises
     ------

@@ -225,7 +225,7 @@ def rotation_residuals(
     e, b = exp_so3(earth), across[after]
     turn = e @ way.rotation
     arrived = (turn @ up[before][:, :, None])[..., 0]
-    # û × ψ = −[ψ×] û = [û×] ψ; ρ decreases by what the prediction gains.
+    # û × ψ = −[ψ×] û = [û×] ψ; ρ decreases by as much as the prediction increases.
     ahead = b @ skew(arrived)
     return RotationResiduals(
         rest=rest,

@@ -39,7 +39,7 @@ def require_determined(
     Parameters
     ----------
     observations : Observations
-        Observations; they only provide the temperatures.
+        Observations, of which only the temperatures are used.
     sensor : Sensor
         Sensor with p coefficients.
     bench : RatePlatform

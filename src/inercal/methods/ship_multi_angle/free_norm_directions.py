@@ -11,8 +11,9 @@ Along the null directions N the result equals the start. To first order, with J�
 
     θ̂ − θ = N Nᵀ (start − θ) − J⁺ (2 v·ε)
 
-The covariance of the start is therefore fully included along N. It comes from the untilted states,
-from stated priors, or from the bounds of a search. None of it comes from damping.
+The covariance of the start is therefore fully included along N. This covariance comes from the
+untilted states, from stated priors, or from the bounds of a search. Damping does not contribute to
+it.
 
 This module also computes the start of the damped iteration and its uncertainty along these
 directions.

@@ -36,10 +36,10 @@ def damped(
 ) -> Estimate:
     """Return the twelve coefficients from norms of tilted states, damped as in the source.
 
-    If norms leave a direction free, the result and its uncertainty along it are those of the start.
-    The start comes from `planar` if there are untilted states, otherwise from priors on all twelve
-    coefficients. If the sensor's frame is stated and norms determine everything else, the start is
-    nominal and has no effect.
+    If norms leave a direction free, the result and its uncertainty along this direction are those
+    of the start. The start comes from `planar` if there are untilted states, otherwise from priors
+    on all twelve coefficients. If the sensor's frame is stated and norms determine everything else,
+    the start is nominal and has no effect.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def damped(
     Raises
     ------
     InputError
-        The sensor is unsuitable, the steps are not those of the rows, or there are priors together
+        The sensor is unsuitable, the steps do not match the rows, or there are priors together
         with untilted states or a stated frame.
     NotObserved
         There are fewer than twelve tilted states, there are neither untilted states nor priors for
@@ -94,7 +94,7 @@ def global_(
     """Return the twelve coefficients from a global search on the norms of the tilted states.
 
     If norms leave a direction free, all values within the bounds are equivalent. The uncertainty
-    along it is that of a uniform distribution over the bounds.
+    along this direction is that of a uniform distribution over the bounds.
 
     Parameters
     ----------

@@ -213,7 +213,7 @@ class RotationRows:
 
     @cached_property
     def _sensitivity_at_readbacks(self) -> Array:
-        """Rotation of the attitude by all nuisances, for timing through the table's rate."""
+        """Rotation of the attitude by all nuisances; timing acts through the table's rate."""
         names = [one.name for one in self.table]
         if not {"latency", "clock"} & set(names):
             return self.by
