@@ -122,7 +122,7 @@ def _component(value: Array, std: Array, lots: Indices, count: int, dof: int) ->
     variance, value = std**2, value - np.median(value)
 
     def squares(excess: float) -> tuple[float, float]:
-        """Return Q and its derivative; the change of the means does not contribute to it."""
+        """Return Q and its derivative; the change of the means has no effect on it."""
         weight = 1 / (variance + excess)
         total = np.bincount(lots, weight, count)
         mean = np.bincount(lots, weight * value, count) / total

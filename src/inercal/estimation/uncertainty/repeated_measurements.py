@@ -9,8 +9,8 @@ covariance σ_c² G_c G_cᵀ with a known shape::
 A few sessions cannot determine an unconstrained covariance of p values, because its rank would be
 at most k − 1. They can determine one variance for each shape. The variances maximise the restricted
 likelihood, found by Fisher scoring with σ_c² ≥ 0 (Patterson and Thompson 1971, Biometrika 58,
-545–554). With V the covariance of all sessions, X that of θ, P = V⁻¹ − V⁻¹X(XᵀV⁻¹X)⁻¹XᵀV⁻¹ and Z_c
-the effect's part of V without σ_c²::
+545–554). Let V be the covariance of all sessions, X the derivative of y with respect to θ, P = V⁻¹
+− V⁻¹X(XᵀV⁻¹X)⁻¹XᵀV⁻¹ and Z_c the effect's part of V without σ_c². Then::
 
     score_c = ½ (yᵀPZ_cPy − tr PZ_c),   information_cd = ½ tr PZ_cPZ_d
 """
