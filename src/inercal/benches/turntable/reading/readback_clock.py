@@ -1,9 +1,10 @@
 """Interpolate the readback of a turntable with its own clock to the times of the IMU.
 
-The table's clock shows T = t + o + d (t − t₀) when the IMU's clock shows t, with t₀ the time of its
-first sample. Each stretch in which the rate changes gives a local offset with its standard
-deviation (`implied_rates`). o and d follow from these offsets by weighted least squares. A latency
-of the readback is part of o, so after `align_readback` it is zero within its standard deviation.
+The table's clock shows T = t + o + d (t − t₀) when the IMU's clock shows t, where t₀ is the time of
+the IMU's first sample. Each stretch in which the rate changes gives a local offset with its
+standard deviation (`implied_rates`). o and d follow from these offsets by weighted least squares. A
+latency of the readback is part of o, so after `align_readback` it is zero within its standard
+deviation.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -122,8 +123,8 @@ def align_readback(
     ------
     InputError
         Times do not increase, there are fewer than two changes of rate, the readback lacks more
-        than 2 s at an end of the readings, it begins or ends during a turn, or at no offset both
-        turn at the same times.
+        than 2 s at an end of the readings, it begins or ends during a turn, or the two do not turn
+        at the same times at any offset.
     ClockMismatch
         Both turn at the same times but differently, because columns or units are wrong.
     """
