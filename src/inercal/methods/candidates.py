@@ -42,7 +42,7 @@ _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 Columns = Mapping[str, Array]
 """The derivative of the observations, (m,), with respect to each parameter."""
 Families = Mapping[str, Sequence[str]]
-"""The parameters that are also tested together, by the name of their candidate."""
+"""The parameters that are also tested together, by the name of the joint candidate."""
 
 
 class Column(NamedTuple):
@@ -143,7 +143,7 @@ def candidate_function(
     priors : sequence of Gaussian, optional
         Priors on estimated coefficients, which are tested because they may be wrong.
     common_errors : sequence of str, optional
-        As for `common_error_candidates`.
+        The same as for `common_error_candidates`.
     zero_input : (m,) array of bool, optional
         Observations from axes with zero nominal input. For these, terms that depend on the input's
         sign are omitted, because the sign would come from the estimated tilt and be arbitrary.
@@ -269,7 +269,7 @@ def common_error_candidates(
     Parameters
     ----------
     declared, column
-        As for `candidate_function`.
+        The same as for `candidate_function`.
     names : sequence of str
         Names of the vectors: "lean" has the components "lean_1[row]" and "lean_2[row]".
     """

@@ -1,4 +1,4 @@
-"""Second-order effects of tilts: the effect of an unknown tilt beyond the first-order fit.
+"""Second-order effects of unknown tilts, which the first-order fit does not include.
 
 A face that is tilted by t reads g (1 − |t|²/2) along its normal, and misalignments m add m·t. The
 fit estimates t and the coefficients c with covariance P. Let τ be the errors of t and δ the errors

@@ -1,4 +1,4 @@
-"""Maximum likelihood from the mean readings of positions and turns.
+"""Maximum-likelihood estimates from the mean readings of positions and turns.
 
 The mean reading of each row is compared with the model's reading of the mean motion, which is exact
 for models affine in f and ω. The bench's imperfections are nuisances with their standard deviations

@@ -1,4 +1,4 @@
-"""The estimation problem of mean readings, compared with the motion that the bench states.
+"""The estimation problem that compares mean readings with the motion that the bench states.
 
 The motion is a function of the bench's declared parameters. Parameters with a standard deviation
 are nuisances; the others are exact.
@@ -232,7 +232,7 @@ def problem_of_readings(
     stated_noise : ReadingNoise, optional
         Noise that replaces the noise of the observations.
     zero_input : (m r,) array of bool, optional
-        As for `inercal.methods.candidates.candidate_function`.
+        The same as for `inercal.methods.candidates.candidate_function`.
     suspects : mapping of str to Parameter, optional
         The bench parameters that are candidates, if these are more than the declared ones.
     """

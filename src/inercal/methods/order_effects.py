@@ -119,7 +119,7 @@ def _inputs_and_senses(
 ) -> tuple[Array, Array]:
     """Return an axis's previous input, g, and its direction of change, for each row.
 
-    The direction is the sign of the input's last change, −1, 0 or 1. Turns change neither.
+    The direction is the sign of the input's last change, −1, 0 or 1. Turns change neither value.
     """
     inputs, senses = np.zeros(len(steps)), np.zeros(len(steps))
     before = reached = sense = 0.0

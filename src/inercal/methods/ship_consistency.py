@@ -1,4 +1,4 @@
-"""Whether rows on a rate table are consistent with one affine triad, for any estimator.
+"""Check whether rows on a rate table are consistent with one affine triad, for any estimator.
 
 Untilted rows are compared as vectors, tilted rows as norms, in g::
 
@@ -75,7 +75,7 @@ def row_covariance(
     Parameters
     ----------
     observations, bench, steps
-        As for the estimator, with r rows.
+        The same as for the estimator, with r rows.
     matrix : (..., 3, 3) array
         The matrix M.
     """
@@ -93,9 +93,9 @@ def _bench_sensitivities(bench: RateTable, steps: Spins, gain: Array) -> dict[st
     Parameters
     ----------
     bench, steps
-        As for the estimator, with r rows.
+        The same as for the estimator, with r rows.
     gain : (..., 12, 3 r) array
-        As for `consistency`. A stated error adds to f, so it subtracts from M a + p − f.
+        The same as for `consistency`. A stated error adds to f, so it subtracts from M a + p − f.
     """
     result = sensed_motion(bench, steps, {}).df
     return {
@@ -150,7 +150,7 @@ def consistency(
     Parameters
     ----------
     observations, sensor, bench, steps
-        As for the estimator, with r rows.
+        The same as for the estimator, with r rows.
     model : AffineModel
         The estimator's solution, for (...) trials.
     gain : (..., 12, 3 r) array

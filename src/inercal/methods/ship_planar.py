@@ -1,4 +1,4 @@
-"""A triad on a plain rate table with level mountings, fitted by linear least squares.
+"""Calibration of a triad with level mountings on a rate table by linear least squares.
 
 Let a be the readings and f the specific force that the bench states. For each axis separately::
 
@@ -189,7 +189,7 @@ def affine_estimate(
     agreement : Consistency
         Tests of the rows that were used, and the sensitivity of θ to the bench's stated errors.
     notes, rank, null_directions, converged, iterations
-        As for `Estimate`.
+        The same as for `Estimate`.
     """
     value, slope = to_coefficients(sensor, model)
     whole = slope @ covariance @ np.swapaxes(slope, -1, -2)

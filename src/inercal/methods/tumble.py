@@ -1,4 +1,4 @@
-"""Tumble test of one accelerometer: n positions of a dividing head in the gravity field.
+"""Tumble test: one accelerometer is read at n positions of a dividing head in gravity.
 
 The spindle is horizontal and the output axis lies along it. At the spindle angle θ the input axis
 senses g sin θ and the pendulous axis g cos θ. At 0°, 90°, 180°, 270° the input axis is level, up,
@@ -141,8 +141,8 @@ def fourier(
     Raises
     ------
     InputError
-        As for `least_squares`; also for positions that are not evenly spaced and equally often
-        visited, or far from their even angles, and for priors, the tilted form, or other
+        The same as for `least_squares`; or positions are not evenly spaced, not visited equally
+        often, or far from their even angles; or there are priors, the tilted form, or other
         coefficients.
     NotObserved
         Harmonics fold; the message names their coefficients and says which harmonic folds onto

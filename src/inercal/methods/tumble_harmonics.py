@@ -1,4 +1,4 @@
-"""Harmonics of a tumble test: the coefficients in each harmonic, and harmonics that fold together.
+"""Which coefficients the harmonics of a tumble test contain, and which harmonics fold together.
 
 At n evenly spaced positions θ = θ₀ + 2πk/n the columns 1, sin hθ, cos hθ are orthogonal if
 n ≥ 2m + 1 for the highest harmonic m (IEEE Std 1293), and amplitudes are simple sums::
@@ -152,7 +152,7 @@ def require_distinct_harmonics(
     Raises
     ------
     NotObserved
-        As for `not_observed_error`.
+        The same as for `not_observed_error`.
     """
     lost = confounded_columns(matrix)
     if not lost.any():

@@ -1,4 +1,4 @@
-"""Finds coefficients that were not selected but would explain the scatter between a table's rows.
+"""Find coefficients that were not selected but would explain the scatter between a table's rows.
 
 If rows scatter more than stated, only the rows that agree best with each other are fitted. The
 score tests of that fit rank the omitted coefficients, and the first two significant ones are tried.

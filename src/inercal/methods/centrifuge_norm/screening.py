@@ -1,4 +1,4 @@
-"""Finds rows of a table that violate the norm, and the single change that would repair each.
+"""Find rows of a table that violate the norm, and the single change that would repair each row.
 
 A table that was typed by hand or copied from print may have lost signs, exchanged columns and wrong
 digits. The norm reveals these errors without a reference. All rows are fitted with Cauchy's loss,
@@ -121,7 +121,7 @@ def screen_rows(
     Parameters
     ----------
     observations, sensor, bench, steps, priors
-        As for `inercal.methods.centrifuge_norm.ml`.
+        The same as for `inercal.methods.centrifuge_norm.ml`.
     agreement : Agreement, optional
         Agreement between these rows, if already computed.
 

@@ -1,4 +1,4 @@
-"""Two orthogonal accelerometers on a dividing head: the norm of the sensed force is g.
+"""Calibration of two orthogonal accelerometers on a dividing head, which together sense g.
 
 A head error of 3″ corresponds to 15 µg when the sensitive axis is horizontal. Two accelerometers at
 right angles have opposite errors there, so ‖f̂‖ = g does not depend on the head. An autocollimator
@@ -294,7 +294,7 @@ def single(
     estimate = replace(
         alone,
         covariance=alone.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
-        # The residuals contain the head's errors besides noise, so they test neither.
+        # The residuals contain both head errors and noise, so they cannot test either of them.
         chi2=np.zeros(alone.value.shape[:-1]),
         dof=0,
         scoring=NO_SCORE_TESTS,

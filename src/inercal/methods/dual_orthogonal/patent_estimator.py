@@ -1,4 +1,4 @@
-"""The patent's method: K0 and k1 + K3 from four cardinal positions, the rest from g² and priors.
+"""The patent's method finds K0 and k1 + K3 from four positions, and the rest from g² and priors.
 
 The results from the four positions are fixed. Then ‖f̂‖ = g at the other positions determines δ,
 K2, Kip and K3, with k1 = (k1 + K3) − K3. K_A3 and K_B3 have the same effect there, so their
@@ -203,7 +203,7 @@ def two_stage_estimate(
         wanted=sensor.coefficients,
         value=value,
         covariance=np.broadcast_to(covariance, (*value.shape, value.shape[-1])),
-        # The residuals contain the errors of the fixed values besides noise, so they test neither.
+        # The residuals contain both noise and errors of the fixed values, so they test neither.
         chi2=np.zeros(value.shape[:-1]),
         dof=0,
         rank=structure.rank,

@@ -1,4 +1,4 @@
-"""Compiled integration of the rotation in each transition, sample by sample.
+"""Compiled integration of the rotation during each transition, sample by sample.
 
 Let ω̂ = W y + w₀ be the corrected rate of a sample, and φ the rotation between two samples. The
 rate is assumed to be linear between the samples (Magnus series to fourth order in the step)::
@@ -24,7 +24,7 @@ Ends = tuple[Indices, Indices, Indices, Indices]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _corrected_motion(sensed: Array, back: Array, zero: Array, output: Array, i: int) -> None:
-    """Write (f, ω) of sample i to the first six of `sensed`."""
+    """Write (f, ω) of sample i to the first six elements of `sensed`."""
     for a in range(6):
         total = zero[a]
         for b in range(output.shape[1]):

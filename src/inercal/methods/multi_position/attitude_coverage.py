@@ -1,4 +1,4 @@
-"""Which coefficients a set of attitudes determines, and which attitude to add next.
+"""Find out which coefficients a set of attitudes determines, and which attitude to add next.
 
 The criterion depends only on the geometry. It is the standard deviation that each combination of
 coefficients would have if every norm had an error of 1 mg and every rotation an error of 10 mrad

@@ -1,4 +1,4 @@
-"""Rests in unknown attitudes and the transitions between them: residuals and their correlations.
+"""Residuals and correlations of rests in unknown attitudes and of the transitions between them.
 
 There are three kinds of rows, for r rests and k transitions::
 

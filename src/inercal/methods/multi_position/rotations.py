@@ -1,4 +1,4 @@
-"""Compares the direction of gravity propagated by the gyros with that from the accelerometers.
+"""Compare the direction of gravity propagated by the gyros with that from the accelerometers.
 
 û is the direction of f̂ at a rest, and R the rotation during the transition to the next rest, from
 the corrected rate. The residual is the difference across û at the end of the transition::

@@ -1,4 +1,4 @@
-"""Whitens the rows of rests and transitions, whose covariance is a band matrix in time order.
+"""Whiten the rows of rests and transitions, whose covariance is a band matrix in time order.
 
 The reading errors of rest i enter eight rows: two for the rotation before the rest, one for its
 norm, three for its rates, and two for the rotation after it. Each such block is added to a band of

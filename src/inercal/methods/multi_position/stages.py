@@ -1,4 +1,4 @@
-"""The fits of multi_position, one after the other, each judged by its own χ².
+"""The successive fits of multi_position, each of which is judged by its own χ².
 
 1. `fit_accelerometers` uses only norms. If χ² requires extra scatter, it is assigned to the rests.
 2. `fit_gyros` first uses the rates at rest for bias, sensitivity to acceleration and the bias's
@@ -109,7 +109,7 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Priors) -> FitStage:
     count = len(sensor.coefficients)
     own = np.arange(p, count)
     free = np.setdiff1d(_free_indices(rests), [*range(p), count])
-    # The clock error has its own row, its prior, so it uses no degree of freedom.
+    # The prior of the clock error adds a row, so the clock error uses no degree of freedom.
     fitted = np.setdiff1d(free, [count + KNOWN_QUANTITIES.index("timebase")])
     lines = [sensor.coefficient(name) for name in sensor.coefficients[p:]]
     still = own[[not line.basis.uses("wi", "wp", "wo") for line in lines]]  # need no turn

@@ -1,4 +1,4 @@
-"""Gyros from constant rates and rests, accelerometers from known poses, in one likelihood.
+"""Calibration of gyros at constant rates and rests, and of accelerometers in known poses.
 
 Sections of all kinds can be mixed: rests, dwells at constant rates and turns by known angles about
 a vertical axis, in settings with several case axes up, and poses with known angles. The errors of
@@ -279,9 +279,10 @@ def ieee(
     Raises
     ------
     InputError
-        As for `ml`; also for priors, temperature coefficients, the tilted form or a trial axis.
+        The same as for `ml`; or there are priors, temperature coefficients, the tilted form or a
+        trial axis.
     NotObserved
-        As for `ml`.
+        The same as for `ml`.
     """
     estimator_inputs.require_plain_means(observations, sensor, priors, "ieee", "ml")
     estimator_inputs.refuse_tilted_form(sensor, "ieee", "ml")

@@ -1,4 +1,4 @@
-"""Whether sections determine the coefficients: the rank of a plan, regardless of the noise.
+"""Check from the rank of a plan, regardless of noise, whether sections determine the coefficients.
 
 The design is the sensitivity of the nominal readings to the coefficients, without bench errors and
 without earth's rotation. Each column is scaled to norm one. An error is raised if the

@@ -1,4 +1,4 @@
-"""Residual functions shared by the methods: readings minus the readings that the model predicts.
+"""Residual functions that the methods share: readings minus predicted readings.
 
 Vector observation: the mean reading of each row minus the model's reading for its motion,
 y − h(f, ω; c). The derivatives are exact. Derivatives with respect to the parameters of the motion
@@ -145,14 +145,14 @@ def noisy_norm_residuals(
     Parameters
     ----------
     sensor, y, c
-        As for `norm_residuals`.
+        The same as for `norm_residuals`.
     covariance : (..., r, m, m) array
         Covariance of the readings in each row.
     made : (..., r) array
         Norm of the specific force in each row, m/s².
     w : (..., r, 3) array, optional
     dT : (..., r) array or float
-        As for `norm_residuals`.
+        The same as for `norm_residuals`.
     """
     lead = np.broadcast_shapes(y.shape[:-2], covariance.shape[:-3], c.shape[:-1], made.shape[:-1])
     table = term_table(sensor) if len(lead) == 1 else None

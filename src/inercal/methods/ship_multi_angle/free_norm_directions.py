@@ -1,4 +1,4 @@
-"""The directions that norms leave free, by name, and the uncertainty of a result along them.
+"""Directions that norms leave free, and the uncertainty of a result along these directions.
 
 The right singular vectors of J with a zero singular value are not observed by any group. The three
 rotations of the triad are always among them, and the plan may add others. Without a tilt of a
@@ -172,7 +172,7 @@ def starting_point(
     Raises
     ------
     InputError, NotObserved
-        As for `damped`.
+        The same as for `damped`.
     """
     rest = [k for k in range(len(steps)) if k not in groups]
     if sensor.frame == "symmetric":

@@ -1,4 +1,4 @@
-"""Norms of a tilted triad: the source's equations, their solution, and the symmetric frame.
+"""The source's equations for the norms of a tilted triad, their solution, and the symmetric frame.
 
 With v = M a + p, in g, each group has one equation and one row of the Jacobian J for θ::
 

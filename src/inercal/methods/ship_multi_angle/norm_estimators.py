@@ -1,4 +1,4 @@
-"""The source's estimators for the tilted states: damped equations of their norms, or a search.
+"""The source's estimators for tilted states solve the norm equations by damped steps or a search.
 
 Norms do not observe a rotation of the triad. The rotation that results from damping or a search is
 therefore not a measurement. Both estimators name the free directions and state the uncertainty of
@@ -44,7 +44,7 @@ def damped(
     Parameters
     ----------
     observations, sensor, bench, steps
-        As for `joint`; the sensor's coefficients are the twelve in f = M a + p.
+        The same as for `joint`; the sensor's coefficients are the twelve in f = M a + p.
     priors : sequence of Gaussian
         Priors on all twelve coefficients, if there are no untilted states.
 
@@ -99,7 +99,7 @@ def global_(
     Parameters
     ----------
     observations, sensor, bench, steps
-        As for `damped`, from one table.
+        The same as for `damped`, from one table.
     priors : sequence of Gaussian
         Must be empty.
     options : SearchOptions
@@ -110,7 +110,7 @@ def global_(
     Raises
     ------
     InputError
-        There are priors or many trials, the sensor is unsuitable, or the steps are not those of the
+        There are priors or many trials, the sensor is unsuitable, or the steps do not match the
         rows.
     NotObserved
         There are fewer than twelve tilted states.

@@ -214,7 +214,7 @@ def filter_epochs(
     rest_attitude : (m, 3, 3) array
         C in the first m rests, as reference of the states; later rests use C at the turn's end.
     present : (1,) array of int
-        Index of the rest before the first epoch, −1 in motion; changed in place.
+        Index of the rest before the first epoch, or −1 if the table moved; changed in place.
     count : int
         Number of samples in an epoch.
     begins : bool
@@ -228,7 +228,8 @@ def filter_epochs(
     rest_variance : float
         Variance of the velocity during a rest, (m/s)².
     keep, drawn : (d,) and (d, d) arrays
-        For the last d states, the drift: factor that remains after an epoch, and noise added.
+        For the last d states, which are the drift: the factor for one epoch, and the noise that is
+        added.
     x, p : (n,) and (n, n) arrays
         States and covariance.
     c, v : (3, 3) and (3,) arrays

@@ -1,4 +1,4 @@
-"""The Kalman filter form of systematic calibration, over a recording in passes or over a live run.
+"""Systematic calibration by a Kalman filter, for a recording or during a live run.
 
 Each pass starts with the coefficients from the pass before. The last estimate of a pass is also the
 smoothed estimate, because the coefficients have no dynamics. The batch estimator uses more
@@ -74,7 +74,7 @@ def solve_by_filter(
     Raises
     ------
     InputError
-        As for `segments_of_track` and `attitudes_at`.
+        The same as for `segments_of_track` and `attitudes_at`.
     NotObserved
         These rests and turns do not determine all coefficients.
     """

@@ -49,7 +49,7 @@ def estimated_attitudes(
     ----------
     estimate : Estimate
     segments, sensor
-        As for `solve`.
+        The same as for `solve`.
     latitude : float
         Latitude, rad.
     """

@@ -1,4 +1,4 @@
-"""Computes the motion from readings, and navigates through the turns of a recording.
+"""Compute the motion from readings, and navigate through the turns of a recording.
 
 The motion is found by Newton steps, with one slope for all samples of a triad, until the sensor's
 model reproduces the readings. Accelerometers that lag by τ sense the lever-arm part of the force at
@@ -204,11 +204,12 @@ def integrate_navigation(
     gravity, lag : float
         m/s² and s.
     by : (b, 3, q) and (b, 3, r) arrays
-        As for `ImuModel.sensitivities`; without them, no sensitivities or covariance are computed.
+        The same as for `ImuModel.sensitivities`; without them, no sensitivities or covariance are
+        computed.
     white : (6,) array, optional
         Squared noise densities of accelerometers and gyros.
     chained : bool
-        Whether each turn starts at the end of the one before.
+        Whether each turn starts where the previous turn ended.
     """
     by_rate, by_force = (np.ascontiguousarray(one) for one in by)
     k, q, r = segments.first.size, by_rate.shape[2], by_force.shape[2]

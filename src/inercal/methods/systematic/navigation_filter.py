@@ -142,7 +142,7 @@ def filter_start(model: FilterModel, segments: Segments) -> FilterStart:
     Raises
     ------
     InputError
-        As for `initial_attitudes`.
+        The same as for `initial_attitudes`.
     """
     sensor, imu = model.sensor, model.imu
     latitude = model.known.latitude.value

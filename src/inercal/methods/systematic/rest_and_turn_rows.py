@@ -1,4 +1,4 @@
-"""Rows for rests and turns: residuals, Jacobian and covariance.
+"""Residuals of rests and turns, with their Jacobian and covariance.
 
 The unknowns are the coefficients θ, the lag τ and one attitude C_i per rest; the true attitude is
 exp(ψ_i) C_i. The rows come from means over rest i and from navigation through turn i, which starts
@@ -186,7 +186,7 @@ class RestAndTurnRows:
         jacobian[:, :3, p + 2] = seconds[:, None] * slope
         jacobian[:, 3:, p + 2] = 0.5 * gravity * seconds[:, None] ** 2 * np.cross(_UP, slope)
         back = exp_so3(-earth * seconds[:, None])
-        # ψ turns back with n, ψ(t) = ψ − t ω_ie × ψ; its velocity has the Coriolis acceleration.
+        # Because n rotates, ψ(t) = ψ − t ω_ie × ψ; the velocity has the Coriolis acceleration.
         turned = gravity * (0.5 * skew(_UP) @ skew(earth) + skew(earth) @ skew(_UP))
         for k in range(m - 1):
             at = p + 3 + 3 * k

@@ -1,4 +1,4 @@
-"""A temperature ramp at rest: biases against temperature, with the temperature sensor's lag.
+"""Biases as functions of temperature, estimated from a temperature ramp at rest.
 
 The sensor is at rest while its temperature changes, in a chamber or by itself. For each axis::
 

@@ -1,4 +1,4 @@
-"""The samples of a ramp as means over blocks, and the covariance of their noise.
+"""Block means of the samples in a ramp, and the covariance of their noise.
 
 The sensing element is at T = R + τ dR/dt. R_k are block means over L seconds. Readings and
 temperatures are both weighted by Simpson's rule,

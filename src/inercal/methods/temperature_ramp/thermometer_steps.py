@@ -1,4 +1,4 @@
-"""The steps of a coarse thermometer, and the instants at which its reading crosses between them.
+"""Find the step of a coarse thermometer, and the instants at which its reading changes.
 
 The readings of a thermometer that reports whole degrees contain little information. The instants at
 which they change contain much more, because the temperature is then half way between two readings.
@@ -280,7 +280,8 @@ def course_nodes(crossings: Crossings, ends: tuple[float, float], first: float, 
     beyond: list[float] = []
     for k, one in enumerate(length.tolist()):
         at_end = k in (0, length.size - 1)
-        # Between two crossings of one boundary the temperature reverses, before the next boundary.
+        # Between two crossings of one boundary the temperature reverses before it reaches another
+        # one.
         turns = not at_end and values[k] == values[k + 1]
         turn = 0.5 * crossings.spacing * float(np.sign(values[k] - values[k - 1])) if turns else 0.0
         neighbours = [float(length[n]) for n in (k - 1, k + 1) if 0 <= n < length.size]

@@ -1,4 +1,4 @@
-"""Code shared by the turntable methods: the model of a triad, and its attitude from the gyros.
+"""Code that the turntable methods share, such as the model of a triad and its attitude.
 
 The methods are `turntable_kalman`, `turntable_discrete` and `turntable_trajectory`.
 

@@ -218,7 +218,7 @@ def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
     Parameters
     ----------
     part, covariance
-        As for `undecided_directions`.
+        The same as for `undecided_directions`.
     what : str
         "gyros" or "accelerometers".
 

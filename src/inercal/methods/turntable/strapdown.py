@@ -183,7 +183,7 @@ def sum_reading_terms(terms: Terms, c: Array, drift: Array, used: Indices, by: A
 
 @kernel_value
 def correct_reading(reading: Vector, m: Matrix, by: Array, phi: Array, added: Indices) -> Vector:
-    """Return u = M (reading − the terms `added`, which are not part of the linear term in u)."""
+    """Return u = M (reading − the terms `added`), where M does not include these terms."""
     x, y, z = reading
     for t in range(added.size):
         b = added[t]
@@ -326,7 +326,7 @@ def are_similar_steps(step: float, other: float) -> bool:
 
 
 def epoch_indices(time: Array, period: float, last: float) -> Indices:
-    """Return the samples at which an epoch is due: at least a period after the one before.
+    """Return the samples at which an epoch is due: at least a period after the previous epoch.
 
     A period that is too short only because of rounded timestamps counts as complete.
     """

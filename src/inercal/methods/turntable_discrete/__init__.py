@@ -2,7 +2,7 @@
 
 Accelerometers read gravity in fixed positions. Gyros read the earth's rate in these positions, and
 constant rates of both signs in rotations. The sum over both signs gives the biases and the earth's
-rate, the difference gives scale and misalignment. The table's errors are nuisances with their
+rate, and the difference gives scale and misalignment. The table's errors are nuisances with their
 stated deviations. The drift of the biases correlates neighbouring rows
 (`turntable.drift.covariance_of_means`), and a bias is its mean over the run. Accelerometer readings
 during rotations are not used, because an unstated lever arm would affect them.
@@ -197,7 +197,7 @@ def sensed_motion(bench: Turntable, nominal: MeanMotion, q: Mapping[str, Array])
     ----------
     bench : Turntable
     nominal : MeanMotion
-        As for `stack_row_means`.
+        The same as for `stack_row_means`.
     q : mapping of str to (...) array
         Values by name, SI; missing parameters have their declared values.
     """
@@ -315,7 +315,7 @@ def _add_readback_noise(
 
 
 def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observations:
-    """Return the observations with the drift that the sensor states in place of any other."""
+    """Return the observations with the sensor's stated drift instead of any other drift."""
     noises = [axis.noise for axis in sensor.axes]
     if not any(one.bias_instability or one.random_walk for one in noises):
         return observations

@@ -111,7 +111,7 @@ def run_accelerometer_filter(
     steps : FilterSteps
         Written at each epoch.
     history : (e, 6 + 2 n) array
-        As for `run_gyro_filter`, with five observations.
+        The same as for `run_gyro_filter`, with five observations.
     """
     x, p, theta, fed = state.x, state.p, state.theta, work.fed
     n, gm = x.size, 6 + theta.size

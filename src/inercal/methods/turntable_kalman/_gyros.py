@@ -250,7 +250,7 @@ def _parabola_mean(
 ) -> tuple[Vector, Vector]:
     """Return the last step's mean of the parabola through three rates, and its curvature.
 
-    `dt` and `step` are the last step and the one before, s.
+    `dt` is the last time step and `step` the time step before it, s.
     """
     # Divisions are the most expensive operations here.
     per_step, per_two, per_last = 0.0, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""The accelerometer filter: the velocity at rest is zero, and the table gives the vertical.
+"""The accelerometer filter assumes zero velocity at rest and takes the vertical from the table.
 
 States: δV (3), φ (3), coefficients, drift of the biases (`turntable.drift`), and errors of the
 table's attitude. These errors are either lean of the base, right angles and harmonics of the
@@ -47,7 +47,7 @@ class AccelerometerFilter(Filter[VelocityState]):
     Parameters
     ----------
     triad, bench, prior, initial_values, table
-        As for `Filter`.
+        The same as for `Filter`.
     hold_errors : bool
         Whether the error of each hold's angles is a state.
     readback_sd : float or None
@@ -91,7 +91,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         Parameters
         ----------
         sensor, bench, track, priors
-            As for `GyroFilter.from_track`.
+            The same as for `GyroFilter.from_track`.
         bias_drift : bool
             Whether biases drift.
         table : "whole", "lean" or "exact"
@@ -178,7 +178,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         readback = self._readback(epochs, track)
         here = track.hold[epochs]
         begins = here != np.concatenate([state.hold, here[:-1]])
-        # A readback without noise tests nothing.
+        # A readback without noise cannot be tested.
         least = self._least_readback_noise
         tested = np.count_nonzero(readback.noise > least, axis=1)
         steps, history = self.allocate_steps(epochs.size, wanted)

@@ -1,4 +1,4 @@
-"""Runs both filters over one track and combines their estimates."""
+"""Run both filters over one track and combine their estimates."""
 
 from collections.abc import Sequence
 from dataclasses import replace

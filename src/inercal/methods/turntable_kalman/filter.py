@@ -1,4 +1,4 @@
-"""The base of both filters: states of a triad and its table, for tracks processed in pieces.
+"""The base class of both filters, which process tracks in pieces.
 
 The states are the attitude error, the velocity for accelerometers, the coefficients, the drift of
 the biases (`turntable.drift`), the table's parameters, and the states of each hold, in this order.
@@ -202,7 +202,7 @@ class Filter(ABC, Generic[S]):
         Parameters
         ----------
         elapsed, since : float
-            As for `Drift.mean`.
+            The same as for `Drift.mean`.
 
         Returns
         -------

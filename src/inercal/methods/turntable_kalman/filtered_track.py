@@ -1,4 +1,4 @@
-"""A filter for a track processed in pieces of limited memory, and the smoother over them.
+"""Process a track piece by piece with limited memory, and smooth the result.
 
 The state before each piece is stored. The record of a piece, 5 to 8 kB per epoch, is recomputed
 from this state when it is needed: forward for the tests, backward for the smoother. A filter that
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # Limits for a piece. Its epochs need most of the memory, or at a high rate its samples. The states
 # before the pieces take 30 kB each.
 PIECE_EPOCHS, PIECE_SAMPLES = 1024, 1 << 16
-MAX_SHOWN_EPOCHS = 20_000  # number of estimates over time, many times what a figure can show
+MAX_SHOWN_EPOCHS = 20_000  # number of estimates over time, far more than a figure can show
 
 
 class FilterPiece(NamedTuple):

@@ -54,7 +54,7 @@ class GyroFilter(Filter[AttitudeState]):
     Parameters
     ----------
     triad, bench, prior, initial_values, table
-        As for `Filter`.
+        The same as for `Filter`.
     readback_sd : float
         Standard deviation of the attitude from the readback, rad.
     lag : int

@@ -108,7 +108,7 @@ def solve_trial(
     Parameters
     ----------
     sensor, bench, priors
-        As for `trajectory`.
+        The same as for `trajectory`.
     track : Track
         Track of one trial.
     epochs : (e,) array of int, optional
@@ -119,7 +119,7 @@ def solve_trial(
     Raises
     ------
     InputError, NotObserved
-        As for `trajectory`.
+        The same as for `trajectory`.
     """
     parts = tuple(_row_sets(sensor, bench, track, epochs))
     requested = trajectory_problem(sensor, bench, parts, priors)
@@ -222,7 +222,7 @@ def with_mean_biases(
     estimate : Estimate
         Estimate from `trajectory_problem`.
     sensor, bench, parts
-        As for `trajectory_problem`.
+        The same as for `trajectory_problem`.
     """
     value, by = estimate.value.copy(), np.eye(len(estimate.names))
     beyond = np.zeros_like(by)

@@ -261,7 +261,7 @@ def whiten(
     rows : (e, 3, m) array
         Increments of the residual and of the columns, rad; replaced by whitened ones.
     drifting, driven : (e, 3, 3) arrays
-        As for `increments`.
+        The same as for `increments`.
     readback : (e + 1, 3, 3) array
         Covariance of the attitude from the readback, minus the covariance that neighbouring
         increments share (`rate_bends`), rad².
@@ -348,14 +348,14 @@ def whiten_independent_axes(
     white : (e, 3) array
         Variance of the noise in each mean.
     drift, start
-        As for `whiten`.
+        The same as for `whiten`.
     begun : float
         Start of the run, s.
 
     Returns
     -------
     x, p
-        As for `whiten`, after the last mean.
+        The same as for `whiten`, after the last mean.
     """
     components, m, n = drift.times.size, rows.shape[2], len(start)
     x, p = np.zeros((n, m)), start.copy()
