@@ -1,4 +1,4 @@
-"""Computation of score tests (`inercal.estimation.scores`) for several candidates at once."""
+"""Compute score tests (`inercal.estimation.scores`) for several candidates at once."""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -171,7 +171,7 @@ def spanned_candidates(
     Parameters
     ----------
     jacobian, candidates
-        As for `score_tests`.
+        The same as for `score_tests`.
     """
     q, _ = np.linalg.qr(jacobian / column_lengths(jacobian))
     found: list[tuple[str, ...]] = []

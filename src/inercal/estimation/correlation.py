@@ -1,4 +1,4 @@
-"""Noise correlation within sections, and the variance of each section, from Haar contrasts.
+"""Estimate the noise correlation within sections, and each section's variance, from Haar contrasts.
 
 `inercal.estimation.section_statistics` defines the contrasts and their variance at each level.
 

@@ -1,4 +1,4 @@
-"""The factor by which the noise of some observations was stated too large or too small.
+"""Estimate the factor by which the noise of some observations was stated too large or too small.
 
 Assume that the noise of m observations is s times the stated noise, while priors and other
 observations are unchanged. For whitened residuals r and Jacobian A, restricted maximum likelihood

@@ -1,4 +1,4 @@
-"""The noise estimated from residuals: variance in addition to the stated noise, or a share of it.
+"""Estimate from residuals how much noise to add to the stated noise, or which share of it counts.
 
 If observations scatter by more than their noise, they have errors that do not average out with more
 samples: the means of two identical rests then differ by more than their noise. Enlarging every

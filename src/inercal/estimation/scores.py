@@ -64,7 +64,7 @@ def chi2_tail_probabilities(
         Degrees of freedom ν of the noise estimate used for χ², for one channel.
     channels : int
         Number of channels m whose noise was estimated separately. χ² is then a sum of m parts: its
-        mean is that of F with ν degrees of freedom, and its scatter that of F with m ν.
+        mean equals that of F with ν degrees of freedom, and its scatter equals that of F with m ν.
     """
     if dof <= 0:
         return np.ones(np.shape(chi2))

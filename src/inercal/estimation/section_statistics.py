@@ -243,7 +243,7 @@ class _DisturbanceTest(NamedTuple):
 
 
 class _ReferenceNoise(NamedTuple):
-    """Reference for a section: the others' correlation, its own white noise, degrees of freedom."""
+    """Reference noise: correlation in the other sections, own white noise, degrees of freedom."""
 
     label: str
     correlation: NoiseCorrelation

@@ -113,8 +113,8 @@ class _Stage:
         structure = observability(one, one.first)
         solved = _solve_block(problem_of(part), part, structure, self._max_iterations)
         if solved.converged[0]:
-            # A coincidence at the solution, such as a parameter that is zero, may hide what the
-            # start shows.
+            # A coincidence at the solution, such as a parameter that is zero, may hide a direction
+            # that the start shows.
             x = solved.value[:1]
             at_solution = observability(one, one.point(x, *one.evaluate(x)))
             structure = min(structure, at_solution, key=lambda s: s.rank)

@@ -194,7 +194,7 @@ def pooled_mean_covariances(
     covariances : list of (..., m, m) arrays
         One covariance for each section.
     dof : float
-        Degrees of freedom of all of them.
+        Degrees of freedom that all these covariances share.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Random effects with known shapes in repeated measurements of one vector (REML).
+"""Estimate random effects with known shapes in repeated measurements of one vector (REML).
 
 Each session i = 1 … k measures p values with its own known covariance C_i. Random effects add to
 the scatter. An effect c is the same in all sessions with the same level, such as a day, and has the
