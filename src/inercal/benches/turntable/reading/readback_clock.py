@@ -45,7 +45,7 @@ _NO_ANGLES: Array = np.zeros((0, 0))
 
 
 class ClockMismatch(InputError):
-    """Readback and gyros turn at the same times but differently, or the readback is constant.
+    """Readback and gyros show different turns at the same times, or the readback is constant.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def align_readback(
         than 2 s at an end of the readings, it begins or ends during a turn, or the two do not turn
         at the same times at any offset.
     ClockMismatch
-        Both turn at the same times but differently, because columns or units are wrong.
+        Both show turns at the same times, but different ones, because columns or units are wrong.
     """
     for name, clock in (("time", time), ("the readback's time", table_time)):
         if clock.size < _FEWEST:
@@ -284,7 +284,7 @@ def _search(table: WindowedRates, gyros: WindowedRates) -> Array | None:
 
 
 def _motions_coincide(table: WindowedRates, gyros: WindowedRates, late: Array) -> bool:
-    """Return whether both turn at the same times, whatever the axes."""
+    """Return whether both show turns at the same times, about any axes."""
     said = gyros.time + late[1] + late[0] * gyros.time
     speeds = [np.linalg.norm(one.rate, axis=-1) for one in (_resample_rates(table, said), gyros)]
     return float(np.corrcoef(*speeds)[0, 1]) > _ALIKE_SPEEDS

@@ -1,4 +1,4 @@
-"""Increments of a turntable's readback and of the gyros between knots, for their comparison.
+"""Increments of a turntable's readback and of the gyros between knots, which are then compared.
 
 `gyro_comparison` describes the model of the comparison.
 """
