@@ -1,4 +1,4 @@
-"""Value of a calibration on the ship model: acceleration error in waves.
+"""Check a calibration on the ship model by its acceleration error in waves.
 
 The axes of the model are x forward, y to port and z up. The model heaves by z, pitches by θ (bow
 down) and rolls by φ (to starboard)::
