@@ -1,11 +1,11 @@
 """Candidates for score tests: errors that a problem of means omits or treats as known.
 
 The candidates come from an extended problem. This problem uses the same observations, and every
-coefficient in the sensor's table and every declared parameter of the bench is free. Its Jacobian at
-the solution contains an exact column for each candidate. Coefficients that were not estimated are
-zero at the solution. Bench parameters that were estimated with a prior are also candidates. Their
-columns are used without the prior, so the test can find an error far larger than the stated
-deviation.
+coefficient in the sensor's table and every declared parameter of the bench is free. The Jacobian of
+the extended problem at the solution contains an exact column for each candidate. Coefficients that
+were not estimated are zero at the solution. Bench parameters that were estimated with a prior are
+also candidates. Their columns are used without the prior, so the test can find an error far larger
+than the stated deviation.
 
 Single rows with arbitrary readings are further candidates, and so is a drift of the biases that is
 linear in time over the run.

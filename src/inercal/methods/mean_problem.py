@@ -128,7 +128,7 @@ def joint(
 ) -> Estimate:
     """Return the estimate from mean readings, with the errors of the bench as nuisances.
 
-    Methods without an estimator of their own use it on any bench that states mean motions.
+    Methods without their own estimator use this one, on any bench that states mean motions.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ NOISE_ONLY_NOTE = (
 )
 OBSERVABILITY_LIMIT = 0.1  # of the natural size
 _MOST_NAMED = 8  # number of coefficients named in a line that also names turns
-_MIN_INPUT = 0.5  # g, least input up and down that an axis must have sensed
+_MIN_INPUT = 0.5  # g; smallest input, up and down, that an axis must have sensed
 
 
 def require_bias_scale_separation(

@@ -53,9 +53,9 @@ def integrate_transitions(
     rotation : (k, 3, 3) array
         From the body frame before the transition to the one after it.
     sensitivity : (k, 3, 3, 7) array
-        Σ C ⊗ (f, ω, 1) Δt with C the rotation from a sample's frame to the last: Element [a, b, j]
-        is the final turn about axis a due to a rate error along b that is proportional to quantity
-        j.
+        Σ C ⊗ (f, ω, 1) Δt, where C is the rotation from a sample's frame to the last one. Element
+        [a, b, j] is the final turn about axis a due to a rate error along b that is proportional to
+        quantity j.
     noise : (k, 3, 3) array
         Covariance of ψ due to the rate's white noise between `left` and `reached`, rad².
     """

@@ -22,8 +22,8 @@ are consistent.
 Terms that depend on the sign of the input are omitted for axes without a nominal input. A gyro
 across the table's axis senses Ω t, where t is the error of the setting, and its asymmetry adds ½ κ′
 |Ω t|. The misalignments are almost free, so the estimate of t is near zero. There this term has a
-kink, which stops a search, and its sign only depends on errors. Its size, 0.1 °/h at κ′ = 500 ppm,
-200 °/s and 0.05°, is below the noise of a dwell.
+kink, which stops a search, and the sign of the term only depends on errors. The size of the term,
+0.1 °/h at κ′ = 500 ppm, 200 °/s and 0.05°, is below the noise of a dwell.
 
 A plan contains settings with a case axis up, and poses near level.
 

@@ -220,7 +220,7 @@ def _invert_axes(model: Model, rows: Rows) -> int:
 
 @njit(**INNER)
 def set_product(seen: Array, powers: Indices, factor: float, by: int, out: Array) -> bool:
-    """Write a product of the components `seen` (5, r), or its derivative to component `by` if ≥ 0.
+    """Write a product of the components `seen` (5, r), or its derivative for component `by` if ≥ 0.
 
     Return False and write nothing if the derivative is zero.
     """

@@ -51,7 +51,7 @@ _MOST_PASSES = 8
 _SMALL_STEP = 0.05  # standard deviations
 _LARGEST_SHARE = 0.25  # remaining share of the initial variance; a smaller one counts as determined
 _NOTED_SHARE = 0.02
-_NAMED_PART = 0.3  # least component in a direction for a coefficient that is named
+_NAMED_PART = 0.3  # smallest component of a direction for which a message names the coefficient
 
 
 def solve_by_filter(

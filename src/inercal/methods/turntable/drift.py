@@ -16,7 +16,7 @@ state that does not decay and starts at zero.
 **The bias** is defined as the mean over the run, from the first to the last sample of the
 recording, because flicker has no mean that a run could determine. If b is a filter's constant and D
 are the flicker's states, the bias is b̄ = b + Σ ∫ D dt/T. The integral does not need a dense row in
-Φ. With dD = −D/τ dt + dβ::
+Φ. Because dD = −D/τ dt + dβ::
 
     ∫ D dt = J − τ D,  dJ = τ dβ,  J begins at τ D
 

@@ -7,9 +7,9 @@ The attitude of a stationary table is constant, including the earth's rotation. 
 therefore not used, because their errors would be mistaken for tilt. The specific force is also
 known: g along the vertical of this attitude. The filter multiplies the coefficients by this known
 force instead of the corrected reading. With the corrected reading, the product of its error and the
-coefficients' errors is of second order, and it made a filter with a small velocity variance
-diverge. Because the known force is constant, each reading counts in one step only, whereas a
-trapezoid would spread its noise over two steps.
+coefficients' errors is of second order, and this product made a filter with a small velocity
+variance diverge. Because the known force is constant, each reading counts in one step only, whereas
+a trapezoid would spread its noise over two steps.
 """
 
 from typing import NamedTuple

@@ -321,8 +321,8 @@ def _transition(
     a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
     a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
     if settings.timing_states[2] >= 0:
-        # The level frame is the table's. If it is turned clockwise, the earth rate has a western
-        # component.
+        # The level frame is the table's. If the table is turned clockwise, the earth rate has a
+        # western component.
         a[0, settings.timing_states[2]] = earth[1] * since
 
 

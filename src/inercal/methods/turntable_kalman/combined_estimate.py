@@ -51,7 +51,7 @@ def run_filter(
     run = result.begin(track)
     filtered = run.follow(track)
     course, found, checked = filtered.history, run.estimate, None
-    # The assumed sizes of coefficients are so large that one innovation per coefficient is used up.
+    # The assumed sizes are so large that each coefficient uses up one degree of freedom.
     own = set(result.triad.sensor.coefficients)
     learned = len(own) - sum(len(one.names) for one in priors if own.issuperset(one.names))
     if smooth:

@@ -124,7 +124,7 @@ def solve_trial(
     parts = tuple(_row_sets(sensor, bench, track, epochs))
     requested = trajectory_problem(sensor, bench, parts, priors)
     estimate = solve(requested)
-    # The assumed sizes of coefficients are very large and are not data, and neither are lost rows.
+    # The assumed sizes of coefficients do not count as data, and neither do lost rows.
     lost = sum(part.lost_rows for part in parts) + len(sensor.coefficients)
     estimate = replace(estimate, dof=estimate.dof - lost)
     if steps is not None:
