@@ -119,8 +119,8 @@ def search(system: Trials[P], max_iterations: int) -> tuple[P, Bools, Indices]:
         # Use the weights of the old point: costs are comparable only with the same weights.
         tried, cost_then = system.tried(point.x + move, point, active)
         fall = cost - cost_then
-        # If the predicted decrease is below the rounding of the cost, a missing decrease is no
-        # failure.
+        # If the predicted decrease is below the rounding of the cost, it is no failure if the cost
+        # does not decrease.
         slack = system.problem.rounding * cost + _rounding_cost(system)
         gain = np.where(predicted > 1e3 * slack, fall / np.maximum(predicted, slack), 1.0)
         # At a point that is not finite the decrease is NaN, so the point is rejected.
