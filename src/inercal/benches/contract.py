@@ -57,14 +57,15 @@ class Bench(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class MeanMotion:
-    """The mean motion during each of r steps, with its derivatives by the bench's errors.
+    """The mean motion during each of r steps, and its derivatives for the bench's errors.
 
     Parameters
     ----------
     motion : Motion
         f in m/s² and ω in rad/s, in the sensor's frame, (..., r, 3); leading axes are trials.
     df, dw : mapping of str to (..., r, 3) array
-        Derivatives of f and ω by the bench's errors, by full name. A missing derivative is zero.
+        Derivatives of f and ω with respect to the bench's errors, by the full name of the error. A
+        missing derivative is zero.
     """
 
     motion: Motion
@@ -75,7 +76,7 @@ class MeanMotion:
     def with_lazy_derivatives(cls, motion: Motion, derivatives: _Derivatives) -> "MeanMotion":
         """Return a motion whose df and dw are computed when they are first read.
 
-        A simulation of many trials reads only the motion and so takes a quarter of the time.
+        A simulation of many trials reads only the motion and therefore takes a quarter of the time.
         """
         both = LazyValue(derivatives)
         return cls(motion, LazyMapping(lambda: both()[0]), LazyMapping(lambda: both()[1]))

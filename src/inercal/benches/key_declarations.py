@@ -4,10 +4,10 @@ In the frozen dataclass of a bench::
 
     seat: float = deviation("m", "0.5 mm", "radius of a mounting", scope="mounting")
 
-declares a field that is 0 unless Python code states a value. `add_bench_keys` derives the key of
-the section from it, with the text as its default, `build_bench` reads its value in SI, and
-`declared_parameters` returns its parameters. Other keys are written by hand: the key in the
-section, the value in the call of `build_bench`, the parameter in the bench.
+declares a field that is 0 unless Python code states a value. From this line `add_bench_keys`
+creates the key of the section, with the text as its default. `build_bench` reads the key's value in
+SI, and `declared_parameters` returns the field's parameters. Other keys are written by hand: the
+key in the section, the value in the call of `build_bench`, the parameter in the bench.
 """
 
 from collections.abc import Callable, Iterator, Mapping

@@ -18,7 +18,7 @@ from inercal.physics.plan import Step
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Mark, Observations, Recording
 
-if TYPE_CHECKING:  # what is estimated loads after the run file is checked
+if TYPE_CHECKING:  # estimates are loaded after the run file is checked
     from inercal.estimation import Estimate
 
 Columns = Mapping[str, Sequence[str] | Sequence[float] | Sequence[int]]

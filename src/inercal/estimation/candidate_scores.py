@@ -1,4 +1,4 @@
-"""Computation of score tests (`inercal.estimation.scores`) for several candidates at once."""
+"""Compute score tests (`inercal.estimation.scores`) for several candidates at once."""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -11,10 +11,10 @@ from inercal.estimation.singular_values import column_lengths, svd
 
 _ROUNDING = 1e-12  # rounding error of a product of unit columns with a hundred thousand rows
 _FEW_COLUMNS = 1000  # most columns for which the span is computed
-_NUMBERS = 3_000_000  # most numbers in these columns, which are kept together
+_NUMBERS = 3_000_000  # most numbers in these columns, which are in memory together
 _BATCH_NUMBERS = 500_000  # numbers in the candidate columns of one batch
 _MANY = 5000  # with more rows than this, they are reduced to fewer dimensions
-_VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not scored
+_VISIBLE = 3.0  # η at the largest plausible size; below this, a candidate is not scored
 # Smallest share of a candidate's column that must remain in the residuals
 _MIN_RESIDUAL_SHARE = 1e-6
 
@@ -171,7 +171,7 @@ def spanned_candidates(
     Parameters
     ----------
     jacobian, candidates
-        As for `score_tests`.
+        The same as for `score_tests`.
     """
     q, _ = np.linalg.qr(jacobian / column_lengths(jacobian))
     found: list[tuple[str, ...]] = []

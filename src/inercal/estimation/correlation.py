@@ -1,4 +1,4 @@
-"""Noise correlation within sections, and the variance of each section, from Haar contrasts.
+"""Estimate the noise correlation within sections, and each section's variance, from Haar contrasts.
 
 `inercal.estimation.section_statistics` defines the contrasts and their variance at each level.
 
@@ -22,11 +22,11 @@ from inercal.basics.arrays import Array, Indices
 COARSE_LEVELS = 2  # levels that reveal a change; the finer levels show the noise
 SMALLEST_VARIANCE = 1e-6  # fraction of the mean variance; below it a section is constant
 _LEVEL = 0.01  # significance level of the likelihood ratio for a correlation
-# Significance levels to exclude a long memory, and to exclude all short ones.
+# Significance levels to exclude a long memory, and to exclude all short memories.
 _EXCLUDED, _EXCLUDED_SHORT = 0.01, 0.05
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
 _TIMES = 14  # number of values of τ
-_SHORT, _LONG = 1 / 9, 4.0  # in section lengths; the latter looks like a random walk
+_SHORT, _LONG = 1 / 9, 4.0  # in section lengths; the second one looks like a random walk
 _LONG_RATIOS = np.geomspace(0.1, 3e6, 50)  # ρ for the long memory
 _SURE = 1e9  # degrees of freedom of the prior if sections have equal variances
 
@@ -88,14 +88,14 @@ class SectionCorrelations(NamedTuple):
     Parameters
     ----------
     whole : NoiseCorrelation
-        Correlation found from all sections.
+        Correlation estimated from all sections.
     others : tuple of r NoiseCorrelation
-        For each section, the correlation found from all the other sections.
+        For each section, the correlation estimated from all the other sections.
     rise : float
-        Twice the gain in log-likelihood over white noise, the smallest value when one section at a
-        time is left out; 0 without a correlation.
+        Twice the gain in log-likelihood over white noise: the smallest gain that remains if any one
+        section is left out; 0 without a correlation.
     long : bool
-        Whether the correlation time is a large part of a section, and one much longer than the
+        Whether the correlation time is a large part of a section, and a time much longer than the
         sections cannot be excluded. The drift of the noise between sections is then unknown.
     """
 

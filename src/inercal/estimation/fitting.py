@@ -1,7 +1,7 @@
 """Least-squares estimates of problems that provide the Jacobian of their rows.
 
 `inercal.estimation.search` finds the minimum. A robust loss with influence function ψ = ρ′/2 enters
-its steps through iterated weights w = ψ/u.
+the steps of the search through iterated weights w = ψ/u.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -67,7 +67,7 @@ def least_squares(
     -------
     Estimate
         `converged` is False for a trial that did not reach a minimum. With a loss, the covariance
-        is the asymptotic one of an M-estimator (see `_robust_covariance`).
+        is the asymptotic covariance of an M-estimator (see `_robust_covariance`).
 
     Raises
     ------
@@ -265,9 +265,10 @@ def _robust_covariance(
 ) -> tuple[Array, Bools]:
     """Return the asymptotic M-estimator covariance (trials, k, k), and whether it exists.
 
-    It is K² H⁻¹ M H⁻¹ with N = AᵀA of the observations and P of the priors, H = mean(ψ′) N + P, M =
-    Σψ²/ν N + P and K = 1 + (k/m) var(ψ′)/mean(ψ′)²: without priors this is the first form in Huber
-    1981, Robust Statistics, section 7.6. Priors are Gaussian and enter H and M whole.
+    The covariance is K² H⁻¹ M H⁻¹, where N is AᵀA of the observations, P is AᵀA of the priors, H =
+    mean(ψ′) N + P, M = Σψ²/ν N + P and K = 1 + (k/m) var(ψ′)/mean(ψ′)². Without priors this is the
+    first form in Huber 1981, Robust Statistics, section 7.6. Priors are Gaussian, so P enters H and
+    M without a factor.
     """
     u, weight = point.whitened, point.weight
     slope = loss.slope(u)

@@ -1,11 +1,12 @@
 """Two solvers for the damped normal equations.
 
-Each step δ minimises |u − A δ|² + |v − B δ|² + λ |D δ|², with whitened rows A of the observations,
-B of the priors, and D the root of the diagonal of AᵀA + BᵀB (Marquardt 1963), so that neither the
-damping nor the conditioning depends on units. A few trials are solved one by one by QR
-factorisation of the rows, which keeps the accuracy of the rows. Many trials are solved together by
-Cholesky factorisation of the normal equations, which is fast and accurate enough for column-scaled
-condition numbers up to about 1e7 (Björck 1996, Numerical Methods for Least Squares Problems, 2.4).
+Each step δ minimises |u − A δ|² + |v − B δ|² + λ |D δ|², where A are the whitened rows of the
+observations and B those of the priors. D is the root of the diagonal of AᵀA + BᵀB (Marquardt 1963),
+so neither the damping nor the conditioning depends on units. A few trials are solved one by one by
+QR factorisation of the rows, which keeps the accuracy of the rows. Many trials are solved together
+by Cholesky factorisation of the normal equations, which is fast and accurate enough for
+column-scaled condition numbers up to about 1e7 (Björck 1996, Numerical Methods for Least Squares
+Problems, 2.4).
 """
 
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Tests of a filter's innovations in groups of epochs, which reveal small biases.
+"""Test a filter's innovations in groups of epochs, which reveals small biases.
 
 A sum of squares over all epochs can hide a small bias. If the filter's model is right, its
 innovations divided by their standard deviations are independent and N(0, 1). The sum over a group

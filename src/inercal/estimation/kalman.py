@@ -19,8 +19,8 @@ The fixed-interval smoother processes the same steps from the last to the first,
 Here ν is the innovation, s its variance and k = P h / s. The results equal those of Rauch, Tung and
 Striebel (1965, AIAA Journal 3(8), 1445–1450), but no covariance is inverted. A covariance is nearly
 singular if constants have a large variance at the start. Only P λ is added to an estimate, so
-errors that the filter has fed back need no bookkeeping. The covariance of the states with a
-weighted sum of the final states, of weights g, is P μ. At the end μ = g; then μ ← (I − h kᵀ) μ
+errors that the filter has fed back need no bookkeeping. P μ is the covariance of the states with a
+weighted sum of the final states, whose weights are g. At the end μ = g; then μ ← (I − h kᵀ) μ
 before an update and μ ← Φᵀ μ before a prediction. Source: Bierman, Fixed interval smoothing with
 discrete measurements, International Journal of Control 18(1), 1973, 65–75.
 """

@@ -1,9 +1,9 @@
 """Decorators for kernels, with variants that compile faster and call each other without overhead.
 
-A kernel of these variants allocates nothing, so it counts no references to arrays: its caller
-allocates the arrays that it uses. Only this module uses options and parts of Numba that are not
-public, and the allowed versions of Numba are limited because of them. All kernels use the `njit`
-defined here, which also accepts kernels cached by another version of inercal.
+These kernels allocate nothing and count no references to arrays. Their caller allocates the arrays
+that they use. Only this module uses options and parts of Numba that are not public, and the allowed
+versions of Numba are limited because of them. All kernels use the `njit` defined here, which also
+accepts kernels cached by another version of inercal.
 """
 # Numba has no types.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false

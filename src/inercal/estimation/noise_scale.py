@@ -1,4 +1,4 @@
-"""The factor by which the noise of some observations was stated too large or too small.
+"""Estimate the factor by which the noise of some observations was stated too large or too small.
 
 Assume that the noise of m observations is s times the stated noise, while priors and other
 observations are unchanged. For whitened residuals r and Jacobian A, restricted maximum likelihood
@@ -7,9 +7,10 @@ then requires::
     |r(s)|²/s² = ν(s)        ν(s) = m − tr(C(s) AᵀA)/s²,   C(s) = (AᵀA/s² + M)⁻¹
 
 where M is the information from everything else and r(s) are the residuals after the fit with this
-s. The ratio of stated to found noise is 1/s. At s = 1 the sum of squares q = |r|² has the mean ν =
-tr T and the variance 2 tr T², T = 1 − A C Aᵀ; q tr T / tr T² is nearly χ² with (tr T)² / tr T²
-degrees of freedom. If priors explain all residuals, ν is near 0 and the noise cannot be judged.
+s. The ratio of stated to estimated noise is 1/s. At s = 1 the sum of squares q = |r|² has the mean
+ν = tr T and the variance 2 tr T², where T = 1 − A C Aᵀ. Therefore q tr T / tr T² is nearly χ² with
+(tr T)² / tr T² degrees of freedom. If priors explain all residuals, ν is near 0 and the noise
+cannot be judged.
 
 Sources: Patterson and Thompson 1971, Biometrika 58, 545–554 (restricted likelihood); Satterthwaite
 1946, Biometrics Bulletin 2, 110–114.
@@ -66,12 +67,12 @@ class WhitenedRows(NamedTuple):
 
 
 class NoiseScale(NamedTuple):
-    """The ratio of the stated noise to the noise found in the residuals.
+    """The ratio of the stated noise to the noise estimated from the residuals.
 
     Parameters
     ----------
     ratio : float
-        Stated standard deviation divided by the one found.
+        Stated standard deviation divided by the estimated one.
     dof : float
         Degrees of freedom of the residuals for this comparison.
     p_value : float

@@ -1,4 +1,4 @@
-"""Observability analysis: rank, singular values, and undetermined directions in words.
+"""Observability analysis: the rank, the singular values, and undetermined directions in words.
 
 The whitened Jacobian is expressed in units of each parameter's typical size. A singular value is
 then the change of the observations, in noise standard deviations, for a move of one typical size.
@@ -136,7 +136,7 @@ def _name_null_directions(problem: Problem, x: Array, null: Array) -> list[NullD
         if len(common):
             found = [_direction(problem.wanted, w) for w in row_echelon_form(common)]
             directions += [NullDirection(d.weights, f"{words}: {d.words}") for d in found]
-            # Keep the part of the null space that is orthogonal to what has been named.
+            # Keep the part of the null space that is orthogonal to the directions named so far.
             null = svd(null - (null @ common.T) @ common, full_matrices=False)[2]
             null = null[: len(null) - len(common)]
     return directions + [_direction(problem.wanted, w) for w in row_echelon_form(null)]

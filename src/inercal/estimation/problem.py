@@ -49,7 +49,8 @@ class Problem:
         The p parameters, in the order of every vector.
     start : (p,) or (trials, p) array
         Point at which the search starts and observability is determined: wanted parameters at
-        nominal, nuisances at their prior mean. Without a trials dimension, all trials start there.
+        nominal, nuisances at their prior mean. Without a trials dimension, all trials share this
+        point.
     linearise : callable
         Function of x that returns the residual y − h(x), (..., m), and the Jacobian ∂h/∂x, (..., m,
         p). It is first called with x = `start`, and then, if there are trials, with all of them,

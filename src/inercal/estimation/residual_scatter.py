@@ -1,9 +1,9 @@
-"""The noise estimated from residuals: variance in addition to the stated noise, or a share of it.
+"""Estimate from residuals how much noise to add to the stated noise, or which share of it counts.
 
 If observations scatter by more than their noise, they have errors that do not average out with more
 samples: the means of two identical rests then differ by more than their noise. Enlarging every
 variance by χ²/ν (Birge) would leave the longest observations with the largest weights. Adding the
-same variance v to all does not. v is chosen so that χ² equals its expectation::
+same variance v to all observations avoids this. v is chosen so that χ² equals its expectation::
 
     χ²(v) = ν
 
@@ -35,7 +35,7 @@ from inercal.estimation.singular_values import column_lengths
 
 _LEVEL = 0.95
 _CALM = 0.99  # a share chosen by chance would understate the noise
-_FEW = 8  # degrees of freedom too few for a share
+_FEW = 8  # degrees of freedom; with so few, no share is estimated
 _LEAST = -20 * np.log(2.0)  # lower bound of the logarithm of a variance, relative to the upper one
 _EXACT = 1e-7  # tolerance for the root
 
@@ -126,8 +126,8 @@ def leave_one_out_factors(rows: Array, noise_dof: float = np.inf) -> Array:
     """Return factors, (r,), that rescale each whitened row according to the other rows' scatter.
 
     A factor is 1 if the scatter of the other rows is within its 95 % bound. Otherwise the ratio of
-    the row's sum of squares to theirs has an F distribution, and the factor converts it to the χ²
-    with the same p-value.
+    the row's sum of squares to that of the others has an F distribution, and the factor converts it
+    to the χ² with the same p-value.
 
     Parameters
     ----------

@@ -68,12 +68,12 @@ class ResidualGroup:
 
     @property
     def p_value(self) -> float:
-        """Probability of a χ² at least as large if the noise is as stated; 1 without dof."""
+        """Probability of a χ² at least as large if the noise is as stated; 1 if dof is 0."""
         return chi2_tail_probability(self.chi2, self.dof)
 
     @property
     def scatter_ratio(self) -> float:
-        """Ratio of the residuals' scatter to the stated scatter, √(χ²/ν); 1 without dof."""
+        """Ratio of the residuals' scatter to the stated scatter, √(χ²/ν); 1 if dof is 0."""
         return float((self.chi2 / self.dof) ** 0.5) if self.dof > 0 else 1.0
 
 
@@ -197,7 +197,7 @@ class Estimate:
 
     @property
     def p_value(self) -> Array:
-        """Probability of a χ² at least as large if noise and model are as stated; 1 without dof."""
+        """Probability of a χ² at least as large if noise and model are as stated; 1 if dof is 0."""
         return chi2_tail_probabilities(self.chi2, self.dof, self.noise_dof, self.noise_channels)
 
     @property

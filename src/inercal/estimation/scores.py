@@ -54,7 +54,7 @@ _LINEARISATION = 0.05  # relative error of the explained part, a first-order est
 def chi2_tail_probabilities(
     chi2: Array, dof: int, noise_dof: float = np.inf, channels: int = 1
 ) -> Array:
-    """Return the probability of a χ² at least this large if the model is right; 1 without dof.
+    """Return the probability of a χ² at least this large if the model is right; 1 if dof is 0.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def chi2_tail_probabilities(
         Degrees of freedom ν of the noise estimate used for χ², for one channel.
     channels : int
         Number of channels m whose noise was estimated separately. χ² is then a sum of m parts: its
-        mean is that of F with ν degrees of freedom, and its scatter that of F with m ν.
+        mean equals that of F with ν degrees of freedom, and its scatter equals that of F with m ν.
     """
     if dof <= 0:
         return np.ones(np.shape(chi2))
@@ -83,7 +83,7 @@ def chi2_tail_probability(
 
 
 def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: float) -> float:
-    """Return the p-value of the χ² that remains after a candidate is explained; 1 without dof.
+    """Return the p-value of the χ² that remains after a candidate is explained; 1 if dof is 0.
 
     A candidate's size is a first-order estimate, so part of a large effect remains in the
     residuals. The remainder is treated as a noncentral χ² with a twentieth of the explained
@@ -261,8 +261,8 @@ class ScoreTest:
     def is_implausible(self) -> bool:
         """Whether a coefficient exceeds the largest plausible size by more than 6 sd.
 
-        Stated values are exempt, because they may be wrong by any amount, such as a mounting with a
-        mistyped angle.
+        Stated values are exempt, because they may be wrong by any amount. For example, the angle of
+        a mounting may be mistyped.
         """
         if self.largest is None or self.kind != "coefficient":
             return False
@@ -284,10 +284,10 @@ class ScoreTest:
 
     @property
     def contradicts_statement(self) -> bool:
-        """Whether it deviates from its stated value by more than 6 sd but is hardly visible.
+        """Whether a stated value seems wrong by more than 6 sd but the error is hardly visible.
 
-        The estimated parameters absorb all but a thousandth of its effect, so the residuals show
-        something else that resembles the remainder.
+        The estimated parameters absorb all but a thousandth of its effect, so the residuals must
+        have another cause, which resembles the remaining effect.
         """
         return self.departure > _CONTRADICTION and self.visible_share < _HARDLY_VISIBLE
 
@@ -319,7 +319,7 @@ class ScoreTestSet:
     noise_dof: float = np.inf
 
     def with_shifts(self, change: Callable[[Array], Array]) -> "ScoreTestSet":
-        """Return the set with shifts of other parameters, computed from these by a function."""
+        """Return the set with shifts of other parameters; `change` computes them from these."""
         scores = tuple(replace(one, shift=change(one.shift)) for one in self.scores)
         return replace(self, scores=scores)
 

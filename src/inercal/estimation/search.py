@@ -7,13 +7,13 @@ the damping follows the gain of the last step (Nielsen 1999, IMM-REP-1999-05). T
 undamped, because calibrations are nearly linear.
 
 A trial has converged when the error that the next step would leave is negligible compared with the
-cost: with δ₀, δ the last two steps in standard deviations, δ²·max(δ²/δ₀², 10⁻⁵) < 10⁻¹⁵ cost + ε, ε
-the cost of rounding (only δ² if weights are iterated). It has also converged when the step is below
-10⁻¹² of every parameter or of its typical size. The bound 10⁻⁵ is needed because the residuals make
-later steps converge more slowly than the first ones. The last step is still taken. If it is below
-10⁻⁸ of a standard deviation, residuals and derivatives are not computed again. Otherwise it is
-rejected only if it raises the cost and predicts a decrease below rounding, because rounding is a
-large part of χ² if χ² is far below one.
+cost: δ²·max(δ²/δ₀², 10⁻⁵) < 10⁻¹⁵ cost + ε (only δ² if weights are iterated), where δ₀ and δ are
+the last two steps in standard deviations and ε is the cost of rounding. It has also converged when
+the step is below 10⁻¹² of every parameter or of its typical size. The bound 10⁻⁵ is needed because
+the residuals make later steps converge more slowly than the first ones. The last step is still
+taken. If it is below 10⁻⁸ of a standard deviation, residuals and derivatives are not computed
+again. Otherwise the step is rejected only if it raises the cost and predicts a decrease below
+rounding, because rounding is a large part of χ² if χ² is far below one.
 """
 
 from collections.abc import Iterable
@@ -119,7 +119,8 @@ def search(system: Trials[P], max_iterations: int) -> tuple[P, Bools, Indices]:
         # Use the weights of the old point: costs are comparable only with the same weights.
         tried, cost_then = system.tried(point.x + move, point, active)
         fall = cost - cost_then
-        # If the predicted decrease is below the cost's rounding, so is the actual one: no failure.
+        # If the predicted decrease is below the rounding of the cost, it is no failure if the cost
+        # does not decrease.
         slack = system.problem.rounding * cost + _rounding_cost(system)
         gain = np.where(predicted > 1e3 * slack, fall / np.maximum(predicted, slack), 1.0)
         # At a point that is not finite the decrease is NaN, so the point is rejected.

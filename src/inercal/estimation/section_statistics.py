@@ -2,7 +2,7 @@
 
 A section of T seconds is divided into batches of equal length. Haar contrasts compare the batch
 means y: the first half with the second (level 1), then the two halves of each half (level 2), and
-so on. With blocks of h = T/2^l seconds on either side and n_h samples in each::
+so on. If the blocks on either side have h = T/2^l seconds and n_h samples each, the contrast is::
 
     z = √(n_h/2) (ȳ_left − ȳ_right)
 
@@ -12,13 +12,13 @@ process of correlation time τ, and a = 1 − exp(−h/τ), it is::
     var z = w (1 + ρ (1 − (τ/h) a − (τ/2h) a²))
 
 and the variance of the section's mean is w (1 + ρ (1 − (τ/T)(1 − exp(−T/τ)))) divided by the number
-of samples. ρ and τ are common to all sections, and each section has its own w. They maximise the
-likelihood. They are accepted only if, whichever section is left out, twice the log-likelihood rises
-by more than the 99 % bound. A single disturbed section is thus not mistaken for a correlation. τ is
-at most T/2. If likelihood ratios exclude all τ below T/9 but do not exclude a random walk (τ = 4
-T), no statistic within sections shows how far the noise drifts from one section to the next. The
-model assumes that the noise of different sections is independent, so it is then rejected with the
-p-value of the correlation.
+of samples. ρ and τ are common to all sections, and each section has its own w. These values
+maximise the likelihood. They are accepted only if, whichever section is left out, twice the
+log-likelihood rises by more than the 99 % bound. A single disturbed section is thus not mistaken
+for a correlation. τ is at most T/2. If likelihood ratios exclude all τ below T/9 but do not exclude
+a random walk (τ = 4 T), no statistic within sections shows how far the noise drifts from one
+section to the next. The model assumes that the noise of different sections is independent, so in
+this case it is rejected with the p-value of the correlation.
 
 * Change within a section: an F test compares the contrast of its halves, and the contrasts within
   each half, with the section's own scatter at the finer levels, given the correlation found in the
@@ -28,7 +28,7 @@ p-value of the correlation.
 * Trend common to all sections without changes: the mean of their slopes is compared with the
   scatter of the slopes and of the contrasts at levels 2 and 3.
 * Scatter of each section: its variance at the finer levels is shrunk towards the common variance
-  (empirical Bayes), as far as sections with equal variances would scatter.
+  (empirical Bayes), as strongly as the scatter between sections with equal variances requires.
 
 Sources: Percival and Walden, Wavelet Methods for Time Series Analysis, Cambridge 2000, chapter 8
 (Haar variance of a process); Smyth 2004, Statistical Applications in Genetics 3, article 3,
@@ -118,8 +118,8 @@ class SectionStatistics:
 
         It is a moment estimate over all channels together, in units of each channel's noise effect.
         It is zero if the trend test does not reject at 5 %, the level at which residuals also
-        enlarge uncertainties: slopes of short sections are too uncertain for random values to
-        count.
+        enlarge uncertainties: the slopes of short sections are so uncertain that random values must
+        not count.
         """
         if self.trend_test is None or self.trend_test.p_value >= _BEYOND:
             return np.zeros(len(self.trend))
@@ -191,7 +191,7 @@ def analyse_sections(
         [contrast_powers(one, size, used) for one in sections], sections
     )
     fitted, others = correlations.whole, correlations.others
-    distinct = {id(found): found for found in (fitted, *others)}  # nearly all are 1
+    distinct = {id(found): found for found in (fitted, *others)}  # usually only one
     moderated = {
         key: moderated_variances([fine_variance(one, size, used, found) for one in sections])
         for key, found in distinct.items()
@@ -243,7 +243,7 @@ class _DisturbanceTest(NamedTuple):
 
 
 class _ReferenceNoise(NamedTuple):
-    """Reference for a section: the others' correlation, its own white noise, degrees of freedom."""
+    """Reference noise: correlation in the other sections, own white noise, degrees of freedom."""
 
     label: str
     correlation: NoiseCorrelation
@@ -344,7 +344,7 @@ def _trend(
     square = float(reach @ reach)
     mean = reach @ slope / square
     unit = np.where(size > 0, size, 1.0)
-    # In units of their noise, all channels' slopes scatter alike, and like contrasts of halves.
+    # In units of their noise, the slopes of all channels scatter as much as contrasts of halves.
     left = ((slope - reach[:, None] * mean) / unit)[:, used]
     total, dof = float(np.sum(left**2)), left.size - used.size
     for one in sections if correlation is not None else ():

@@ -113,8 +113,8 @@ class _Stage:
         structure = observability(one, one.first)
         solved = _solve_block(problem_of(part), part, structure, self._max_iterations)
         if solved.converged[0]:
-            # A coincidence at the solution, such as a parameter that is zero, may hide what the
-            # start shows.
+            # A coincidence at the solution, such as a parameter that is zero, may hide a direction
+            # that the start shows.
             x = solved.value[:1]
             at_solution = observability(one, one.point(x, *one.evaluate(x)))
             structure = min(structure, at_solution, key=lambda s: s.rank)
@@ -192,7 +192,7 @@ def _with_room(solved: Estimate, trials: int) -> Estimate:
 def _blocks(trials: int, one: WhitenedProblem) -> list[slice]:
     """Return slices of nearly equal lengths, because a short last block would use another solver.
 
-    The first is shorter, because the others start at its solutions.
+    The first block is shorter, because the others start at its solutions.
     """
     p = len(one.problem.names)
     most = min(BLOCK_TRIALS, max(_LEAST_BLOCK, int(_BLOCK_BYTES / (8 * p * (p + one.m)))))
@@ -209,7 +209,7 @@ class PackedPoint(NamedTuple):
 
     x: Array  # (trials, p)
     residual: Array  # y − h(x), (trials, m)
-    weight: Array  # as of `NormalEquations`, (trials, m)
+    weight: Array  # as in `NormalEquations`, (trials, m)
     whitened: Array  # u, (trials, m)
     normal: Array  # lower triangle of AᵀA, (trials, k (k + 1)/2)
     gradient: Array  # Aᵀu, (trials, k)

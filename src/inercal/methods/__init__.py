@@ -108,7 +108,7 @@ class SequentialEstimator(Protocol[BenchIn, StepIn]):
         sensor : Sensor
         bench : Bench
         steps : sequence of steps
-            The planned steps. The length of the run may decide which states the estimator has.
+            The planned steps. The estimator may choose its states by the length of the run.
         priors : sequence of Gaussian
         rate_hz : float
             Samples per second.
@@ -198,7 +198,7 @@ class Method(MethodBase, Generic[Bench, Step]):
         The kind of bench that the method needs.
     default_coefficients : mapping of "f" or "w" to tuple of str
         The groups of coefficients that the method estimates by default, for accelerometers ("f")
-        and gyros ("w"). If a kind is not a key, its axes are not calibrated.
+        and gyros ("w"). Axes whose kind is missing here are not calibrated.
     also : mapping of "f" or "w" to tuple of str
         The groups that the method estimates only if the user selects them.
     needs : tuple of "f" or "w"
@@ -211,11 +211,11 @@ class Method(MethodBase, Generic[Bench, Step]):
     source : str
         The publications that describe the method.
     norm_only_estimators : tuple of str
-        Estimators that use only norms. They do not observe a rotation of the triad, so the user
-        may state its frame.
+        Estimators that use only norms. Norms do not show a rotation of the triad, so the user may
+        state the triad's frame.
     closed_formulas : tuple of str
         Estimators whose formulas determine a fixed set of coefficients, or that do not compute
-        score tests. `also = "auto"` is rejected for them.
+        score tests. The program rejects `also = "auto"` with these estimators.
     frame : callable
         Maps the bench to the frame that misalignments refer to if the run file states none.
     remarks : callable
@@ -224,7 +224,8 @@ class Method(MethodBase, Generic[Bench, Step]):
         Whether gyros are read at constant rates. If so, the calibration is valid over the range
         of the mean rates, and correcting a recording reports samples outside that range.
     weighs_common_errors : bool
-        Whether its estimators weight rows by their full covariance, including common errors.
+        Whether the estimators weight rows by their full covariance, including errors that rows
+        share.
     final_by_recording : bool
         Whether the final result of a recording comes from a different estimator than the live one.
     """
@@ -329,7 +330,7 @@ class Method(MethodBase, Generic[Bench, Step]):
 def _stated_coefficients(
     part: Sensor, words: Sequence[str], possible: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the full names that `words` select; a group selects its possible coefficients."""
+    """Return the full names for `words`; a group gives all that the method can estimate."""
     names: tuple[str, ...] = ()
     for word in words:
         stated = part.with_coefficients(word).coefficients

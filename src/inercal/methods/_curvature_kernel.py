@@ -9,7 +9,7 @@ from inercal.methods.residuals._row_operations import INNER, KERNEL, add, fill
 
 @njit(**INNER)
 def _combine(eta: Array, place: Indices, spread: Array, out: Array) -> None:
-    """Write η P, (parameters,), for one η, using only its nonzero components."""
+    """Write the product η P, (parameters,), using only the nonzero components of η."""
     fill(0.0, out)
     for d in range(eta.size):
         if eta[d] != 0.0:

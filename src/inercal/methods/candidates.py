@@ -1,10 +1,11 @@
 """Candidates for score tests: errors that a problem of means omits or treats as known.
 
-The candidates come from an extended problem. It has the same observations, all coefficients in the
-sensor's table, and all declared parameters of the bench free. Its Jacobian at the solution contains
-an exact column for each candidate. Coefficients that were not estimated are zero at the solution.
-A bench parameter that was estimated within its stated deviation is also a candidate. Its column is
-used without its prior, so the test shows a departure far beyond the stated deviation.
+The candidates come from an extended problem. This problem uses the same observations, and every
+coefficient in the sensor's table and every declared parameter of the bench is free. The Jacobian of
+the extended problem at the solution contains an exact column for each candidate. Coefficients that
+were not estimated are zero at the solution. Bench parameters that were estimated with a prior are
+also candidates. Their columns are used without the prior, so the test can find an error far larger
+than the stated deviation.
 
 Single rows with arbitrary readings are further candidates, and so is a drift of the biases that is
 linear in time over the run.
@@ -27,11 +28,12 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, SI_UNITS, Sensor
 from inercal.physics.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE, TABLES, ErrorTerm
 
-# Parameters in these scopes act on many rows; a parameter of one position acts like its row.
+# Parameters in these scopes affect many rows; a parameter of one position only affects its own
+# rows.
 _SHARED_SCOPES = ("run", "speed", "mounting", "pass")
 # SI per SI unit: the rounding error of an effect that cancels over whole turns
 _ROUNDING_LIMIT = 1e-12
-# rad: north mistaken for south, or east for north; the harmonics of any encoder are small.
+# rad: somebody may mistake north for south or east; harmonics of an encoder are always small.
 _LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2}
 _LARGEST_HARMONIC = 0.01
 _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
@@ -40,13 +42,14 @@ _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
 Columns = Mapping[str, Array]
 """The derivative of the observations, (m,), with respect to each parameter."""
 Families = Mapping[str, Sequence[str]]
-"""The parameters that are also tested together, by the name of their candidate."""
+"""The parameters that are also tested together, by the name of the joint candidate."""
 
 
 class Column(NamedTuple):
     """One component of a candidate: full name, SI unit and derivative of the observations, (m,).
 
-    `largest` and `stated_sd` are as for `Candidate`; either all columns have them or none has.
+    `largest` and `stated_sd` are as for `Candidate`; either all columns of a candidate have them,
+    or none.
     """
 
     name: str
@@ -89,8 +92,8 @@ def together_and_alone(
 def extended_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
     """Return the sensor with all coefficients in its axes' tables, the selected ones first.
 
-    Temperature coefficients are included only if `temperature_varies`: the temperature is known
-    and changes.
+    Temperature coefficients are included only if `temperature_varies`, that is, if the temperature
+    is known and changes.
     """
     whole = tuple(
         f"{axis.name}.{line.name}"
@@ -103,7 +106,7 @@ def extended_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sens
 
 
 def parameters_with_deviations(declared: Mapping[str, Parameter]) -> dict[str, Parameter]:
-    """Return the bench's parameters, each with a deviation, so that a problem has their columns."""
+    """Return the bench's parameters with deviations added, so that all of them become nuisances."""
     return {n: q if q.sd > 0 else replace(q, sd=1.0) for n, q in declared.items()}
 
 
@@ -138,12 +141,12 @@ def candidate_function(
         Full names of parameters that are tested together. They replace the families of
         coefficients with the same short name, and the separate tests of bench parameters.
     priors : sequence of Gaussian, optional
-        Priors on estimated coefficients; the priors may be wrong.
+        Priors on estimated coefficients, which are tested because they may be wrong.
     common_errors : sequence of str, optional
-        As for `common_error_candidates`.
+        The same as for `common_error_candidates`.
     zero_input : (m,) array of bool, optional
-        Observations from axes with zero nominal input. Terms that depend on a sign are omitted
-        there, because the sign would be that of the estimated tilt, which is arbitrary.
+        Observations from axes with zero nominal input. For these, terms that depend on the input's
+        sign are omitted, because the sign would come from the estimated tilt and be arbitrary.
     """
 
     def candidates(x: Array) -> list[Candidate]:
@@ -188,7 +191,7 @@ def candidates_from_columns(
 ) -> list[Candidate]:
     """Return the candidates from their columns (m,); arguments as for `candidate_function`.
 
-    `further_units` are those of observed quantities that are not channels of the sensor.
+    `further_units` gives the units of observed quantities that are not channels of the sensor.
     """
     families = families or {}
     return [
@@ -216,7 +219,7 @@ def _coefficient_candidates(
 
 
 def family_name(line: ErrorTerm) -> str:
-    """Return the name under which a coefficient is tested on all axes, as written in [method]."""
+    """Return the name for the test of a coefficient on all axes, as users write it in [method]."""
     return line.group if line.group == "g" else line.name
 
 
@@ -230,9 +233,9 @@ def bench_candidates(
 ) -> list[Candidate]:
     """Return candidates for the bench parameters that act on several rows, from columns (m,).
 
-    `rows` are the row names of the observations, (m,). The parameters of one position are also
-    candidates, provided that several rows share its attitude. Parameters of one
-    row are candidates if `families` contains them, because together they act on many rows.
+    `rows` are the row names of the observations, (m,). The parameters of one position are
+    candidates if several rows share the position's attitude. Parameters of a single row are
+    candidates if `families` contains them, because a family acts on many rows.
 
     The components of one vector at one place, "pose_x[XY30]" to "pose_z[XY30]", form one candidate,
     "pose[XY30]". Their sizes show which component is wrong.
@@ -261,12 +264,12 @@ def common_error_candidates(
 ) -> list[Candidate]:
     """Return candidates that treat errors stated for single rows as common to all rows.
 
-    The mean of independent errors would be far smaller than the error of each row.
+    Independent errors average out over the rows, but a common error does not.
 
     Parameters
     ----------
     declared, column
-        As for `candidate_function`.
+        The same as for `candidate_function`.
     names : sequence of str
         Names of the vectors: "lean" has the components "lean_1[row]" and "lean_2[row]".
     """
@@ -292,7 +295,7 @@ def common_error_candidates(
 def prior_candidates(sensor: Sensor, priors: Priors, column: Columns) -> list[Candidate]:
     """Return the priors of coefficients as candidates, by kind and one by one.
 
-    The column leaves out the row of the prior, so only the data determine the coefficient.
+    Each column omits the row of its prior, so only the data determine the coefficient.
     """
     kinds: dict[str, list[Column]] = {}
     for prior in priors:
@@ -341,7 +344,7 @@ def _row_labels(observations: Sequence[str], sensor: Sensor) -> list[str]:
 def row_candidates(
     observations: Sequence[str], sensor: Sensor, further_units: dict[str, str]
 ) -> list[Candidate]:
-    """Return one candidate per row, in which the readings of that row are arbitrary."""
+    """Return one candidate per row, for arbitrary errors in the readings of that row."""
     channels = {axis.name: QUANTITIES[axis.measures].unit for axis in sensor.axes}
     channels |= further_units
     rows: dict[str, list[int]] = {}
@@ -363,7 +366,8 @@ def drift_candidates(
     """Return candidates for a drift of the biases, linear in time from the first row to the last.
 
     The axes of one kind are tested together and then one by one. An axis's column is its bias
-    column multiplied by the time of its rows. There are none if all rows have the same time.
+    column multiplied by the time of its rows. If all rows have the same time, there are no
+    candidates.
     """
     span = float(np.ptp(time))
     channels = {axis.name: axis.measures for axis in sensor.axes}

@@ -1,4 +1,4 @@
-"""Second-order effects of tilts: the effect of an unknown tilt beyond the first-order fit.
+"""Second-order effects of unknown tilts, which the first-order fit does not include.
 
 A face that is tilted by t reads g (1 − |t|²/2) along its normal, and misalignments m add m·t. The
 fit estimates t and the coefficients c with covariance P. Let τ be the errors of t and δ the errors
@@ -14,7 +14,7 @@ Gaussian errors
 
 (GUM, JCGM 100:2008, note to 5.1.2; moments by Isserlis' theorem). At half a degree the effect is
 38 ppm of scale factor, with an equally large uncertainty. This is more than the noise of a good
-MEMS accelerometer. A tilt of the axis of a turn acts in the same way.
+MEMS accelerometer. A tilted turn axis has the same effect.
 """
 
 from typing import NamedTuple
@@ -34,7 +34,8 @@ from inercal.physics.sensors import Sensor
 class Curvature(NamedTuple):
     """Second-order effect of the tilts on the mean readings from r rows and m axes, SI.
 
-    `shift` (..., r, m) is its mean, `covariance` (..., r·m, r·m) its covariance, row after row.
+    `shift` (..., r, m) is the mean of the effect, and `covariance` (..., r·m, r·m) is its
+    covariance, row after row.
     """
 
     shift: Array

@@ -79,7 +79,7 @@ def head_problem(
     suspects = {
         name: parameter
         for name, parameter in wider.nuisances(steps, sensor).items()
-        if name != "lean"  # a second-order effect: its column is that of its own estimate
+        if name != "lean"  # a second-order effect, so its column would be its own estimate
     }
     return mean_problem.problem_of_readings(
         observations,

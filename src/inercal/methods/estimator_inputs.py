@@ -17,7 +17,7 @@ def require_matching_rows(observations: Observations, sensor: Sensor, steps: Seq
     Raises
     ------
     InputError
-        The channels differ, a row and its step differ, or two steps have the same label.
+        The channels do not match, a row does not match its step, or two steps have the same label.
     """
     if observations.channels != sensor.channels:
         raise InputError(

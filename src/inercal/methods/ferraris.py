@@ -1,7 +1,7 @@
-"""Six positions and three turns: accelerometers, gyros and the gyros' sensitivity to gravity.
+"""Calibration of accelerometers and gyros from six positions and three turns.
 
-If there are only gyros, the positions are used as stated. No sensor reads the mean force during a
-turn, so it is assumed to be gravity along the axis.
+If there are only gyros, the positions are used as stated. In this case no sensor reads the mean
+force during a turn, so the force is assumed to be gravity along the axis.
 
 `classical` uses the closed formulas of the source, for comparison with `ml`:
 F. Ferraris, U. Grimaldi, M. Parvis, "Procedure for effortless in-field calibration of three-axis
@@ -13,10 +13,10 @@ matrices U± are the mean readings with x, y, z up and down, and those of W the 
     gyro            b_g = mean over the rest,  K_ga = (U₊ − U₋)/(2g)     (9)
                     K_g R_g = W / α, with bias and K_ga f̄ subtracted     (12–15)
 
-so that a reading is K R (f or ω) + b, plus K_ga f for a gyro. Faces, turns and gravity are treated
-as exact. The covariance therefore includes only the noise of the means, and the formulas leave no
-residual. The readings are tested for consistency with the problem of `ml`, in which faces, turns
-and gravity have their stated deviations.
+A reading is then K R (f or ω) + b, plus K_ga f for a gyro. Faces, turns and gravity are treated as
+exact. The covariance therefore includes only the noise of the means, and the formulas leave no
+residual. The readings are tested with the problem of `ml`, in which faces, turns and gravity have
+their stated deviations.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Maximum likelihood from the mean readings of positions and turns.
+"""Maximum-likelihood estimates from the mean readings of positions and turns.
 
 The mean reading of each row is compared with the model's reading of the mean motion, which is exact
 for models affine in f and ω. The bench's imperfections are nuisances with their standard deviations
@@ -22,8 +22,8 @@ from inercal.physics.plan import HandSteps, Hold, Turn
 from inercal.physics.sensors import Sensor, inverse
 from inercal.recordings import Observations
 
-_EXACT_LIMIT = 1e-15  # SI; smaller deviations count as exact: the level earth rate at a pole
-_UNREAD = 0.05  # of g: tilt of a turn's axis, and a sensor that is off the axis
+_EXACT_LIMIT = 1e-15  # SI; smaller deviations count as exact, like the level earth rate at a pole
+_UNREAD = 0.05  # of g, for a tilted turn axis and for a sensor that is away from the axis
 _ZERO_INPUT_LIMIT = 1e-6  # of g, or of a turn's rate
 
 
@@ -49,7 +49,7 @@ def ml(
     Raises
     ------
     NotObserved
-        These steps do not determine some coefficients. The message names the coefficients and the
+        These steps do not determine all coefficients. The message names the coefficients and the
         missing steps.
     """
     observations = observations.without_drift()

@@ -1,4 +1,4 @@
-"""Maximum-likelihood tests for an estimator that has no meaningful residuals of its own.
+"""Maximum-likelihood tests for estimators that have no meaningful residuals of their own.
 
 A closed formula uses only some of the readings, or all of them with equal weights, so its residuals
 test nothing. The maximum-likelihood problem with the same observations and the stated bench gives a
@@ -10,9 +10,9 @@ Econometrica 46, 1251–1271)::
 
     cov(d) = C − C_ml        T = dᵀ (C − C_ml + ε C)⁻¹ d
 
-T is at most χ² with one degree of freedom per coefficient. The term with ε adds a tenth of the
-formula's standard uncertainty, because C − C_ml is only rounding if the formula is as good as
-maximum likelihood.
+T is at most a χ² variable with one degree of freedom per coefficient. The term with ε adds a tenth
+of the formula's standard uncertainty, because C − C_ml is only rounding if the formula is as good
+as maximum likelihood.
 """
 
 from dataclasses import replace
@@ -65,7 +65,8 @@ def with_tests(estimate: Estimate, whole: Problem, stated: Problem | None = None
     whole : Problem
         The maximum-likelihood problem with all stated errors of the bench.
     stated : Problem, optional
-        The same with only the errors that the estimate's covariance includes, if these are fewer.
+        The same problem, with only the errors that the estimate's covariance includes, if it
+        includes fewer.
     """
     if estimate.value.ndim != 1 or not np.isfinite(estimate.covariance).all():
         return estimate

@@ -1,4 +1,4 @@
-"""The estimation problem of mean readings, compared with the motion that the bench states.
+"""The estimation problem that compares mean readings with the motion that the bench states.
 
 The motion is a function of the bench's declared parameters. Parameters with a standard deviation
 are nuisances; the others are exact.
@@ -128,7 +128,7 @@ def joint(
 ) -> Estimate:
     """Return the estimate from mean readings, with the errors of the bench as nuisances.
 
-    It serves methods that need no estimator of their own, on any bench that states mean motions.
+    Methods without their own estimator use this one, on any bench that states mean motions.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def joint(
     InputError
         Rows and steps do not match, or the bench has a parameter in the scope "dwell".
     NotObserved
-        These steps do not determine some coefficients; the message names them.
+        These steps do not determine all coefficients; the message names them.
     """
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels if label in by_label]
@@ -215,7 +215,7 @@ def problem_of_readings(
     priors : sequence of Gaussian
         Priors on coefficients.
     reading_columns : mapping of str to (m r,) array, optional
-        Effect of a unit of each parameter on the readings themselves, row after row.
+        Direct effect of a unit of each parameter on the readings, row after row.
     dwell_covariance : callable, optional
         Maps coefficients and sensed motion to a covariance that is added to that of the means.
     gauges : tuple of Gauge
@@ -232,9 +232,9 @@ def problem_of_readings(
     stated_noise : ReadingNoise, optional
         Noise that replaces the noise of the observations.
     zero_input : (m r,) array of bool, optional
-        As for `inercal.methods.candidates.candidate_function`.
+        The same as for `inercal.methods.candidates.candidate_function`.
     suspects : mapping of str to Parameter, optional
-        The bench parameters that are candidates, if there are more than those declared.
+        The bench parameters that are candidates, if these are more than the declared ones.
     """
     given = observations, motion_function, reading_columns or {}, dwell_covariance, stated_noise
     forces = unknown_forces or {}

@@ -1,4 +1,4 @@
-"""Whether the completed steps determine the coefficients, and which steps are missing.
+"""Check whether the completed steps determine the coefficients, and which steps are missing.
 
 There are two rules beyond the algebraic rank of the problem:
 
@@ -28,7 +28,7 @@ NOISE_ONLY_NOTE = (
 )
 OBSERVABILITY_LIMIT = 0.1  # of the natural size
 _MOST_NAMED = 8  # number of coefficients named in a line that also names turns
-_MIN_INPUT = 0.5  # g, up and down, that an axis must have sensed
+_MIN_INPUT = 0.5  # g; smallest input, up and down, that an axis must have sensed
 
 
 def require_bias_scale_separation(
@@ -83,7 +83,7 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: HandSteps) -> 
     suspects = covariance[trace > limit] / np.outer(sensor.unit_scale, sensor.unit_scale)
     if not len(suspects):
         return
-    # With many trials, the one with the largest variance of its weakest direction decides.
+    # With many trials, the trial whose weakest direction has the largest variance decides.
     variance, directions = np.linalg.eigh(suspects[np.argmax(np.linalg.eigvalsh(suspects)[:, -1])])
     weak = directions[:, variance > limit].T
     if not len(weak):

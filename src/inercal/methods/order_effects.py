@@ -10,8 +10,8 @@ pattern of the readings in time order::
 
 A vibration that the sensor rectifies, or that is aliased to a constant, adds the same amount in all
 rows. The part of a pattern that the coefficients and bench errors absorb leaves no residual. A
-pattern is reported if a size that shifts a coefficient by 5 u leaves a residual of norm below 7.
-This size is stated (`inercal.calibration.detectability`).
+pattern is reported if a size that shifts a coefficient by 5 u leaves residuals with a norm below 7.
+The report states this size (`inercal.calibration.detectability`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -119,7 +119,7 @@ def _inputs_and_senses(
 ) -> tuple[Array, Array]:
     """Return an axis's previous input, g, and its direction of change, for each row.
 
-    The direction is the sign of the input's last change, −1, 0 or 1. Turns change neither.
+    The direction is the sign of the input's last change, −1, 0 or 1. Turns change neither value.
     """
     inputs, senses = np.zeros(len(steps)), np.zeros(len(steps))
     before = reached = sense = 0.0

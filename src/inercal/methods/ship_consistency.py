@@ -1,11 +1,11 @@
-"""Whether rows on a rate table are consistent with one affine triad, for any estimator.
+"""Check whether rows on a rate table are consistent with one affine triad, for any estimator.
 
 Untilted rows are compared as vectors, tilted rows as norms, in g::
 
     f − (M a + p)          |f| − |M a + p|
 
-The bench's errors are common to the rows. Their covariance S contains the noise of the readings and
-the bench's deviations, mapped to M a + p and then to the compared rows. The rows are fitted by
+All rows share the bench's errors. The covariance S of the rows contains the noise of the readings
+and the bench's deviations, mapped to M a + p and then to the compared rows. The rows are fitted by
 generalised least squares with S, starting from the estimator's solution. The residuals have
 
     χ² = min r(θ)ᵀ S⁻¹ r(θ),   degrees of freedom = rows − directions of θ that the rows determine
@@ -75,7 +75,7 @@ def row_covariance(
     Parameters
     ----------
     observations, bench, steps
-        As for the estimator, with r rows.
+        The same as for the estimator, with r rows.
     matrix : (..., 3, 3) array
         The matrix M.
     """
@@ -93,9 +93,9 @@ def _bench_sensitivities(bench: RateTable, steps: Spins, gain: Array) -> dict[st
     Parameters
     ----------
     bench, steps
-        As for the estimator, with r rows.
+        The same as for the estimator, with r rows.
     gain : (..., 12, 3 r) array
-        As for `consistency`. A stated error adds to f, so it subtracts from M a + p − f.
+        The same as for `consistency`. A stated error adds to f, so it subtracts from M a + p − f.
     """
     result = sensed_motion(bench, steps, {}).df
     return {
@@ -150,7 +150,7 @@ def consistency(
     Parameters
     ----------
     observations, sensor, bench, steps
-        As for the estimator, with r rows.
+        The same as for the estimator, with r rows.
     model : AffineModel
         The estimator's solution, for (...) trials.
     gain : (..., 12, 3 r) array
@@ -171,7 +171,8 @@ def consistency(
         return linearised_rows(model, of_level, f[at_level], of_groups, square)
 
     def at(theta: Array) -> tuple[Array, Array]:
-        # Derivatives at the noisy readings would depend on the noise, and so on the residuals.
+        # Derivatives at the noisy readings would depend on the noise, and therefore on the
+        # residuals.
         here = AffineModel.of(theta)
         return residuals(here, a)[0], residuals(here, here.inverse.correct(f))[1]
 
@@ -195,7 +196,7 @@ def consistency(
         requested = joint_problem(some, sensor, bench, here)
         start = np.concatenate([value, requested.start[len(value) :]])
         assert requested.candidates is not None
-        # At the fitted rows, without their noise, like the derivatives.
+        # Computed at the fitted rows without noise, like the derivatives.
         expected = fitted.inverse.correct(f)
         from_readings = whitener @ comparison_map(fitted, expected, at_level, at_groups)
         own = [3 * k + axis for k in used for axis in range(3)]
@@ -206,7 +207,8 @@ def consistency(
             shift = slope @ gain[:, own] @ _added_rows(model.matrix, columns)
             rows = -from_readings @ _added_rows(fitted.matrix, columns)
             whitened.append(replace(one, rows=rows, moved=shift))
-        # `moved` contains the full shift, by the estimator's gain; U's coordinates contain none.
+        # `moved` contains the full shift, from the estimator's gain; coordinates along U have no
+        # shift.
         none = np.zeros((len(value), u.shape[1]))
         return score_tests(residual, u, whitened, none)
 

@@ -1,6 +1,6 @@
-"""A triad on a plain rate table with level mountings, fitted by linear least squares.
+"""Calibration of a triad with level mountings on a rate table by linear least squares.
 
-With a the readings and f the specific force that the bench states, for each axis separately::
+Let a be the readings and f the specific force that the bench states. For each axis separately::
 
     f_x = Sx a_x + Exy a_y + Exz a_z + Axp        and similarly for y and z
 
@@ -8,9 +8,9 @@ The mountings XY, YX and ZY at 0, 46 and 86 r/min give nine equations with four 
 The mountings are treated as exact. The covariance of the result includes the readings' noise and,
 to first order, the effects of pose, seat, speed and lean.
 
-The calibration's covariance gives its error in new poses. Residuals of the fit only show how well
-the model follows the fitted readings. A user needs the error of the corrected vector in other
-poses, δf = −S⁻¹ ∂h/∂c δc, because a free direction shows only there.
+The covariance of the calibration also gives the error in new poses. Residuals of the fit only show
+how well the model follows the fitted readings. Users need the error of the corrected vector in
+other poses, δf = −S⁻¹ ∂h/∂c δc, because a free direction has an effect only in other poses.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equations 1 to 5. The covariance is our own.
@@ -50,9 +50,9 @@ def pose_forces(fastest: float, radius: float, g: float) -> Array:
     fastest : float
         Largest rate of the table, rad/s; the rates are evenly spaced from 0.
     radius : float
-        m.
+        Radius, m.
     g : float
-        m/s².
+        Local gravity, m/s².
     """
     rng = np.random.default_rng(0)  # the same poses in all calls
     up, across = rng.standard_normal((2, _POSE_COUNT, 3))
@@ -121,7 +121,7 @@ def fit_level_states(a: Array, f: Array) -> LevelStates:
     r, lead = len(f), a.shape[:-2]
     gain = np.zeros((*lead, 12, r, 3))
     for axis in range(3):
-        # Errors of M a + p − f in the rows shift the solution by their negative.
+        # Errors of M a + p − f in the rows shift the solution in the opposite direction.
         gain[..., 3 * axis : 3 * axis + 3, :, axis] = -back[..., :3, :]
         gain[..., 9 + axis, :, axis] = -back[..., 3, :]
     return LevelStates(model, gain.reshape(*lead, 12, 3 * r))
@@ -189,7 +189,7 @@ def affine_estimate(
     agreement : Consistency
         Tests of the rows that were used, and the sensitivity of θ to the bench's stated errors.
     notes, rank, null_directions, converged, iterations
-        As for `Estimate`.
+        The same as for `Estimate`.
     """
     value, slope = to_coefficients(sensor, model)
     whole = slope @ covariance @ np.swapaxes(slope, -1, -2)
@@ -241,7 +241,7 @@ def planar(
     Raises
     ------
     InputError
-        There are priors, the sensor is unsuitable, or the steps are not those of the rows.
+        There are priors, the sensor is unsuitable, or the steps do not match the rows.
     NotObserved
         The states do not excite an axis; the message states the mounting to add.
     """

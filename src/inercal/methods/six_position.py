@@ -1,4 +1,4 @@
-"""Six-position test: each input axis points up, then down, in local gravity.
+"""Six-position test, in which each input axis points up and then down in local gravity.
 
 Gyros, if there are any, are read at the same rests. The bias of a gyro is its mean reading minus
 the earth's rate, whose level part has an unknown azimuth. Its sensitivity to gravity is half the

@@ -1,7 +1,7 @@
 """The temperature of rows and samples, in the form that the sensor models use.
 
-ΔT is computed from the recorded temperature when a problem is built, so neither benches nor
-estimators handle it.
+ΔT is computed from the recorded temperature when a problem is built, so benches and estimators do
+not handle temperatures.
 """
 
 from dataclasses import replace
@@ -50,7 +50,7 @@ def sample_offsets(track: Track, sensor: Sensor) -> Array:
 
 
 def offsets_at_times(track: Track, sensor: Sensor, time: Array) -> Array | None:
-    """Return ΔT in one trial at these times, (e,) K, or None if not recorded or constant.
+    """Return ΔT in one trial at these times, (e,) K, or None if it is constant or not recorded.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tumble test of one accelerometer: n positions of a dividing head in the gravity field.
+"""Tumble test: one accelerometer is read at n positions of a dividing head in gravity.
 
 The spindle is horizontal and the output axis lies along it. At the spindle angle θ the input axis
 senses g sin θ and the pendulous axis g cos θ. At 0°, 90°, 180°, 270° the input axis is level, up,
@@ -14,7 +14,8 @@ One tumble observes, with s² = (1 − cos 2θ)/2, s c = sin 2θ / 2, s³ = (3 s
 
 * The mean contains K₀ + K₂ g²/2 and the sine k₁ + ¾ K₃ g². Only the second harmonic separates K₂,
   and only the third K₃: K₀ = A₀ + C₂, k₁ = (S₁ + 3 S₃)/g − 1. At the four cardinal positions
-  s³ = s, so only k₁ + K₃ g² can be determined. K_ip is the sine of 2θ and disturbs nothing else.
+  s³ = s, so only k₁ + K₃ g² can be determined. K_ip is the sine of 2θ and affects no other
+  coefficient.
 * g cannot be separated from the scale factor, so its relative uncertainty is an uncertainty of k₁.
 * s² + c² = 1, so K_pp cannot be separated from K₀ and K₂. Output-axis terms are not observed.
 
@@ -38,7 +39,7 @@ neglected: 1e-10 at 3″.
 
 The reference form is linear in its coefficients, and `fourier` and `least_squares` are exact for
 it. A sensor whose case is rotated by δ reads sin(θ + δ). In the reference form k₁ then has an error
-of −δ²/2, and other coefficients have errors of their products with δ. In the tilted form the
+of −δ²/2, and each other coefficient has an error of its product with δ. In the tilted form the
 coefficients of the input axis have neither error.
 
 Source: IEEE Std 1293, static multipoint (tumble) test.
@@ -99,10 +100,10 @@ def least_squares(
     ------
     InputError
         There are several axes, a gyro or an axis along another direction, readings of another axis,
-        no coefficient, fewer than four different positions, steps that are not those of the rows,
+        no coefficient, fewer than four different positions, steps that do not match the rows,
         two steps with the same label, or a row without noise.
     NotObserved
-        These positions do not determine some coefficients; the message names them and the harmonics
+        These positions do not determine all coefficients; the message names them and the harmonics
         that fold.
     """
     angle = _checked_angles(observations, sensor, steps)
@@ -130,18 +131,18 @@ def fourier(
 ) -> Estimate:
     """Return k0, k1, delta_o, k2, kip and k3, as selected, by closed formulas from harmonics.
 
-    All readings have equal weight, including those near level, where angle errors act most. A white
-    error can therefore increase the uncertainty of k2 by a factor √2 compared with `least_squares`.
-    Noise, drift, angles and gravity are propagated. If the level, autocollimator or certificate
-    states a difference from the even angle, the reading is corrected for it along the fitted curve.
-    Coefficients that are not selected are assumed to be zero. The arguments are as for
-    `least_squares`, with one recording and without priors.
+    All readings have equal weight, including those near level, where angle errors have the largest
+    effect. A white error can therefore increase the uncertainty of k2 by a factor √2 compared with
+    `least_squares`. The uncertainties due to noise, drift, angles and gravity are propagated. If
+    the level, autocollimator or certificate states a difference from the even angle, the reading is
+    corrected for it along the fitted curve. Coefficients that are not selected are assumed to be
+    zero. The arguments are as for `least_squares`, with one recording and without priors.
 
     Raises
     ------
     InputError
-        As for `least_squares`; also for positions that are not evenly spaced and equally often
-        visited, or far from their even angles, and for priors, the tilted form, or other
+        The same as for `least_squares`; or positions are not evenly spaced, not visited equally
+        often, or far from their even angles; or there are priors, the tilted form, or other
         coefficients.
     NotObserved
         Harmonics fold; the message names their coefficients and says which harmonic folds onto

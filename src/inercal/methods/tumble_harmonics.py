@@ -1,4 +1,4 @@
-"""Harmonics of a tumble test: which coefficients each contains, and which fold onto one another.
+"""Which coefficients the harmonics of a tumble test contain, and which harmonics fold together.
 
 At n evenly spaced positions θ = θ₀ + 2πk/n the columns 1, sin hθ, cos hθ are orthogonal if
 n ≥ 2m + 1 for the highest harmonic m (IEEE Std 1293), and amplitudes are simple sums::
@@ -147,12 +147,12 @@ def folded_harmonics(angle: Array) -> tuple[str, ...]:
 def require_distinct_harmonics(
     sensor: Sensor, terms: Sequence[str], matrix: Array, angle: Array
 ) -> None:
-    """Raise NotObserved if terms have harmonics, columns of `matrix`, that fold onto one another.
+    """Raise NotObserved if harmonics of the terms, columns of `matrix`, fold onto one another.
 
     Raises
     ------
     NotObserved
-        As for `not_observed_error`.
+        The same as for `not_observed_error`.
     """
     lost = confounded_columns(matrix)
     if not lost.any():

@@ -1,7 +1,8 @@
 """Normal gravity of the WGS 84 ellipsoid and the Earth's rotation.
 
-Gravity on the ellipsoid at geodetic latitude φ is Somigliana's closed formula, and above it the
-series to second order in the height h (the free-air gradient and its change)::
+Somigliana's closed formula gives gravity on the ellipsoid at the geodetic latitude φ. Above the
+ellipsoid, gravity is a series to second order in the height h (the free-air gradient and its
+change)::
 
     γ(φ) = γe (1 + k sin²φ) / sqrt(1 − e² sin²φ)                                  (4-1)
     γ(φ, h) = γ(φ) (1 − 2/a (1 + f + m − 2 f sin²φ) h + 3/a² h²)                  (4-3)

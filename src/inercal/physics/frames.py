@@ -132,8 +132,8 @@ def log_so3(mat: ArrayLike) -> Array:
 def attitude_from_vertical(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
     """Return the attitude of a body from its upward direction and its azimuth.
 
-    The frame n is level: east, north, up. At `azimuth` 0 the body is the level frame n, tilted (by
-    the shortest rotation where up's z is not negative); `azimuth` then rotates it about the
+    The frame n is level: east, north, up. At `azimuth` 0 the body is the level frame n after a tilt
+    (the shortest rotation, if up's z is not negative). `azimuth` then rotates the body about the
     vertical, clockwise seen from above, as a compass counts.
 
     Parameters

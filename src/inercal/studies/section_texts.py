@@ -1,4 +1,4 @@
-"""Texts of a study, read from TOML files beside the modules that compute its numbers.
+"""Read the texts of a study from TOML files beside the modules that compute its numbers.
 
 The file with the name of a section contains its title, its text and the claims that it judges::
 

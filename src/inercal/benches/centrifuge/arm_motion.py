@@ -53,7 +53,8 @@ class SpecificForceNorm:
     norm : (..., r) array
         Norm n of the specific force, m/s².
     derivatives : mapping of str to (..., r) array
-        Derivative of n by each of the bench's parameters that affect it, including those of dwells.
+        Derivatives of n with respect to the bench's parameters that affect it, including those of
+        dwells.
     dwell : (..., r) array
         Standard deviation of n due to the parameters that vary from dwell to dwell, m/s².
     """
@@ -165,7 +166,7 @@ def specific_force_norm(
 def sensed_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
     """Return the mean motion during each dwell in its attitude, with derivatives.
 
-    The derivative by "dwell_rate" or "dwell_tilt" in each row is by the value in that row.
+    In each row, the derivative for "dwell_rate" or "dwell_tilt" refers to the value in that row.
 
     Parameters
     ----------
@@ -198,7 +199,7 @@ def sensed_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Ar
     rate = arm.total_rate[..., None]
 
     def by_attitude(turned: Array, inner: Array) -> dict[str, Array]:
-        """Return the derivatives of a vector by the mounting and indexing angles."""
+        """Return a vector's derivatives with respect to the mounting and indexing angles."""
         by_mount = -skew(turned) @ left_jacobian(mount)[..., None, :, :]
         by_index = -outer @ skew(inner) @ left_jacobian(index)
         found: dict[str, Array] = {}

@@ -1,4 +1,4 @@
-"""A precision centrifuge as a bench, in the terms of IEEE Std 836: its stated values, as data.
+"""A precision centrifuge as a bench, with its stated values in the terms of IEEE Std 836.
 
 `inercal.benches.centrifuge.arm_motion` computes the motion that a sensor on the arm senses.
 """
@@ -83,7 +83,8 @@ class Centrifuge:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections of the bench, as data."""
-        # If a vector's length is known but not its direction, each component is 1/√3 of it, rms.
+        # If a vector's length is known but not its direction, the rms of each component is
+        # length/√3.
         earth = Parameter(
             "earth_up", "rad/s", EARTH_RATE / sqrt(3), "run", 0.0, "earth rate along the spindle"
         )
@@ -91,7 +92,8 @@ class Centrifuge:
         if (place := self.latitude) is not None:
             earth = Parameter.from_measured("latitude", "rad", place, "latitude")
             level = EARTH_RATE * cos(place.value) / sqrt(2)  # the azimuth is unknown
-        # If the sensor is locked to the arm, its effect averages to zero over whole turns.
+        # If the sensor is locked to the arm, the level earth rate averages to zero over whole
+        # turns.
         level *= self.platform != "locked"
         indexing = self.indexing or 0.0
         stated = (
@@ -171,7 +173,7 @@ class Centrifuge:
 
 
 def _split_by_dwell(by: Mapping[str, Array], labels: Sequence[str]) -> dict[str, Array]:
-    """Return derivatives (..., r, 3), in which parameters of a dwell carry the dwell's name."""
+    """Return derivatives (..., r, 3), with one name for each dwell's parameter."""
     result = {name: rows for name, rows in by.items() if not name.startswith("dwell")}
     own = np.eye(len(labels))
     for name in set(by) - set(result):

@@ -212,7 +212,7 @@ class DividingHead:
     def nuisances(self, steps: Sequence[Index], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "division[f01]".
 
-        The drift of each accelerometer is among them, "drift_a[pass 1]".
+        They include the drift of each accelerometer, such as "drift_a[pass 1]".
         """
         return self.acting_parameters(steps, sensor.channels)
 

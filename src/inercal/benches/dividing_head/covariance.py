@@ -46,11 +46,11 @@ def bench_covariance(
 def reading_sensitivities(
     sensor: Sensor, bench: DividingHead, steps: Sequence[Index], c: Array | None = None
 ) -> dict[str, Array]:
-    """Return the derivative of the readings, (m r,), by each parameter that is not exact.
+    """Return the readings' derivatives, (m r,), with respect to each parameter that is not exact.
 
-    The arguments are the same as for `bench_covariance`. To get the derivative of an estimate by a
-    stated value of the bench, multiply its derivative by the readings with this one and change the
-    sign.
+    The arguments are the same as for `bench_covariance`. To get the derivative of an estimate with
+    respect to a stated value of the bench, multiply its derivative with respect to the readings by
+    this one, and change the sign.
     """
     result = sensed_motion(bench, steps, {})
     c = np.zeros(len(sensor.coefficients)) if c is None else c

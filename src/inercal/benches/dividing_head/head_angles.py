@@ -54,7 +54,7 @@ def sensor_angles(bench: "DividingHead", steps: Sequence[Index]) -> SensorAngles
 
 
 def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[str, float]]:
-    """Return the derivatives of each step's angle by the bench's parameters, by full name."""
+    """Return the derivatives of each step's angle for the bench's parameters, by full name."""
     if not steps:
         return []
     named, creeping, trimmed = pass_names(steps), drift_ramps(steps), _trim_references(bench, steps)

@@ -37,7 +37,7 @@ def _sensor(
 
 
 def _observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
-    """Return the observations from a run; import the reader late, as plans do not need it."""
+    """Return the observations from a run; the reader is imported only when it is needed."""
     from inercal.benches.dividing_head.reading import observe
 
     return observe(run)

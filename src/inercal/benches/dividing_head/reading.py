@@ -202,7 +202,7 @@ def _steps(names: Sequence[str] | None, readback: Mapping[str, Array]) -> tuple[
 
 
 def _approach_senses(angle: Array) -> list[Literal[1, -1]]:
-    """Return the sense of approach to each position; the first takes it from the second."""
+    """Return the sense of approach to each position; the first has the sense of the second."""
     moves = pi - (pi - np.diff(angle)) % (2 * pi)
     found: list[Literal[1, -1]] = []
     sense: Literal[1, -1] = 1

@@ -29,7 +29,7 @@ _UNKNOWN = (
     "between rests were recorded; hold one known axis up and compare, or state the marks"
 )
 
-_FAR = 0.5  # of gravity; larger than the bias of any accelerometer in order
+_FAR = 0.5  # of gravity; larger than the bias of any working accelerometer
 _NEAR = 0.1  # relative difference between the radius and gravity, from scale factors
 
 
@@ -82,7 +82,7 @@ def _with_columns(change: str, run: RunBase[RestsSection]) -> str:
 
 
 def _advice(changes: Sequence[str]) -> str:
-    """Return the advice which keys of the run file to check."""
+    """Return advice on which keys of the run file to check."""
     if all("unit" in one for one in changes):
         other = "°/s read as rad/s" if "°/s" in changes[0] else "rad/s read as °/s"
         return f"this looks like {other}: see unit in [sensor.gyro]"
@@ -122,7 +122,7 @@ def far_off(means: Array, sensor: Sensor, gravity: float) -> dict[str, float]:
     if centre is None or radius is None or abs(radius / gravity - 1) > _NEAR:
         return {}
     if float(np.ptp(means[:, columns], axis=0).max()) < radius:
-        return {}  # the attitudes are too much alike for a centre
+        return {}  # the attitudes are too similar to determine a centre
     found = zip((sensor.channels[k] for k in columns), centre.tolist(), strict=True)
     return {name: bias for name, bias in found if abs(bias) > _FAR * gravity}
 

@@ -128,7 +128,8 @@ class Hand:
 
     @cached_property
     def _parameters(self) -> tuple[Parameter, ...]:
-        # If a vector's length is known but not its direction, each component is 1/√3 of it, rms.
+        # If a vector's length is known but not its direction, the rms of each component is
+        # length/√3.
         up, level = 0.0, EARTH_RATE / sqrt(3)
         up_sd, assumed = EARTH_RATE / sqrt(3), ""
         if (place := self.place) is not None:

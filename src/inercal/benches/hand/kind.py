@@ -95,7 +95,7 @@ def _sensor(
 
 
 def _observe(run: RunBase[RestsSection]) -> EstimatorInput:
-    """Return the observations from a run; import the reader late, as plans do not need it."""
+    """Return the observations from a run; the reader is imported only when it is needed."""
     from inercal.benches.hand.reading import observe
 
     return observe(run)

@@ -96,7 +96,7 @@ def read_qualifications(named: object, folder: Path) -> UsedQualifications:
 
 
 def _join(each: Sequence[Qualification], files: Sequence[str]) -> QualifiedParameters:
-    """Return the parameters of all files; if two files share one, the larger file counts."""
+    """Return the parameters of all files; if files share a parameter, the larger file counts."""
     owner: dict[str, tuple[int, QualifiedParameter]] = {}
     for k in sorted(range(len(each)), key=lambda k: -len(each[k].parameters)):
         for one in each[k].parameters:
@@ -226,7 +226,7 @@ def _declared_names(field: str, one: KeyDeclaration) -> set[str]:
 def _key_text(
     key: str, names: Sequence[str], kind: Kind[Any, Any], known: QualifiedParameters
 ) -> str | list[str] | None:
-    """Return the text of a key from its parameters; None if its default remains for the others."""
+    """Return the text of a key from its parameters; None if the default still covers others."""
     if key in _CONSTANTS:
         k = known.names.index(names[0])
         unit = {"gravity": "m/s²", "radius": "m", "stretch": "1/(m/s²)", "latency": "s"}.get(

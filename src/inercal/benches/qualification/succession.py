@@ -55,8 +55,8 @@ def drift_between(earlier: Qualification, later: Qualification) -> tuple[Paramet
     Raises
     ------
     InputError
-        They are for different benches, from the same day or in the wrong order, or they determined
-        no common parameter.
+        The qualifications are for different benches, from the same day or in the wrong order, or
+        they determined no common parameter.
     """
     if (earlier.bench, earlier.bench_name) != (later.bench, later.bench_name):
         raise InputError(

@@ -1,4 +1,4 @@
-"""A rate platform as a bench: a rate table with a vertical axis, and a platform with known angles.
+"""A rate platform as a bench: a table with a vertical axis, and a platform with known angles.
 
 In a dwell at the rate Ω, in setting s with the case direction e up and a₁, a₂ perpendicular to it,
 the sensor senses::
@@ -96,7 +96,7 @@ class RatePlatform:
     gravity : Measured
         Local gravity, m/s².
     latitude : Measured or None
-        Latitude, rad, positive in the north. A sensor with gyros needs it.
+        Latitude, rad, positive in the north. A sensor with gyros needs the latitude.
     rate_scale, rate_asymmetry, rate_stability : float or None
         Standard deviations of ρ, γ and r.
     angle_reading : float or None

@@ -32,7 +32,7 @@ def _sensor(
 
 
 def _observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
-    """Return the observations from a run; import the reader late, as plans do not need it."""
+    """Return the observations from a run; the reader is imported only when it is needed."""
     from inercal.benches.rate_platform.reading import observe
 
     return observe(run)

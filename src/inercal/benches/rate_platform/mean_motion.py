@@ -141,7 +141,7 @@ def _dwell(
 
 
 def _slopes_of_rate(step: RateDwell) -> dict[str, float]:
-    """Return the derivatives of the rate about the table's axis by the table's errors."""
+    """Return the derivatives of the rate about the table's axis for the table's errors."""
     rate, label = step.rate, step.label
     inverse = 1 / step.seconds if step.seconds else 0.0
     if isinstance(step, KnownTurn):

@@ -116,7 +116,7 @@ def _table(run: RunBase[RatePlatformData]) -> EstimatorInput:
 
 
 def _require_partners(run: RunBase[RatePlatformData], columns: dict[str, str]) -> None:
-    """Refuse a column that needs another column if that one is not named."""
+    """Refuse a column that needs another column if the other column is not named."""
     needed = [("table_rate", "axis"), ("turn", "axis"), ("turn", "seconds")]
     needed += [("roll", "pitch"), ("pitch", "roll")]
     if "turn" not in columns:

@@ -3,8 +3,8 @@
 The means of blocks of half a second are compared with the running median of a section. A block
 belongs to the section if, on every gyro, it agrees within 6σ, 2e-4 of the rate and twice the
 earth's rate. σ is the standard deviation of a block, estimated from the median difference between
-neighbouring blocks. A section lasts 5 s or longer. A second at each end is left out, and the part
-that exceeds whole turns.
+neighbouring blocks. A section lasts 5 s or longer. One second at each end and the part that exceeds
+whole turns are left out.
 
 A turn through a known angle is everything between two rests; its section extends into both rests.
 """

@@ -1,4 +1,4 @@
-"""Simulation of a rate platform: its sections one after another.
+"""Simulation of a rate platform, which carries out its sections one after another.
 
 Each section begins at the azimuth of its setting, and its rate is constant. The earth's rate
 rotates relative to the case while the table turns. The recording omits the time between sections in
@@ -98,11 +98,11 @@ def _turned_over(before: Array, after: Array, rate_hz: float) -> Motion:
     aside = np.cross(first, np.eye(3)[int(np.argmin(np.abs(before[0])))])
     axis = np.where(size > _PARALLEL * lengths**2, axis, aside)
     axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
-    # If the case is taken off and set back in the same attitude, it turns to and fro.
+    # If the case is taken off and set back in the same attitude, it turns back and forth.
     done = angle * s**3 * (10 - 15 * s + 6 * s**2) + _TO_AND_FRO * np.sin(2 * np.pi * s)
     speed = angle * 30 * s**2 * (1 - s) ** 2 + _TO_AND_FRO * 2 * np.pi * np.cos(2 * np.pi * s)
     along = np.cos(done) * first + np.sin(done) * np.cross(axis, first)
-    # In the case frame, the upward direction turns opposite to the case.
+    # In the case frame, the upward direction turns in the opposite sense to the case.
     return Motion(along, -axis * speed * rate_hz / n)
 
 

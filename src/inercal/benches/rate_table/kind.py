@@ -21,7 +21,7 @@ _UNJUDGED = (
 
 
 def _observe(run: RunBase[RateTableData]) -> EstimatorInput:
-    """Return the observations from a run; import the reader late, as plans do not need it."""
+    """Return the observations from a run; the reader is imported only when it is needed."""
     from inercal.benches.rate_table.reading import observe
 
     return observe(run)

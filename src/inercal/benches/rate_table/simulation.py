@@ -1,8 +1,9 @@
-"""Simulation of a rate table: one mounting after another, as in a recording.
+"""Simulation of a rate table: as in a recording, one mounting follows another.
 
 In each mounting the table rests at a random azimuth, then turns at the mounting's speeds from the
-slowest to the fastest, and stops. With the symbols of `inercal.benches.rate_table.bench`, α the
-azimuth relative to the rest, ω' the acceleration of the table and along = up × (−out)::
+slowest to the fastest, and stops. The symbols are those of `inercal.benches.rate_table.bench`. With
+the azimuth α relative to the rest, the acceleration ω' of the table and along = up × (−out), the
+sensor senses::
 
     f = exp(φ) ((R + s) (−ω² out − ω' along) + g (√(1 − λ²) up − λ₁(α) out + λ₂(α) along))
 

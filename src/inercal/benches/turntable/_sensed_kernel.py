@@ -1,4 +1,4 @@
-"""Compiled function for the motion sensed on a turntable with errors, for a few instants at a time.
+"""Compiled function that computes the motion sensed on a turntable with errors, at a few instants.
 
 Attitude, f, ω and its derivative are the same as in `inercal.benches.turntable.attitude`.
 """

@@ -48,7 +48,8 @@ class Misalignment:
     parameters : tuple of q Parameter
         Leans, azimuth, right angles and harmonics. For the azimuth, β is its error.
     by : (..., n, 3, q) array
-        Derivative of the rotation vector in the level frame by each parameter, rad/rad.
+        Derivative of the rotation vector in the level frame with respect to each parameter,
+        rad/rad.
     """
 
     parameters: tuple[Parameter, ...]
@@ -281,7 +282,7 @@ def _tilted_base(bench: Turntable, q: Mapping[str, Array]) -> Array:
 
 
 def _orthogonal_axes(bench: Turntable) -> list[int]:
-    """Return the third axis for each two neighbours; their right-angle error is about it."""
+    """Return, for each pair of neighbouring axes, the third axis, about which their error acts."""
     return [3 - "xyz".index(a) - "xyz".index(b) for a, b in pairwise(bench.axes)]
 
 

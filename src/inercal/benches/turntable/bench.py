@@ -11,7 +11,7 @@ of the angle between a_i and a_i+1 from a right angle. The readback of an axis i
 
     readback(t) = θ(t′) + Σ_h s_h sin(hθ(t′)) + c_h cos(hθ(t′)) + white noise,   t′ = t (1 − χ) − τ
 
-with t the IMU's time, τ the latency and χ the relative rate of the readback's clock.
+where t is the IMU's time, τ the latency and χ the relative rate of the readback's clock.
 
 The body frame is fixed to the innermost axis. The mounting of the IMU in it belongs to the sensor.
 """

@@ -81,7 +81,7 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
 
 
 def _observe(run: RunBase[TurntableData]) -> EstimatorInput:
-    """Return the observations from a run; import the reader late, as plans do not need it."""
+    """Return the observations from a run; the reader is imported only when it is needed."""
     from inercal.benches.turntable.reading.track_observation import observe
 
     return observe(run)

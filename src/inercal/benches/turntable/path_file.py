@@ -1,7 +1,7 @@
 """Read the path of a turntable from a table in a file, with one row per step.
 
-The header names the columns, with the unit of each quantity. A step leaves the cells empty that it
-does not use::
+The header names the columns, with the unit of each quantity. Cells that a step does not use are
+empty::
 
     label, kind,     outer [°], middle [°], inner [°], seconds [s], axis,   angle [°], rate [°/s]
     p1,    position, 0,         90,         0,         90,          ,       ,

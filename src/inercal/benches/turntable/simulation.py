@@ -1,4 +1,4 @@
-"""Simulation of a turntable that moves from step to step at its limits, with its readback.
+"""Simulation of a turntable that moves from step to step at its limits, and of its readback.
 
 The table starts at rest with all angles zero. Before a step it moves all axes at once, each at its
 own limits and to the nearest equivalent angle. Samples during this move have no label. Angles are
@@ -227,7 +227,7 @@ def sample_readback(
 def add_hold_numbers(
     bench: Turntable, steps: Sequence[TableStep], done: SimulatedMotion
 ) -> SimulatedMotion:
-    """Add the hold number of each sample to a simulation, in the same form as a bench host."""
+    """Add the hold number of each sample to a simulation, in the form that a bench host uses."""
     number, margin = np.full(done.time.size, -1.0), settling_time(bench)
     for k, step in enumerate(step for step in steps if isinstance(step, Position)):
         time = done.time[done.labels == step.label]

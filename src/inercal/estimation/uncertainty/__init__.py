@@ -4,7 +4,7 @@ Functions: first-order propagation, C_y = J C_x Jᵀ (GUM 5.2.2, equation 13; S2
 
 Procedures: propagation of distributions by Monte Carlo (GUM Supplement 1), and consistency over
 trials. Trials are drawn in batches. Each batch has its own random stream, spawned from one seed, so
-a batch does not depend on the number of other batches, and they may be drawn in any order.
+a batch does not depend on the number of other batches, and the batches may be drawn in any order.
 
 Means (type A) of samples that are not independent: the samples are divided into a batches of equal
 length, and the scatter of the batch means is used instead of the scatter of the samples
@@ -194,7 +194,7 @@ def pooled_mean_covariances(
     covariances : list of (..., m, m) arrays
         One covariance for each section.
     dof : float
-        Degrees of freedom of all of them.
+        Degrees of freedom that all these covariances share.
 
     Raises
     ------

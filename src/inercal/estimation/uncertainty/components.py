@@ -1,4 +1,4 @@
-"""Variance components: the true scatter between sensors, within lots and between lots.
+"""Variance components: estimate the true scatter between sensors, within lots and between lots.
 
 Each value has its own standard uncertainty, which adds to its scatter::
 
@@ -111,7 +111,7 @@ def variance_components(value: Array, std: Array, lots: Indices | None = None) -
 
 
 def _mean_std(value: Array, weight: Array) -> float:
-    """Return the standard uncertainty of the weighted mean, at least the one from the weights."""
+    """Return the standard uncertainty of the weighted mean; the weights give its lower limit."""
     total = weight.sum()
     q = weight @ (value - weight @ value / total) ** 2 / (len(value) - 1)
     return float(np.sqrt(max(q, 1.0) / total))
@@ -122,7 +122,7 @@ def _component(value: Array, std: Array, lots: Indices, count: int, dof: int) ->
     variance, value = std**2, value - np.median(value)
 
     def squares(excess: float) -> tuple[float, float]:
-        """Return Q and its derivative; the change of the means does not contribute to it."""
+        """Return Q and its derivative; the change of the means has no effect on it."""
         weight = 1 / (variance + excess)
         total = np.bincount(lots, weight, count)
         mean = np.bincount(lots, weight * value, count) / total

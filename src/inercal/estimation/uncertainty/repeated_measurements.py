@@ -1,4 +1,4 @@
-"""Random effects with known shapes in repeated measurements of one vector (REML).
+"""Estimate random effects with known shapes in repeated measurements of one vector (REML).
 
 Each session i = 1 … k measures p values with its own known covariance C_i. Random effects add to
 the scatter. An effect c is the same in all sessions with the same level, such as a day, and has the
@@ -9,8 +9,8 @@ covariance σ_c² G_c G_cᵀ with a known shape::
 A few sessions cannot determine an unconstrained covariance of p values, because its rank would be
 at most k − 1. They can determine one variance for each shape. The variances maximise the restricted
 likelihood, found by Fisher scoring with σ_c² ≥ 0 (Patterson and Thompson 1971, Biometrika 58,
-545–554). With V the covariance of all sessions, X that of θ, P = V⁻¹ − V⁻¹X(XᵀV⁻¹X)⁻¹XᵀV⁻¹ and Z_c
-the effect's part of V without σ_c²::
+545–554). Let V be the covariance of all sessions, X the derivative of y with respect to θ, P = V⁻¹
+− V⁻¹X(XᵀV⁻¹X)⁻¹XᵀV⁻¹ and Z_c the effect's part of V without σ_c². Then::
 
     score_c = ½ (yᵀPZ_cPy − tr PZ_c),   information_cd = ½ tr PZ_cPZ_d
 """

@@ -2,13 +2,13 @@
 
 The covariance is the minimum covariance determinant (Rousseeuw and Van Driessen 1999, Technometrics
 41, 212–223): the covariance of those three quarters of the values for which its determinant is
-smallest, found by their concentration steps. Nothing is drawn at random. The steps start from the
-half of the values nearest the medians, and from the orthogonalised Gnanadesikan–Kettenring
-estimator (Maronna and Zamar 2002, Technometrics 44, 307–317), which makes the pairwise covariances
-(σ²(x + y) − σ²(x − y))/4 positive definite along their eigenvectors. The values within χ²₀.₉₇₅ of
-this covariance give the final covariance. Up to a tenth of the values may have a common error.
-p-values are selected so that the expected share of false discoveries is below a bound (Benjamini
-and Hochberg 1995, Journal of the Royal Statistical Society B 57, 289–300).
+smallest, found by the concentration steps of these authors. Nothing is drawn at random. The steps
+start from the half of the values nearest the medians, and from the orthogonalised
+Gnanadesikan–Kettenring estimator (Maronna and Zamar 2002, Technometrics 44, 307–317), which makes
+the pairwise covariances (σ²(x + y) − σ²(x − y))/4 positive definite along their eigenvectors. The
+values within χ²₀.₉₇₅ of this covariance give the final covariance. Up to a tenth of the values may
+have a common error. p-values are selected so that the expected share of false discoveries is below
+a bound (Benjamini and Hochberg 1995, Journal of the Royal Statistical Society B 57, 289–300).
 
 Outliers are rows of a table that differ from the others; the limits account for the number of rows.
 

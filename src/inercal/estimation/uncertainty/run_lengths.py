@@ -1,6 +1,6 @@
 """Run lengths of control charts, and limits for a given run length.
 
-The run length is the number of points until a chart signals. Its mean while nothing is wrong is the
+The run length is the number of points until a chart signals. If nothing is wrong, its mean is the
 in-control run length, ARL₀. A chart with memory computes, from standardised z_t in p dimensions::
 
     w_t = (1 − λ) w_{t−1} + λ z_t,   signal where |w_t|² (2 − λ)/λ > h

@@ -5,7 +5,7 @@ acceleration. The attitudes need not be known. At tens of g the quadratic terms 
 addition to bias and scale factor.
 
 `ml` computes f̂ with the inverse of the sensor's exact model, and compares ‖f̂‖ with the norm that
-the bench states. The weights follow from the readings' noise along f̂ and from the errors that
+the bench states. The rows are weighted by the readings' noise along f̂ and by the errors that
 differ from dwell to dwell. Errors that are constant over the run (radius, stretch, rate, tilt,
 gravity, earth's rate) are nuisances with their stated deviations. `series` and `paper` are closed
 formulas (`inercal.methods.centrifuge_norm.closed_formulas`).
@@ -17,10 +17,11 @@ The remarks name coefficients that explain the scatter of the rows. They also li
 the norm, with the change that would repair each. No row is changed, because only the user has the
 original table.
 
-A plan contains attitudes on the arm at several rates, each for whole turns. Norms determine the
-coefficients of an axis if it has readings of both signs. In the twenty positions of Wang and Li
-2021, ψ covers only half a circle, and y never senses the arm from behind. On a full circle the
-uncertainty of the worst coefficient is seven times smaller with the same number of dwells.
+A plan contains several attitudes on the arm at several rates. Each dwell lasts whole turns. Norms
+determine the coefficients of an axis if it has readings of both signs. In the twenty positions of
+Wang and Li 2021, ψ covers only half a circle, and y never senses the arm from behind. On a full
+circle the uncertainty of the worst coefficient is seven times smaller with the same number of
+dwells.
 
 Sources: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021 (the observation);
 IEEE Std 836 (the bench); `ml` is our own.
@@ -93,7 +94,7 @@ def plan(
     ----------
     attitudes : "full-circle" or "half-circle"
     rates : sequence of float
-        rad/s, in the positive direction of the bench.
+        Rates in the bench's positive direction, rad/s.
     turns : int
         Number of whole turns that each dwell is averaged over.
 
@@ -142,7 +143,7 @@ def ml(
     Raises
     ------
     NotObserved
-        These dwells do not determine some coefficients.
+        These dwells do not determine all coefficients.
     """
     estimate = solving.solve(
         observations, priors, lambda some, own: likelihood_problem(some, sensor, bench, steps, own)
@@ -206,7 +207,7 @@ class ClosedFormulas:
     weighted : bool
         Whether rows are weighted by the noise of their squared norms.
     takes_root : bool
-        Whether k2 is the square root of a fourth-power coefficient.
+        Whether k2 is computed as the square root of a fourth-power coefficient.
     """
 
     name: str
@@ -228,7 +229,7 @@ class ClosedFormulas:
         ------
         InputError
             There are priors, a trial axis, or coefficients other than k0, k1, k2 of three
-            accelerometers, or the noise leaves no real root.
+            accelerometers, or the formulas have no real root because of noise.
         NotObserved
             The dwells do not give the regression full rank.
         """
@@ -296,7 +297,7 @@ def _remarks(fit: Fit[Centrifuge, Spin]) -> Remarks:
             )
         suspects = screen_rows(rows, explained.sensor, bench, steps, priors, explained.agreement)
     except NotObserved:
-        return Remarks(warnings)  # the estimator raises the same with more detail
+        return Remarks(warnings)  # the estimator raises the same error with details
     except InputError as error:
         return Remarks((*warnings, Finding("warning", "norm", str(error))))
     return Remarks((*warnings, *(Finding("warning", "norm", one.describe()) for one in suspects)))

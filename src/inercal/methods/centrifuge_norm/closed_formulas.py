@@ -1,17 +1,17 @@
-"""Closed-form estimators: a linear regression of the squared norm, inverted for the coefficients.
+"""Estimators in closed form: a linear regression of the squared norm gives the coefficients.
 
-An axis with the model N = S (f + D f²) + b and u = (N − b)/S has sensed
+If an axis follows the model N = S (f + D f²) + b, and u = (N − b)/S, the sensed force is
 
     f = 2u / (1 + √(1 + 4Du)),   f² = u² − 2Du³ + 5D²u⁴ − 14D³u⁵ + …
 
-so that, up to the fourth power, Σ f² = n² is linear in thirteen numbers: C₀, and C₁ … C₄ for each
-of three axes.
-With K = Db/S and q = √(1 − 4K) the Taylor coefficients at N = 0 are exactly::
+Up to the fourth power, Σ f² = n² is therefore linear in thirteen numbers: C₀, and C₁ … C₄ for each
+of three axes. With K = Db/S and q = √(1 − 4K) the Taylor coefficients at N = 0 are exactly::
 
     C₁ = (q − 1)/(DSq)    C₂ = 1/(S²q³)    C₃ = −2D/(S³q⁵)    C₄ = 5D²/(S⁴q⁷)
 
 `series` inverts C₁, C₂, C₃ and is regular at D = 0; `paper` computes D from C₄, as its source does.
-The truncated powers add errors to the others: 2e-9/g to D at 36 g and D = 5e-5/g.
+The omitted higher powers cause errors of the other coefficients: for D = 5e-5/g at 36 g, the error
+of D is 2e-9/g.
 
 Source: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021, equations 13 to 22,
 with its misprints corrected: (14) C₄ = 5D²S⁻⁴ without N⁴; (19) the other branch of K; (21) the sign
@@ -74,8 +74,8 @@ def coefficients(
     invert : callable
         `series` or `paper`.
     weighted : bool
-        Weight each row by 1/n, because equal noise σ in all readings gives the squared norm the
-        noise 2nσ.
+        Whether to weight each row by 1/n. If all readings have the noise σ, the squared norm has
+        the noise 2nσ.
     """
     rows, target = regression_matrix(y / G0), (norm / G0) ** 2
     if weighted:

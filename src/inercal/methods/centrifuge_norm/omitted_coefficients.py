@@ -1,9 +1,9 @@
-"""Finds coefficients that were not selected but would explain the scatter between a table's rows.
+"""Find coefficients that were not selected but would explain the scatter between a table's rows.
 
 If rows scatter more than stated, only the rows that agree best with each other are fitted. The
 score tests of that fit rank the omitted coefficients, and the first two significant ones are tried.
-A coefficient is named if, with it, the rows scatter far less or far fewer rows are outliers. The
-search then continues for a second coefficient.
+A coefficient is named if, when it is added, the rows scatter far less or far fewer rows are
+outliers. Then the search looks for a second coefficient.
 """
 
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
 CANDIDATE_GROUPS = ("k3", "koq", "nonorthogonality")  # observable from norms; as in [method] also
-_INLIER_LIMIT = 4.0  # deviations of most rows; rows beyond it are left out of the score tests
+_INLIER_LIMIT = 4.0  # standard deviations; rows beyond this limit are left out of the score tests
 _EXPECTED_SCATTER = 1.5  # times the stated scatter; less than this needs no explanation
 # Fraction of the scatter, or of the outliers, that may remain if a coefficient explains it
 _EXPLAINED_RATIO = 0.5
@@ -42,7 +42,7 @@ class OmittedCoefficients:
     sensor : Sensor
         The sensor with these coefficients added.
     before, after : float
-        Ratio of the scatter between most rows to the stated one, without and with the coefficients.
+        Scatter of most rows divided by the stated scatter, without and with the coefficients.
     outlier_counts : tuple of two int
         Number of outlier rows, without and with the coefficients.
     agreement : Agreement
@@ -82,7 +82,7 @@ def find_omitted_coefficients(
     Raises
     ------
     NotObserved
-        These dwells do not determine some coefficients of the sensor.
+        These dwells do not determine all coefficients of the sensor.
     """
     here = before = row_agreement(norm_problem(observations, sensor, bench, steps, priors))
     words: tuple[str, ...] = ()
@@ -145,5 +145,5 @@ def _ranked_groups(
 
 def _with_coefficients(sensor: Sensor, word: str) -> Sensor:
     chosen = sensor.with_coefficients(*sensor.coefficients, word)
-    # Only the tilted form has nonlinear terms together with misalignments.
+    # Nonlinear terms together with misalignments are only possible in the tilted form.
     return replace(chosen, form="tilted") if word == "nonorthogonality" else chosen

@@ -1,4 +1,4 @@
-"""Maximum-likelihood estimation problems: from norms, and from vectors in known attitudes.
+"""Maximum-likelihood problems, which compare either norms or vectors in known attitudes.
 
 The problem of norms computes f̂ with the inverse of the sensor's model and compares ‖f̂‖ with the
 norm on the arm. A rotation of the triad (h_i → R h_i) changes no norm, so it is a gauge freedom.
@@ -6,8 +6,8 @@ Lever arms act through the rate, whose direction in the body depends on the atti
 mounting angles.
 
 The problem of vectors compares each axis's reading with the reading predicted for its attitude. The
-errors of the attitudes are nuisances with their stated deviations. Poorly known attitudes therefore
-still leave the information that the norms contain.
+errors of the attitudes are nuisances with their stated deviations. The information in the norms is
+therefore used even if the attitudes are poorly known.
 """
 
 from collections.abc import Callable, Mapping
@@ -61,13 +61,14 @@ def norm_problem(
 ) -> Problem:
     """Return the problem with norms only; arguments as for `inercal.methods.centrifuge_norm.ml`.
 
-    Its noise is given as standard deviations, or as a covariance if rows share the errors of a
-    dwell or a drift.
+    The noise is given as standard deviations, or as a covariance if rows share a dwell's errors or
+    a drift.
 
     Raises
     ------
     NotObserved
-        The misalignments include rotations of the triad, without a gauge or prior.
+        The misalignments include rotations of the triad, and neither a gauge nor a prior fixes
+        them.
     InputError
         There are lever arms, and a step has an unknown attitude.
     """
@@ -109,9 +110,9 @@ def _lever_arm_candidates(
 ) -> list[Candidate]:
     """Return candidates for lever arms along the axes when the attitudes are unknown.
 
-    An arm l along an axis adds −ω² l (1 − v²) to its reading, where v is the component of the
-    vertical along the axis. Norms determine only the direction û of the force, and the vertical is
-    perpendicular to it. The mean of v² over all perpendicular directions is (1 − û²)/2. The norm
+    An arm l along an axis adds −ω² l (1 − v²) to the axis's reading, where v is the component of
+    the vertical along the axis. Norms determine only the direction û of the force, and the vertical
+    is perpendicular to it. The mean of v² over all perpendicular directions is (1 − û²)/2. The norm
     changes by û per unit of a reading.
     """
     _, jacobian = built.linearise(x)
@@ -144,7 +145,7 @@ def _extended_sensor(
 ) -> Sensor:
     """Return the sensor with all coefficients observable from norms, those of `sensor` first.
 
-    Among the misalignments this is the non-orthogonality, which the user can select by name.
+    Of the misalignments, norms observe only the non-orthogonality, which users can select by name.
     Terms of the rate are included if the rate in the body is known, and temperature terms if the
     temperature is known and varies.
     """
@@ -158,7 +159,7 @@ def _extended_sensor(
 
 
 def _nonorthogonality_family(sensor: Sensor) -> dict[str, tuple[str, ...]]:
-    """Return the family of misalignments that rotate no triad, under the name that users select."""
+    """Return the non-orthogonality as a family of misalignments, under the user's name for it."""
     if not _is_triad(sensor):
         return {}
     return {"nonorthogonality": sensor.with_coefficients("nonorthogonality").coefficients}
@@ -252,7 +253,7 @@ def _ungauged_norm_problem(
     normal_equations = None if correlated or table is None else norm_equations
 
     def relative_size() -> float:
-        # For a norm of tens of g the rounding error is a millionth of its uncertainty.
+        # For a norm of tens of g the rounding error is a millionth of the norm's uncertainty.
         x, lead = unknowns.start, observations.trial_shape
         if normal_equations is not None and lead > (QR_MAX_TRIALS,):
             # Trials differ little in this ratio unless their noise differs.

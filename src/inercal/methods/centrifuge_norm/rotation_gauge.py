@@ -1,8 +1,9 @@
-"""Rotations of the triad, which norms do not observe, and the gauge that fixes them.
+"""Norms do not observe rotations of the triad; a gauge fixes these rotations.
 
 Norms do not change when the input axes h_i are rotated, h_i → R h_i. Three combinations of the six
-misalignments are therefore free. A rotation by ρ turns axis i about its O by ρ·O_i and about its P
-by ρ·P_i. The sums of these over the axes are zero if the matrix of the misalignments is symmetric.
+misalignments are therefore free. A rotation by ρ turns axis i about its O axis by ρ·O_i and about
+its P axis by ρ·P_i. If the matrix of misalignments is symmetric, the sums of these angles over the
+axes are zero.
 """
 
 import numpy as np
@@ -21,7 +22,7 @@ def require_gauge(sensor: Sensor, priors: Priors) -> None:
     """Raise NotObserved if rotations of the triad are free, because norms do not observe them.
 
     In the reference form the rotations act on norms only through the nonlinear terms, which then
-    act along other axes. That does not count as a measurement of an angle.
+    act along other axes. This effect does not count as a measurement of the rotation.
 
     Raises
     ------
@@ -46,7 +47,7 @@ def require_gauge(sensor: Sensor, priors: Priors) -> None:
 
 
 def _misalignment_axes(sensor: Sensor) -> dict[str, Array]:
-    """Return the axis that each misalignment turns about, (3,), by full name."""
+    """Return the rotation axis of each misalignment, (3,), by full name."""
     return {
         f"{axis.name}.{term}": axis.frame[row]
         for axis in sensor.axes
@@ -75,7 +76,7 @@ def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
     Raises
     ------
     InputError
-        The sensor has the symmetric frame but not all misalignments.
+        The sensor uses the symmetric frame but lacks some misalignments.
     """
     if sensor.frame != "symmetric":
         return ()

@@ -1,8 +1,8 @@
-"""Finds rows of a table that violate the norm, and the single change that would repair each.
+"""Find rows of a table that violate the norm, and the single change that would repair each row.
 
 A table that was typed by hand or copied from print may have lost signs, exchanged columns and wrong
-digits. The norm reveals them without a reference. All rows are fitted with Cauchy's loss, and its
-threshold is halved step by step from the largest residual down to the noise (graduated
+digits. The norm reveals these errors without a reference. All rows are fitted with Cauchy's loss,
+and its threshold is halved step by step from the largest residual down to the noise (graduated
 non-convexity: Blake and Zisserman 1987, Visual Reconstruction, chapter 7). The rows that agree with
 each other therefore decide the fit. A fixed threshold would fail, because wrong rows distort the
 fit and give good rows large residuals.
@@ -12,8 +12,9 @@ the decimal point of an entry shifted by one place, then one digit of an entry o
 digits exchanged. The first kind of change that brings the row within its noise is named. No change
 is applied, because only the user has the original table.
 
-A row is a suspect if its residual is too large to be the largest of all rows. The score test of a
-single row in `inercal.methods.candidates` has the same significance level.
+A row is suspect if its residual is too large to be explained by chance as the largest residual of
+all rows. The score test of a single row in `inercal.methods.candidates` has the same significance
+level.
 """
 # SciPy has no type stubs.
 # pyright: reportMissingTypeStubs=false
@@ -38,15 +39,15 @@ from inercal.physics.plan import Spins
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
-_FINAL_THRESHOLD = 1.5  # threshold of the loss at the end, in deviations
+_FINAL_THRESHOLD = 1.5  # threshold of the loss at the end, in standard deviations
 _FINAL_ITERATIONS, _INTERMEDIATE_ITERATIONS = 30, 5  # at the last threshold and at earlier ones
 _THRESHOLD_TOLERANCE = 1e-8  # relative; moves the fit by far less than its uncertainty
-# For the fit before any threshold: a table that is wrong as a whole never converges.
+# For the fit before any threshold, because a table that is wrong as a whole never converges.
 START_ITERATIONS = 50
-_REPAIR_LIMIT = 4.0  # deviations; also at most half of the deviations without the repair
+_REPAIR_LIMIT = 4.0  # standard deviations; and at most half of the residual without the repair
 _MAX_LISTED_REPAIRS = 4  # per row
 _INCONSISTENT_SCATTER = 1e3  # times the stated noise
-_MAD_FACTOR = 1.4826  # deviations per median of |u|
+_MAD_FACTOR = 1.4826  # standard deviation per median of |u|
 
 
 _REPAIR_WORDS = {
@@ -85,7 +86,8 @@ class SuspectRow:
     deviations : float
         The residual divided by its standard deviation.
     repairs : tuple of Repair
-        All single changes of the simplest kind that bring the row within its noise; empty if none.
+        All single changes of the simplest kind that bring the row within its noise; empty if there
+        are none.
     """
 
     label: str
@@ -119,7 +121,7 @@ def screen_rows(
     Parameters
     ----------
     observations, sensor, bench, steps, priors
-        As for `inercal.methods.centrifuge_norm.ml`.
+        The same as for `inercal.methods.centrifuge_norm.ml`.
     agreement : Agreement, optional
         Agreement between these rows, if already computed.
 
@@ -128,7 +130,7 @@ def screen_rows(
     InputError
         There are many trials, or fewer than half of the rows agree with each other.
     NotObserved
-        These dwells do not determine some coefficients.
+        These dwells do not determine all coefficients.
     """
     require_single_recording(observations, "the screening of rows")
     agreement = agreement or row_agreement(norm_problem(observations, sensor, bench, steps, priors))
@@ -190,11 +192,11 @@ class Agreement(NamedTuple):
 
     fit: Estimate
     noise: float  # ratio of the scatter of most rows to the stated one, at least 1
-    outlier_rows: Indices  # rows whose residual is too large to be the largest of all
+    outlier_rows: Indices  # rows whose residual is larger than chance explains
 
     @property
     def inconsistent(self) -> bool:
-        """Whether there is no norm that the rows agree with."""
+        """Whether the rows do not agree with any norm."""
         return self.noise > _INCONSISTENT_SCATTER or 2 * len(self.outlier_rows) >= len(
             self.fit.whitened
         )

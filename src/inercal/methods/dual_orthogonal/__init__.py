@@ -1,4 +1,4 @@
-"""Two orthogonal accelerometers on a dividing head: the norm of the sensed force is g.
+"""Calibration of two orthogonal accelerometers on a dividing head, which together sense g.
 
 A head error of 3″ corresponds to 15 µg when the sensitive axis is horizontal. Two accelerometers at
 right angles have opposite errors there, so ‖f̂‖ = g does not depend on the head. An autocollimator
@@ -6,12 +6,12 @@ or priors determine the combinations that g² leaves free (`g_squared.NULL_DIREC
 
 * `joint`: uses all readings and the exact model; the head's errors and the biases' drift are
   nuisances.
-* `patent`: bias and gain from the four cardinal positions, then g² at the other positions.
-* `dual`: only g², with priors instead of the autocollimator.
-* `single`: each accelerometer against the head, which is treated as exact. This is the conventional
-  tumble test.
+* `patent`: computes bias and gain from the four cardinal positions, then uses g² at the others.
+* `dual`: uses only g², with priors instead of the autocollimator.
+* `single`: compares each accelerometer with the head, which is treated as exact. This is the
+  conventional tumble test.
 
-The sensor is that of `inercal.benches.dividing_head.bench.mounted_sensor`; `joint` and `single`
+The sensor comes from `inercal.benches.dividing_head.bench.mounted_sensor`; `joint` and `single`
 also accept one accelerometer.
 
 g² does not observe the common mounting angle. `patent` and `dual` compute it from the angle at
@@ -52,7 +52,7 @@ from inercal.physics.plan import Indexings
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations
 
-_MIN_IMPROVEMENT = 3.0  # standard uncertainty of one coefficient over that of the sum
+_MIN_IMPROVEMENT = 3.0  # ratio of one coefficient's uncertainty to that of the sum
 
 
 class CoefficientSum(NamedTuple):
@@ -73,7 +73,7 @@ def well_determined_sums(estimate: Estimate, g: float) -> tuple[CoefficientSum, 
     estimate : Estimate
         Estimate from one recording.
     g : float
-        m/s².
+        Local gravity, m/s².
     """
     axes = [CoefficientName(name).axis for name in estimate.wanted if name.endswith(".k1")]
     requested = [
@@ -148,9 +148,9 @@ def joint(
     Raises
     ------
     InputError
-        The sensor is not the fixture's, or the steps are not those of the rows.
+        The sensor does not fit the fixture, or the steps do not match the rows.
     NotObserved
-        These positions do not determine some coefficients.
+        These positions do not determine all coefficients.
     """
     g_squared.require_fixture_sensor(sensor, allow_single=True)
     require_matching_rows(observations, sensor, steps)
@@ -174,9 +174,9 @@ def patent(
     Raises
     ------
     InputError
-        There are priors on k0 or k1, or the sensor does not have them.
+        There are priors on k0 or k1, or the sensor lacks k0 or k1.
     NotObserved
-        Cardinal positions are missing, there are too few others, or K3 has no prior.
+        Cardinal positions are missing, there are too few other positions, or K3 has no prior.
     """
     g_squared.require_fixture_sensor(sensor)
     refuse_temperature_terms(sensor, "patent", "joint")
@@ -203,7 +203,7 @@ def dual(
     Raises
     ------
     InputError
-        The sensor is not the fixture's pair.
+        The sensor does not fit the fixture pair.
     NotObserved
         g² and the priors leave combinations of coefficients free; the message names them.
     """
@@ -275,9 +275,9 @@ def single(
     Raises
     ------
     InputError
-        The sensor is not the fixture's, or the steps are not those of the rows.
+        The sensor does not fit the fixture, or the steps do not match the rows.
     NotObserved
-        These positions do not determine some coefficients.
+        These positions do not determine all coefficients.
     """
     g_squared.require_fixture_sensor(sensor, allow_single=True)
     require_matching_rows(observations, sensor, steps)
@@ -294,7 +294,7 @@ def single(
     estimate = replace(
         alone,
         covariance=alone.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
-        # The residuals contain the head's errors besides noise, so they test neither.
+        # The residuals contain both head errors and noise, so they cannot test either of them.
         chi2=np.zeros(alone.value.shape[:-1]),
         dof=0,
         scoring=NO_SCORE_TESTS,

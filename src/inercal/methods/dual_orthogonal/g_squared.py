@@ -5,14 +5,14 @@ In g, with s = sin θ, c = cos θ and δ = δ_B − δ_A, z = ½(y_A² + y_B² �
     z = K_A0 s + K_B0 c + k_A1 s² + k_B1 c² − δ s c + K_A2 s³ + K_B2 c³ + K_A3 s⁴ + K_B3 c⁴
         + K_Aip s² c − K_Bip s c²
 
-The head's error does not appear. Here this form only decides which coefficients are observed: eight
-combinations of the eleven. The estimate uses the exact form ‖f̂‖ = g, where f̂ is the force in the
-plane of rotation, computed with the inverse of the sensor's full model at both readings. With the
-readings compensated to α and β this is α² + β² + 2αβ sin δ = cos² δ, which does not depend on the
-angle to any order.
+The head's error does not appear. This linear form only decides which coefficients are observed:
+eight combinations of the eleven coefficients. The estimate uses the exact form ‖f̂‖ = g, where f̂
+is the force in the plane of rotation, computed with the inverse of the sensor's full model at both
+readings. If α and β are the compensated readings, this is α² + β² + 2αβ sin δ = cos² δ, which does
+not depend on the head's angle at all.
 
-The exact form depends on the other three combinations through products of errors. That does not
-count as a measurement of them, so observability is judged at the nominal sensor.
+The exact form depends on the other three combinations through products of errors. This dependence
+does not count as a measurement, so observability is judged at the nominal sensor.
 
 Source: CN101852817A (Harbin Institute of Technology, 2010), step 3, derived again from the physics.
 """
@@ -78,7 +78,7 @@ class SquaredComparison(NamedTuple):
 
 
 def compare_with_gravity(sensor: Sensor, y: Array, c: Array, g: float) -> SquaredComparison:
-    """Compare g with the norm of the force in the plane that follows from the readings.
+    """Compare g with the norm of the force in the plane, computed from the readings.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def compare_with_gravity(sensor: Sensor, y: Array, c: Array, g: float) -> Square
     c : (..., p) array
         Coefficients, SI.
     g : float
-        m/s².
+        Local gravity, m/s².
     """
     lead = np.broadcast_shapes(y.shape[:-2], c.shape[:-1])
     f = np.zeros((*lead, y.shape[-2], 3))
@@ -135,7 +135,7 @@ def g_squared_problem(
     p = len(sensor.coefficients)
     nominal = sensed_motion(bench, steps, {}).f[..., :2]
     up = nominal / np.linalg.norm(nominal, axis=-1, keepdims=True)
-    # The noise acts along the nominal force: a mounting angle of 300″ changes it by a millionth.
+    # The noise is taken along the nominal force: an angle of 300″ changes it by only a millionth.
     noise = covariance_along(up, observations.full_covariance)
 
     def linearise(x: Array) -> tuple[Array, Array]:
@@ -148,7 +148,7 @@ def g_squared_problem(
         seen = compare_with_gravity(larger, y, there, g)
         column: dict[str, Array] = dict(zip(larger.coefficients, seen.jacobian.T, strict=True))
         if not {f"{channel}.k1" for channel in sensor.channels} <= set(sensor.coefficients):
-            # If both k1 are estimated, an error of g differs from k1 by a millionth of its size.
+            # If both k1 are estimated, an error of g acts like k1, up to a millionth of its size.
             column["g"] = np.full(len(steps), -1.0)
         families: dict[str, list[str]] = {}
         for k, channel in enumerate(sensor.channels):
@@ -182,7 +182,7 @@ def g_squared_problem(
 def with_gravity_sensitivity(problem: Problem, estimate: Estimate) -> Estimate:
     """Return an estimate from `g_squared_problem` with its sensitivity to the stated gravity.
 
-    If gravity increases by dg, all residuals g − ‖f̂‖ do too: dc = P Jᵀ W 1 dg.
+    If gravity increases by dg, so does every residual g − ‖f̂‖, and therefore dc = P Jᵀ W 1 dg.
     """
     _, jacobian = problem.linearise(estimate.value)
     assert not callable(problem.noise)

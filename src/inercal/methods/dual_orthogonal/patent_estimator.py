@@ -1,22 +1,24 @@
-"""The patent's method: K0 and k1 + K3 from four cardinal positions, the rest from g² and priors.
+"""The patent's method finds K0 and k1 + K3 from four positions, and the rest from g² and priors.
 
 The results from the four positions are fixed. Then ‖f̂‖ = g at the other positions determines δ,
 K2, Kip and K3, with k1 = (k1 + K3) − K3. K_A3 and K_B3 have the same effect there, so their
-difference needs a prior, and so does the difference between the k1. Once δ is known, the results
-from the four positions are computed again, and then the others.
+difference needs a prior, and so does the difference between the two k1. Once δ is known, the
+results from the four positions are computed again, and then the other coefficients.
 
 Sums and differences of the readings at the four cardinal positions give bias, gain and K2 of both
-accelerometers. With u and v the readings of a level accelerometer (0° and 180° for A, 270° and 90°
-for B) and n, m those of a vertical one, up and down (90° and 270°, 0° and 180°), in g::
+accelerometers. Let u and v be the readings, in g, of a level accelerometer (0° and 180° for A, 270°
+and 90° for B), and n and m those of a vertical accelerometer, up and down (90° and 270°, 0° and
+180°)::
 
     K0 = (u + v)/2        k1 + K3 = √(((n − m)/2)² + ((u − v)/2)²) − 1        K2 = (n + m)/2 − K0
 
 The head is trimmed so that the angles of a pair differ by less than the autocollimator's
-resolution. The root corrects for the mounting angle. To lowest order it adds ½ ((u − v)/2)²;
-without it an angle of 300″ would cause an error of 1.1 µg.
+resolution. The root corrects for the mounting angle. To lowest order it adds ½ ((u − v)/2)².
+Without this term a mounting angle of 300″ would cause an error of 1.1 µg.
 
-That angle is measured at the level positions, but the head's error is different at the vertical
-positions. There the other accelerometer is level and determines the angle, once g² has given δ::
+This angle is measured at the level positions, but the head has a different error at the vertical
+positions. At a vertical position the other accelerometer is level and measures the angle, once δ is
+known from g²::
 
     k1 + K3 = (n − m) / (2 cos φ) − 1        φ_A = φ of B − δ        φ_B = φ of A + δ
 
@@ -112,7 +114,7 @@ def averaging_matrix(steps: Indexings) -> Array:
 
 
 class _CoefficientMaps(NamedTuple):
-    """Coefficients as a linear function of k0 and gain of a and b, (p, 4), and of the others."""
+    """Coefficients as a linear function of k0 and gain of a and b, (p, 4), and of the rest."""
 
     from_four_points: Array
     from_second_stage: Array
@@ -169,8 +171,8 @@ def two_stage_estimate(
     requested = _second_stage_problem(seen_there, sensor, bench, maps, up, fixed, tuple(priors))
     second = least_squares(requested)
     if set(g_squared.MOUNTING_ANGLES) <= set(maps.names):
-        # Once δ is known, the angle for each gain comes from its own positions, and the head's
-        # error drops out.
+        # Once δ is known, the angle for each gain is measured at the gain's own positions, so the
+        # head's error cancels.
         delta = np.diff(second.select(g_squared.MOUNTING_ANGLES).value)[..., 0]
         fixed = held(observations.mean, delta)
         second = least_squares(
@@ -201,7 +203,7 @@ def two_stage_estimate(
         wanted=sensor.coefficients,
         value=value,
         covariance=np.broadcast_to(covariance, (*value.shape, value.shape[-1])),
-        # The residuals contain the errors of the fixed values besides noise, so they test neither.
+        # The residuals contain both noise and errors of the fixed values, so they test neither.
         chi2=np.zeros(value.shape[:-1]),
         dof=0,
         rank=structure.rank,

@@ -7,16 +7,16 @@ determine the gyros' scale factor and misalignment relative to the accelerometer
 at rest determine the gyros' bias and sensitivity to acceleration. The frame is that of the
 accelerometers: x along the first input axis, y in the plane of the first two.
 
-Each kind of row has its own χ² test. If χ² exceeds its 95 % bound, the scatter that explains it is
-added to the noise. If χ² is below its 1 % bound, the samples contain hand tremor, and only a share
-of their scatter counts as noise (`inercal.estimation.residual_scatter`). Noise that a table of
-means states is not reduced. Terms that the model omits are tested with the noise before anything is
-added (`inercal.methods.multi_position.rest_candidates`).
+Each kind of row has its own χ² test. If χ² exceeds its 95 % bound, enough scatter is added to the
+noise to explain the excess. If χ² is below its 1 % bound, the samples contain hand tremor, and only
+a share of their scatter counts as noise (`inercal.estimation.residual_scatter`). If a table of
+means states its noise, this noise is never reduced. The tests of terms that the model omits use the
+noise before anything is added (`inercal.methods.multi_position.rest_candidates`).
 
 The gyros' delay relative to the accelerometers is estimated from the motion between rests.
 Gravity's direction u, propagated by the rate, obeys u̇ = u × ω. If the gyros lag by τ, so does u,
-and the specific force is ahead of g u by τ g u × ω. Each transition gives the τ that fits it best.
-The hand's acceleration changes these values independently, so their scatter gives the uncertainty.
+and the specific force is ahead of g u by τ g u × ω. Each transition gives a value of τ. The hand's
+acceleration disturbs each value independently, so the scatter of the values gives the uncertainty.
 
 The advice names attitudes that would improve a result.
 
@@ -91,7 +91,7 @@ def joint(
     InputError
         The observations have a trial axis.
     NotObserved
-        These rests and transitions do not determine some coefficients. The message says what to
+        These rests and transitions do not determine all coefficients. The message says what to
         add.
     """
     rests = _checked_rests(observations, sensor, bench, priors)
@@ -106,7 +106,7 @@ def sequential(
 ) -> Estimate:
     """Estimate the accelerometers from norms only, then the gyros with the accelerometers fixed.
 
-    The accelerometers' covariance is included in the gyros'. The parameters and errors are as for
+    The gyros' covariance includes that of the accelerometers. The parameters and errors are as for
     `joint`.
     """
     rests = _checked_rests(observations, sensor, bench, priors)
@@ -167,10 +167,10 @@ def _remarks(fit: Fit[Hand, Any]) -> Remarks:
 def gyro_delay(
     observations: Observations, sensor: Sensor, estimate: Estimate, gravity: float
 ) -> Measured:
-    """Return how much later the gyros' samples are than the accelerometers', s.
+    """Return the delay of the gyros' samples relative to the accelerometers', s.
 
-    This is the mean over transitions, each weighted by how far it turned. The uncertainty comes
-    from the scatter (Cochran 1977, Sampling Techniques, 2.30, for a ratio).
+    The result is the mean over the transitions, weighted by the angle of each. The uncertainty
+    comes from the scatter (Cochran 1977, Sampling Techniques, 2.30, for a ratio).
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def gyro_delay(
     estimate : Estimate
         Estimate of the sensor's coefficients.
     gravity : float
-        m/s².
+        Local gravity, m/s².
 
     Raises
     ------
@@ -219,7 +219,7 @@ def gyro_delay(
 
 
 def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
-    """Return attitudes to add and the resulting uncertainty, if they would reduce it much.
+    """Return attitudes that would clearly reduce the uncertainty, and the uncertainty with them.
 
     The uncertainty is computed from the information matrix, with the estimated noise and scatter.
     """
@@ -264,7 +264,7 @@ def _shifts(estimate: Estimate, name: str) -> Array:
 
 
 def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, ...]:
-    """Return a finding if the rates at rest follow gravity but the gyro model has no g term.
+    """Return a finding if the rates at rest depend on gravity but the gyro model has no g term.
 
     This is an F test of the rates' residuals against the attitude, at the 0.1 % level.
     """

@@ -1,15 +1,14 @@
-"""Compiled integration of the rotation in each transition, sample by sample.
+"""Compiled integration of the rotation during each transition, sample by sample.
 
-With ω̂ = W y + w₀ the corrected rate of a sample and φ the rotation of one step between samples
-(the rate is assumed linear in between; Magnus series to fourth order in the step)::
+Let ω̂ = W y + w₀ be the corrected rate of a sample, and φ the rotation between two samples. The
+rate is assumed to be linear between the samples (Magnus series to fourth order in the step)::
 
     φ = ½ (ω₀ + ω₁) Δt + Δt²/12 ω₀ × ω₁
     u₁ = E u₀,   E = exp(−[φ×])           a direction fixed in space, seen from the turning body
     ψ₁ = E (ψ₀ + ½ dφ) + ½ dφ             turn of the end frame by errors of the rate, dφ = δω Δt
 
-so that δu = u × ψ at the end. Arrays are copied number by number, because Numba takes seconds to
-compile the assignment of an array to a slice. Two-sample step: Miller (1983), J. Guidance 6(4),
-287–291.
+At the end, δu = u × ψ. Arrays are copied number by number, because Numba takes seconds to compile
+the assignment of an array to a slice. Two-sample step: Miller (1983), J. Guidance 6(4), 287–291.
 """
 # Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
@@ -25,7 +24,7 @@ Ends = tuple[Indices, Indices, Indices, Indices]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _corrected_motion(sensed: Array, back: Array, zero: Array, output: Array, i: int) -> None:
-    """Write (f, ω) of sample i to the first six of `sensed`."""
+    """Write (f, ω) of sample i to the first six elements of `sensed`."""
     for a in range(6):
         total = zero[a]
         for b in range(output.shape[1]):
@@ -43,7 +42,7 @@ def integrate_transitions(
     time, output, ends
         As in `inercal.recordings.Transitions`.
     back, zero : (6, m) and (6,) arrays
-        f and ω computed from the output: back @ y + zero, SI.
+        Matrix and offset that compute f and ω from the output: back @ y + zero, SI.
     white : (3, 3) array
         Covariance of the white part of one rate sample, (rad/s)².
     weight : (n,) array
@@ -54,8 +53,9 @@ def integrate_transitions(
     rotation : (k, 3, 3) array
         From the body frame before the transition to the one after it.
     sensitivity : (k, 3, 3, 7) array
-        Σ C ⊗ (f, ω, 1) Δt with C the rotation from a sample's frame to the last: [a, b, j] is the
-        final turn about a that a rate error along b causes, if it is proportional to quantity j.
+        Σ C ⊗ (f, ω, 1) Δt, where C is the rotation from a sample's frame to the last one. Element
+        [a, b, j] is the final turn about axis a due to a rate error along b that is proportional to
+        quantity j.
     noise : (k, 3, 3) array
         Covariance of ψ due to the rate's white noise between `left` and `reached`, rad².
     """
@@ -182,11 +182,11 @@ def delay_sums(
     time, output, ends
         As in `inercal.recordings.Transitions`.
     back, zero : (6, m) and (6,) arrays
-        f and ω computed from the output, SI.
+        Matrix and offset that compute f and ω from the output, SI.
     before : (k, 3) array
         Up in the body frame during the rest before each transition, unit vectors.
     g : float
-        m/s².
+        Local gravity, m/s².
     """
     _, left, reached, _ = ends
     count = left.size

@@ -1,18 +1,18 @@
-"""Which coefficients a set of attitudes determines, and which attitude to add next.
+"""Find out which coefficients a set of attitudes determines, and which attitude to add next.
 
-The criterion depends only on the geometry. It is the deviation of each combination of coefficients
-if every norm were wrong by 1 mg and every rotation by 10 mrad (and every rate by 10 mrad/s). These
-errors exceed the noise of any sensor; bending, temperature and the hand cause errors of this size.
-If they would shift a combination by a tenth of its natural size, it is not observed, however quiet
-the sensor is.
+The criterion depends only on the geometry. It is the standard deviation that each combination of
+coefficients would have if every norm had an error of 1 mg and every rotation an error of 10 mrad
+(and every rate one of 10 mrad/s). These errors exceed the noise of any sensor; bending, temperature
+and the hand cause errors of this size. A combination that they would shift by a tenth of its
+natural size is not observed, however quiet the sensor is.
 
 Attitudes to add are selected one after another from the 26 directions of a cube's faces, edges and
-corners. Each time this is the attitude that, with the turn that leads to it, increases the
+corners. Each time, the next attitude is the one that, together with the turn to it, increases the
 determinant of the information matrix most (D-optimal; Fedorov 1972, Theory of Optimal Experiments,
 chapter 3).
 
-An error is raised if the rests and turns do not determine the coefficients: the errors
-(`attitude_coverage.GeometryErrors`) would shift a combination of coefficients by a tenth of its
+An error is raised if the rests and turns do not determine the coefficients, that is, if the errors
+in `attitude_coverage.GeometryErrors` would shift a combination of coefficients by a tenth of its
 natural size (10 % of scale, 0.1 g of bias, 0.1 rad).
 """
 
@@ -43,7 +43,7 @@ WORST_FORCE = 1e-3 * G0  # m/s², error of a norm
 WORST_TURN = 1e-2  # rad, error of a rotation; rad/s, error of a rate
 MOVE_SECONDS = 2.0
 _TURN_STEPS = 8  # number of steps per turn, each at a constant attitude
-# Information relative to 100, the value that counts as observed; it keeps determinants finite
+# A little initial information, which keeps determinants finite (100 counts as observed)
 _REGULARISATION = 1e-3
 _MAX_TURN_COSINE = 0.8  # turns of 37 to 143° are easy by hand, and their path is unambiguous
 
@@ -91,7 +91,7 @@ def turn_rows(
     after : (k, 3) array
         Up after each turn; neither parallel nor opposite to `before`.
     g : float
-        m/s².
+        Local gravity, m/s².
     errors : GeometryErrors
     """
     axis = np.cross(after, before)

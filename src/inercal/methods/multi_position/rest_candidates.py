@@ -1,16 +1,16 @@
-"""Score test candidates for multi_position: terms that its fits omit or treat as known.
+"""Candidates for the score tests of multi_position: terms that its fits omit or treat as known.
 
-A candidate adds an error to the readings. Its error at the rests enters the rows in the same way as
-noise (`row_whitening.reading_sensitivities`). Its gyro error between rests changes the rotations of
-the transitions, which are integrated again with a small step of the candidate::
+A candidate adds an error to the readings. At the rests, this error enters the rows in the same way
+as noise (`row_whitening.reading_sensitivities`). Between rests, a gyro error changes the rotations
+of the transitions, which are integrated again with a small error δ::
 
     column = (ρ(ω + δ basis) − ρ(ω)) / δ
 
 The candidates are sensor coefficients that are not estimated, the stated gravity and latitude, the
-recording's clock, a drift of the biases over the run, and arbitrary errors of single rests. Gravity
-only changes the scale of the accelerometers, and the clock only that of the gyros. They are
-candidates because the verdict lists effects that no residual shows. Further misalignments of the
-accelerometers are not candidates: they only turn the frame, which the accelerometers define.
+recording's clock, a drift of the biases over the run, and arbitrary errors of single rests. A wrong
+gravity only changes the accelerometers' scale, and a wrong clock only the gyros' scale. Both are
+candidates, because the verdict also lists effects that no residual shows. Further misalignments of
+the accelerometers are not candidates: they only turn the frame, which the accelerometers define.
 
 The change of the accelerometers' reading within a rest is compared with the tilt that the gyros
 measure. A hand sways, so a tilt relative to gravity is not a fault. Let Δf̂ be the change of f̂
@@ -19,11 +19,11 @@ the corrected rate (`inercal.recordings.segments.rest_changes`). Each rest has t
 
     d = Δf̂ − f̂ × θ
 
-whitened by the noise of both. They add no information about the coefficients and are only used for
-tests. One test is for a step in the middle of a rest, which also moves the rest's mean by half the
-step. The other is for a drift of the biases. A push of the hand increases the scatter of d. Each
-rest is therefore tested against the scatter of the other rests, along gravity and across it, if
-this scatter exceeds their noise.
+The rows are whitened by the noise of both terms. They add no information about the coefficients and
+are only used for tests. One test is for a step in the middle of a rest, which also moves the rest's
+mean by half the step. The other is for a drift of the biases. A push of the hand increases the
+scatter of d. Each rest is therefore tested against the scatter of the other rests, along gravity
+and across it, if this scatter exceeds their noise.
 """
 
 from collections.abc import Callable, Iterator
@@ -308,7 +308,7 @@ def rest_changes(
     flicker = rests.noise - seen.covariance
     of_force = 4 * scatter.force.of(seen.covariance[:, :m, :m]) + flicker[:, :m, :m]
     offset = flicker[:, m:, m:] + scatter.rate.excess**2 * np.eye(3)
-    # The hand's tremor is part of the gyros' scatter, and only a share of that counts as noise.
+    # The hand's tremor is part of the gyros' scatter, and only a share of it counts as noise.
     of_turn = scatter.turn.share * halves.square[:, None, None] * rests.rate_noise
     of_turn = of_turn + halves.seconds[:, None, None] ** 2 * offset
     by_turn = basis @ skew(sensed)

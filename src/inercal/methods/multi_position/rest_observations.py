@@ -1,4 +1,4 @@
-"""Rests in unknown attitudes and the transitions between them: residuals and their correlations.
+"""Residuals and correlations of rests in unknown attitudes and of the transitions between them.
 
 There are three kinds of rows, for r rests and k transitions::
 
@@ -6,12 +6,12 @@ There are three kinds of rows, for r rests and k transitions::
     rates      ȳ_i − h(f̂_i, C_i ω_e)                             three per rest
     rotations  across û_after: û_after − E R û_before               two per transition
 
-f̂ is computed from the accelerometers' mean readings with the model. Its errors enter the norm of
-the rest and the rotations to and from it, so neighbouring rotations are correlated. In the order
-norm 1, rates 1, rotation 1, norm 2, … the covariance is a band matrix, which is whitened as a whole
-(`inercal.methods.multi_position.row_whitening`).
+f̂ is computed from the accelerometers' mean readings with the model. The errors of f̂ enter the
+norm of the rest and the rotations before and after the rest, so neighbouring rotations are
+correlated. In the order norm 1, rates 1, rotation 1, norm 2, … the covariance is a band matrix,
+which is whitened as a whole (`inercal.methods.multi_position.row_whitening`).
 
-The gyros' noise at a rest enters its mean rate and the rotations to and from it.
+The gyros' noise at a rest enters the rest's mean rate and the rotations before and after the rest.
 
 Rows may scatter more than the noise of the samples predicts, or less if the samples contain hand
 tremor. `Scatter` has a share and an excess (`inercal.estimation.residual_scatter`) for a rest's
@@ -108,7 +108,7 @@ class Rests:
 
     @property
     def noise_is_stated(self) -> bool:
-        """Whether the noise was stated, as in a table of means, rather than found in samples."""
+        """Whether the noise was stated, as in a table of means, and not estimated from samples."""
         return bool(np.isinf(self.observations.dof))
 
     @cached_property
@@ -161,7 +161,7 @@ class Rests:
     def rounding_share(self) -> tuple[float, float, float]:
         """Ratio of rounding to other noise: accelerometers, gyros at rest, gyros in motion.
 
-        Equal rounding errors do not mean that the hand was quiet, so no noise share is smaller.
+        Rounding can hide the motion of the hand, so no noise share may be smaller than this ratio.
         """
         if not self.rounding.any():
             return 0.0, 0.0, 0.0
@@ -178,8 +178,8 @@ class Rests:
     def rate_rounding(self) -> Array:
         """Standard deviation of the rounding error that the rests' rates share, (3,) rad/s.
 
-        Readings at rest contain b + ε, but those during turns only b. If ε were part of the
-        bias, a turn would be wrong by ε T.
+        Readings at rest contain the bias b plus a rounding error ε, but readings during turns only
+        contain b. If ε were counted as bias, each turn would have an error of ε T.
         """
         found = self.observations.rounding
         if found is None or self.transitions is None:
@@ -191,10 +191,11 @@ class Rests:
     def accelerometer_drift(self) -> Array:
         """The accelerometer drift that the rests cannot exclude, (2, r, m), or () if none.
 
-        The drifts are linear and quadratic in time. They are as large as the slopes within r rests
-        of T seconds allow, with one standard deviation. The slope of one rest has the variance
-        12 v/T², where v is the variance of its mean. Gravity lies along each of m axes in r/m of
-        the rests. Means without times have no order, and stated slow noise is used as stated.
+        The drifts are linear and quadratic in time. Their size is one standard deviation of what
+        the slopes within r rests of T seconds allow. The slope of one rest has the variance 12
+        v/T², where v is the variance of its mean. Gravity lies along each of m axes in r/m of the
+        rests. If the means have no times, their order is unknown. Stated slow noise is used as
+        stated.
         """
         seen, noises = self.observations, [axis.noise for axis in self.force.axes]
         # With rests at several temperatures, drift cannot be separated from temperature terms.
@@ -256,7 +257,7 @@ class Rests:
 
     @cached_property
     def _cached_norms(self) -> Callable[[bytes, float], NormResiduals]:
-        """`norm_residuals` with a cache, because a fit of the gyros keeps the accelerometers."""
+        """`norm_residuals` with a cache, because a gyro fit does not change the accelerometers."""
         mean = self.observations.mean[:, : self.m]
 
         @lru_cache(maxsize=2)
@@ -370,9 +371,9 @@ class Rests:
 
     @cached_property
     def _still_shares(self) -> Array:
-        """Share of the time in which a gyro reads as at rest during a transition, (k, 3).
+        """Fraction of each transition in which a gyro reads the same as at rest, (k, 3).
 
-        A gyro across the axis of a turn reads as at rest.
+        A gyro across the turn's axis does not sense the turn.
         """
         assert self.transitions is not None
         way, found = self.transitions, self.observations.rounding
@@ -396,9 +397,9 @@ class Rests:
         """Return the covariance of the readings of each rest, (r, m + 12, m + 12) or (r, m, m).
 
         The order is: the accelerometers' means, the gyros' means, the gyros' integrals over the
-        ramps with which the transitions arrive and leave (the same samples, hence correlated), and
-        the offset that the gyros keep for the whole rest. Without transitions there are only the
-        accelerometers' means.
+        ramps at the end and start of the transitions (from the same samples, so they are
+        correlated), and the offset that the gyros keep for the whole rest. Without transitions
+        there are only the accelerometers' means.
         """
         m, r = self.m, len(self.noise)
         force, rate, turn = scatter
@@ -434,7 +435,7 @@ class Rests:
 
     @cached_property
     def _ramp_samples(self) -> Array:
-        """Number of samples in the ramps with which transitions arrive and leave, (r, 2)."""
+        """Number of samples in the arrival and departure ramps, (r, 2)."""
         assert self.transitions is not None
         way, ramps = self.transitions, np.zeros((len(self.noise), 2))
         ramps[way.rest + 1, 0] = way.stop - way.reached + 1

@@ -1,4 +1,4 @@
-"""Compares the direction of gravity propagated by the gyros with that from the accelerometers.
+"""Compare the direction of gravity propagated by the gyros with that from the accelerometers.
 
 û is the direction of f̂ at a rest, and R the rotation during the transition to the next rest, from
 the corrected rate. The residual is the difference across û at the end of the transition::
@@ -225,7 +225,7 @@ def rotation_residuals(
     e, b = exp_so3(earth), across[after]
     turn = e @ way.rotation
     arrived = (turn @ up[before][:, :, None])[..., 0]
-    # û × ψ = −[ψ×] û = [û×] ψ; ρ decreases by what the prediction gains.
+    # û × ψ = −[ψ×] û = [û×] ψ; ρ decreases by as much as the prediction increases.
     ahead = b @ skew(arrived)
     return RotationResiduals(
         rest=rest,

@@ -1,15 +1,15 @@
-"""Whitens the rows of rests and transitions, whose covariance is a band matrix in time order.
+"""Whiten the rows of rests and transitions, whose covariance is a band matrix in time order.
 
-The readings' errors at rest i enter eight rows: the two of the rotation that arrives at it, its
-norm, its three rates, and the two of the rotation that leaves it. Each such block is added to a
-band of eight diagonals, starting at 6 i. The rotations' own noise is added to their diagonals. Rows
-that do not exist (a transition across a gap) have a variance of one and take no part. Work and
-memory grow with the number of rests.
+The reading errors of rest i enter eight rows: two for the rotation before the rest, one for its
+norm, three for its rates, and two for the rotation after it. Each such block is added to a band of
+eight diagonals, starting at 6 i. The rotations' own noise is added to their diagonals. Rows that do
+not exist (a transition across a gap) have a variance of one and no effect. Work and memory grow
+with the number of rests.
 
 **χ² of each kind of rows, and the share or excess of the noise that explains it.**
 
 Norms come first, then rates, then rotations. Each kind is judged with the noise of the kinds before
-it, because the readings of a rest enter all three.
+it, because the readings of a rest enter all three kinds.
 """
 
 # SciPy has no type stubs.
@@ -27,7 +27,7 @@ from inercal.methods.multi_position.rotations import RotationResiduals
 
 Whiten = Callable[[Array], Array]
 _ROWS_PER_REST = 6  # rows from one rest to the next
-_BLOCK_ROWS = 8  # rows that one rest enters
+_BLOCK_ROWS = 8  # rows that the readings of one rest affect
 NORM_ROW, RATE_ROWS = 2, slice(3, 6)
 
 
@@ -114,8 +114,8 @@ def row_positions(rests: Rests, *, norms: bool = True) -> Indices:
 def whitener_with_drift(rests: Rests, rows: ResidualRows, whiten: Whiten) -> Whiten:
     """Return `whiten` for noise that also includes a possible drift of the accelerometers.
 
-    With the whitened columns D of k drifts of unit variance, the covariance becomes 1 + D Dᵀ; for
-    D = U s Vᵀ its symmetric inverse root is 1 − U (1 − 1/√(1 + s²)) Uᵀ.
+    If D contains the whitened columns of k drifts with unit variance, the covariance becomes 1 + D
+    Dᵀ. With D = U s Vᵀ, its symmetric inverse root is 1 − U (1 − 1/√(1 + s²)) Uᵀ.
     """
     drift = rests.accelerometer_drift
     if not drift.size:
@@ -150,7 +150,7 @@ def whitener(rests: Rests, rows: ResidualRows, scatter: Scatter, *, norms: bool 
         If False, the rows of norms are removed and the others are whitened without them.
     """
     r = len(rows.norm.residual)
-    # Two places before and after the chain, for rotations that do not exist at its ends.
+    # Two extra rows before and after the chain, because no rotations exist at its ends.
     band = np.zeros((_BLOCK_ROWS, _ROWS_PER_REST * r + _BLOCK_ROWS - _ROWS_PER_REST))
     of_rests, of_turns = row_covariance(rests, rows, scatter)
     for column in range(_BLOCK_ROWS):
@@ -183,7 +183,7 @@ def whitener(rests: Rests, rows: ResidualRows, scatter: Scatter, *, norms: bool 
 
 
 class ScatterStatistics(NamedTuple):
-    """χ² of one kind of rows with the stated noise, degrees of freedom, and noise that χ² gives."""
+    """χ² of one kind of rows, its degrees of freedom, and the noise that explains it."""
 
     chi2: float
     dof: int
@@ -202,7 +202,7 @@ def norm_scatter(rests: Rests, rows: ResidualRows) -> ScatterStatistics:
 
 
 def rate_scatter(rests: Rests, rows: ResidualRows, shown: Indices) -> ScatterStatistics:
-    """Return the statistics of the rates at rest, which determine the indices `shown` of x."""
+    """Return the statistics of the rates at rest, which determine the elements `shown` of x."""
     residual, jacobian = _rate_rows(rests, rows, shown)
     dof = max(len(residual) - shown.size, 0)
     whiten = _rate_whitener(rests)
@@ -225,7 +225,7 @@ def _statistics(
 def rotation_scatter(
     rests: Rests, rows: ResidualRows, shown: Indices, fitted: Indices, scatter: Scatter
 ) -> ScatterStatistics:
-    """Return the statistics of the rotations: their increment of the χ² of norms and rates.
+    """Return the statistics of the rotations: how much they add to the χ² of norms and rates.
 
     Parameters
     ----------
@@ -233,10 +233,10 @@ def rotation_scatter(
     rows : ResidualRows
         The rows at a solution.
     shown, fitted : arrays of int
-        Indices of x that rates determine without rotations, and that both together determine. The
-        accelerometers' indices are added to these.
+        Indices of the elements of x that rates determine without rotations, and that rates and
+        rotations determine together. The accelerometers' indices are added to both.
     scatter : Scatter
-        The scatter of the kinds of rows judged before.
+        The scatter of the kinds of rows that were judged before.
     """
     assert rows.rotations is not None
     norms = np.arange(len(rests.force.coefficients))

@@ -1,4 +1,4 @@
-"""The fits of multi_position, one after the other, each judged by its own χ².
+"""The successive fits of multi_position, each of which is judged by its own χ².
 
 1. `fit_accelerometers` uses only norms. If χ² requires extra scatter, it is assigned to the rests.
 2. `fit_gyros` first uses the rates at rest for bias, sensitivity to acceleration and the bias's
@@ -7,10 +7,12 @@
 
        cov c_g = P + K P_a Kᵀ,   cov(c_g, c_a) = −K P_a,   K = P J_gᵀ J_a   (whitened)
 
-3. `fit_jointly` fits all rows at once, with the scatter found before, and starts from there.
+3. `fit_jointly` fits all rows at once, with the scatter from steps 1 and 2, and starts from their
+   solution.
 
 `score_tests` tests omitted effects with the noise before any scatter is added, because the added
-scatter would hide them. It uses the solution for that noise, near the solution of the last fit.
+scatter would hide them. The tests are computed at the solution for this smaller noise, which is
+near the last solution.
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,7 +44,7 @@ from inercal.physics.sensors import G0
 _COARSE_ITERATIONS = 6  # steps
 # Number of rests above which single axes are not tested: memory grows with its square
 _MAX_SCORED_RESTS = 100
-_RELATIVE_ERROR = 1e-9  # of χ²: a rotation is the product of hundreds of steps
+_RELATIVE_ERROR = 1e-9  # of χ², because a rotation is the product of hundreds of steps
 _EXACT_LIMIT = 1e-15  # SI; quantities with a smaller deviation are exact
 _ROUNDING_ERRORS = ("rounding_x", "rounding_y", "rounding_z")  # shared by the rates at rest
 KNOWN_QUANTITIES = ("g", "earth_1", "earth_2", "earth_up", "timebase", *_ROUNDING_ERRORS)
@@ -75,7 +77,7 @@ def fit_accelerometers(rests: Rests, priors: Priors) -> FitStage:
     Raises
     ------
     NotObserved
-        The attitudes do not determine some coefficients.
+        The attitudes do not determine all coefficients.
     """
     alone = Rests(rests.observations, rests.force, rests.bench)
     p = len(rests.force.coefficients)
@@ -100,21 +102,21 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Priors) -> FitStage:
     Raises
     ------
     NotObserved
-        The turns do not determine some coefficients.
+        The turns do not determine all coefficients.
     """
     assert rests.transitions is not None
     sensor, p = rests.sensor, len(rests.force.coefficients)
     count = len(sensor.coefficients)
     own = np.arange(p, count)
     free = np.setdiff1d(_free_indices(rests), [*range(p), count])
-    # The clock error has its own row, its prior, so it uses no degree of freedom.
+    # The prior of the clock error adds a row, so the clock error uses no degree of freedom.
     fitted = np.setdiff1d(free, [count + KNOWN_QUANTITIES.index("timebase")])
     lines = [sensor.coefficient(name) for name in sensor.coefficients[p:]]
     still = own[[not line.basis.uses("wi", "wp", "wo") for line in lines]]  # need no turn
     x = first.x.copy()
     rows = rests.rows(x)
     r, k = len(rows.norm.residual), len(rests.transitions.rest)
-    # The attitudes along the run, and so the earth's rate, require a bias estimate first.
+    # The attitudes during the run, and with them the earth's rate, require a bias estimate first.
     of_rest = slice(r + 2 * k, None)
     x[still] += np.linalg.lstsq(rows.jacobian[of_rest, still], rows.residual[of_rest], rcond=None)[
         0

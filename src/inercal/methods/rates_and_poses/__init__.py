@@ -1,4 +1,4 @@
-"""Gyros from constant rates and rests, accelerometers from known poses, in one likelihood.
+"""Calibration of gyros at constant rates and rests, and of accelerometers in known poses.
 
 Sections of all kinds can be mixed: rests, dwells at constant rates and turns by known angles about
 a vertical axis, in settings with several case axes up, and poses with known angles. The errors of
@@ -19,11 +19,11 @@ The bench is treated as exact, so the covariance contains only the noise of the 
 of `ml`, in which the errors of the bench have their stated deviations, tests whether the readings
 are consistent.
 
-Terms with the sign of the input are omitted for readings of axes without a nominal input. A gyro
-across the table's axis senses Ω t, where t is the error of the setting, and its asymmetry adds
-½ κ′ |Ω t|. The misalignments are almost free, so the estimate of t is near zero, where this term
-has a kink that stops a search. Its sign is that of an error. Its size, 0.1 °/h at κ′ = 500 ppm,
-200 °/s and 0.05°, is below the noise of a dwell.
+Terms that depend on the sign of the input are omitted for axes without a nominal input. A gyro
+across the table's axis senses Ω t, where t is the error of the setting, and its asymmetry adds ½ κ′
+|Ω t|. The misalignments are almost free, so the estimate of t is near zero. There this term has a
+kink, which stops a search, and the sign of the term only depends on errors. The size of the term,
+0.1 °/h at κ′ = 500 ppm, 200 °/s and 0.05°, is below the noise of a dwell.
 
 A plan contains settings with a case axis up, and poses near level.
 
@@ -76,7 +76,7 @@ def plan(
     reverse: bool = False,
     attitudes: str = "none",
 ) -> tuple[sections.PlatformStep, ...]:
-    """Return rests and each speed in both directions in every setting, followed by the poses.
+    """Return rests and speeds in both directions for every setting, followed by the poses.
 
     Parameters
     ----------
@@ -87,7 +87,8 @@ def plan(
     rates : tuple of float
         Speeds, rad/s, all positive.
     reverse : bool
-        Whether each direction also goes back through the speeds, to reveal hysteresis.
+        Whether the table also steps back through the speeds in each direction, to reveal
+        hysteresis.
     attitudes : str
         Poses at the end: "none", "faces" (six poses) or "tilted" (24 poses in all directions).
 
@@ -135,7 +136,7 @@ def _rates_of_setting(rates: tuple[float, ...], reverse: bool) -> list[float]:
 
 
 def readings_without_input(sensor: Sensor, bench: RatePlatform, steps: PlatformSteps) -> Bools:
-    """Return whether each reading, (r m,), row after row, has no nominal input.
+    """Return which readings have no nominal input, (r m,), row after row.
 
     In a pose a gyro senses only the earth's rate, whose level part is unknown, so it has no nominal
     input.
@@ -235,7 +236,7 @@ def ml(
     InputError
         Rows and steps do not match, or a relevant error of the bench is not stated.
     NotObserved
-        These sections do not determine some coefficients; the message names them.
+        These sections do not determine all coefficients; the message names them.
     """
     observations = observations.without_drift()
     by_label = {step.label: step for step in steps}
@@ -278,9 +279,10 @@ def ieee(
     Raises
     ------
     InputError
-        As for `ml`; also for priors, temperature coefficients, the tilted form or a trial axis.
+        The same as for `ml`; or there are priors, temperature coefficients, the tilted form or a
+        trial axis.
     NotObserved
-        As for `ml`.
+        The same as for `ml`.
     """
     estimator_inputs.require_plain_means(observations, sensor, priors, "ieee", "ml")
     estimator_inputs.refuse_tilted_form(sensor, "ieee", "ml")
@@ -292,7 +294,7 @@ def ieee(
 
 
 def _turn_on_family(suspects: Mapping[str, Parameter]) -> dict[str, tuple[str, ...]]:
-    """Return the gyro biases that differ between settings, as one candidate and per setting."""
+    """Return the gyro biases that differ between settings, as one candidate and separately."""
     result: dict[str, tuple[str, ...]] = {}
     for full in suspects:
         name = ErrorName(full)
@@ -310,7 +312,7 @@ def _used_readings(sensor: Sensor, steps: PlatformSteps) -> Indices:
 
 
 def _refuse_profiles(sensor: Sensor, steps: PlatformSteps) -> None:
-    """Reject nonlinear terms for turns by an angle: their mean does not determine mean squares."""
+    """Reject nonlinear terms for turns by an angle: the mean rate does not determine its square."""
     terms = tuple(
         name for name in sensor.coefficients if CoefficientName(name).term in ("scale2", "scale3")
     )

@@ -1,4 +1,4 @@
-"""Whether sections determine the coefficients: the rank of a plan, regardless of the noise.
+"""Check from the rank of a plan, regardless of noise, whether sections determine the coefficients.
 
 The design is the sensitivity of the nominal readings to the coefficients, without bench errors and
 without earth's rotation. Each column is scaled to norm one. An error is raised if the
@@ -39,7 +39,7 @@ def require_determined(
     Parameters
     ----------
     observations : Observations
-        Observations; they only provide the temperatures.
+        Observations, of which only the temperatures are used.
     sensor : Sensor
         Sensor with p coefficients.
     bench : RatePlatform

@@ -1,10 +1,10 @@
-"""Residual functions shared by the methods: readings minus the readings that the model predicts.
+"""Residual functions that the methods share: readings minus predicted readings.
 
 Vector observation: the mean reading of each row minus the model's reading for its motion,
-y − h(f, ω; c). The derivatives are exact. Those with respect to the parameters of the motion
-follow from the chain rule. Norm observation: the attitude is unknown, and only
-the norm of the sensed motion is compared. A compiled kernel computes many trials of three
-accelerometers from their declared terms.
+y − h(f, ω; c). The derivatives are exact. Derivatives with respect to the parameters of the motion
+follow from the chain rule. Norm observation: the attitude is unknown, and only the norm of the
+sensed motion is compared. A compiled kernel computes many trials of three accelerometers from their
+declared terms.
 
 For many trials at once, `VectorEquations` and `norm_normal_equations` compute the normal equations
 of both observations. Compiled code whitens the rows trial by trial.
@@ -145,19 +145,20 @@ def noisy_norm_residuals(
     Parameters
     ----------
     sensor, y, c
-        As for `norm_residuals`.
+        The same as for `norm_residuals`.
     covariance : (..., r, m, m) array
         Covariance of the readings in each row.
     made : (..., r) array
         Norm of the specific force in each row, m/s².
     w : (..., r, 3) array, optional
     dT : (..., r) array or float
-        As for `norm_residuals`.
+        The same as for `norm_residuals`.
     """
     lead = np.broadcast_shapes(y.shape[:-2], covariance.shape[:-3], c.shape[:-1], made.shape[:-1])
     table = term_table(sensor) if len(lead) == 1 else None
     if table is not None:
-        # NumPy allocates large pages, which the solver reads faster than memory from compiled code.
+        # NumPy allocates large pages, which the solver reads faster than memory that compiled code
+        # allocates.
         jacobian = np.empty((*lead, y.shape[-2], c.shape[-1]))
         bench = StatedNorms(made, np.zeros((0, *made.shape)), np.zeros_like(made))
         x = np.broadcast_to(c, (*lead, c.shape[-1]))
@@ -196,9 +197,9 @@ def norm_normal_equations(
     table : TermTable
         Term table of the sensor.
     y, covariance, dT
-        Values for all trials or shared by them, as for `noisy_norm_residuals`.
+        Values for each trial, or one value for all trials, as for `noisy_norm_residuals`.
     stated : StatedNorms
-        Norms for these trials or shared by them.
+        Norms for each of these trials, or one set for all.
     x : (s, p + q) array
         Coefficients and bench parameters for these trials, SI.
     which : (s,) array of int
@@ -253,8 +254,8 @@ class VectorEquations:
     readings : mapping of str to (r m,) array
         Direct effect of a unit of a parameter on the readings, rather than on the motion.
     noise : (..., n) or (..., n, n) array
-        Standard deviations, or if correlated the covariance, of the observed readings in all
-        trials.
+        Standard deviations of the observed readings in all trials, or their covariance if
+        `correlated`.
     correlated : bool
     observed : (n,) array of int
         Indices of the observed readings, row after row.

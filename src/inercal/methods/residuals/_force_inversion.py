@@ -1,10 +1,10 @@
-"""Compiled inversion: the force from a triad's readings, with the products in a table.
+"""Compiled inversion of a triad's model: computes the force from readings and a table of terms.
 
 Reading i is y = a + Σ k φ(a) + e·f + other products, with a = d·f along the (tilted) axis. The
 force is the root that `inercal.physics.sensors.inverse` finds, by Newton's method from the linear
-part. Slopes with reversed sign are beyond the fold. If all products depend only on a, each axis is
-inverted separately and f = D⁻¹ a, where D contains the directions d. Otherwise the three axes are
-solved together.
+part. If a slope has the opposite sign, the root is beyond the fold. If all products depend only on
+a, each axis is inverted separately and f = D⁻¹ a, where D contains the directions d. Otherwise the
+three axes are solved together.
 """
 # Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false
@@ -32,7 +32,7 @@ from inercal.methods.residuals._row_operations import (
 )
 from inercal.methods.residuals.term_table import ALONG, OTHER, TermTable
 
-_WIDTH = 16  # of a loop: spare rows up to a multiple of it repeat the last row
+_WIDTH = 16  # rows are padded to a multiple of this by repeating the last one
 _MAX_STEPS, _TINY = 40, 2.0**-1022
 # Last step relative to the force: the remaining error is of the order of its square.
 _SETTLED = 2.0**-26
@@ -56,7 +56,7 @@ class Model(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """The rows of a trial, which are in the last axis of all arrays."""
+    """The rows of a trial, which lie along the last axis of all arrays."""
 
     y: Array  # (3, r)
     noise: Array  # (6, r), variances of y and twice the covariances xy, yz, zx
@@ -185,7 +185,7 @@ def _mark(step: Array, size: Array, slope: Array, at_zero: float, good: Bools) -
 
 @njit(**INNER)
 def _start(y: Array, k0: float, factor: float, a: Array, size: Array) -> None:
-    """Write the linear part of the force along an axis, and raise the sizes to at least that."""
+    """Write the linear part of the force along an axis, and raise smaller sizes to it."""
     for n in range(a.size):
         a[n] = (y[n] - k0) * factor
     raise_size(a, size)
@@ -220,7 +220,7 @@ def _invert_axes(model: Model, rows: Rows) -> int:
 
 @njit(**INNER)
 def set_product(seen: Array, powers: Indices, factor: float, by: int, out: Array) -> bool:
-    """Write a product of components seen (5, r), or its derivative for component `by` if by ≥ 0.
+    """Write a product of the components `seen` (5, r), or its derivative for component `by` if ≥ 0.
 
     Return False and write nothing if the derivative is zero.
     """

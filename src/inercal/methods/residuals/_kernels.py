@@ -1,10 +1,10 @@
-"""Compiled norms of the specific force in many trials, for a triad whose terms are in a table.
+"""Compiled norms of the specific force in many trials, for a triad with a table of its terms.
 
 With S = ∂y/∂f, û = f̂/‖f̂‖ and b = ûᵀ S⁻¹::
 
     ∂‖f̂‖/∂y = b,   ∂‖f̂‖/∂c = −Σ bᵢ ∂yᵢ/∂c,   var ‖f̂‖ = b C bᵀ
 
-One trial is computed at a time, and its normal equations come from its own columns, so no array
+The code computes one trial at a time and builds the normal equations from its columns, so no array
 contains the derivatives of all trials.
 """
 # Numba's decorator has no type annotations.

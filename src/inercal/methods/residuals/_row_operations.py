@@ -1,8 +1,9 @@
 """Compiled operations on the rows of a trial, which are contiguous along the last axis.
 
 Each function writes one or two rows from a few others, so that the compiler can prove that they do
-not overlap, and vectorises the loop. `INNER` leaves out reference counts, so a row of an array
-costs nothing. Functions compiled with it allocate nothing, and only compiled code can call them.
+not overlap, and vectorises the loop. `INNER` turns off reference counting, so taking a row of an
+array costs nothing. Functions compiled with `INNER` allocate nothing, and only compiled code can
+call them.
 """
 # Numba's decorator has no type annotations.
 # pyright: reportUntypedFunctionDecorator=false

@@ -19,7 +19,7 @@ from inercal.methods.residuals._row_operations import INNER, KERNEL, add, dot, f
 
 
 class Derivatives(NamedTuple):
-    """Derivatives for r rows of m axes, for s trials or shared by all; p coefficients, q others."""
+    """Derivatives for r rows of m axes and for s trials; p coefficients and q other parameters."""
 
     design: Array  # (1 or s, r, m, p)
     slope: Array  # (1 or s, 1 or r, m, 6), ∂h/∂(f, ω)
@@ -103,7 +103,7 @@ def _set_sparse_normal(rows: Array, busy: Indices, normal: Array) -> None:
 
 @njit(**INNER)
 def _is_dense(rows: Array) -> bool:
-    """Return whether products of whole columns are faster than those of single elements."""
+    """Return whether products of whole columns are faster than products of single elements."""
     count = 0
     for i in range(rows.shape[0]):
         for k in range(rows.shape[1]):

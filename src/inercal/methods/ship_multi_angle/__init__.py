@@ -1,8 +1,8 @@
-"""A triad on a plain rate table, tilted by known angles, as in tests of ship models.
+"""Calibration of a triad that is tilted by known angles on a rate table, as for ship models.
 
 * `joint`: uses all states, untilted and tilted, and compares each axis with the force that it
-  sensed. The angles of each mounting, its radius, the speeds, the lean at each rest, the radius and
-  gravity are nuisances with their stated deviations.
+  sensed. The angles and radius of each mounting, the speeds, the lean at each rest, the common
+  radius and gravity are nuisances with their stated deviations.
 * `planar`: uses only the untilted states and is linear (`inercal.methods.ship_planar`).
 * `planar_norm`: uses the untilted states as vectors and the tilted ones as norms, with equal
   weights.
@@ -12,7 +12,7 @@
 
 Norms do not observe a rotation of the triad. The rotation that results from damping or a search is
 therefore not a measurement. Both estimators name the free directions and the source of their
-uncertainty. Equal sums of squares of both estimators validate neither.
+uncertainty. If both estimators reach the same sum of squares, this validates neither of them.
 
 `planar_norm` uses untilted states as vectors and tilted ones as norms, with equal weights::
 
@@ -59,7 +59,7 @@ def planar_norm(
     Raises
     ------
     InputError
-        There are priors, the sensor is unsuitable, or the steps are not those of the rows.
+        There are priors, the sensor is unsuitable, or the steps do not match the rows.
     NotObserved
         There are fewer than twelve tilted states, or the untilted ones do not excite an axis.
     """
@@ -158,9 +158,9 @@ def joint(
     Raises
     ------
     InputError
-        The steps are not those of the rows.
+        The steps do not match the rows.
     NotObserved
-        These states do not determine some coefficients.
+        These states do not determine all coefficients.
     """
     require_matching_rows(observations, sensor, steps)
     try:

@@ -1,4 +1,4 @@
-"""The directions that norms leave free, by name, and the uncertainty of a result along them.
+"""Directions that norms leave free, and the uncertainty of a result along these directions.
 
 The right singular vectors of J with a zero singular value are not observed by any group. The three
 rotations of the triad are always among them, and the plan may add others. Without a tilt of a
@@ -11,8 +11,9 @@ Along the null directions N the result equals the start. To first order, with J�
 
     θ̂ − θ = N Nᵀ (start − θ) − J⁺ (2 v·ε)
 
-The covariance of the start is therefore fully included along N. It comes from the untilted states,
-from stated priors, or from the bounds of a search. None of it comes from damping.
+The covariance of the start is therefore fully included along N. This covariance comes from the
+untilted states, from stated priors, or from the bounds of a search. Damping does not contribute to
+it.
 
 This module also computes the start of the damped iteration and its uncertainty along these
 directions.
@@ -171,7 +172,7 @@ def starting_point(
     Raises
     ------
     InputError, NotObserved
-        As for `damped`.
+        The same as for `damped`.
     """
     rest = [k for k in range(len(steps)) if k not in groups]
     if sensor.frame == "symmetric":

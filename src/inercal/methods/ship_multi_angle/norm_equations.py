@@ -1,11 +1,11 @@
-"""Norms of a tilted triad: the source's equations, their solution, and the symmetric frame.
+"""The source's equations for the norms of a tilted triad, their solution, and the symmetric frame.
 
 With v = M a + p, in g, each group has one equation and one row of the Jacobian J for θ::
 
     |v|² = A² + 1,   J = 2 (v_x aᵀ, v_y aᵀ, v_z aᵀ, vᵀ)
 
 (M, p) → (R M, R p) keeps every norm, so the three rotations with v·(e × v) = 0 are null directions
-of J at every point, for any data. The source notes that the linear equations are short of rank and
+of J at every point, for any data. The source notes that the linear equations are rank-deficient and
 damps them: (JᵀJ + μ) Δ = −Jᵀρ, ρ = |v|² − (A² + 1). A damped step has no component along a null
 direction, so the result equals the start there.
 
@@ -27,9 +27,10 @@ uncertainty.
 
 A global search replaces the source's commercial optimiser: SciPy's differential evolution (Storn
 and Price 1997) minimises the sum of squares of the equations within bounds about nominal. The
-damped equations then polish the result. The source sets its optimiser a goal of 5 % error; here the
-error is the largest value of | |M a + p| / √(A² + 1) − 1 | over the groups. Coefficients far from
-the truth meet this goal. Equal seeds give equal results, unless the time limit ends the search.
+damped equations then refine the result. The source sets its optimiser a goal of 5 % error; here the
+error is the largest value of | |M a + p| / √(A² + 1) − 1 | over the groups. Even coefficients far
+from the truth meet this goal. Equal seeds give equal results, unless the time limit ends the
+search.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equations 6 to 9. Levenberg 1944 and Marquardt 1963 for μ, which the source does not print: μ is
@@ -148,7 +149,7 @@ def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSoluti
         model = AffineModel.of(theta[now])
         u, s, vt = np.linalg.svd(norm_jacobian(model, a[now]), full_matrices=False)
         mu[now] = np.where(np.isnan(mu[now]), _INITIAL_DAMPING * s[:, 0] ** 2, mu[now])
-        # No step along a null direction, which only rounding would decide.
+        # Take no step along a null direction, because only rounding would decide its size.
         seen = s > RANK_TOLERANCE * s[:, :1]
         share = np.where(seen, s / np.where(seen, s**2 + mu[now, None], 1.0), 0.0)
         pull = (np.swapaxes(u, -1, -2) @ norm_residuals(model, a[now], square)[..., None])[..., 0]

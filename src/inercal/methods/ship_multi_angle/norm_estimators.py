@@ -1,4 +1,4 @@
-"""The source's estimators for the tilted states: damped equations of their norms, or a search.
+"""The source's estimators for tilted states solve the norm equations by damped steps or a search.
 
 Norms do not observe a rotation of the triad. The rotation that results from damping or a search is
 therefore not a measurement. Both estimators name the free directions and state the uncertainty of
@@ -36,22 +36,22 @@ def damped(
 ) -> Estimate:
     """Return the twelve coefficients from norms of tilted states, damped as in the source.
 
-    If norms leave a direction free, the result and its uncertainty along it are those of the start.
-    The start comes from `planar` if there are untilted states, otherwise from priors on all twelve
-    coefficients. If the sensor's frame is stated and norms determine everything else, the start is
-    nominal and has no effect.
+    If norms leave a direction free, the result and its uncertainty along this direction are those
+    of the start. The start comes from `planar` if there are untilted states, otherwise from priors
+    on all twelve coefficients. If the sensor's frame is stated and norms determine everything else,
+    the start is nominal and has no effect.
 
     Parameters
     ----------
     observations, sensor, bench, steps
-        As for `joint`; the sensor's coefficients are the twelve in f = M a + p.
+        The same as for `joint`; the sensor's coefficients are the twelve in f = M a + p.
     priors : sequence of Gaussian
         Priors on all twelve coefficients, if there are no untilted states.
 
     Raises
     ------
     InputError
-        The sensor is unsuitable, the steps are not those of the rows, or there are priors together
+        The sensor is unsuitable, the steps do not match the rows, or there are priors together
         with untilted states or a stated frame.
     NotObserved
         There are fewer than twelve tilted states, there are neither untilted states nor priors for
@@ -94,12 +94,12 @@ def global_(
     """Return the twelve coefficients from a global search on the norms of the tilted states.
 
     If norms leave a direction free, all values within the bounds are equivalent. The uncertainty
-    along it is that of a uniform distribution over the bounds.
+    along this direction is that of a uniform distribution over the bounds.
 
     Parameters
     ----------
     observations, sensor, bench, steps
-        As for `damped`, from one table.
+        The same as for `damped`, from one table.
     priors : sequence of Gaussian
         Must be empty.
     options : SearchOptions
@@ -110,7 +110,7 @@ def global_(
     Raises
     ------
     InputError
-        There are priors or many trials, the sensor is unsuitable, or the steps are not those of the
+        There are priors or many trials, the sensor is unsuitable, or the steps do not match the
         rows.
     NotObserved
         There are fewer than twelve tilted states.

@@ -1,10 +1,10 @@
-"""An IMU that a table turns between rests, calibrated by navigation without angles of the table.
+"""Calibration of an IMU that a table turns between rests, by navigation without the table's angles.
 
 During a rest the IMU is stationary on the Earth, and gravity and the Earth's rate are known. The
 gyros propagate the attitude from one rest to the next, and the velocity integrated over a turn from
 rest to rest is zero. `rest_and_turn_rows` contains the equations, `_kernels` the integration.
 
-Gauges are imposed by rules. The body frame is that of the accelerometers: ax along x, ay in the xy
+Conventions fix the gauges. The body frame is that of the accelerometers: ax along x, ay in the xy
 plane. Lever arms are relative to az, because a common arm moves a rigid point whose velocity is
 zero at both ends of every turn.
 
@@ -66,7 +66,7 @@ def batch(
         There is no track or no noise, there are trials or fewer than six rests, or the axes do not
         fit together.
     NotObserved
-        The run does not determine some coefficients.
+        The run does not determine all coefficients.
     """
     track = _checked_track(observations, sensor, priors)
     known = StillTable.from_turntable(bench)

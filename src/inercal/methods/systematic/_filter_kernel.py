@@ -9,8 +9,8 @@ drift of the biases. In an epoch of T seconds, with C at its middle and F = C f,
 During a rest C does not change, and the velocity is observed to be zero at the end of each epoch.
 All states are relative to a navigation with fixed coefficients. This navigation begins each turn
 from rest, at an attitude that does not change with the estimate, so the effect of a state is the
-same in all epochs. If the navigation followed the estimate, the filter would count directions as
-observed that are not.
+same in all epochs. If the navigation followed the estimate, the filter would treat unobservable
+directions as observed.
 """
 
 import numpy as np
@@ -156,7 +156,7 @@ def _observe(
 
 @kernel_step
 def _count_from(x: Array, c: Array, v: Array, reference: Array, work: Array, turned: Array) -> None:
-    """Make ψ and v relative to a reference attitude and to rest, which C and v are set to."""
+    """Set C to a reference attitude and v to zero, and make the states ψ and v relative to them."""
     for i in range(3):
         for j in range(3):
             turned[0, i, j] = reference[j, i]
@@ -206,7 +206,7 @@ def filter_epochs(
     Parameters
     ----------
     motion : TurnMotion
-        e count samples, with the coefficients that the states are relative to.
+        Motion in e · count samples, computed with the coefficients that the states are relative to.
     by_rate, by_force : (e, 3, n − 6) arrays
         Sensitivity of ω and f in each epoch to the states after ψ and v.
     rest : (e,) array of int
@@ -214,7 +214,7 @@ def filter_epochs(
     rest_attitude : (m, 3, 3) array
         C in the first m rests, as reference of the states; later rests use C at the turn's end.
     present : (1,) array of int
-        Index of the rest before the first epoch, −1 in motion; changed in place.
+        Index of the rest before the first epoch, or −1 if the table moved; changed in place.
     count : int
         Number of samples in an epoch.
     begins : bool
@@ -228,7 +228,8 @@ def filter_epochs(
     rest_variance : float
         Variance of the velocity during a rest, (m/s)².
     keep, drawn : (d,) and (d, d) arrays
-        For the last d states, the drift: factor that remains after an epoch, and noise added.
+        For the last d states, which are the drift: the factor for one epoch, and the noise that is
+        added.
     x, p : (n,) and (n, n) arrays
         States and covariance.
     c, v : (3, 3) and (3,) arrays

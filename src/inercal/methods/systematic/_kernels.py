@@ -6,13 +6,15 @@ force over one period, with δ = ω dt and u = f dt. A prime marks the sample be
     C ← exp(−ω_ie dt) C exp(δ + δ′ × δ/12)
     v ← v + C [u + ½ δ × u + ⅙ δ × (δ × u) + (δ′ × u + u′ × δ)/12] − (g e_up + 2 ω_ie × v) dt
 
-The second-order term, ⅙, is needed: without it a quarter turn of 10 °/s at 100 Hz ends at 44 µm/s.
-With true C = exp(ψ) C, F = C f, and lag τ of the accelerometers, the sensitivities are::
+The second-order term, ⅙, is needed: without it a quarter turn of 10 °/s at 100 Hz ends with a
+velocity error of 44 µm/s. With true C = exp(ψ) C, F = C f, and lag τ of the accelerometers, the
+sensitivities are::
 
     ψ̇_θ = −ω_ie × ψ_θ + C ∂ω/∂θ
     v̇_θ = −F × ψ_θ − 2 ω_ie × v_θ + C ∂f/∂θ,   ∂f/∂τ = f × ω_nb
 
-and the covariance of (ψ, v) obeys the same equations. They are summed over blocks of samples.
+and the covariance of (ψ, v) obeys the same equations. The sensitivities are summed over blocks of
+samples.
 
 Functions write their results to arguments, in place, and allocate nothing, so they compile sooner.
 
@@ -40,7 +42,7 @@ class TurnMotion(NamedTuple):
 
 
 class NavigationSettings(NamedTuple):
-    """What a navigation assumes besides the motion."""
+    """The assumptions of a navigation besides the motion."""
 
     earth: Array  # ω_ie in n, (3,) rad/s
     gravity: float  # m/s²
@@ -268,7 +270,7 @@ def integrate_turns(
     start : (k, 3, 3) array
         C at the start of each turn.
     chained : bool
-        Whether each turn but the first starts at the end of the one before instead.
+        Whether each turn after the first starts at the end of the previous turn instead.
     settings : NavigationSettings
     white : (6,) array
         Squared noise densities of accelerometers and gyros in the body axes, SI²/Hz.

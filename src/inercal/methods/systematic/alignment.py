@@ -1,14 +1,14 @@
-"""The attitudes at which a search starts, from the whole recording rather than from single rests.
+"""Initial attitudes for a search, computed from the whole recording rather than from single rests.
 
-1. The gyros transform the force of every rest to the body frame at the first rest. All forces must
-   point up there; otherwise an axis is reversed, exchanged, or in a wrong unit.
+1. The gyros transform the force of every rest to the body frame at the first rest. All transformed
+   forces must point up; otherwise an axis is reversed, exchanged, or in a wrong unit.
 2. When up is known at every rest, mean rates determine the level part of the Earth's rate, and with
    it the azimuth and the gyro biases, by linear least squares over all rests::
 
        ȳ_w − C_iᵀ e_up Ω sin φ = C_iᵀ (x e₁ + y e₂) + b_g
 
-   This is repeated with b_g inserted, because a gyro of 10 °/h cannot determine the azimuth from
-   one rest.
+   The computation is repeated with this b_g, because a gyro of 10 °/h cannot determine the azimuth
+   from one rest.
 """
 
 from collections.abc import Iterator, Mapping
@@ -32,7 +32,7 @@ from inercal.physics.sensors import Sensor
 MAX_DISAGREEMENT = radians(20)
 MAX_LATITUDE = radians(85)  # beyond it, the level part of the Earth's rate is too small
 _REPEATED = 3
-_LONG = 1e9  # s between rests, whose rates do not change
+_LONG = 1e9  # s, interval between the rests' means; so long that no rate change matters
 _NAMED = 3  # number of possible causes in a message
 
 
@@ -48,7 +48,7 @@ def initial_attitudes(
     c : (p,) array
         Coefficients at the start.
     latitude : float
-        rad.
+        Latitude, rad.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def _level_rate_rows(attitudes: Array) -> Array:
 def determines_azimuth(attitudes: Array) -> bool:
     """Return whether rests at these attitudes can separate the Earth's rate from gyro biases.
 
-    They can if an error in one rest's rates does not cause a larger error of the level part.
+    They can if an error in one rest's rates does not cause a larger error of the level rate.
 
     Parameters
     ----------

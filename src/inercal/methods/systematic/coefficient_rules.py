@@ -1,7 +1,7 @@
 """Rules for coefficients that no sequence of turns between rests determines.
 
-They are named in an error message before the estimation starts. Rules are used instead of the rank,
-because any information about a gauge that one device seems to give is only noise.
+An error message names these coefficients before the estimation starts. The code uses rules instead
+of the rank, because the apparent information about a gauge is only noise.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from inercal.recordings import Observations
 # The body frame: ax along x, ay in the xy plane
 FRAME = ("ax.delta_o", "ax.delta_p", "ay.delta_o")
 COMMON_ARM = ("az.arm_i", "az.arm_p", "az.arm_o")
-_CUBE = cos(radians(15))  # of the largest component of the force, near a face of the cube
+_CUBE = cos(radians(15))  # at a face of the cube, the unit force has a larger component
 _FACE = 0.5 * G0
 _LEAST_TURN = radians(45)  # total turn about an axis
 # Terms that equal another term if |f| is gravity or zero

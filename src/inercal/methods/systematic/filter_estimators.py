@@ -1,12 +1,12 @@
-"""The Kalman filter form of systematic calibration, over a recording in passes or over a live run.
+"""Systematic calibration by a Kalman filter, for a recording or during a live run.
 
-Each pass starts with the coefficients from the pass before. Its last estimate is also the smoothed
-one, because the coefficients have no dynamics. The batch estimator uses more information about a
-rest, namely its mean rate in all axes.
+Each pass starts with the coefficients from the pass before. The last estimate of a pass is also the
+smoothed estimate, because the coefficients have no dynamics. The batch estimator uses more
+information about a rest, namely its mean rate in all axes.
 
 In a live run the samples of the first rests are stored until these rests determine the azimuth.
 Then the filter processes them and everything that follows. There is only one pass, linearised about
-values from those rests.
+the values from the first rests.
 """
 
 from collections.abc import Mapping
@@ -49,9 +49,9 @@ from inercal.recordings import GAP_FACTOR, Track, join_tracks
 _CHUNK = 100  # number of epochs that are processed together
 _MOST_PASSES = 8
 _SMALL_STEP = 0.05  # standard deviations
-_LARGEST_SHARE = 0.25  # of the variance before the data, for a direction that counts as determined
+_LARGEST_SHARE = 0.25  # remaining share of the initial variance; a smaller one counts as determined
 _NOTED_SHARE = 0.02
-_NAMED_PART = 0.3  # of a direction, for a coefficient that is named
+_NAMED_PART = 0.3  # smallest component of a direction for which a message names the coefficient
 
 
 def solve_by_filter(
@@ -74,9 +74,9 @@ def solve_by_filter(
     Raises
     ------
     InputError
-        As for `segments_of_track` and `attitudes_at`.
+        The same as for `segments_of_track` and `attitudes_at`.
     NotObserved
-        These rests and turns do not determine some coefficients.
+        These rests and turns do not determine all coefficients.
     """
     segments = segments_of_track(track, labels, sensor, FILTER_NOISE)
     model = FilterModel(
@@ -166,7 +166,7 @@ def _innovation_tests(standard: Array, rest: Indices) -> tuple[ModelTest, ...]:
 
 
 def _require_determined(found: ConstantEstimate, start: FilterStart, sensor: Sensor) -> float:
-    """Raise NotObserved if directions are as uncertain as before the data.
+    """Raise NotObserved if directions are still as uncertain as before the data.
 
     Return the largest remaining share of the initial variance.
     """
@@ -257,7 +257,7 @@ class LiveNavigation:
         self._last_time, self._last_hold = float(time[-1]), int(track.hold[-1])
 
     def _rest_ends(self, track: Track) -> list[int]:
-        """Return the indices of the samples before which a rest has ended."""
+        """Return the indices of the first samples after each rest."""
         before = self._tracks[-1].hold[-1] if self._tracks else -1
         hold = np.concatenate([[before], track.hold])
         ends: list[int] = np.flatnonzero((hold[:-1] >= 0) & (hold[1:] != hold[:-1])).tolist()
@@ -303,7 +303,7 @@ def sequential(
     Parameters
     ----------
     estimator : str
-        Unused, because the live estimate is that of the filter for each estimator.
+        Unused, because every estimator uses this filter for its live estimate.
     sensor : Sensor
     bench : Turntable
     steps : sequence of Position or Rotation

@@ -49,9 +49,9 @@ def estimated_attitudes(
     ----------
     estimate : Estimate
     segments, sensor
-        As for `solve`.
+        The same as for `solve`.
     latitude : float
-        rad.
+        Latitude, rad.
     """
     start, _ = _start(segments, sensor, latitude)
     names = attitude_names(segments.labels)
@@ -85,7 +85,7 @@ def solve(segments: Segments, sensor: Sensor, known: StillTable, priors: Priors 
     InputError
         The latitude is beyond 85°, or the axes do not fit together.
     NotObserved
-        These rests and turns do not determine some coefficients.
+        These rests and turns do not determine all coefficients.
     """
     model = ImuModel(sensor)
     m = len(segments.labels)

@@ -1,7 +1,7 @@
-"""Computes the motion from readings, and navigates through the turns of a recording.
+"""Compute the motion from readings, and navigate through the turns of a recording.
 
-The motion is the one for which the sensor's model gives the readings. Newton steps with one slope
-for all samples of a triad find it. Accelerometers that lag by τ sense the part due to lever arms at
+The motion is found by Newton steps, with one slope for all samples of a triad, until the sensor's
+model reproduces the readings. Accelerometers that lag by τ sense the lever-arm part of the force at
 the time t − τ.
 """
 
@@ -24,7 +24,7 @@ from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Axis, Sensor
 
-_STEPS = 4  # of Newton's method: with k2 = 100 µg/g² each leaves 4e-4 of an error
+_STEPS = 4  # Newton steps; with k2 = 100 µg/g² each step leaves 4e-4 of the error
 _NO_COLUMNS = np.zeros((0, 3, 0))
 
 
@@ -156,7 +156,7 @@ def block_means(motion: TurnMotion, edges: Indices) -> TurnMotion:
 def _invert(
     sensor: Sensor, y: Array, c: Array, at: Callable[[Array], Motion], x: Array, first: int
 ) -> Array:
-    """Return f or ω, (n, 3), at which the readings are y; `first` is its index in the slope."""
+    """Return f or ω, (n, 3), that gives the readings y; `first` is its index in the slope."""
     still = np.zeros((1, 3))
     slope = sensor.slope(Motion(still, still, still), c)
     inverse = np.linalg.inv(slope[0, :, first : first + 3])
@@ -204,11 +204,12 @@ def integrate_navigation(
     gravity, lag : float
         m/s² and s.
     by : (b, 3, q) and (b, 3, r) arrays
-        As for `ImuModel.sensitivities`; without them, no sensitivities or covariance are computed.
+        The same as for `ImuModel.sensitivities`; without them, no sensitivities or covariance are
+        computed.
     white : (6,) array, optional
         Squared noise densities of accelerometers and gyros.
     chained : bool
-        Whether each turn starts at the end of the one before.
+        Whether each turn starts where the previous turn ended.
     """
     by_rate, by_force = (np.ascontiguousarray(one) for one in by)
     k, q, r = segments.first.size, by_rate.shape[2], by_force.shape[2]

@@ -1,9 +1,9 @@
 """A Kalman filter for navigation through rests and turns; the coefficients are constant states.
 
 The filter processes a recording in chunks with a fixed number of epochs, so pieces of any length
-give the same estimate. During rests the velocity is observed to be zero, every 0.2 s. The constants
-have no dynamics, so their last filtered estimate is also the smoothed one. A time gap within a rest
-is ignored, because the IMU is stationary.
+give the same estimate. Every 0.2 s during a rest, the filter observes that the velocity is zero.
+The constants have no dynamics, so their last filtered estimate is also the smoothed estimate. A
+time gap within a rest is ignored, because the IMU is stationary.
 
 The states are relative to a navigation with the initial coefficients, whatever the estimate. The
 filter therefore solves a linear problem, and a further pass from the new coefficients is a
@@ -142,7 +142,7 @@ def filter_start(model: FilterModel, segments: Segments) -> FilterStart:
     Raises
     ------
     InputError
-        As for `initial_attitudes`.
+        The same as for `initial_attitudes`.
     """
     sensor, imu = model.sensor, model.imu
     latitude = model.known.latitude.value

@@ -2,15 +2,16 @@
 
 Only the azimuth measures turns about the vertical, because gravity is the same at both ends. One
 ppm of a quarter turn is 0.3″, but the azimuth of a navigation-grade IMU has an uncertainty of 80″.
-Such a turn says almost nothing about the scale factor and misalignments of the gyro about its axis.
+A turn about the vertical therefore says almost nothing about the scale factor and misalignments of
+the gyro along the turn axis.
 
 Navigation errors after calibration are compared with those without calibration. Over a rest of T
 seconds, starting at its own attitude, body errors δf and δω cause a velocity::
 
     v = C δf T − ½ g e_up × C δω T²
 
-A level navigation at rest with body axes east, north and up starts from the true state. It has
-these errors (Schuler oscillation with the Earth's radius R, without the vertical channel)::
+A level navigation at rest with body axes east, north and up starts from the true state. Its errors
+are as follows (Schuler oscillation with the Earth's radius R, without the vertical channel)::
 
     ṗ = v,   v̇ = −g e_up × ψ − 2 ω_ie × v + δf,   ψ̇ = −ω_ie × ψ − e_up × v/R + δω
 
@@ -42,9 +43,9 @@ HOUR = 3600.0
 _STEP = 4.0  # s
 _UP = np.array([0.0, 0.0, 1.0])
 _VERTICAL = 0.9  # cosine between turn axis and vertical, above which a turn is about the vertical
-_TURNED = 0.02  # rad; a smaller turn has no axis
+_TURNED = 0.02  # rad; the axis of a smaller turn is undefined
 _NAMED = 4  # number of turns named in a message
-_MOVED = 4.5  # standard deviations between halves of a rest; by chance in 114 tests: 8e-4
+_MOVED = 4.5  # standard deviations between halves of a rest; chance probability in 114 tests: 8e-4
 
 
 def velocity_errors(
@@ -52,7 +53,7 @@ def velocity_errors(
 ) -> tuple[Array, Array]:
     """Return the velocity errors after each rest, with nominal and with estimated coefficients.
 
-    They are magnitudes of the level part, (m,) m/s each.
+    The errors are magnitudes of the horizontal velocity, (m,) m/s each.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ def velocity_errors(
     attitudes : (m, 3, 3) array
         C at each rest.
     gravity, latitude : float
-        m/s² and rad.
+        Local gravity, m/s², and latitude, rad.
     """
     back = np.swapaxes(attitudes, -1, -2)
     earth = earth_rate(latitude)
@@ -97,7 +98,7 @@ def position_drift(
     c, covariance : (p,) and (p, p) arrays
         Estimated coefficients and their covariance, SI.
     gravity, latitude : float
-        m/s² and rad.
+        Local gravity, m/s², and latitude, rad.
     """
     earth = earth_rate(latitude)
     design = sensor.design(Motion(gravity * _UP[None], earth[None]), np.zeros(len(c)))[0]
@@ -195,7 +196,7 @@ def _velocity_plot(before: Array, after: Array) -> Plot:
 
 
 def vertical_turn_messages(attitudes: Array, labels: Sequence[str]) -> tuple[str, ...]:
-    """Return a warning for each body axis that turns about the vertical.
+    """Return a warning for each body axis whose turns are about the vertical.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
-"""Rows for rests and turns: residuals, Jacobian and covariance.
+"""Residuals of rests and turns, with their Jacobian and covariance.
 
 The unknowns are the coefficients θ, the lag τ and one attitude C_i per rest; the true attitude is
-exp(ψ_i) C_i. With means over a rest i and navigation through the turn i that starts at C_i::
+exp(ψ_i) C_i. The rows come from means over rest i and from navigation through turn i, which starts
+at C_i::
 
     rest   ȳ_w − y_w(C_iᵀ ω_ie, C_iᵀ g e_up),   ȳ_f − y_f(C_iᵀ g e_up)
     turn   −log(C_i+1 C_predᵀ),   −v_pred
@@ -9,11 +10,11 @@ exp(ψ_i) C_i. With means over a rest i and navigation through the turn i that s
 At the true values every row is zero except for noise. Gravity and the Earth's rate are known, the
 IMU is stationary at rests, and the velocity from rest to rest is zero. No table angle is used.
 
-A bias that drifts by d_s in segment s changes the rows by the bias's own columns there. Drift with
-covariance K between segments therefore adds B K Bᵀ to the covariance of white noise. K follows from
-the sensor's stated noise (`inercal.methods.turntable.drift`). Flicker is counted relative to its
-mean over the run, which the estimated bias includes. Rounding errors act in the same way; those of
-a gyro that does not turn are common to rests and turns.
+If a bias drifts by d_s in segment s, the rows change by d_s times the bias's columns in this
+segment. Drift with covariance K between segments therefore adds B K Bᵀ to the covariance of white
+noise. K follows from the sensor's stated noise (`inercal.methods.turntable.drift`). Flicker is
+counted relative to its mean over the run, which the estimated bias includes. Rounding errors act in
+the same way; the rounding errors of a gyro that does not turn are common to rests and turns.
 
 Gravity and latitude are parameters with the deviations that the bench states.
 """
@@ -185,7 +186,7 @@ class RestAndTurnRows:
         jacobian[:, :3, p + 2] = seconds[:, None] * slope
         jacobian[:, 3:, p + 2] = 0.5 * gravity * seconds[:, None] ** 2 * np.cross(_UP, slope)
         back = exp_so3(-earth * seconds[:, None])
-        # ψ turns back with n, ψ(t) = ψ − t ω_ie × ψ; its velocity has the Coriolis acceleration.
+        # Because n rotates, ψ(t) = ψ − t ω_ie × ψ; the velocity has the Coriolis acceleration.
         turned = gravity * (0.5 * skew(_UP) @ skew(earth) + skew(earth) @ skew(_UP))
         for k in range(m - 1):
             at = p + 3 + 3 * k
@@ -203,7 +204,7 @@ class RestAndTurnRows:
         seconds = self.segments.rest_seconds
         for k in range(m):
             result[2 * k, :, 2 * k] = np.diag(self.white / seconds[k])
-        # Noise turns the predicted attitude by +ψ, which the residual contains, and moves v by −.
+        # Noise rotates the predicted attitude by ψ and changes v; the residual contains +ψ and −v.
         sign = np.repeat([1.0, -1.0], 3)
         for k in range(m - 1):
             result[2 * k + 1, :, 2 * k + 1] = sign[:, None] * done.covariance[k] * sign
@@ -226,7 +227,7 @@ class RestAndTurnRows:
 
 
 class _Point(NamedTuple):
-    """The values that the parameters x of the rows stand for, SI."""
+    """The values in the parameter vector x of the rows, SI."""
 
     c: Array
     lag: float
@@ -237,7 +238,7 @@ class _Point(NamedTuple):
 
 
 class _Columns(NamedTuple):
-    """Indices of columns: in x, in the sensitivities, and for the biases in these."""
+    """Indices of columns: in x, in the sensitivities, and of the biases in the sensitivities."""
 
     rate: list[int]
     force: list[int]

@@ -1,4 +1,4 @@
-"""A temperature ramp at rest: biases against temperature, with the temperature sensor's lag.
+"""Biases as functions of temperature, estimated from a temperature ramp at rest.
 
 The sensor is at rest while its temperature changes, in a chamber or by itself. For each axis::
 
@@ -7,7 +7,7 @@ The sensor is at rest while its temperature changes, in a chamber or by itself. 
 b is the polynomial of the coefficients other than the constant. R is the reading of the temperature
 sensor, and τ its lag, which is common to all axes. The constant a is the bias plus the sensed part
 of the earth's rate for a gyro, or plus the sensed part of gravity for an accelerometer. The noise
-is as [sensor] states, and generalised least squares weight blocks of samples by it. For a
+comes from [sensor], and generalised least squares use it to weight blocks of samples. For a
 thermometer that reports whole or half degrees, the temperature is derived from the instants at
 which its reading changes (`inercal.methods.temperature_ramp.node_fit`).
 
@@ -202,7 +202,7 @@ def _lag_text(lag: float, sd: float) -> str:
 
 
 def _loop_conditions(model: RampModel, x: Array) -> dict[str, str]:
-    """Return the largest half loop of each axis as text."""
+    """Return half the width of each axis's largest loop, as text."""
     measures = {axis.name: axis.measures for axis in model.sensor.axes}
     found: dict[str, str] = {}
     for one in hysteresis(model, x):

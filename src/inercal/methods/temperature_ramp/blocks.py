@@ -1,11 +1,11 @@
-"""The samples of a ramp as means over blocks, and the covariance of their noise.
+"""Block means of the samples in a ramp, and the covariance of their noise.
 
-The sensing element is at T = R + τ dR/dt. R_k are block means over L seconds, weighted by Simpson's
-rule for both readings and temperatures,
+The sensing element is at T = R + τ dR/dt. R_k are block means over L seconds. Readings and
+temperatures are both weighted by Simpson's rule,
 
     R̄_k = (R_{k−1} + 4 R_k + R_{k+1})/6,    mean of dR/dt = (R_{k+1} − R_{k−1})/(2 L)
 
-so both are means of the same temperature curve with kernels of equal width. The rate must be
+Both are therefore means of the same temperature curve with kernels of equal width. The rate must be
 smoothed because of the temperature sensor's noise, and with equal widths this does not bias τ. The
 covariance of the weighted means follows from white noise N, bias instability B and random walk K of
 an axis. A constant per axis is also estimated, which absorbs the drift that all blocks share.

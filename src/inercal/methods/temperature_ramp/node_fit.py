@@ -1,14 +1,14 @@
-"""A ramp with a coarse thermometer: the nodes of its temperature curve are nuisances of the fit.
+"""Fit of a ramp with a coarse thermometer, whose temperature curve is estimated as nuisances.
 
-At given coefficients and lag the nodes have a least-squares solution. With that solution the
-derivatives of all rows are triangularised, the nodes first. The rows below those of the nodes form
-a problem with only the coefficients and the lag, which has the same χ² and covariance as the joint
-problem (variable projection: Golub and Pereyra 1973, SIAM J. Numer. Anal. 10, 413–432; Kaufman
-1975, BIT 15, 49–57).
+At given coefficients and lag the nodes have a least-squares solution. With this solution the
+derivatives of all rows are triangularised, with the nodes first. The rows below those of the nodes
+form a problem with only the coefficients and the lag, which has the same χ² and covariance as the
+joint problem (variable projection: Golub and Pereyra 1973, SIAM J. Numer. Anal. 10, 413–432;
+Kaufman 1975, BIT 15, 49–57).
 
 Only the first few τ of a warm-up determine the lag, while R leaves its equilibrium. Later R is an
 exponential, and b(R) fits as well as b(T). If χ² without a lag is hardly larger, the nodes have
-followed the noise. Then neither the lag nor its uncertainty has a meaning.
+followed the noise. In that case neither the lag nor its uncertainty is meaningful.
 """
 
 from dataclasses import replace
@@ -87,7 +87,7 @@ def _fit(model: RampModel, priors: Priors, environment: Environment, lag: float)
     rows = len(model.names) + 1
     linearise = NodeProblem(model).linearise
     estimate = solve_ramp(model, priors, environment, linearise, rows, lag)
-    # The remaining rows stand for all blocks: there are as many node values as node priors.
+    # The remaining rows represent all blocks: there are as many node values as node priors.
     return replace(
         estimate, dof=estimate.dof + model.blocks.time.size * len(model.sensor.axes) - rows
     )

@@ -1,9 +1,9 @@
-"""Generalised least squares for a ramp: coefficients, constants, and the lag if it is unknown.
+"""Fit of a ramp by generalised least squares: coefficients, constants, and the lag if unknown.
 
 The candidates for score tests are temperature terms, a drift, and a warm-up. A warm-up exp(−t/τ)
-has an unknown time constant. The search takes the one that explains most. The derivative with
-respect to ln τ is also a component of the candidate, so the significance of the test allows for the
-search.
+has an unknown time constant. The search selects the time constant that explains the residuals best.
+The derivative with respect to ln τ is also a component of the candidate, so the significance of the
+test allows for the search.
 
 The model computes readings and their derivatives axis by axis.
 """
@@ -194,7 +194,8 @@ def ramp_model(
     if environment.warm_up:
         nuisances += [f"warm_up[{name}]" for name in sensor.channels]
     stated = environment.lag
-    # For a linear bias, the lag and the dT/dt term have one effect, so with that term it is known.
+    # For a linear bias, the lag and the dT/dt term have the same effect, so with this term the lag
+    # must be known.
     if not sensor.uses("dTdt") and (stated is None or stated.sd > 0):
         nuisances.append(LAG)
     return RampModel(
@@ -273,8 +274,8 @@ def _size(name: str, sensor: Sensor) -> float:
 def _nuisance_priors(model: RampModel, environment: Environment) -> list[Gaussian]:
     """Return priors on the constants and on the lag.
 
-    The attitude is unknown: a component of the earth's rate is 0 ± Ω/√3 and one of gravity 0 ± g.
-    An accelerometer's bias affects only the constant.
+    The attitude is unknown, so a component of the earth's rate is taken as 0 ± Ω/√3 and a component
+    of gravity as 0 ± g. An accelerometer's bias affects only the constant.
     """
     result: list[Gaussian] = []
     for axis in model.sensor.axes:

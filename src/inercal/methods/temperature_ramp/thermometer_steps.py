@@ -1,8 +1,8 @@
-"""The steps of a coarse thermometer, and the instants at which its reading crosses between them.
+"""Find the step of a coarse thermometer, and the instants at which its reading changes.
 
 The readings of a thermometer that reports whole degrees contain little information. The instants at
 which they change contain much more, because the temperature is then half way between two readings.
-If the reading flips to and fro, the readings on either side are counted between the first flip and
+If the reading flips back and forth, the readings on either side are counted from the first flip to
 the last.
 
 The temperature curve of a coarse thermometer is a spline whose nodes are estimated. R(t) is a
@@ -23,13 +23,13 @@ from inercal.basics.units import ZERO_CELSIUS
 
 _FREE, _FREE_AT_ENDS = 0.2, 0.4  # standard uncertainty of a free point, in spacings of crossings
 _MOST_FREE_POINTS = 8  # in one interval
-_LONG = 4.0  # times a neighbour: an inner interval with several free points
+_LONG = 4.0  # times a neighbour; longer inner intervals get several free points
 # A thermometer that truncates reads half a step less than one that rounds, and the data do not
 # show which it does: 2 standard uncertainties are half a step.
 TRUNCATION = 0.25
 _QUIET = 0.1  # steps
 _ONE_EXPONENTIAL = 3.0  # χ² per degree of freedom
-_LEAST_READINGS_A_LEVEL = 4.0  # fewer: the values are noise and rounding of a fine thermometer
+_LEAST_READINGS_A_LEVEL = 4.0  # if fewer, a fine thermometer gives noise and rounding
 _CLOSEST = 0.5  # K; between boundaries whose crossings are used
 _DIGITS = 6  # largest number of digits in the text of a temperature
 _FLIPS_BELONG_WITHIN = 60.0  # s; flips of a boundary that are further apart are separate crossings
@@ -132,7 +132,7 @@ def find_crossings(time: Array, kelvin: Array, step: float) -> Crossings:
     found.sort()
     at, flip_time, flips, between = (np.array(one) for one in zip(*found, strict=True))
     at = at - 0.5 * (refreshed - period)
-    # Steps that one reading skips are one crossing, half way.
+    # If one reading skips several steps, they count as one crossing, half way.
     jumped = np.unique(at)
     places = np.searchsorted(jumped, at)
     count = np.bincount(places)
@@ -191,7 +191,7 @@ def _of_boundary(time: Array, above: Bools, period: float) -> list[tuple[float, 
 
 
 def _refresh_interval(changes: Array, period: float) -> float:
-    """Return the longest interval that all changes are multiples of, s; 0 if there is none.
+    """Return the longest interval, s, of which all change times are multiples; 0 if there is none.
 
     Changes are observed only at samples, so each is late by up to one sample period.
     """
@@ -209,7 +209,7 @@ def _refresh_interval(changes: Array, period: float) -> float:
         middle = np.angle(phase.mean(axis=1))[:, None]
         off = np.abs(np.angle(phase * np.exp(-1j * middle))) / (2 * np.pi) * interval[:, None]
         fits = off.max(axis=1) <= 0.75 * period
-        # It must not be chance that so many changes lie within so small a part of the interval.
+        # Chance must not explain that so many changes lie in such a small part of the interval.
         likely = points * (1.5 * period / interval) ** (since.size - 1)
         fits &= likely < 1e-3
         if fits.any():
@@ -280,7 +280,8 @@ def course_nodes(crossings: Crossings, ends: tuple[float, float], first: float, 
     beyond: list[float] = []
     for k, one in enumerate(length.tolist()):
         at_end = k in (0, length.size - 1)
-        # Between two crossings of one boundary the temperature reverses, before the next boundary.
+        # Between two crossings of one boundary the temperature reverses before it reaches another
+        # one.
         turns = not at_end and values[k] == values[k + 1]
         turn = 0.5 * crossings.spacing * float(np.sign(values[k] - values[k - 1])) if turns else 0.0
         neighbours = [float(length[n]) for n in (k - 1, k + 1) if 0 <= n < length.size]

@@ -1,4 +1,4 @@
-"""Code shared by the turntable methods: the model of a triad, and its attitude from the gyros.
+"""Code that the turntable methods share, such as the model of a triad and its attitude.
 
 The methods are `turntable_kalman`, `turntable_discrete` and `turntable_trajectory`.
 
@@ -22,7 +22,7 @@ from inercal.recordings import Finding, Track
 
 # Standard deviations: with twenty correctly stated parameters, one run in 800 has such a deviation
 _MAX_DEVIATION_SD = 4.0
-_MAX_SD_RATIO = 0.8  # of the stated deviation; above it, the data give under a third of the weight
+_MAX_SD_RATIO = 0.8  # of the stated deviation; above it, under a third of the weight is from data
 _SOURCE_BIAS_SD = radians(0.004) / 60  # rad/s
 _BENCH_KEYS = {
     "lean_x": "lean", "lean_y": "lean", "square_1": "square", "square_2": "square",

@@ -14,9 +14,9 @@ as the filter for its recording. Longer runs get one more state for each decade.
 state that does not decay and starts at zero.
 
 **The bias** is defined as the mean over the run, from the first to the last sample of the
-recording, because flicker has no mean that a run could determine. With a filter's constant b and
-the flicker's states D this is b̄ = b + Σ ∫ D dt/T. The integral needs no dense row in Φ. With
-dD = −D/τ dt + dβ::
+recording, because flicker has no mean that a run could determine. If b is a filter's constant and D
+are the flicker's states, the bias is b̄ = b + Σ ∫ D dt/T. The integral does not need a dense row in
+Φ. Because dD = −D/τ dt + dβ::
 
     ∫ D dt = J − τ D,  dJ = τ dβ,  J begins at τ D
 
@@ -29,8 +29,8 @@ The covariance of two means is a double integral of the drift's covariance C(u) 
 
     cov = (G(d − a) + G(c − b) − G(d − b) − G(c − a))/((b − a)(d − c)),  G″ = C
 
-over a to b and c to d. Flicker has C = −(B²/π) ln |u| plus a constant, which drops out of
-departures from the mean over the run. A walk K has C = K² (t + t′ − |u|)/2.
+over a to b and c to d. Flicker has C = −(B²/π) ln |u| plus a constant, which cancels in departures
+from the mean over the run. A random walk K has C = K² (t + t′ − |u|)/2.
 """
 
 from collections.abc import Callable, Sequence
@@ -142,8 +142,8 @@ def flicker_processes(bias_instability: float, span: float) -> tuple[Array, Arra
     bias_instability : float
         B, in SI.
     span : float
-        The Allan deviation agrees with that of flicker within 7 % for averaging times from 1 s to
-        this, s; at least 1000 s.
+        Longest averaging time, s; at least 1000 s. From 1 s to this time, the Allan deviation
+        agrees with that of flicker within 7 %.
     """
     count = ceil(log10(max(span, 1e3)) - 1e-9)
     times = np.geomspace(_SHORTEST_TIME, _LONGEST_TIME_SHARE * max(span, 1e3), count)

@@ -47,7 +47,8 @@ EXPECTED_SIZES: Mapping[str, float] = {
 }
 # Natural sizes: 1000 µg/g², 200 °/h/g; for temperature LARGEST_RELATIVE_SIZE, 1 mg/K
 _DEFAULT_SIZE = 1e-3
-# Share of the prior variance: directions above it are determined, at least partly, by the prior.
+# Share of the prior variance: directions above this share are determined, at least partly, by the
+# prior.
 _MAX_DECIDED_SHARE, _MIN_PRIOR_SHARE = 0.25, 0.01
 
 
@@ -139,7 +140,7 @@ def initial_estimate(part: TriadModel, priors: Priors, coarse: Array) -> tuple[A
     priors : sequence of Gaussian
         Priors on coefficients of these axes are combined with the prior from `expected_size`.
     coarse : (3,) array
-        Mean reading at rest minus the sensed motion, SI, where the biases start.
+        Mean reading at rest minus the sensed motion, SI: the initial values of the biases.
     """
     names = part.sensor.coefficients
     start = np.zeros(len(names))
@@ -217,7 +218,7 @@ def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
     Parameters
     ----------
     part, covariance
-        As for `undecided_directions`.
+        The same as for `undecided_directions`.
     what : str
         "gyros" or "accelerometers".
 
@@ -272,7 +273,8 @@ def table_sensitivity(
     result = np.zeros((*seen.by.shape[:-1], len(table)))
     for k, one in enumerate(table):
         if one.name in names and one.name not in skipped:
-            # The true attitude is ahead of the readback's, so the observed φ is smaller by this.
+            # The true attitude is ahead of the readback's, so the observed φ is smaller by this
+            # angle.
             result[..., k] = -seen.by[..., names.index(one.name)]
     return result
 

@@ -10,8 +10,8 @@ the readback (c), in the level frame and with the signs of `strapdown`::
     latitude       d = −∂Ω/∂λ Δt                  azimuth  d = Ω_north Δt about east
     table          c = −B_q                       latency, clock  c = −ω, −ω (t − t₀)
 
-f and ω are those of the readback at the middle of an epoch. A table parameter that a method
-estimates with its stated prior also has a column, so the test shows a departure beyond the prior.
+f and ω come from the readback at the middle of an epoch. A table parameter that a method estimates
+with its stated prior also has a column, so the test can find an error beyond the prior.
 """
 
 from collections.abc import Sequence
@@ -92,8 +92,8 @@ class ColumnInputs(NamedTuple):
 def sensor_of_omitted_coefficients(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
     """Return a triad with all coefficients of its tables that are not estimated.
 
-    Temperature coefficients are included only if `temperature_varies`: the temperature is known
-    and changes.
+    Temperature coefficients are included only if `temperature_varies`, that is, if the temperature
+    is known and changes.
     """
     names = tuple(
         full
@@ -205,7 +205,7 @@ def gyro_columns(
     driven = np.concatenate([-(cm @ readings) * since[:, None, None], of_place], axis=-1)
     places = (_bench_column("azimuth", "rad"), _bench_column("latitude", "rad"))
     observed, by = table_columns(bench, angles, ("lean_x", "lean_y", "azimuth"))
-    # Between two epochs the rate is taken at their mean, at a single epoch it is the mean.
+    # The rate at an epoch is the mean of the rates before and after it.
     rate[1:-1] = (rate[1:-1] + rate[2:]) / 2
     late = np.stack([-rate, -rate * (time - whole[0])[:, None]], axis=-1)
     seen = np.concatenate([by, late], axis=-1)
@@ -217,7 +217,7 @@ def gyro_columns(
 def accelerometer_columns(
     epochs: ColumnInputs, first: int = 0, stop: int | None = None
 ) -> ConstantColumns:
-    """Return the columns for accelerometers that a table holds still, as velocities.
+    """Return the columns for accelerometers on a stationary table, as velocities.
 
     The first epoch of a hold has no effect.
 
@@ -262,7 +262,7 @@ def static_motion(bench: Turntable, mat: Array) -> Motion:
 def table_columns(
     bench: Turntable, angles: Array, but: Sequence[str]
 ) -> tuple[tuple[ConstantColumn, ...], Array]:
-    """Return table parameters except `but`, and their shifts of the observed φ, (n, 3, B)."""
+    """Return table parameters except `but`, and how each shifts the observed φ, (n, 3, B)."""
     count = max(_MIN_HARMONICS, len(bench.harmonics))
     sizes = (*bench.harmonics, *(1.0 for _ in range(count - len(bench.harmonics))))
     seen = linear_misalignment(replace(bench, harmonics=sizes), angles)
@@ -338,7 +338,7 @@ def candidates(
 
 
 def _bench_column(name: str, unit: str) -> ConstantColumn:
-    """Return a bench parameter's column, tested with the others of its key and separately."""
+    """Return a bench parameter's column, tested separately and with the others of its key."""
     wave, axis = ErrorName(name).parts
     if axis and wave[:3] in ("sin", "cos"):
         families = (f"harmonics[{axis}]", f"harmonic {wave[3:]}[{axis}]")

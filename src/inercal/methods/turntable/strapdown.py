@@ -1,8 +1,8 @@
 """Compiled propagation of the attitude, and its sensitivity to the sensor's coefficients.
 
-The level frame is east, north, up. C transforms from the body frame to it, and
-C_est = (I − [φ×]) C. The small φ is a rotation vector; φ(f, ω) from `terms` is called phi in the
-code. Functions write their results to arguments, in place.
+The level frame is east, north, up. C transforms from the body frame to the level frame, and C_est =
+(I − [φ×]) C. The small φ is a rotation vector; φ(f, ω) from `terms` is called phi in the code.
+Functions write their results to arguments, in place.
 """
 
 import numpy as np
@@ -23,16 +23,17 @@ from inercal.methods.turntable.small_matrices import (
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE, Terms
 from inercal.recordings import STAMP_ROUNDING
 
-# If a rate is modelled as a parabola through three samples and its slope jumps by a at the fraction
-# s of a step, the error is a Δt² (s − s² − 1/6)/2, half of the second Bernoulli polynomial. It is
-# zero on average and 1/√720 rms. At the jump, three third differences are (1 − s, 2 s − 1, −s) a Δt
-# with sum zero. If only the second derivative jumps, the error is a tenth of that, and the
-# differences have one sign. So (a Δt)² follows from their squares minus twice the square of their
-# sum, which the three windows over them give 1.77 times, as the mean over s. It counts only beyond
+# Suppose that a rate is modelled as a parabola through three samples, and that its slope jumps by a
+# at the fraction s of a step. The error is then a Δt² (s − s² − 1/6)/2, which is half of the second
+# Bernoulli polynomial, zero on average and 1/√720 rms. Around the jump the three third differences
+# are (1 − s, 2 s − 1, −s) a Δt, and their sum is zero. If only the second derivative jumps, the
+# error is a tenth of this, and the differences have the same sign. The code therefore estimates (a
+# Δt)² from the sum of the squared differences minus twice the square of their sum. The three
+# windows over the differences give 1.77 (a Δt)² as the mean over s. The estimate counts only beyond
 # the noise, which is on average 60 variances of a sample.
 PARABOLA_ERROR, PARABOLA_THRESHOLD = (1.77 * 720) ** -0.5, 1000.0
-# Error of a cubic for an angle between samples, as a factor of s (1 − s) times the difference of
-# both second divided differences; computed rms over the start of the acceleration.
+# Error of a cubic for an angle between samples: this factor times s (1 − s) times the difference of
+# the two second divided differences, as the rms over all starts of the acceleration.
 CUBIC_ERROR = 0.36
 SMALL_ANGLE = 1e-2  # rad, below which series replace sine and cosine
 MAX_STEP_RATIO = 3.0  # ratio of time steps: one or two samples may be lost
@@ -182,7 +183,7 @@ def sum_reading_terms(terms: Terms, c: Array, drift: Array, used: Indices, by: A
 
 @kernel_value
 def correct_reading(reading: Vector, m: Matrix, by: Array, phi: Array, added: Indices) -> Vector:
-    """Return u = M (reading − the terms `added`, which are not part of the linear term in u)."""
+    """Return u = M (reading − the terms `added`), where M does not include these terms."""
     x, y, z = reading
     for t in range(added.size):
         b = added[t]
@@ -197,7 +198,7 @@ def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made
     """Add C M φ dt, (BASIS, 9), to `made`, with each matrix row after row."""
     for t in range(used.size):
         size, row = phi[used[t]] * dt, made[used[t]]
-        # All are read before any is written, so the compiler can add several at once.
+        # All values are read before any is written, so the compiler can add several at once.
         total = (
             row[0] + cm[0] * size, row[1] + cm[1] * size, row[2] + cm[2] * size,
             row[3] + cm[3] * size, row[4] + cm[4] * size, row[5] + cm[5] * size,
@@ -325,7 +326,7 @@ def are_similar_steps(step: float, other: float) -> bool:
 
 
 def epoch_indices(time: Array, period: float, last: float) -> Indices:
-    """Return the samples at which an epoch is due: at least a period after the one before.
+    """Return the samples at which an epoch is due: at least a period after the previous epoch.
 
     A period that is too short only because of rounded timestamps counts as complete.
     """

@@ -1,4 +1,4 @@
-"""A triad's coefficients as data for compiled filters: the effect of each on each axis's reading.
+"""The coefficients of a triad as data for compiled filters, with their effects on the readings.
 
 A reading is affine in the coefficients, and its terms are of second degree in the sensed motion::
 

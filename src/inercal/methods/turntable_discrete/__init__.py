@@ -1,9 +1,9 @@
-"""An IMU on a turntable by the traditional procedure, with means at rest and over whole turns.
+"""Traditional calibration of an IMU on a turntable, with means at rest and over whole turns.
 
-Accelerometers read gravity in fixed positions. Gyros read the earth's rate there, and constant
-rates of both signs in rotations. The sum over both signs gives the biases and the earth's rate, the
-difference gives scale and misalignment. The table's errors are nuisances with their stated
-deviations. The drift of the biases correlates neighbouring rows
+Accelerometers read gravity in fixed positions. Gyros read the earth's rate in these positions, and
+constant rates of both signs in rotations. The sum over both signs gives the biases and the earth's
+rate, and the difference gives scale and misalignment. The table's errors are nuisances with their
+stated deviations. The drift of the biases correlates neighbouring rows
 (`turntable.drift.covariance_of_means`), and a bias is its mean over the run. Accelerometer readings
 during rotations are not used, because an unstated lever arm would affect them.
 
@@ -13,9 +13,9 @@ attitude C_k at times t_k is wrong by a small rotation φ_k = B_k β in the leve
     f̄ = mean Cᵀ(v + v × φ),  v = (0, 0, g)
     ω̄ = mean Cᵀ(Ω + Ω × φ) + Σ log(C_kᵀ C_k+1)/T + Σ Cᵀ (φ_k+1 − φ_k)/T
 
-with means by the trapezoidal rule and Ω the earth's rate. Harmonics cancel over whole turns. A
-delay of the readback shifts the sum at its two ends. The shift is zero from rest to rest and at a
-constant rate.
+Means are computed by the trapezoidal rule, and Ω is the earth's rate. Harmonics cancel over whole
+turns. A delay of the readback shifts the sum at its two ends. The shift is zero from rest to rest
+and at a constant rate.
 
 Source: IEEE Std 1293 and 1431, multipoint and rate tests; Titterton and Weston, Strapdown Inertial
 Navigation Technology, 2nd edition, chapter 8.
@@ -123,7 +123,7 @@ def row_means(bench: Turntable, time: Array, mat: Array, seen: Misalignment) -> 
     mat : (..., n, 3, 3) array
         Attitude from the readback, body to level.
     seen : Misalignment
-        The parameters that rotate it, at the same samples.
+        Rotation of the attitude by the bench's parameters, at the same samples.
     """
     up, north = earth_rate_up_north(bench.latitude)
     force, earth = np.array([0, 0, bench.gravity.value]), np.array([0, north, up])
@@ -197,7 +197,7 @@ def sensed_motion(bench: Turntable, nominal: MeanMotion, q: Mapping[str, Array])
     ----------
     bench : Turntable
     nominal : MeanMotion
-        As for `stack_row_means`.
+        The same as for `stack_row_means`.
     q : mapping of str to (...) array
         Values by name, SI; missing parameters have their declared values.
     """
@@ -239,10 +239,10 @@ def least_squares(
     Raises
     ------
     InputError
-        The steps are not those of the rows, two steps have the same label, the angles do not fit
+        The steps do not match the rows, two steps have the same label, the angles do not fit
         the table's axes, or a row has no noise.
     NotObserved
-        These steps do not determine some coefficients.
+        These steps do not determine all coefficients.
     """
     mean_problem.require_matching_rows(observations, sensor, steps)
     if observations.track is None:
@@ -315,7 +315,7 @@ def _add_readback_noise(
 
 
 def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observations:
-    """Return the observations with the drift that the sensor states in place of any other."""
+    """Return the observations with the sensor's stated drift instead of any other drift."""
     noises = [axis.noise for axis in sensor.axes]
     if not any(one.bias_instability or one.random_walk for one in noises):
         return observations

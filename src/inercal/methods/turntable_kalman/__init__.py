@@ -1,23 +1,23 @@
-"""An IMU on a turntable, with two Kalman filters over one recording.
+"""Calibration of an IMU on a turntable by two Kalman filters over one recording.
 
 * `full`: the filters for gyros and accelerometers, whose states include the drift of the biases,
   the delay of the readback and the table's other declared errors. R is the stated noise of the
   readback, so the innovations test the stated noise and table.
-* `drift`: without right angles and harmonics, and with the source's R. It has 19 and 25 states for
-  24 parameters, and one additional state each for an azimuth and a readback clock that are not
-  exact.
+* `drift`: like `full`, but without right angles and harmonics, and with the source's R. The filters
+  have 19 and 25 states for 24 parameters, and one more state each if the azimuth or the readback
+  clock is not exact.
 * `paper`: the filters from the source with 15 and 18 states. Their uncertainties are too small if
   the table has errors.
 
-Both filters run over the whole recording, independently of each other; that of the accelerometers
-uses only the holds. A table parameter that both estimate is reported with the smaller uncertainty.
-The coefficients refer to the frame of the table's innermost axis: 24 in total.
-`Calibration.in_frame` converts them exactly into the 21 for a frame that is tied to the
-accelerometers.
+Both filters run over the whole recording, independently of each other; the accelerometer filter
+uses only the holds. If both filters estimate a table parameter, the result with the smaller
+uncertainty is reported. The 24 coefficients refer to the frame of the table's innermost axis.
+`Calibration.in_frame` converts them exactly into the 21 coefficients for a frame that is tied to
+the accelerometers.
 
 Both filters can also follow a run live. The estimate equals that of the recording bit for bit,
 however the samples are divided into pieces, because the same filters take the same steps. The final
-estimate may have larger uncertainties because of the excess of all innovations.
+estimate may have larger uncertainties because it includes the excess scatter of all innovations.
 
 Source: Liu, Cui, Zhang and Xu (North University of China), fast calibration of a MIMU on a
 turntable with LabVIEW. The available copy lacks the equations, so they are derived from its text.

@@ -1,14 +1,15 @@
 """Compiled filter for the accelerometers, sample by sample; tests compare it with a plain version.
 
 States: δV (3), φ (3), p coefficients, drift of the biases (`turntable.drift`), q table parameters,
-and, if there are two more, the error of each hold's angles about east and north.
+and optionally two states for the error of each hold's angles about east and north.
 
 The attitude of a stationary table is constant, including the earth's rotation. The gyros are
 therefore not used, because their errors would be mistaken for tilt. The specific force is also
-known: g along the vertical of that attitude. Coefficients are multiplied by this known force
-instead of the corrected reading. The product of the reading's error with those of the coefficients
-is of second order, and it made a filter with a small velocity variance diverge. Because that force
-is constant, each reading counts in one step, whereas the noise of a trapezoid would be in two.
+known: g along the vertical of this attitude. The filter multiplies the coefficients by this known
+force instead of the corrected reading. With the corrected reading, the product of its error and the
+coefficients' errors is of second order, and this product made a filter with a small velocity
+variance diverge. Because the known force is constant, each reading counts in one step only, whereas
+a trapezoid would spread its noise over two steps.
 """
 
 from typing import NamedTuple
@@ -56,7 +57,7 @@ class VelocityReadback(NamedTuple):
 
     epochs: Indices  # (e,)
     attitude: Array  # (e, 3, 3)
-    # (e, 2, 2), horizontal directions, level frame, about which its noise is independent
+    # (e, 2, 2), horizontal directions, level frame, about which the readback's noise is independent
     directions: Array
     table_sensitivity: Array  # (e, 2, q), ∂(observed φ about them)/∂(the table's parameters)
     hold_variance: Array  # (e, 2) rad², variance of a hold's angles about east and north
@@ -110,7 +111,7 @@ def run_accelerometer_filter(
     steps : FilterSteps
         Written at each epoch.
     history : (e, 6 + 2 n) array
-        As for `run_gyro_filter`, with five observations.
+        The same as for `run_gyro_filter`, with five observations.
     """
     x, p, theta, fed = state.x, state.p, state.theta, work.fed
     n, gm = x.size, 6 + theta.size
@@ -229,8 +230,8 @@ def _begin_hold(
 ) -> None:
     """Start a hold, with the attitude from the table and zero velocity.
 
-    Φ and Q keep the coefficients and the table's parameters, and propagate the drift. The states of
-    the hold are initialised again.
+    Φ and Q leave the coefficients and the table's parameters unchanged, and propagate the drift.
+    The states of the hold are initialised again.
     """
     _a, keep, driven, drawn, joint = to
     gm = 6 + state.theta.size
@@ -258,7 +259,7 @@ def _begin_hold(
 
 @kernel_step
 def _clear(to: Transition) -> None:
-    """Write Φ for constants, with zeros where it is dense, and no noise."""
+    """Write Φ for constant states, with zeros in its dense part, and zero noise."""
     a, keep, driven, drawn, _joint = to
     for k in range(len(a)):
         for j in range(keep.size):
@@ -288,7 +289,8 @@ def _transition(
     propagate_drift(model.drift, since, gm, keep, drawn, joint)
     for s in range(gm, gm + model.size):
         state.x[s] *= keep[s]
-    # (0, 0, g) × φ. −[ω_ie×] is in neither, because the velocity is relative to a table at rest.
+    # The force error is (0, 0, g) × φ. −[ω_ie×] is left out for both states, because the velocity
+    # is relative to a table at rest.
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 
 

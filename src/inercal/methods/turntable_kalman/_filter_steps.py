@@ -19,8 +19,9 @@ from inercal.methods.turntable.drift_propagation import add_drift_cross_covarian
 from inercal.methods.turntable.strapdown import inverse_scale_matrix, sum_reading_terms
 from inercal.methods.turntable.terms import BIAS, Terms
 
-# Standard deviations of an epoch's innovation. By chance one in 900 epochs exceeds it, which costs
-# nothing. An error of five must not be used if noise hides part of it.
+# Standard deviations of an epoch's innovation. By chance one in 900 epochs exceeds this limit,
+# which costs nothing. An error of five standard deviations must be rejected even if noise hides
+# part of it.
 INNOVATION_GATE = 4.0
 MAX_REJECTIONS = 3  # in a row
 
@@ -59,7 +60,7 @@ class KernelWorkspace(NamedTuple):
     """Arrays for intermediate results of a kernel, which allocates no memory."""
 
     used_terms: Indices  # the terms of φ that the coefficients use
-    added_terms: Indices  # those that M does not include
+    added_terms: Indices  # the used terms that M does not include
     biases: Indices  # the coefficients that are biases
     m: Array  # M, (3, 3)
     reading_terms: Array  # factor of each term of φ in the readings, (size of φ, 3)

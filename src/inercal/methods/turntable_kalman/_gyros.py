@@ -82,8 +82,8 @@ def run_gyro_filter(
     steps : FilterSteps
         Written at each epoch.
     history : (e, 4 + 2 n) array
-        Written at each epoch: innovations (3), NIS, the estimates (x with the coefficients in their
-        place and φ zero) and their variances; a drifting bias is its mean so far.
+        Written at each epoch: innovations (3), NIS, the estimates (x with the coefficients inserted
+        and φ zero) and their variances. The estimate of a drifting bias is its mean so far.
     """
     x, p, theta, fed = state.x, state.p, state.theta, work.fed
     n, gm, components = x.size, 3 + theta.size, model.drift.times.size
@@ -250,7 +250,7 @@ def _parabola_mean(
 ) -> tuple[Vector, Vector]:
     """Return the last step's mean of the parabola through three rates, and its curvature.
 
-    `dt` and `step` are the last step and the one before, s.
+    `dt` is the last time step and `step` the time step before it, s.
     """
     # Divisions are the most expensive operations here.
     per_step, per_two, per_last = 0.0, 0.0, 0.0
@@ -317,11 +317,12 @@ def _transition(
     propagate_drift(model.drift, since, gm, keep, drawn, joint)
     for s in range(gm, gm + model.size):
         state.x[s] *= keep[s]
-    # −[ω_ie×] within an epoch.
+    # The effect of −[ω_ie×] within an epoch.
     a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
     a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
     if settings.timing_states[2] >= 0:
-        # The level frame is the table's. If it is turned clockwise, earth rate has a part to west.
+        # The level frame is the table's. If the table is turned clockwise, the earth rate has a
+        # western component.
         a[0, settings.timing_states[2]] = earth[1] * since
 
 

@@ -7,11 +7,11 @@ A readback is compared with the attitude at its time t′. The error there is
 G is stored for the samples that a readback may refer to. Feedback at t also corrects the attitudes
 stored for these samples.
 
-A reading's noise counts once in the sum of all steps. However, parts of it are in the attitude at
-t′ and other parts come later. Two neighbouring increments have the covariance γ σ², where σ² is the
-variance of a sample's angle. A random walk that is observed with noise of the variance −γ σ² has
-the same covariance, so this variance is added to that of the readback. The sum may be negative, but
-the variance of an innovation is not.
+The noise of a reading counts once in the sum of all steps, but one part of the noise enters the
+attitude at t′ and the other part comes later. Two neighbouring increments have the covariance γ σ²,
+where σ² is the variance of a sample's angle. A random walk that is observed with noise of the
+variance −γ σ² has the same covariance, so this variance is added to that of the readback. The sum
+may be negative, but the variance of an innovation is not.
 """
 
 from typing import NamedTuple
@@ -165,8 +165,8 @@ def update_by_readback(
 ) -> None:
     """Write the readback minus the attitude at its time, linearised at the most probable value.
 
-    `work.z`, rad, is h x + noise, and `work.variance`, rad², is what the delay adds to the variance
-    of the readback. If the delay is uncertain, z = h x is iterated at the estimated delay by the
+    `work.z`, rad, is h x + noise, and `work.variance`, rad², is the variance that the delay adds to
+    the readback. If the delay is uncertain, z = h x is iterated at the estimated delay by the
     Gauss–Newton method. Source: Bell and Cathey 1993, IEEE TAC 38(2), 294–297.
     """
     z, spread = work.z, work.variance
@@ -204,7 +204,8 @@ def _linearise(
 ) -> None:
     """Write the readback minus the attitude at its time, linearised at x with covariance p.
 
-    Its variance is larger if the rate changes. `when` is the time and `variance` its variance.
+    The variance of the difference is larger if the rate changes. `when` is the time of the
+    readback, and `variance` is the variance of this time.
     """
     z, spread, beside = work.z, work.variance, readback.table_sensitivity
     late = settings.timing_states
@@ -220,7 +221,7 @@ def _linearise(
     interpolate_attitude(times, past, newest, when, then, rate, turn, work.square)
     for k in range(3):
         spread[k] = turn[k] * turn[k]
-    # The noise of rates at rest is not motion; the filter would estimate a delay from it.
+    # The noise of rates at rest is not motion, but the filter would estimate a delay from it.
     noise = max(model.white[0], model.white[1], model.white[2])
     for k in range(3):
         if rate[k] * rate[k] * state.time[3] < REST_RATE_VARIANCES * noise:
@@ -280,8 +281,8 @@ def _add_delay_curvature(
 ) -> None:
     """Add the mean squares of second-order terms in an uncertain delay.
 
-    For α δτ²/2 this is 3/4 (α σ²)². For δω δτ, with the rate error due to the coefficients, it is
-    at most 3 σ² var(ω).
+    The mean square of α δτ²/2 is 3/4 (α σ²)². For δω δτ, where δω is the rate error due to the
+    coefficients, it is at most 3 σ² var(ω).
     """
     sd, times, newest, either = np.sqrt(variance), state.times, state.newest_row[0], work.either
     for side in range(2):

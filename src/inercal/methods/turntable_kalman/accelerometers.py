@@ -1,4 +1,4 @@
-"""The accelerometer filter: the velocity at rest is zero, and the table gives the vertical.
+"""The accelerometer filter assumes zero velocity at rest and takes the vertical from the table.
 
 States: δV (3), φ (3), coefficients, drift of the biases (`turntable.drift`), and errors of the
 table's attitude. These errors are either lean of the base, right angles and harmonics of the
@@ -32,11 +32,11 @@ from inercal.methods.turntable_kalman.filtered_track import FilterPiece
 from inercal.physics.sensors import Sensor
 from inercal.recordings import AngleQuality, Track
 
-# m/s, uncertainty of the zero velocity at rest: far below the noise of any accelerometer, so that
-# innovations are as large as stated
+# m/s, uncertainty of the zero velocity at rest. This is far below the noise of any accelerometer,
+# so the innovations are as large as stated
 REST_VELOCITY_SD = 1e-7
 HOLD_ALIGNMENT_SD = 5e-4  # rad, sd of φ at the start of a hold
-_LEAST_NOISE = 1e-2  # of the readback's: an axis that is this close to vertical turns no direction
+_LEAST_NOISE = 1e-2  # of the readback's noise; an axis so close to vertical has no direction
 _BASE_PARAMETERS = ("lean_x", "lean_y")  # of the base; other errors of a hold belong to the hold
 
 
@@ -47,7 +47,7 @@ class AccelerometerFilter(Filter[VelocityState]):
     Parameters
     ----------
     triad, bench, prior, initial_values, table
-        As for `Filter`.
+        The same as for `Filter`.
     hold_errors : bool
         Whether the error of each hold's angles is a state.
     readback_sd : float or None
@@ -91,11 +91,12 @@ class AccelerometerFilter(Filter[VelocityState]):
         Parameters
         ----------
         sensor, bench, track, priors
-            As for `GyroFilter.from_track`.
+            The same as for `GyroFilter.from_track`.
         bias_drift : bool
             Whether biases drift.
         table : "whole", "lean" or "exact"
-            Which errors of the table are states: all; the base's lean and an error per hold; none.
+            Which errors of the table are states. "lean" means the base's lean and an error of each
+            hold.
         readback_sd, velocity_sd : float
             Standard deviations, rad and m/s; None means the bench's noise.
         run_duration : float, optional
@@ -177,7 +178,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         readback = self._readback(epochs, track)
         here = track.hold[epochs]
         begins = here != np.concatenate([state.hold, here[:-1]])
-        # A readback without noise tests nothing.
+        # A readback without noise cannot be tested.
         least = self._least_readback_noise
         tested = np.count_nonzero(readback.noise > least, axis=1)
         steps, history = self.allocate_steps(epochs.size, wanted)
@@ -237,7 +238,7 @@ class AccelerometerFilter(Filter[VelocityState]):
     def _readback_noise(self, angles: Array, quality: AngleQuality | None) -> tuple[Array, Array]:
         """Return the principal directions of the readback's noise, (e, 2, 2), and its variances.
 
-        The noise is about the table's axes, two of which may have the same horizontal direction.
+        The noise acts about the table's axes, two of which may have the same horizontal direction.
         """
         if self.readback_sd is not None:
             level = np.tile(np.eye(2), (len(angles), 1, 1))

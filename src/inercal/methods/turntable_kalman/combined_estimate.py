@@ -1,4 +1,4 @@
-"""Runs both filters over one track and combines their estimates."""
+"""Run both filters over one track and combine their estimates."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,7 +28,8 @@ from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
-# Rejections per component, five times those by chance: with three components one epoch in 900.
+# Limit of rejections per component: five times the rate expected by chance, which is one epoch in
+# 900 for three components.
 _CHANCE_REJECTIONS = 2e-3
 
 
@@ -50,12 +51,13 @@ def run_filter(
     run = result.begin(track)
     filtered = run.follow(track)
     course, found, checked = filtered.history, run.estimate, None
-    # The assumed sizes of coefficients are far above them, so that many innovations only fix these.
+    # The assumed sizes are so large that each coefficient uses up one degree of freedom.
     own = set(result.triad.sensor.coefficients)
     learned = len(own) - sum(len(one.names) for one in priors if own.issuperset(one.names))
     if smooth:
         checked = filter_tests.innovation_test_data(result, filtered, found)
-        # Only a report shows it, and it needs another pass over the track.
+        # Only a report shows the smoothed states, and computing them needs another pass over the
+        # track.
         smoothing = LazyValue(lambda: filtered.smoothed(result.time_varying_states))
         course = replace(course, smoothing=smoothing)
     return filter_tests.FilterResult(
@@ -168,8 +170,8 @@ def _table_sensitivities(
 ) -> dict[str, Array]:
     """Return the coefficients' sensitivity to the table's stated values, (q,) by parameter.
 
-    Each filter estimates the table separately and so gives its part of every column. Gravity is not
-    a state; it is a factor on the accelerometers' readings.
+    Each filter estimates the table separately and therefore gives its own part of every column.
+    Gravity is not a state; it is a factor on the accelerometers' readings.
     """
     declared, moved = bench.acting_parameters(), dict[str, Array]()
     for one in parts:

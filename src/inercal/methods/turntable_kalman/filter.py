@@ -1,4 +1,4 @@
-"""The base of both filters: states of a triad and its table, for tracks processed in pieces.
+"""The base class of both filters, which process tracks in pieces.
 
 The states are the attitude error, the velocity for accelerometers, the coefficients, the drift of
 the biases (`turntable.drift`), the table's parameters, and the states of each hold, in this order.
@@ -161,7 +161,8 @@ class Filter(ABC, Generic[S]):
             Its arrays are changed in place.
         track : Track
         wanted : (r, n) array, optional
-            If given, the steps of each epoch are stored, with these sums of states.
+            Weights of r sums of states. If given, the steps of each epoch are stored with these
+            sums.
         """
 
     def estimate(self, state: S) -> FilterEstimate:
@@ -201,7 +202,7 @@ class Filter(ABC, Generic[S]):
         Parameters
         ----------
         elapsed, since : float
-            As for `Drift.mean`.
+            The same as for `Drift.mean`.
 
         Returns
         -------
@@ -240,8 +241,8 @@ class Filter(ABC, Generic[S]):
     def innovation_gate(track: Track) -> float:
         """Return the largest accepted innovation, in standard deviations, or infinity for no gate.
 
-        A gate is for table readings that may contain a false digit. If every sample of a recording
-        has its own angle, the checks during reading find such errors.
+        A gate protects against table readings that may contain a wrong digit. If every sample of a
+        recording has its own angle, the checks during reading find such errors.
         """
         return np.inf if track.angle_quality is None else INNOVATION_GATE
 
@@ -308,8 +309,8 @@ class Filter(ABC, Generic[S]):
         tested : (e,) array of int
             Number of tested components in each epoch that has innovations.
         free : int
-            How many of these only determine φ after it was taken from the readback. They are small
-            compared with the initial variance of φ.
+            Number of these components that only determine φ after it was taken from the readback.
+            Such innovations are small compared with the initial variance of φ.
         """
         taken = made.history[:, self.rows] > 0
         return state._replace(nis=nis, dof=state.dof + int(tested[taken].sum()) - free)

@@ -40,7 +40,7 @@ INITIAL_TERMS: Mapping[str, tuple[FilterKind, tuple[str, ...]]] = {
 ATTITUDE = "attitude"  # φ, in both filters
 _ALIGNMENT_SD: Mapping[FilterKind, float] = {"w": ALIGNMENT_SD, "f": HOLD_ALIGNMENT_SD}
 _MAX_EPOCH_REMAINDER = 0.05  # of a sample; sampling rates are not known better
-_DISTURBED_STEP = 1.5  # medians; in a longer time step, samples were lost
+_DISTURBED_STEP = 1.5  # median steps; in a longer step, samples were lost
 
 
 class FilterConfig(NamedTuple):
@@ -51,8 +51,9 @@ class FilterConfig(NamedTuple):
     bias_drift : bool
         Whether biases drift.
     table_states : "whole", "lean" or "exact"
-        Which errors of the table are states. Gyros: all; latency, clock and azimuth; none.
-        Accelerometers: all; the base's lean and an error of each hold's angles; none.
+        Which errors of the table are states: all, some or none. "lean" means latency, clock and
+        azimuth for the gyros, and the base's lean and an error of each hold's angles for the
+        accelerometers.
     attitude_sd : tuple of 2 float or None
         Standard deviation of the attitude from the readback in each filter, gyros first, rad; None
         means that of the bench.

@@ -1,9 +1,9 @@
-"""Tests of both filters' models: innovations by step, and score tests of constants without a state.
+"""Tests of both filters: innovations in each step, and score tests of omitted constants.
 
 If R is the noise, the normalised innovations squared (NIS) follow χ². The degrees of freedom are
 the number of components minus those that only determine initially unknown states (Bar-Shalom, Li
 and Kirubarajan 2001, Estimation with Applications to Tracking and Navigation, section 5.4). The
-source's R is not the noise, so NIS with it is not a test.
+source's R is not the noise, so NIS computed with it is not a test.
 """
 
 # SciPy has no type stubs.
@@ -143,11 +143,11 @@ def _without_effects_of_states(made: AnyFilter, some: ConstantColumns) -> Consta
 def _sums_for_time_states(
     made: GyroFilter, found: FilterEstimate, some: tuple[ConstantColumn, ...], sums: OmittedSums
 ) -> OmittedSums:
-    """Return the sums with those of latency and clock, if they are states, from their estimates.
+    """Return the sums; those for latency and clock states are computed from their estimates.
 
-    The recursion is of first order, which does not suffice for an uncertain delay until it is
-    estimated. For a constant with the prior N(μ, P₀) and the estimate x̂ with variance P the sums
-    are known::
+    The recursion is of first order, which does not suffice for an uncertain delay until the delay
+    is estimated. For a constant with the prior N(μ, P₀) and the estimate x̂ with variance P the
+    sums are known::
 
         G = (P₀ − P)/P₀²        b = (x̂ − μ)/P₀        −U = −P e/P₀
 
@@ -242,10 +242,10 @@ def _joint_sums(
 ) -> tuple[Array, Array]:
     """Return CᵀV⁻¹C and CᵀV⁻¹r for the columns C and the innovations r of both filters.
 
-    A table error with the prior covariance P₀ that is a state of both filters affects the
-    innovations of both. Their covariance is V = I + W M Wᵀ, where W = diag(A₁, A₂) contains the
-    error's columns in each filter and M = [[0, P₀], [P₀, 0]]. By Woodbury's identity the sums with
-    V⁻¹ follow from those for each filter::
+    If a table error with the prior covariance P₀ is a state of both filters, it affects the
+    innovations of both. Their joint covariance is V = I + W M Wᵀ, where W = diag(A₁, A₂) contains
+    the error's columns in each filter and M = [[0, P₀], [P₀, 0]]. By Woodbury's identity the sums
+    with V⁻¹ follow from those for each filter::
 
         CᵀV⁻¹C = CᵀC − CᵀW (M⁻¹ + WᵀW)⁻¹ WᵀC
 

@@ -1,4 +1,4 @@
-"""A filter for a track processed in pieces of limited memory, and the smoother over them.
+"""Process a track piece by piece with limited memory, and smooth the result.
 
 The state before each piece is stored. The record of a piece, 5 to 8 kB per epoch, is recomputed
 from this state when it is needed: forward for the tests, backward for the smoother. A filter that
@@ -32,10 +32,10 @@ def copy_state(state: S) -> S:
 if TYPE_CHECKING:
     from inercal.methods.turntable_kalman.filter import Filter
 
-# Limits for a piece. Its memory is that of its epochs, or at a high rate that of its samples. The
-# states before the pieces take 30 kB each.
+# Limits for a piece. Its epochs need most of the memory, or at a high rate its samples. The states
+# before the pieces take 30 kB each.
 PIECE_EPOCHS, PIECE_SAMPLES = 1024, 1 << 16
-MAX_SHOWN_EPOCHS = 20_000  # number of estimates over time, many times what a figure can show
+MAX_SHOWN_EPOCHS = 20_000  # number of estimates over time, far more than a figure can show
 
 
 class FilterPiece(NamedTuple):
@@ -85,7 +85,7 @@ class FilteredTrack(Generic[S]):
     def smoothed(self, names: Sequence[str]) -> SmoothedStates:
         """Return the time course of varying states, smoothed over the whole track.
 
-        With flicker a bias is the mean so far, as in the result. Its smoothed drift is the
+        If there is flicker, a bias is the mean so far, as in the result. The smoothed drift is the
         departure from the mean over all epochs.
 
         Parameters
@@ -117,7 +117,7 @@ class FilteredTrack(Generic[S]):
         return SmoothedStates(tuple(names), value, np.sqrt(np.maximum(spread, 0.0)))
 
     def _weights_at_the_end(self, names: Sequence[str], wanted: Array, elapsed: Array) -> Array:
-        """Return the weights of the final states that each sum is a difference from."""
+        """Return the weights of the final states, which each sum is a difference from."""
         part, against = self.filter, np.zeros(wanted.shape)
         if part.triad.drift.mean_over_run and elapsed.size:
             at = len(part.leading_states)

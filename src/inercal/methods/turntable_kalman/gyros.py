@@ -1,4 +1,4 @@
-"""The gyro filter: the attitude from the gyros against the attitude from the table's readback.
+"""The gyro filter compares the attitude from the gyros with that from the table's readback.
 
 States: φ (3), coefficients, drift of the biases (`turntable.drift`), and errors of the table's
 attitude (latency, clock, right angles, harmonics of the readback). The attitude is integrated from
@@ -54,7 +54,7 @@ class GyroFilter(Filter[AttitudeState]):
     Parameters
     ----------
     triad, bench, prior, initial_values, table
-        As for `Filter`.
+        The same as for `Filter`.
     readback_sd : float
         Standard deviation of the attitude from the readback, rad.
     lag : int
@@ -109,7 +109,7 @@ class GyroFilter(Filter[AttitudeState]):
         bias_drift : bool
             Whether biases drift.
         table : "whole", "lean" or "exact"
-            Which errors of the table are states: all; latency, clock and azimuth; none.
+            Which errors of the table are states. "lean" means latency, clock and azimuth.
         readback_sd : float
             Standard deviation, rad. 4″ cover the readback's noise and the error of assuming linear
             rates between samples at 100 Hz.
@@ -186,7 +186,8 @@ class GyroFilter(Filter[AttitudeState]):
         samples, (stamps, variance, angles), tail = self._pair_readback(
             state.pending_samples, track
         )
-        # A copy, because a view would keep the piece. One memory layout needs one compiled kernel.
+        # Copied, because a view would keep the piece in memory. With one memory layout, the kernel
+        # is compiled only once.
         after = state._replace(pending_samples=tail.copy())
         # An epoch waits for the first sample with usable angles, so that pieces of any length give
         # the same epochs.

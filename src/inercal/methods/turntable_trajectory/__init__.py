@@ -1,11 +1,11 @@
-"""An IMU on a turntable by generalised least squares over a complete recording.
+"""Calibration of an IMU on a turntable by generalised least squares over a complete recording.
 
 The gyros propagate the attitude from one readback to the next, ten times a second. The
 accelerometers read gravity in holds. Coefficients and the table's errors, including timing, are
 estimated together by Gauss–Newton steps on whitened residuals. A Kalman filter with the noise of
 gyros, accelerometers and readback and the drift of biases (`turntable.drift`) whitens the residual
 and every column of the Jacobian exactly. For normal noise no unbiased estimate is better
-(Cramér–Rao); tests compare the filters of `turntable_kalman` with it.
+(Cramér–Rao); tests compare the filters of `turntable_kalman` with this estimate.
 
 Source: Aitken 1935, Proc. R. Soc. Edinburgh 55, 42–48 (generalised least squares); Kailath 1968,
 IEEE TAC 13, 646–655 (innovations).
@@ -43,7 +43,8 @@ from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
 
-# Whitening depends on the coefficients and sums many increments; smaller decreases are rounding.
+# Whitening depends on the coefficients and sums many increments; smaller decreases of χ² are
+# rounding.
 _ROUNDING = 1e-7
 
 
@@ -107,7 +108,7 @@ def solve_trial(
     Parameters
     ----------
     sensor, bench, priors
-        As for `trajectory`.
+        The same as for `trajectory`.
     track : Track
         Track of one trial.
     epochs : (e,) array of int, optional
@@ -118,12 +119,12 @@ def solve_trial(
     Raises
     ------
     InputError, NotObserved
-        As for `trajectory`.
+        The same as for `trajectory`.
     """
     parts = tuple(_row_sets(sensor, bench, track, epochs))
     requested = trajectory_problem(sensor, bench, parts, priors)
     estimate = solve(requested)
-    # The assumed sizes of coefficients are far above them and are not data; nor are lost rows.
+    # The assumed sizes of coefficients do not count as data, and neither do lost rows.
     lost = sum(part.lost_rows for part in parts) + len(sensor.coefficients)
     estimate = replace(estimate, dof=estimate.dof - lost)
     if steps is not None:
@@ -221,7 +222,7 @@ def with_mean_biases(
     estimate : Estimate
         Estimate from `trajectory_problem`.
     sensor, bench, parts
-        As for `trajectory_problem`.
+        The same as for `trajectory_problem`.
     """
     value, by = estimate.value.copy(), np.eye(len(estimate.names))
     beyond = np.zeros_like(by)

@@ -57,9 +57,9 @@ def rate_bends(time: Array, rates: Array, white: Array) -> tuple[Array, Array]:
     Returns
     -------
     bends : (n, 3) array
-        rad/s³, for the step that ends at each sample; zero if steps are too unequal.
+        ω″, rad/s³, for the step that ends at each sample; zero if steps are too unequal.
     kinks : (n,) array
-        rad², for each of the three angles.
+        Variance due to sudden accelerations, rad², for each of the three angles.
     """
     step = np.diff(time, prepend=time[0])[:, None]
     # For the parabola through each sample and the two before it
@@ -126,7 +126,7 @@ def increments(
     earth : (3,) array
         Earth's rate in the level frame, rad/s.
     gravity : float
-        m/s².
+        Local gravity, m/s².
     noise : (3,) array
         Variance of each gyro's angle, rad²/s.
     warmth : (n,) array
@@ -134,9 +134,9 @@ def increments(
     apart_by : (e, 3) array
         Output: the rotation from the gyros' to the readback's attitude, level frame, rad.
     columns, drifting : (e, 3, p) and (e, 3, 3) arrays
-        Output: its sensitivity to coefficients and biases.
+        Output: sensitivity of this rotation to coefficients and biases.
     driven : (e, 3, 3) array
-        Output: its covariance due to the gyros' noise, rad².
+        Output: covariance of this rotation due to the gyros' noise, rad².
     shared : (e + 1, 3, 3) array
         Output: covariance of the two increments that meet at each readback, rad².
     """
@@ -261,7 +261,7 @@ def whiten(
     rows : (e, 3, m) array
         Increments of the residual and of the columns, rad; replaced by whitened ones.
     drifting, driven : (e, 3, 3) arrays
-        As for `increments`.
+        The same as for `increments`.
     readback : (e + 1, 3, 3) array
         Covariance of the attitude from the readback, minus the covariance that neighbouring
         increments share (`rate_bends`), rad².
@@ -348,14 +348,14 @@ def whiten_independent_axes(
     white : (e, 3) array
         Variance of the noise in each mean.
     drift, start
-        As for `whiten`.
+        The same as for `whiten`.
     begun : float
         Start of the run, s.
 
     Returns
     -------
     x, p
-        As for `whiten`, after the last mean.
+        The same as for `whiten`, after the last mean.
     """
     components, m, n = drift.times.size, rows.shape[2], len(start)
     x, p = np.zeros((n, m)), start.copy()

@@ -1,4 +1,4 @@
-"""Whitened residuals and Jacobians for a recording: gyros throughout, accelerometers at rest.
+"""Whitened residuals and Jacobians: gyros during the whole recording, accelerometers at rest.
 
 From one epoch to the next the gyros propagate the readback's attitude C_k. The error of the
 readback is e_k = B_k β (the true attitude is exp [e_k×] C_k), and its noise is v_k, in the level
@@ -213,7 +213,7 @@ class RotationRows:
 
     @cached_property
     def _sensitivity_at_readbacks(self) -> Array:
-        """Rotation of the attitude by all nuisances, for timing through the table's rate."""
+        """Rotation of the attitude by all nuisances; timing acts through the table's rate."""
         names = [one.name for one in self.table]
         if not {"latency", "clock"} & set(names):
             return self.by

@@ -1,8 +1,8 @@
 """Conversion between a triad's coefficients and its inverse model, f = M a + p.
 
 A triad with bias, scale factor and both misalignments of each axis reads a = H f + b, where H and b
-are affine in the twelve coefficients (reference form). So M = H⁻¹ and p = −H⁻¹ b; this mapping is
-one to one, and its derivatives are
+are affine in the twelve coefficients (reference form). Therefore M = H⁻¹ and p = −H⁻¹ b. This
+mapping is one to one, and its derivatives are
 
     dM = −M dH M,   dp = −M (dH p + db);   dH = −H dM H,   db = −H (dM b + dp)
 

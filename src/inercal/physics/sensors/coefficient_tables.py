@@ -42,9 +42,9 @@ class ErrorTerm:
     si: float  # one such unit, in SI
     basis: Basis
     meaning: str
-    group: str  # what a run file may call it together with its kind
-    # SI size that reads 1 g (or 1 rad/s) at 1 g, 1 rad/s, `TEMPERATURE_SPAN` from the reference
-    # temperature and `TEMPERATURE_RATE`
+    group: str  # name that selects all terms of its kind in a run file
+    # SI size that changes the reading by 1 g (or 1 rad/s) at 1 g, 1 rad/s, `TEMPERATURE_SPAN` from
+    # the reference temperature and `TEMPERATURE_RATE`
     unit_scale: float = field(default=1.0)
 
     @property

@@ -1,4 +1,4 @@
-"""Efficiency of the estimators, observability of the plans, and a better plan."""
+"""The efficiency of the estimators, the observability of the plans, and a better plan."""
 
 from dataclasses import replace
 

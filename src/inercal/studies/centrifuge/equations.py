@@ -1,4 +1,4 @@
-"""The printed equations, their corrected forms and the Taylor orders of (10), on exact data.
+"""Check the printed equations, their corrected forms and the Taylor orders of (10) on exact data.
 
 Each finding on an equation compares one number: the result of the printed equation, the true value,
 and, as the uncertainty, the remaining error of the corrected form.

@@ -1,4 +1,4 @@
-"""Tables 1 and 2: the printed outputs and estimates, compared with the design.
+"""Compare the printed outputs and estimates, Tables 1 and 2, with the design.
 
 The outputs are screened without using the truth; the estimates are recomputed without and with
 noise.

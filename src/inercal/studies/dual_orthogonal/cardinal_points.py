@@ -1,4 +1,4 @@
-"""The four cardinal points: effects of the mounting angle, of K2 and of a tilting base."""
+"""Effects of the mounting angle, of K2 and of a tilting base at the four cardinal points."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The error allocation: contribution of each item to K0, and the budget of 0.3 µg.
+"""The error allocation shows what each item contributes to K0, and whether 0.3 µg is reached.
 
 One item at a time has its error, while the estimator assumes all of them. Then all items have their
 errors together.

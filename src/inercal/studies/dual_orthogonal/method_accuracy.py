@@ -1,4 +1,4 @@
-"""Accuracy of each method for each coefficient, and the effect of the head's error."""
+"""The accuracy of each method for each coefficient, and the effect of the head's error."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The g² observation: combinations that it cannot separate, and errors of its linear form.
+"""Which combinations the g² observation cannot separate, and the errors of its linear form.
 
 To first order z = ½(y_A² + y_B² − 1) = A(θ) c (`methods.dual_orthogonal.g_squared`), with harmonics
 up to the fourth. This linear form neglects products of coefficients.

@@ -1,4 +1,4 @@
-"""The step between positions: rank of g², usable estimators, and whether 30° is best."""
+"""The effect of the step between positions on the rank of g² and on the estimators."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""One sensor calibrated by all methods, to test whether the results agree within their U.
+"""Calibrate one sensor by all methods, to test whether the results agree within their U.
 
 Every method calibrates the same simulated IMU in a separate laboratory, whose bench has errors as
 stated in its run file. The run files and the sensor are in `laboratories`.

@@ -1,4 +1,4 @@
-"""Comparison of the estimators on the same devices, by norm errors and vector errors."""
+"""Compare the estimators on the same devices by their norm errors and vector errors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

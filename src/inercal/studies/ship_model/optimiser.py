@@ -1,4 +1,4 @@
-"""Differential evolution in place of the commercial optimiser: same norms, other sensor."""
+"""Differential evolution replaces the commercial optimiser: equal norms, but other sensors."""
 
 from collections.abc import Sequence
 from functools import partial

@@ -1,4 +1,4 @@
-"""The planar calibration: its deviations and the causes of its errors in tilted poses."""
+"""Deviations of the planar calibration, and the causes of its errors in tilted poses."""
 
 import numpy as np
 

@@ -1,7 +1,7 @@
-"""Value of a calibration on the ship model: acceleration error in waves.
+"""Check a calibration on the ship model by its acceleration error in waves.
 
-The axes of the model are x forward, y to port and z up. It heaves by z, pitches by θ (bow down) and
-rolls by φ (to starboard)::
+The axes of the model are x forward, y to port and z up. The model heaves by z, pitches by θ (bow
+down) and rolls by φ (to starboard)::
 
     R = R_y(θ) R_x(φ),   ω = (φ', θ' cos φ, −θ' sin φ)
     f = Rᵀ (0, 0, z'' + g) + ω' × ℓ + ω × (ω × ℓ)

@@ -1,4 +1,4 @@
-"""Accuracy and duration claimed in print, compared with those of filters and paths."""
+"""Compare the printed accuracy and duration with those of filters and paths."""
 
 from math import sqrt
 

@@ -1,4 +1,4 @@
-"""Filter states: the source's 15 and 18 compared with fuller models, and failures."""
+"""Compare the source's filters, with 15 and 18 states, with fuller models, and show failures."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The filters that are compared, their results on all devices, and their scores."""
+"""Run the filters that are compared on all devices, and compute their scores."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

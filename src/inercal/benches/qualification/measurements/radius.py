@@ -1,7 +1,7 @@
 """The static radius of a centrifuge's or rate table's arm, and its stretch.
 
-With a coordinate measuring machine, the radius is the mean of the readings. With an accelerometer
-whose scale factor S is known and whose input axis points to the axis of rotation, at the rates ω::
+With a coordinate measuring machine, the radius is the mean of the readings. An accelerometer whose
+scale factor S is known, and whose input axis points to the axis of rotation, gives at the rates ω::
 
     S reading = (1 + s) a + k₂ a² + e,   a = R (1 + κ R ω²) (ω (1 + ρ))²
 
@@ -67,8 +67,8 @@ class RadiusSensor:
     rate_sd : float
         Relative standard uncertainty that all rates share.
     gravity : Measured or None
-        Gravity with which its scale factor was determined, m/s², if the result is to be correlated
-        with it.
+        Gravity with which its scale factor was determined, m/s², if the result should be correlated
+        with gravity.
     """
 
     sd: float

@@ -1,7 +1,7 @@
 """The rate of a table or a centrifuge's arm, measured with a counter, and its stability.
 
 N whole turns in T seconds give the mean rate 2πN/T, with the relative uncertainty u = √2 u_t/T from
-two time stamps. Compared with the rate Ω that the bench states::
+two time stamps. The comparison with the rate Ω that the bench states is::
 
     2πN/(TΩ) − 1 = ρ + γ sgn Ω + e,   u(e) = √2 u_t/T
 
@@ -31,7 +31,7 @@ _LEVEL = 0.05
 def counted_rates(
     rate: Array, turns: Array, seconds: Array, timer_sd: float
 ) -> tuple[Array, Array]:
-    """Return the relative difference of each counted rate from the stated one, and its u.
+    """Return the relative difference of each counted rate from the stated one, and its uncertainty.
 
     Parameters
     ----------

@@ -13,8 +13,8 @@ reversed (s = −1) position::
 
     reading = z + s (σ + c cos θ + d sin θ)
 
-with σ the deviation from the right angle and c, d the lean. In only one position σ cannot be
-distinguished from z.
+where σ is the deviation from the right angle, and c and d are the lean. In only one position σ
+cannot be distinguished from z.
 """
 
 import numpy as np

@@ -6,7 +6,7 @@ consistent with a faultless sensor in the motion p if the cost is small::
 
     J = min over D, b of  Σ|y − (I + D) p − b|² / (0.05² S) + Σ D² / 0.1²
 
-with S the sum of squares of the readings about their mean. Scale factor errors of 5 % and
+where S is the sum of squares of the readings about their mean. Scale factor errors of 5 % and
 misalignments of 5° cost about 5, and a bias costs nothing. A reversed or exchanged axis costs more
 than 100.
 """
@@ -119,7 +119,7 @@ class Moments(NamedTuple):
     yy: Array
     yp: Array
     pp: Array
-    minimum_sum: float  # smallest sum of squares that y is taken to have about its mean
+    minimum_sum: float  # lower limit for the sum of squares of y about its mean
 
     def cost(self, way: SignedPermutation) -> float:
         """Return the cost J for the readings exchanged by `way`."""

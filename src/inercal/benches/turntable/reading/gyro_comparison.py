@@ -2,7 +2,7 @@
 
 Each window is divided by knots every 0.05 s. The increments between knots are g, the integrated
 readings of the gyros, and v, the rotation of the body from the readback and the earth's rate. With
-ω = v/Δt, u the upward direction in the body and θ the axes' angles::
+ω = v/Δt, the upward direction u in the body and the axes' angles θ::
 
     g − v = δA v + (b + G u + p |ω| + q ω² + c ω³) Δt + τ Δv̇ + κ Δv̈ + harmonics of θ + noise
 

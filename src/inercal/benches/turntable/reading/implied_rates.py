@@ -1,4 +1,4 @@
-"""The rates from a turntable's readback and from the gyros, and the delay between them.
+"""Compute the rates from a turntable's readback and from the gyros, and the delay between them.
 
 Both rates are means over the same short window, from the integrated gyro readings and from
 differences of the readback, so that the effect of the window cancels. With the readings w and the

@@ -1,4 +1,4 @@
-"""The angles of the table in a run, from columns of the recording or from a separate file."""
+"""Read the angles of the table from columns of the recording or from a separate file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

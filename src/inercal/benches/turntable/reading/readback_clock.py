@@ -1,9 +1,10 @@
 """Interpolate the readback of a turntable with its own clock to the times of the IMU.
 
-The table's clock shows T = t + o + d (t − t₀) when the IMU's clock shows t, with t₀ the time of its
-first sample. Each stretch in which the rate changes gives a local offset with its standard
-deviation (`implied_rates`). o and d follow from these offsets by weighted least squares. A latency
-of the readback is part of o, so after `align_readback` it is zero within its standard deviation.
+The table's clock shows T = t + o + d (t − t₀) when the IMU's clock shows t, where t₀ is the time of
+the IMU's first sample. Each stretch in which the rate changes gives a local offset with its
+standard deviation (`implied_rates`). o and d follow from these offsets by weighted least squares. A
+latency of the readback is part of o, so after `align_readback` it is zero within its standard
+deviation.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -44,7 +45,7 @@ _NO_ANGLES: Array = np.zeros((0, 0))
 
 
 class ClockMismatch(InputError):
-    """Readback and gyros turn at the same times but differently, or the readback is constant.
+    """Readback and gyros show different turns at the same times, or the readback is constant.
 
     Parameters
     ----------
@@ -122,10 +123,10 @@ def align_readback(
     ------
     InputError
         Times do not increase, there are fewer than two changes of rate, the readback lacks more
-        than 2 s at an end of the readings, it begins or ends during a turn, or at no offset both
-        turn at the same times.
+        than 2 s at an end of the readings, it begins or ends during a turn, or the two do not turn
+        at the same times at any offset.
     ClockMismatch
-        Both turn at the same times but differently, because columns or units are wrong.
+        Both show turns at the same times, but different ones, because columns or units are wrong.
     """
     for name, clock in (("time", time), ("the readback's time", table_time)):
         if clock.size < _FEWEST:
@@ -283,7 +284,7 @@ def _search(table: WindowedRates, gyros: WindowedRates) -> Array | None:
 
 
 def _motions_coincide(table: WindowedRates, gyros: WindowedRates, late: Array) -> bool:
-    """Return whether both turn at the same times, whatever the axes."""
+    """Return whether both show turns at the same times, about any axes."""
     said = gyros.time + late[1] + late[0] * gyros.time
     speeds = [np.linalg.norm(one.rate, axis=-1) for one in (_resample_rates(table, said), gyros)]
     return float(np.corrcoef(*speeds)[0, 1]) > _ALIKE_SPEEDS

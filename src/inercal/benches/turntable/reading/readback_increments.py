@@ -1,4 +1,4 @@
-"""Increments of a turntable's readback and of the gyros between knots, for their comparison.
+"""Increments of a turntable's readback and of the gyros between knots, which are then compared.
 
 `gyro_comparison` describes the model of the comparison.
 """
@@ -73,7 +73,7 @@ class Increments:
     difference : (g, n) array
         Integrated readings minus the integral for ideal gyros on the table, rad.
     columns : (g, n, p) array
-        Derivative of the difference by each parameter of a gyro.
+        Derivative of the difference with respect to each parameter of a gyro.
     rate : (g, n) array
         Changes of the rate according to the readback, rad/s.
     readback, between : (g, n) and (g, n − 1) arrays
@@ -139,7 +139,7 @@ def find_increments(
     span = (time[at + h] - time[at - h])[..., None]
     rate = (v[at + h] - v[at - h]) / span
     acceleration = (v[at + 2 * h] - 2 * v[at] + v[at - 2 * h]) / span**2
-    # If the table does not accelerate, these are noise that is also in the increments.
+    # If the table does not accelerate, its rate changes are noise, which is also in the increments.
     faster, jerk = np.diff(rate, axis=1), np.diff(acceleration, axis=1)
     least = _NOISY * bench.white / span[:, 1:]
     accelerates = (np.abs(faster) > least).any(axis=-1)

@@ -34,7 +34,7 @@ from inercal.recordings import GAP_FACTOR, Finding, Track
 
 _STILL = 1e-3  # rad; every usable run turns more, in any unit
 _TURNS = radians(1)  # rad/s that gyros read in addition to their bias while the table turns
-_SIZE = 1.2  # a usable scale factor is between 1 over this and this
+_SIZE = 1.2  # a usable scale factor is between the inverse of this and this
 _SPHERE = 4  # readings needed to determine a centre and a radius
 _ALL_ROUND = 0.3  # ratio of the smallest to the largest spread of attitudes needed for that
 _WEIGHT = (0.7, 1.4)  # possible norm at rest in g

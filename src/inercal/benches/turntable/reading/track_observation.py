@@ -1,4 +1,4 @@
-"""Read the track for the filters, and the means of the steps, from a recording on a turntable."""
+"""Read the filters' track and the means of the steps from a recording on a turntable."""
 
 from collections import Counter
 from collections.abc import Sequence
