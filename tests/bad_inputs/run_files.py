@@ -21,12 +21,12 @@ def whole(content: Change, *words: str) -> BadInput:
 
 
 CASES: dict[str, BadInput] = {
-    "a folder": BadInput("calibrate @ --out @", ("folder", "run file")),
-    "the log": BadInput("calibrate @log.csv --out @", ("log.csv", "inercal init")),
+    "a folder": BadInput("calibrate @ --out @", ("run.toml", "--force")),
+    "a log with a run file": BadInput("calibrate @log.csv @run.toml --out @", ("run.toml",)),
     "the calibration": BadInput(
         "calibrate @run.calibration.json --out @", ("run.calibration.json", "JSON", ".toml")
     ),
-    "a device": BadInput("calibrate /dev/null --out @", ("/dev/null", "run file")),
+    "a device": BadInput("calibrate /dev/null --out @", ("/dev/null", "regular file")),
     "no byte": whole(b"", "[sensor]"),
     "UTF-16": whole(lambda text: text.encode("utf-16"), "UTF-16"),
     "Latin-1": whole(lambda text: text.encode("latin-1", "replace"), "line 6", "UTF-8"),

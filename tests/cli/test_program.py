@@ -41,7 +41,7 @@ def inercal(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     ("arguments", "words"),
     [
         (("calibrat",), "No such command 'calibrat'. Did you mean 'calibrate'?"),
-        (("calibrate",), "Missing argument 'run_file'."),
+        (("calibrate",), "Missing argument 'RUN_FILE|LOG…'."),
         (
             ("calibrate", "run.toml", "--outt", "x"),
             "No such option: --outt (Possible options: --auto, --out)",

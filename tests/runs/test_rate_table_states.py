@@ -91,7 +91,7 @@ def test_states_are_not_written_over_their_recording(tmp_path: Path):
     (tmp_path / "ship.toml").write_text(text, encoding="utf-8")
     before, files = states.read_bytes(), set(tmp_path.iterdir())
     with pytest.raises(InputError):
-        command(tmp_path / "ship.toml", out=tmp_path, with_report=False, register=None)
+        command([tmp_path / "ship.toml"], out=tmp_path, with_report=False, register=None)
     assert states.read_bytes() == before
     assert set(tmp_path.iterdir()) == files
 

@@ -97,7 +97,7 @@ def assumed_units(sensor: SensorSection) -> tuple[Finding, ...]:
     return tuple(
         Finding(
             "warning",
-            "unit",
+            "units",
             f"the unit {section.unit} of the {kind}s was assumed; check the unit in the data "
             f"sheet, and then remove unit_assumed from [sensor.{kind}]",
         )

@@ -16,6 +16,7 @@ _BEGINNINGS = {
     b"\x28\xb5\x2f\xfd": f"is compressed with Zstandard: {_UNPACK}",
     b"7z\xbc\xaf\x27\x1c": f"is a 7z archive: {_UNPACK}",
     b"Rar!": f"is a RAR archive: {_UNPACK}",
+    b"{\n": "is JSON and not a recording: give the log, or the run file, which ends in .toml",
     b"%PDF-": "is a PDF document: export the data as CSV",
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "is an old Excel workbook (.xls): save it as .xlsx or CSV",
 }
@@ -36,7 +37,7 @@ def refuse_wrong_content(path: Path, head: bytes) -> None:
     Raises
     ------
     InputError
-        The file is empty, a pointer of Git LFS, compressed, a document, or a web page.
+        The file is empty, a pointer of Git LFS, compressed, JSON, a document, or a web page.
     """
     what = next((text for start, text in _BEGINNINGS.items() if head.startswith(start)), "")
     if not head:
