@@ -75,23 +75,25 @@ def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
             ("rate_platform", "rates_and_poses", {}),
         )
     if "mounting" in roles.single and "arm_rate" in roles.single:
-        return (("rate_table", "ship_multi_angle", {}), ("rate_table", "ship_planar", {}))
+        return (("rate_table", "ship_multi_angle", AUTO), ("rate_table", "ship_planar", AUTO))
     if "arm_rate" in roles.single and triad == 3:
         return (("centrifuge", "centrifuge_norm", AUTO),)
     if "angle" in roles.single and triad:
         names = ("dual_orthogonal", "tumble") if triad == 2 else ("tumble",)
-        return tuple(("dividing_head", name, {}) for name in names)
+        return tuple(("dividing_head", name, AUTO) for name in names)
     if triad < 3:
         return ()
     if roles.means:
         slopes = {"also": ["k0_dT", "k1_dT"]}
         by_temperature = [("hand", "six_position", slopes)] if "temperature" in roles.single else []
-        return (*by_temperature, ("hand", "six_position", {}), ("hand", "multi_position", AUTO))
+        return (*by_temperature, ("hand", "six_position", AUTO), ("hand", "multi_position", AUTO))
     turns = (360, -360)
-    ferraris: list[Candidate] = [("hand", "ferraris", {"turn": f"{angle} °"}) for angle in turns]
+    ferraris: list[Candidate] = [
+        ("hand", "ferraris", {"turn": f"{angle} °"} | AUTO) for angle in turns
+    ]
     ferraris = ferraris if gyros else []
     free: list[Candidate] = [("hand", "multi_position", AUTO)]
-    six: list[Candidate] = [("hand", "six_position", {})]
+    six: list[Candidate] = [("hand", "six_position", AUTO)]
     if roles.part_marks == "found" and "temperature" in roles.single:
         warm: list[Candidate] = [("hand", "six_position", {"temperature_order": "auto"})]
         return tuple(warm + free + six)
