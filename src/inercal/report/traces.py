@@ -133,9 +133,7 @@ def _name_sections(axes: Axes, outcome: Outcome, recording: Recording) -> None:
     marks = _used_marks(outcome)
     if not marks:
         return
-    marks = marks[
-        :: -(-len(marks) // drawing.MAX_NAMES)
-    ]  # more names would overlap
+    marks = marks[:: -(-len(marks) // drawing.MAX_NAMES)]  # more names would overlap
     spans = time_spans([(mark.start, mark.stop) for mark in marks], recording)
     where = [start + length / 2 for start, length in spans]
     inches = 8.2 * np.diff(sorted(where)) / max(recording.duration, 1e-9)
