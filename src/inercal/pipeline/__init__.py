@@ -73,22 +73,21 @@ def calibrate(
     Parameters
     ----------
     data : Run or path, or with `method`: path, Recording, DataFrame, Arrow table, mapping or array
-        A run file; or the data themselves, as a file or as a table whose columns have names. The
-        columns of an array are named "1", "2", ….
+        A run file; or the data, as a file or as a table with named columns. The columns of an array
+        are named "1", "2", ….
     progress : callable, optional
-        Called after each generation of a search with its number, smallest sum of squares and
-        largest error.
+        Function called after each generation of a search, with the number of the generation, the
+        smallest sum of squares and the largest error.
     method : str or mapping
         Name of the method, or the keys of [method].
     sensor, bench, environment, specification, job : mapping
-        The keys of these run-file sections. Paths of files that they name are relative to the
-        working folder.
+        The keys of these run-file sections. Paths of files are relative to the working folder.
     also : "auto" or sequence of str, optional
-        Replaces [method] also: coefficients to estimate in addition to the method's own; "auto"
-        adds those that the score tests point to.
+        Replaces [method] also: coefficients to estimate in addition to the method's default
+        coefficients. "auto" adds the coefficients that the score tests find.
     **data_keys
         The keys of the run-file section [data], such as `rate`, `accelerometer`, `kind`. `marks`
-        may be a mapping from each label to the samples of its section, (start, end).
+        may be a mapping from the label of each section to its samples, (start, end).
 
     Raises
     ------
@@ -143,7 +142,7 @@ def calibrate(
 
 
 def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) -> FittedRun:
-    """Run the estimator of a run that was read and checked."""
+    """Run the estimator for a run that was read and checked."""
     stated = run
     inputs = run.kind.observe(run)
     try:
@@ -233,7 +232,8 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
             *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
-        # Estimators that follow a track weight samples by the stated noise, or set these values.
+        # Estimators that follow a track weight samples by the stated noise, or set these fields
+        # themselves.
         noise_dof=estimate.noise_dof if observations.track is not None else observations.dof,
         noise_channels=len(sensor.axes),
     )
@@ -263,7 +263,7 @@ def _calibrate(
     progress: "Callable[[Generation], None] | None",
     also: str | Sequence[str] | None = None,
 ) -> Outcome:
-    """Calibrate from a run that was read and checked, and try the advice before it is given."""
+    """Calibrate a run that was read and checked; advice is tried before it is given."""
     if also is not None:
         try:
             stated = changed_run(stated, (also_change(also),))
@@ -340,7 +340,7 @@ def _search_history(run: Run, generations: "Sequence[Generation]") -> "SearchHis
 def _possible_causes(
     inputs: EstimatorInput, sensor: Sensor, zero_rates: Sequence[Finding], error: InercalError
 ) -> str:
-    """Return possible reasons why the estimator refused the data: units, temperatures, rests."""
+    """Suggest why the estimator refused the data: wrong units, temperatures or rests."""
     causes = [finding.message for finding in inputs.findings if finding.what == "missing"]
     if inputs.rests is not None:
         causes.append(inputs.rests.finding.message)
