@@ -68,7 +68,8 @@ class Population:
     days : (n,) array
         Time of the measurement, days since 1970; NaN if no time is stated.
     chi2, dof : (n,) arrays
-    χ² of the residuals, and its degrees of freedom. specification : Specification or None
+        χ² of the residuals, and its degrees of freedom.
+    specification : Specification or None
         Specification in the template; None if the limits differ from sensor to sensor.
     judged : (DecisionRule, mapping of str to int) or None
         If the limits differ from sensor to sensor: the decision rule of the first sensor, and the

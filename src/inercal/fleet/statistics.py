@@ -57,7 +57,7 @@ class Summary:
     n : int
         Number of sensors.
     median, robust_sd : float
-    Median and robust standard deviation over all sensors.
+        Median and robust standard deviation over all sensors.
     mean, sd : float
         Mean and standard deviation without outliers.
     mean_u : float

@@ -4,9 +4,9 @@ Let x be the cumulative sum (x[0] = 0, x in units of y Δ) of y, (n,). For an av
 averaging time is τ = m Δ. Each variance is a mean of squared differences (Riley, NIST SP 1065)::
 
     oadev   (x[i+2m] − 2 x[i+m] + x[i])²/(2 τ²)
-    hdev    (x[i+3m] − 3 x[i+2m] + 3 x[i+m] − x[i])²/(6 τ²)          overlapping, insensitive to a
-    ramp mdev    like oadev, from the means of m sums;  tdev = τ mdev/√3 totdev  like oadev, from
-    the series reflected at both ends
+    hdev    (x[i+3m] − 3 x[i+2m] + 3 x[i+m] − x[i])²/(6 τ²)          overlapping; ignores a ramp
+    mdev    like oadev, from the means of m sums;  tdev = τ mdev/√3
+    totdev  like oadev, from the series reflected at both ends
 
 Above m = 1024, only every (m/16)-th difference is used, because neighbouring differences are nearly
 equal. The equivalent degrees of freedom (edf) take this into account. The edf decrease by 0.5 % for

@@ -238,9 +238,9 @@ def _conformity_dof(conformity: Conformity, dof: float) -> float:
 def acceptance_risk(conformity: Conformity, dof: float = inf) -> float:
     """Return the largest risk that a true value exceeds a limit if the result is accepted.
 
-    The guard band is w = factor · U. With a limit on one side only, the risk is the
-        tail beyond w: 2.28 % for w = 2u, 4.9 % for w = 0.83 U (JCGM 106:2012, 8.3.2;
-        ILAC-G8:09/2019).
+    The guard band is w = factor · U. If a value has only one limit, the risk is the tail of the
+    distribution beyond w: 2.28 % for w = 2u, and 4.9 % for w = 0.83 U (JCGM 106:2012, 8.3.2;
+    ILAC-G8:09/2019).
     """
     dof = _conformity_dof(conformity, dof)
     guard = float(conformity.rule.guard(np.ones(()), dof))

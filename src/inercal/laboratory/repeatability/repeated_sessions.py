@@ -5,8 +5,8 @@ which contains their own covariances and the scatter, and W = V⁻¹. The mean i
 = XᵀWX. Each of the two statements has its own u_A::
 
     mean       u_A² = max(1, q) [A⁻¹]
-    next use   u_A² = σ² + max(1, q) [A⁻¹],  σ² is the scatter of the sensor itself both       U² =
-    t_ν² u_A² + 4 u_B²
+    next use   u_A² = σ² + max(1, q) [A⁻¹],  σ² is the scatter of the sensor itself
+    both       U² = t_ν² u_A² + 4 u_B²
 
 u_B is the uncertainty due to errors that sessions share, L = A⁻¹ XᵀW P / u_q for each
 determination. More sessions do not reduce u_B. q is the weighted scatter about the mean divided by

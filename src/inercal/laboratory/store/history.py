@@ -235,7 +235,7 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
     Raises
     ------
     InputError
-    If there are no calibrations.
+        If there are no calibrations.
     """
     if not entries:
         raise InputError(
