@@ -242,7 +242,7 @@ def csv_lines(
 
 
 def check_columns(path: Path, names: Sequence[str], needed: Sequence[str]) -> None:
-    """Raise an error if a table lacks a needed column or has two columns with the same name.
+    """Raise an error if a column is missing in a table or two columns have the same name.
 
     Raises
     ------

@@ -148,7 +148,8 @@ def find_best_cause(
         score
         for score in convincing
         if score.chi2 > best.chi2 - _EQUIVALENT_CHI2
-        # A cause with more directions would always explain more. For a row, all readings are free.
+        # A cause with more directions would always explain more. If the cause is a row, its
+        # readings may have any values.
         and (score.kind == "row" or score.dof <= best.dof)
         and best.cosine(score) >= PARALLEL_COSINE
         and not set(score.components) & set(best.components)

@@ -47,7 +47,7 @@ class Dialect:
         Expression for the sign of a variable, with {0} for its name.
     times : str
     first : int
-        The first index of the language.
+        The first array index in the language, 0 or 1.
     """
 
     number: Callable[[float], str]

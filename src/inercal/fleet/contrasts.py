@@ -94,7 +94,7 @@ def station_differences(
 
 
 def marked(contrasts: Sequence[Contrast], rate: float = FALSE_DISCOVERIES) -> list[Contrast]:
-    """Return the contrasts, and mark those that are significant at a false discovery rate."""
+    """Return the contrasts; mark significant contrasts, at a false discovery rate."""
     tails = np.array([one.p_value for one in contrasts])
     chosen = set(false_discovery_selection(tails, rate).tolist()) if contrasts else set[int]()
     return [replace(one, significant=k in chosen) for k, one in enumerate(contrasts)]

@@ -2,9 +2,9 @@
 
 The residuals do not depend on the sensors' coefficients, so their scatter shows errors of the table
 or the fixture, and the noise. A point is the sum of χ² over consecutive runs, divided by the sum of
-ν. The limits are placed around the median of all runs so that the probability of any point beyond
-them is 0.27 %. If the stated noise is too large for all sensors, the fleet is still in control, but
-the centre is not 1.
+ν. The limits are around the median of all runs. With a probability of 0.27 %, one or more points
+are beyond them by chance. If the stated noise is too large for all sensors, the fleet is still in
+control, but the centre is not 1.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false

@@ -99,7 +99,8 @@ class Line:
         Raises
         ------
         InputError
-            As in `inercal.runfile.read`, or the value of a cell is not possible for its key.
+            See `inercal.runfile.read`. The error is also raised if the value of a cell is not
+            possible for its key.
         """
         from inercal.runfile import (
             from_sections,

@@ -7,8 +7,8 @@ even in a resumed run.
 the meantime. `end()` returns when the bench has reached this time. A simulated bench never advances
 beyond `until`, so the speeds of host and bench do not affect any result.
 
-A simulated bench reports how many bytes its IMU has sent by which time, and the host takes exactly
-these bytes; a real bench cannot report this.
+A simulated bench reports the number of bytes that its IMU has sent and the time of this count, and
+the host takes exactly these bytes. A real bench cannot report this.
 
 **Protocol** of a simulated bench's clock, as lines over TCP: the host sends `until 12.5`, `now` or
 `mounted NAME`, which states how an operator has mounted the sensor. The bench answers each line
@@ -34,7 +34,7 @@ _MAX_CATCH_UP = 0.1  # s of wall time; a paced bench makes up for at most this d
 
 
 class Tick(NamedTuple):
-    """The run time in s, and the number of bytes that the IMU has sent by a certain time."""
+    """The run time in s, and a count of the bytes that the IMU has sent, with its time."""
 
     time: float
     bytes_sent: int | None  # total number of bytes; None if unknown

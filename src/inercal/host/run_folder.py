@@ -46,7 +46,7 @@ class RunFolder:
 
     @classmethod
     def open_existing(cls, path: str | os.PathLike[str], run_file: str) -> "RunFolder":
-        """Return the existing folder of a run, with a given name of the run file."""
+        """Return the existing folder of a run; `run_file` is the name of the run file in it."""
         return cls(Path(path), read(Path(path) / run_file))
 
     @contextmanager

@@ -37,7 +37,7 @@ from inercal.host.drivers.rotary_table import (
 from inercal.host.guard import Guard
 from inercal.host.link import LinkLost
 
-_READINGS = 3  # in a row
+_READINGS = 3  # successive readings
 _STARTING_TIME = 0.3  # s after a command; readings may still show earlier motion
 _GRACE = 1.0  # s for settling at a new rate, in addition to the acceleration time
 _REST_TOLERANCE, _HANDS_ON_TOLERANCE = radians(0.5), radians(5)  # rad

@@ -64,7 +64,7 @@ class TableLock(Closeable):
             self._locks = opened.pop_all()
 
     def close(self) -> None:
-        """Release the lock, so that others can command the table."""
+        """Release the lock; other programs can then command the table."""
         self._locks.close()
 
 

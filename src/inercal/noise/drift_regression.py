@@ -177,7 +177,7 @@ def find_drift(
     Parameters
     ----------
     y, spectra, regressors, bins, candidates
-        As in `fit_drift`.
+        See `fit_drift`.
     selection : Selection
         Selection without a drift.
     """

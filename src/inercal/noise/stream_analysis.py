@@ -54,16 +54,16 @@ def analyse_noise_stream(
         Sampling interval Δ, s.
     channels, units : sequence of m str
     terms : str, optional
-        As in `analyse_noise`.
+        See `analyse_noise`.
     source : str
         Name of the recording, used in messages.
     gravity : float or None
-        As in `analyse_noise`.
+        See `analyse_noise`.
 
     Raises
     ------
     InputError
-        As in `analyse_noise`.
+        See `analyse_noise`.
     """
     candidates = candidate_models(terms)
     stream = NoiseStream(dt, channels, units, source)
@@ -166,7 +166,7 @@ class NoiseStream:
         sha256 : str
             Hash of the recording.
         gravity : float or None
-            As in `analyse_noise`.
+            See `analyse_noise`.
 
         Raises
         ------

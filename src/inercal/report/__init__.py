@@ -72,7 +72,7 @@ def plot_residuals(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
     ----------
     outcome : Outcome
     axes : matplotlib.axes.Axes, optional
-        Axes to draw on; new ones by default. `axes.figure.savefig` writes SVG or PDF.
+        Axes to draw on; by default, new axes are created. `axes.figure.savefig` writes SVG or PDF.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def plot_coverage(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
     ----------
     outcome : Outcome
     axes : matplotlib.axes.Axes, optional
-        Axes to draw on; new ones by default.
+        Axes to draw on; by default, new axes are created.
 
     Raises
     ------

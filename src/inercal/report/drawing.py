@@ -57,7 +57,7 @@ _STYLE: dict[Any, Any] = {  # the stubs list the keys as literals
     "axes.titlelocation": "left",
     "axes.titley": 1.0,  # nothing is above the axes, so do not search for it
     "axes.unicode_minus": True,
-    "axes.formatter.limits": (-3, 5),  # longer numbers would not fit beside the axes
+    "axes.formatter.limits": (-3, 5),  # longer numbers would not fit next to the axes
     "xtick.color": MUTED,
     "ytick.color": MUTED,
     "xtick.labelcolor": INK,
@@ -121,7 +121,7 @@ def panels(
 ) -> tuple[Figure, list[list[Axes]]]:
     """Return a figure and its rows of axes.
 
-    All sizes are given explicitly, because matplotlib's automatic layouts draw everything two more
+    All sizes are stated explicitly, because matplotlib's automatic layouts draw everything two more
     times to measure it.
 
     Parameters

@@ -79,7 +79,7 @@ def sensor_history_page(
     next_one: Recalibration | None = None,
     noise: Sequence[NoiseEntry] = (),
 ) -> str:
-    """Return the page as HTML; the default limits are those of the newest calibration."""
+    """Return the page as HTML; by default, the newest calibration states the limits."""
     groups, lines = _axis_histories(history), summary_lines(history)
     return render(
         "over_time.html",

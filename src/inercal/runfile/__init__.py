@@ -64,7 +64,7 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     ----------
     path : path
     method_keys : mapping, optional
-        Keys that override those in [method].
+        Keys that override keys in [method].
 
     Raises
     ------
@@ -119,7 +119,7 @@ def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
     Raises
     ------
     InputError
-        As in `read`.
+        See `read`.
     """
     completed, kind = dict(content), _DEFAULT_KIND
     if isinstance(content.get("bench"), dict):

@@ -126,7 +126,7 @@ def _rank(word: str, name: str) -> tuple[bool, bool]:
 
 
 def _limits_of_word(word: str, text: str | tuple[str, str], sensor: Sensor) -> dict[str, _Limits]:
-    """Return the limits for those coefficients named by a key that have a suitable unit."""
+    """Return the limits for all coefficients that a key names and that have a suitable unit."""
     key = f"{_KEY} {word}"
     try:
         named = select_coefficients(sensor.axes, [word])

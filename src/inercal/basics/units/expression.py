@@ -80,8 +80,8 @@ def si_factor(unit: str, like: str | None = None) -> float:
     Raises
     ------
     InputError
-        The text is not a unit, its dimension differs from that of `like`, or it is "°C", which has
-        an offset (see `to_si`).
+        The text is not a unit, its dimension differs from the dimension of `like`, or it is "°C",
+        which has an offset (see `to_si`).
 
     Examples
     --------
@@ -105,7 +105,7 @@ def to_si(values: "Array", unit: str, like: str) -> "Array":
     Raises
     ------
     InputError
-        The text is not a unit, or its dimension differs from that of `like`.
+        The text is not a unit, or its dimension differs from the dimension of `like`.
     """
     with error_context(unit):
         read = require_dimension(unit, like)
@@ -138,7 +138,7 @@ def plain_text(text: str) -> str:
 
 
 def require_dimension(unit: str, like: str | None) -> Unit:
-    """Read a unit, and raise an error if its dimension differs from that of `like`."""
+    """Read a unit; raise an error if it does not have the dimension of `like`."""
     read = read_unit(unit)
     if like is not None and read.dimension != read_unit(like).dimension:
         raise NotationError(f"is {_dimension_name(read)}; expected {dimension_text(like, like)}")

@@ -274,7 +274,7 @@ class ReceivedSamples:
         return rows if known.all() else rows.where(known)
 
     def _take(self, rows: PacketRows) -> None:
-        """Store good packets in order; the last packet waits for the next one."""
+        """Store good packets in order; the last packet waits for the next packet."""
         if self._pending_rows is not None:
             rows = self._pending_rows.join(rows)
         self._pending_rows = rows.where(slice(-1, None))

@@ -85,7 +85,7 @@ class PollHistory(NamedTuple):
         return self._make(column[rows] for column in self)
 
     def join(self, other: "PollHistory") -> "PollHistory":
-        """Return these polls followed by later ones."""
+        """Return these polls, followed by later polls."""
         return self._make(map(np.concatenate, zip(self, other, strict=True)))
 
 

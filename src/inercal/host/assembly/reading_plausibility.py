@@ -93,7 +93,7 @@ _ACCELERATION_MARGIN = 2.0  # times the limit of the bench; a servo overshoots w
 _RATE_SHARE = 0.05  # fraction of a stated rate, because controllers average it over several cycles
 NOISE_FACTOR = 6.0  # standard deviations
 _RESOLUTION = radians(1e-4)  # rad; controllers may state rates and angles with few digits
-_SETTLED_ANGLE = radians(10 / 3600)  # rad by which a settled servo may still move
+_SETTLED_ANGLE = radians(10 / 3600)  # rad; a settled servo may still move by this angle
 _MAX_COMPARABLE_GAP = 1.0  # s; after a longer time, a reading is not compared with earlier readings
 _FEW_INTERVALS = 3.0  # times the previous interval; longer intervals are not compared
 

@@ -24,7 +24,7 @@ _START_ATTEMPTS = 4  # attempts to reach the table at the beginning
 # Time between checks of a table that need not stop, s: often enough to notice a lost link
 _IDLE_INTERVAL = 1.0
 _STOP_POLL_INTERVAL = 0.03  # s between readings of a table that is being stopped
-_REST_READINGS = 2  # readings at rest in a row
+_REST_READINGS = 2  # successive readings at rest
 # Time within which the rate must decrease by this fraction, s. If not, the table is not slowing
 # down.
 _DECELERATION_WINDOW = 0.5

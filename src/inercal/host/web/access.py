@@ -374,7 +374,7 @@ def _set_security_headers(headers: MutableHeaders) -> None:
     headers["x-frame-options"] = "DENY"
     headers["cross-origin-resource-policy"] = "same-origin"
     headers["cross-origin-opener-policy"] = "same-origin"
-    headers["connection"] = "close"  # because a request must not affect the next request
+    headers["connection"] = "close"  # because a request must not affect the next
 
 
 def _token_form(words: str, status: int = 401) -> Response:

@@ -49,7 +49,7 @@ from inercal.laboratory.store import Register
 
 MAX_CONNECTIONS = 256  # connections, including the viewers' connections
 CHECK_INTERVAL = 0.1  # s
-_IDLE_TIMEOUT, _REQUEST_TIMEOUT = 10.0, 120.0  # s before a request, and for one with its answer
+_IDLE_TIMEOUT, _REQUEST_TIMEOUT = 10.0, 120.0  # s before a request, and for request and answer
 
 _Client = tuple[str, int]
 

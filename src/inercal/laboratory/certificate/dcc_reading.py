@@ -57,7 +57,8 @@ def read_dcc(document: bytes, source: str = "DCC") -> StatedCertificate:
     Raises
     ------
     InputError
-        If the document is not XML, is not a DCC, or lacks the results that inercal writes.
+        If the document is not XML or not a DCC, or does not contain the results that inercal
+        writes.
     """
     parser = etree.XMLParser(resolve_entities=False, no_network=True)
     try:

@@ -85,7 +85,7 @@ def hidden_scatter_lines(fit: SessionFit) -> list[str]:
 def outlier_axes(
     values: Array, groups: Mapping[tuple[str, str, float], Sequence[int]]
 ) -> list[int]:
-    """Return the indices of coefficients that scatter more than the same ones of other axes.
+    """Return the indices of coefficients that scatter more than on other axes.
 
     Parameters
     ----------

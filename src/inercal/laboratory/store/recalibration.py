@@ -92,8 +92,8 @@ class CoefficientInterval:
         Number of sensors from which prediction and chart are pooled; 0 if they come from the
         sensor's own calibrations.
     is_apart : bool
-        Whether the sensor's calibrations scatter differently from those of its type. If so, no pool
-        is used.
+        Whether the sensor's calibrations scatter differently from other sensors of its type. If so,
+        no pool is used.
     expanded : float or None
         U predicted for a use just after the newest calibration, SI; None if there is no prediction.
     """

@@ -93,7 +93,7 @@ class PooledChange:
         return float(np.sqrt(max(squares) + COVERAGE**2 * shared))
 
     def is_of_type(self, trend: CoefficientTrend) -> bool:
-        """Return whether the calibrations of a sensor scatter like those of its type."""
+        """Return whether the calibrations of a sensor scatter like others of its type."""
         if trend.time.size < 2:
             return True
         block = _block(trend, 1.0, 1.0)

@@ -45,7 +45,7 @@ class Reproduction:
     outcome : Outcome
         Result computed on this machine.
     made_with, here : mapping of str to str
-        Versions and machine with which the bundle was made, and those of this computation.
+        Versions and machine with which the bundle was made, and versions and machine used now.
     difference : float
         Largest difference of a value or its u, in stored u; inf if the coefficients differ.
     """

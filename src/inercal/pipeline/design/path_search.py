@@ -147,7 +147,7 @@ def _turns_of(steps: Sequence[TableStep]) -> list[Turn]:
 
 
 def _legal(turns: Sequence[Turn]) -> list[Turn]:
-    """Adjust turns so that both axes stay within 0° to 270° and each turn has a level axis."""
+    """Adjust turns to keep both axes within 0° to 270° and to give each turn a level axis."""
     at, result = {_MIDDLE: 0, _INNER: 0}, list[Turn]()
     for wanted, way in turns:
         axis = _MIDDLE if at[_MIDDLE] % 2 else wanted
