@@ -39,7 +39,7 @@ from inercal.recordings import Finding, Observations, Severity
 
 _LARGE_RATIO = 2.0  # ratio of noise above which unit or scale is doubtful
 _SEEN = 0.5  # of a rounding step; rounding hides smaller noise
-_LEAST_RATIO = 1.3  # stated over observed; smaller ratios do not matter
+_LEAST_RATIO = 1.3  # stated over observed; less is harmless, and 1.5 times always exceeds it
 _LEVEL = 1e-3  # significance level for all comparisons of a run together
 
 
