@@ -9,7 +9,7 @@ Bools = NDArray[np.bool_]
 
 
 def true_ranges(mask: Bools) -> Indices:
-    """Return the half-open index ranges, (k, 2), in which a mask, (n,), is true.
+    """Return the half-open index ranges in which a mask is true; shapes (n,) to (k, 2).
 
     >>> true_ranges(np.array([True, False, True, True])).tolist()
     [[0, 1], [2, 4]]

@@ -1,8 +1,8 @@
 """Atomic writing of files: completely or not at all, and only over regular files.
 
-Until a file is complete, it is kept in a hidden folder next to its destination. A killed program
-leaves this folder behind, but no longer holds the lock on it, so the next program that writes there
-removes it.
+An incomplete file is in a hidden folder next to its destination. A program that is killed leaves
+this folder behind, but its lock on the folder ends. The next program that writes there sees that
+the folder is not locked and removes it.
 """
 
 import os
@@ -29,7 +29,7 @@ _written: ContextVar[list[Path] | None] = ContextVar("written", default=None)
 
 @contextmanager
 def written_files() -> Generator[list[Path]]:
-    """Yield a list to which the names of the files written in the block are added."""
+    """Yield a list that collects the names of all files written in the block."""
     files: list[Path] = []
     token = _written.set(files)
     try:
@@ -43,7 +43,8 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
     """Yield a temporary path near `path`, and rename it to `path` if the block succeeds.
 
     Readers see either the old file or the new file. If the block fails, the old file is unchanged.
-    A symbolic link is kept, and its target is written. A missing folder is created.
+    If `path` is a symbolic link, the link is kept and the file that it points to is replaced. A
+    missing folder is created.
 
     Raises
     ------
@@ -62,7 +63,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
     """
     target = writable_target(path)
     with _parent_folder(target), _part_folder(target) as folder:
-        # The caller opens it with the user's umask, which tempfile would override with 0600.
+        # The caller opens the file with the user's umask; tempfile would always set the mode 0600.
         temporary = folder / target.name
         try:
             yield temporary
@@ -88,7 +89,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
 
 @contextmanager
 def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
-    """Yield temporary paths for files in one folder, and rename all if the block succeeds.
+    """Yield temporary paths for several files in one folder; rename all if the block succeeds.
 
     If the block fails, all files are unchanged. A file that the block does not write keeps its old
     content. A missing folder is created.
@@ -109,7 +110,7 @@ def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
 
 @contextmanager
 def _part_folder(target: Path) -> Generator[Path]:
-    """Create a folder for an incomplete file, and remove folders that nobody writes to."""
+    """Create a folder for an incomplete file, and remove such folders of killed programs."""
     _remove_left_folders(target.parent)
     try:
         folder, lock = _make_part_folder(target.parent)
@@ -123,11 +124,11 @@ def _part_folder(target: Path) -> Generator[Path]:
 
 
 def _make_part_folder(parent: Path) -> tuple[Path, IO[bytes]]:
-    """Return a new folder and its lock, which the system releases when this program ends."""
+    """Return a new folder and its lock file; the system unlocks it when this program ends."""
     while True:
         folder = parent / f".{uuid4().hex}{_PART}"
         folder.mkdir()
-        # Until it is locked, another program may think that it was left behind.
+        # Before the folder is locked, another program may take it for a leftover and remove it.
         with suppress(FileNotFoundError):
             lock = (folder / _LOCK).open("wb")
             if _lock(lock) is not False and (folder / _LOCK).exists():
@@ -142,7 +143,7 @@ def _remove_left_folders(parent: Path) -> None:
     _looked_through.add(parent)
     for folder in parent.glob(f".*{_PART}"):
         if _LEFT_NAME.fullmatch(folder.name):
-            with suppress(OSError):  # it is not empty
+            with suppress(OSError):  # the folder is not empty
                 folder.rmdir()
             with suppress(OSError), (folder / _LOCK).open("r+b") as lock:
                 if _lock(lock):
@@ -179,7 +180,7 @@ def _parent_folder(target: Path) -> Generator[None]:
 
 
 def keep_previous(path: Path) -> None:
-    """Keep a copy of a file about to be replaced, as `NAME.previous`, if the file exists.
+    """Copy a file to `NAME.previous` before the file is replaced, if it exists.
 
     Raises
     ------
@@ -200,7 +201,7 @@ def _replace(part: Path, target: Path, name: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder to write to if it does not exist.
+    """Create a folder for output if it does not exist.
 
     Raises
     ------
@@ -244,7 +245,7 @@ def writable_target(path: str | os.PathLike[str]) -> Path:
 
 
 def require_plain_name(path: Path) -> None:
-    """Raise an error if not every program can print the name of a file or folder to write.
+    """Raise an error if the name of an output file or folder has unprintable characters.
 
     Raises
     ------

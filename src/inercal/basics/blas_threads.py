@@ -1,6 +1,6 @@
 """Limit linear algebra to one thread in functions whose matrices are small.
 
-With two threads, one would only wait for the other and use as much processor time.
+With small matrices, a second thread would mostly wait, and it uses processor time while it waits.
 """
 
 import os
@@ -15,7 +15,7 @@ _CHOSEN = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def with_one_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """Return the function so that linear algebra uses one thread while it runs.
+    """Return a version of the function during which linear algebra uses one thread.
 
     If an environment variable sets the number of threads, the user's choice is respected.
     """

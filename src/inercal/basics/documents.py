@@ -1,9 +1,9 @@
 """JSON documents that inercal writes and reads: calibrations, control charts, qualifications.
 
-Each record of a document is declared once. Reading gives a `Record`, whose fields define the
-permitted values; `record_object` writes a result with the same fields. Types are not converted: a
-number in quotation marks or `true` is not accepted as a number, and a number that is not finite is
-null.
+Each record of a document is declared once, as a `Record` whose fields define the permitted values.
+The reader returns a `Record`, and `record_object` writes a result with the same fields. The reader
+does not convert types: it does not accept `true` or a number in quotation marks as a number. A
+number that is not finite is written as null.
 """
 
 import datetime as dt
@@ -32,7 +32,7 @@ Content = TypeVar("Content", bound=BaseModel)
 
 
 class Record(BaseModel):
-    """A record in a document; its numbers are finite, and unknown keys are ignored."""
+    """A record in a document: its numbers must be finite, and unknown keys are ignored."""
 
     model_config = ConfigDict(strict=True, extra="ignore", allow_inf_nan=False)
 
@@ -77,7 +77,7 @@ def document_text(content: Mapping[str, Any]) -> str:
 
 
 def origin() -> dict[str, str]:
-    """Return the last fields of a document: date and version of inercal."""
+    """Return the last fields of a document: the date, and the version of inercal."""
     now = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
     return {"created": now, "inercal": version("inercal")}
 
@@ -91,7 +91,7 @@ def read_document(path: Path, model: type[Content], verb: str) -> Content:
     model : type
         The pydantic model of the content.
     verb : str
-        The verb for messages, such as "inercal repeat".
+        The verb that writes such files, such as "inercal repeat"; messages name it.
 
     Raises
     ------

@@ -29,7 +29,7 @@ class InercalError(Exception):
     key : str, optional
         The key, argument or option: "[bench] gravity", "--out".
     names : tuple of str, optional
-        The objects concerned: coefficients, axes, columns, steps or parameters of the bench.
+        The coefficients, axes, columns, steps or bench parameters that the error is about.
     """
 
     def __init__(
@@ -51,8 +51,8 @@ class InercalError(Exception):
         return visible_text(" ".join(super().__str__().split()))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # For copies and other processes. `__init__` is bypassed because its arguments differ by
-        # class.
+        # Errors are copied or sent to other processes in this way. `__init__` is not called because
+        # its arguments differ from class to class.
         return _rebuild_error, (type(self), self.args, vars(self))
 
     def located(
@@ -63,14 +63,14 @@ class InercalError(Exception):
         line: int | None = None,
         key: str | None = None,
     ) -> Self:
-        """Return this error with `where` before its message and with the known location.
+        """Return this error with `where` before its message, and with its location.
 
         Parameters
         ----------
         where : str or path
             Start of the message; a path also becomes `file`.
         file, line, key : optional
-            See the class; values that the error already has are kept.
+            See the class; a value that the error already has is not replaced.
         """
         error = copy.copy(self)
         error.args = (f"{where}: {self}", *self.args[1:])
@@ -122,11 +122,11 @@ class NotObserved(InercalError):
 
 
 class NotInvertible(InercalError):
-    """For some reading, the error model gives no motion or no unique motion."""
+    """A reading that no motion, or more than one motion, would cause in the error model."""
 
 
 def require_installed(extra: str, what: str, packages: tuple[str, ...]) -> None:
-    """Raise the error of `require_extra` early, without importing the packages.
+    """Raise the same error as `require_extra`, but without importing the packages.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def require_installed(extra: str, what: str, packages: tuple[str, ...]) -> None:
 
 @contextmanager
 def require_extra(extra: str, what: str, packages: tuple[str, ...]) -> Generator[None]:
-    """Raise an error that names the extra to install if one of its packages is missing.
+    """If a package of an extra is missing in the block, raise an error that names the extra.
 
     Parameters
     ----------

@@ -1,11 +1,12 @@
-"""Location of Numba's compiled kernels for read-only installations.
+"""Make Numba find its compiled kernels in a read-only installation.
 
 Numba stores a kernel in `__pycache__` next to its module if it can write there, and otherwise in
 the user's cache, in a folder `<name>_<SHA-1 of path>` for each folder of modules. It never reads a
 folder to which it cannot write. The kernels that `inercal compile` stored next to the modules of a
-read-only installation are therefore linked into the user's cache. If that is also read-only, they
-are linked into a folder that exists as long as the process. An index entry contains version,
-processor and a hash of the source, so Numba recompiles kernels that do not match.
+read-only installation are therefore linked into the user's cache. If this cache is also read-only,
+they are linked into a temporary folder, which is deleted when the process ends. An index entry
+contains the version, the processor and a hash of the source, so Numba recompiles kernels that do
+not match.
 """
 
 import os
@@ -24,13 +25,12 @@ _PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 def prepare_kernel_cache(package: str = _PACKAGE) -> "TemporaryDirectory[str] | None":
     """Link the kernels of a read-only installation to a folder where Numba finds them.
 
-    The environment variable NUMBA_CACHE_DIR is set only if Numba finds no writable folder, because
-    it would then fail to start.
+    NUMBA_CACHE_DIR is set only if Numba would find no writable folder and therefore fail to start.
 
     Returns
     -------
     TemporaryDirectory or None
-        The folder that exists as long as the process, if one was needed.
+        The temporary folder, deleted when the process ends; None if no such folder was needed.
     """
     if "NUMBA_CACHE_DIR" in os.environ or _is_writable(package):
         return None
@@ -41,7 +41,7 @@ def prepare_kernel_cache(package: str = _PACKAGE) -> "TemporaryDirectory[str] | 
 
     folder = TemporaryDirectory(prefix="inercal-")
     os.environ["NUMBA_CACHE_DIR"] = folder.name
-    if (config := sys.modules.get("numba.core.config")) is not None:  # it is already loaded
+    if (config := sys.modules.get("numba.core.config")) is not None:  # Numba is already loaded
         vars(config)["CACHE_DIR"] = folder.name
     link_kernels(package, folder.name)
     return folder
@@ -107,7 +107,7 @@ def _folders_of_kernels(package: str) -> Iterator[tuple[str, str]]:
 
 
 def _is_older(own: str, kept: str, name: str) -> bool:
-    """Return whether a cache lacks a file or has an older version."""
+    """Return whether a cache does not contain a file or contains an older version."""
     mine, installed = os.path.join(own, name), os.path.join(kept, name)
     if os.path.islink(mine):
         return os.readlink(mine) != installed
@@ -127,7 +127,7 @@ def _link(kept: str, own: str) -> None:
 
 
 def _is_writable(folder: str) -> bool:
-    """Return whether files can be created in a folder, or the folder itself if it is missing."""
+    """Return whether a folder is writable; for a missing folder, whether it can be created."""
     while not os.path.exists(folder) and os.path.dirname(folder) != folder:
         folder = os.path.dirname(folder)
     return os.access(folder, os.W_OK | os.X_OK)

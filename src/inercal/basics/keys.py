@@ -1,7 +1,7 @@
 """Structured names for coefficients, bench errors and observations.
 
-Each name is a string as it appears in run files and calibration files, and compares, hashes and
-sorts like one. Only this module splits these strings.
+Each name is a string, written as in run files and calibration files, and it compares, hashes and
+sorts like any string. Only this module splits these strings into parts.
 """
 
 from typing import Self
@@ -21,12 +21,12 @@ class CoefficientName(str):
 
     @property
     def axis(self) -> str:
-        """The axis; empty if the name has none, as in "k0"."""
+        """The axis; empty if the name contains no axis, as in "k0"."""
         return self.rpartition(".")[0]
 
     @property
     def term(self) -> str:
-        """The name of the coefficient in its table, such as "k0", or of a group."""
+        """The name of the coefficient in its table, such as "k0", or the name of a group."""
         return self.rpartition(".")[2]
 
     @property
@@ -37,7 +37,7 @@ class CoefficientName(str):
 
 
 class ErrorName(str):
-    """The name of a bench error: for the run, "radius", or at a place, "pose_x[XY30]".
+    """The name of a bench error: of the whole run, "radius", or at one place, "pose_x[XY30]".
 
     A place is a mounting, a position, a set speed, a turn or another scope from `Parameter`.
     """
@@ -66,14 +66,14 @@ class ErrorName(str):
 
     @property
     def vector(self) -> "ErrorName":
-        """The vector to which it belongs, "pose[XY30]" for "pose_x[XY30]", or the name itself."""
+        """The vector of a component, "pose[XY30]" for "pose_x[XY30]"; otherwise the name."""
         stem, _, component = self.name.rpartition("_")
         split = stem and self.place and component in _COMPONENTS
         return ErrorName.at(stem, self.place) if split else self
 
 
 class ObservationName(str):
-    """The name of an observation: one channel in a row, "ax[XY30 at 90 rpm]", or a whole row."""
+    """The name of a row of observations, or of one channel in it, "ax[XY30 at 90 rpm]"."""
 
     __slots__ = ()
 

@@ -1,13 +1,13 @@
-"""Line numbers of the rows in a text file, in which lines without samples may occur."""
+"""Line numbers of the rows in a text file that may also contain lines without samples."""
 
 from bisect import bisect_right
 
 LineBreaks = tuple[tuple[int, int], ...]
-"""Row 0 and the rows that follow a gap between lines, with their line numbers."""
+"""Row and line number of row 0 and of each row that follows lines without samples."""
 
 
 def line_of_row(row: int, first_line: int, breaks: LineBreaks) -> int | None:
-    """Return a row's line number from the line of row 0, or from the rows that follow gaps.
+    """Return a row's line number, from the line of row 0 or from the last row after a gap.
 
     >>> [line_of_row(k, 0, ((0, 2), (3, 9))) for k in range(5)]
     [2, 3, 4, 9, 10]

@@ -40,17 +40,17 @@ class Parameter:
     sd : float
         Standard deviation; 0 means exactly known.
     scope : "run", "position", "turn", "dwell", "pass", "mounting" or "speed"
-        The scope within which the value is constant; values in different positions (turns, dwells,
-        …) are independent.
+        Where the value is constant. With "position", for example, the value is constant during a
+        position, and the values in different positions are independent.
     value : float
         Expected value.
     meaning : str
         One-line description for a report.
     assumed : str
-        The key of a run file that states the value without "±"; `sd` then comes from its last
-        digit. Empty if `sd` is stated.
+        The key of the run file if it states the value without "±"; `sd` then comes from the last
+        digit of the value. Empty if `sd` is stated.
     attitude : bool
-        Whether it only rotates the sensor, so that the norm of readings does not depend on it.
+        Whether the imperfection only rotates the sensor and does not change the norm of readings.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Parameter:
     def from_measured(
         cls, name: str, unit: str, constant: Measured, meaning: str, key: str = ""
     ) -> "Parameter":
-        """Return a measured constant as a parameter with the scope of the run.
+        """Return a measured constant as a parameter that is constant during the run.
 
         Parameters
         ----------
@@ -92,7 +92,8 @@ class QualifiedParameters:
     value : tuple of k float
         Values, SI.
     covariance : k tuples of k float
-        Covariance, SI; for a parameter that differs from dwell to dwell, the variance of one value.
+        Covariance, SI. For a parameter that differs from dwell to dwell, this is the variance of a
+        single value.
     determination, date : tuples of k str
         Identifier and ISO date of the determination of each parameter.
     """
@@ -113,7 +114,7 @@ class QualifiedParameters:
         return self.value[self.names.index(name)] if name in self.names else 0.0
 
     def joint_covariance(self, parameters: Sequence[Parameter]) -> Array:
-        """Return the prior covariance of bench parameters, (k, k), from `sd` if not qualified."""
+        """Return the prior covariance of k bench parameters, (k, k), with `sd`² as variances."""
         result = np.diag([one.sd**2 for one in parameters])
         for a, one in enumerate(parameters):
             for b, other in enumerate(parameters):
@@ -125,7 +126,7 @@ class QualifiedParameters:
     def draw(
         self, declared: Mapping[str, Parameter], rng: np.random.Generator, trials: int
     ) -> dict[str, Array]:
-        """Draw errors of a bench for a simulation, (trials,) each, by full name.
+        """Draw the errors of a bench for a simulation: by full name, an array (trials,) each.
 
         Parameters
         ----------
@@ -159,8 +160,8 @@ class QualifiedParameters:
         ----------
         parameters : sequence of Parameter
         corrected : bool
-            Whether the bench corrects for the values. The expected values of the remaining errors
-            are then the same as without a qualification.
+            Whether the bench corrects for the qualified values. The expected values of the
+            remaining errors are then the same as without a qualification.
         """
         if not self.names:
             return tuple(parameters)
@@ -186,7 +187,7 @@ def local_gravity(gravity: Measured) -> Parameter:
 
 
 def display_unit(parameter: Parameter | None) -> tuple[str, float]:
-    """Return the unit in which a parameter is printed, and the unit's SI size.
+    """Return the unit in which a parameter is printed, and the size of this unit in SI.
 
     Parameters
     ----------

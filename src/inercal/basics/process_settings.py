@@ -4,17 +4,17 @@ import ctypes
 import gc
 import sys
 
-# Python looks for unreachable cycles after this many new objects, by default 700 or 2000. Compiling
-# kernels creates millions of objects, nearly all of them reachable, and the search takes a tenth of
-# the time.
+# Python searches for unreachable cycles after this number of new objects, by default 700 or 2000.
+# Compiling kernels creates millions of objects, nearly all of them reachable, and the search takes
+# a tenth of the time.
 _OBJECTS = 100_000
 
 # glibc returns the memory of a freed array to the system if the array exceeds a limit, at first 128
 # kB, later 32 MB. The system then clears each page of the next array, which takes a third of the
 # time of a Monte Carlo run. These are parameters of mallopt(3).
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-_RETURNED_FROM = 2**30  # bytes of one array
-_RETURNED_BEYOND = 2**31 - 1  # bytes of free memory at the end of the heap
+_RETURNED_FROM = 2**30  # bytes of an array from which its memory is returned
+_RETURNED_BEYOND = 2**31 - 1  # free bytes at the end of the heap from which they are returned
 
 
 def prepare_process() -> None:

@@ -5,8 +5,8 @@ A package registers an object with an entry point in the group, in its pyproject
     [project.entry-points."inercal.methods"]
     tilt_means = "their_package.tilt:METHOD"
 
-The object is imported on first access. Names in this package are resolved without reading the
-metadata of installed packages, which takes about 20 ms.
+The object is imported on first access. For a name in this package, the metadata of installed
+packages are not read, because this takes about 20 ms.
 """
 
 from collections.abc import Generator, Iterator, Mapping
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class Registry(Mapping[str, T]):
-    """Objects of one kind by name; iteration yields the names, this package's names first.
+    """Objects of one kind, by name; the names from this package come first.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Registry(Mapping[str, T]):
 
     @contextmanager
     def with_(self, name: str, one: T) -> Generator[None]:
-        """Register an object temporarily, as another package would do."""
+        """Register an object during the block, as another package would do."""
         if name in self:
             raise InputError(
                 f"a {self.what} {name!r} already exists; choose another name", names=(name,)

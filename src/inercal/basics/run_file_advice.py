@@ -29,8 +29,8 @@ class Advice:
     action : str
         Action at the bench; empty if keys change.
     chi2 : float or None
-        Predicted χ² of the residuals after the changes, as in `ScoreTestSet.chi2`; None if nothing
-        is predicted.
+        Predicted χ² of the residuals after the changes, as in `ScoreTestSet.chi2`; None if there is
+        no prediction.
     """
 
     reason: str
@@ -55,7 +55,7 @@ def with_changes(sections: Mapping[str, Any], changes: tuple[Change, ...]) -> di
     Raises
     ------
     InputError
-        The name of a section already has a value that is not a section.
+        A name that should be a section already has a value that is not a section.
     """
     result = dict(sections)
     for change in changes:

@@ -1,7 +1,7 @@
 """Bounded reading of small hand-written files: run files, packet descriptions, tables.
 
-Reading never blocks and is bounded. FIFOs and devices are rejected, files larger than `LARGEST` are
-not read, and TOML nested deeper than `DEEPEST` is rejected, because code that walks through it
+Reading never waits, because FIFOs and devices are rejected. Files larger than `LARGEST` are not
+read. TOML nested deeper than `DEEPEST` is rejected, because code that walks through the levels
 would exceed Python's recursion limit.
 """
 
@@ -17,12 +17,13 @@ from typing import Any, cast
 
 from inercal.basics.errors import InputError
 
-# Windows has no FIFOs to wait for, but would translate line ends.
+# Windows has no FIFOs, but it would translate line ends without this flag.
 _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 LARGEST = 4 << 20  # bytes; run files take a few kilobytes
 DEEPEST = 32  # levels of nested sections and lists
-# Strings and comments, which may contain anything; then a dotted key of more levels. Quantifiers
-# are possessive and a key is only matched from its start, so the time grows linearly.
+# This matches strings and comments, which may contain anything, and then a dotted key with more
+# levels than allowed. Quantifiers are possessive and a key is only matched from its start, so the
+# time grows linearly with the length of the text.
 _STRING_OR_COMMENT = re.compile(
     r'''"""(?s:[^"\\]|\\.|"(?!""))*+"""|'{3}(?s:.)*?'{3}|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'|#[^\n]*+'''
 )
@@ -36,7 +37,7 @@ def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> b
     ----------
     path : path
     what : str
-        The expected kind of file for messages, such as "run file".
+        The expected kind of file, used in messages, such as "run file".
     largest : int
         Largest accepted size in bytes.
 
@@ -46,7 +47,7 @@ def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> b
         The file does not exist, is not a regular file, is larger than `largest`, or cannot be read.
     """
     try:
-        # O_NONBLOCK: opening a FIFO that nobody writes to would wait forever.
+        # Without O_NONBLOCK, opening a FIFO that nobody writes to would wait forever.
         descriptor = os.open(path, os.O_RDONLY | _FLAGS)
         with open(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
@@ -86,13 +87,13 @@ def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
     ----------
     raw : bytes or str
     what : str
-        The expected kind of text for messages, such as "run file".
+        The expected kind of text, used in messages, such as "run file".
 
     Raises
     ------
     InputError
-        The text is not TOML, not UTF-8, or nested deeper than `DEEPEST`; the caller adds the file
-        name.
+        The text is not TOML, not UTF-8, or nested deeper than `DEEPEST`. The caller adds the file
+        name to the message.
     """
     text = raw if isinstance(raw, str) else _decoded(raw, what)
     # Checked before parsing: the memory for a dotted key grows with the square of its depth.
@@ -121,7 +122,7 @@ def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
 
 
 def _other_content(raw: bytes | str, what: str) -> str:
-    """Return what a file that is not TOML seems to be and what to do, or "" if unknown."""
+    """Return a message about the format that a file seems to have if not TOML, or ""."""
     head = raw[:1000] if isinstance(raw, str) else raw[:1000].decode("utf-8-sig", "replace")
     lines = (line.strip() for line in head.splitlines())
     line = next((line for line in lines if line and not line.startswith("#")), "")
@@ -134,7 +135,7 @@ def _other_content(raw: bytes | str, what: str) -> str:
 
 
 def _decoded(raw: bytes, what: str) -> str:
-    """Decode bytes to text, without the byte order mark that Windows writes.
+    """Decode bytes to text, and remove the byte order mark that Windows writes.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def read_toml(path: Path, what: str = "file") -> dict[str, Any]:
     ----------
     path : path
     what : str
-        The expected kind of file for messages, such as "run file".
+        The expected kind of file, used in messages, such as "run file".
 
     Raises
     ------
@@ -199,7 +200,7 @@ def read_toml(path: Path, what: str = "file") -> dict[str, Any]:
 def csv_lines(
     path: Path, needed: Sequence[str], what: str = "table", largest: int = LARGEST
 ) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield each nonempty line of a CSV table: its location, and its cells by column.
+    """Yield the location and the cells, by column, of each nonempty line of a CSV table.
 
     Parameters
     ----------
@@ -212,8 +213,8 @@ def csv_lines(
     Raises
     ------
     InputError
-        See `read_small_file` and `check_columns`; also if the text is not UTF-8 or a line has the
-        wrong number of cells.
+        See `read_small_file` and `check_columns`. The error is also raised if the text is not UTF-8
+        or a line has the wrong number of cells.
     """
     try:
         text = read_small_file(path, what, largest).decode("utf-8-sig")
@@ -241,7 +242,7 @@ def csv_lines(
 
 
 def check_columns(path: Path, names: Sequence[str], needed: Sequence[str]) -> None:
-    """Raise an error if a table lacks a needed column or has two columns with the same name.
+    """Raise an error if a column is missing in a table or two columns have the same name.
 
     Raises
     ------

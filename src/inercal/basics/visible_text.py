@@ -1,4 +1,4 @@
-"""Output text that cannot control terminals or spreadsheets, whatever names contain."""
+"""Make text safe to print: names must not control a terminal or act as spreadsheet formulas."""
 
 import unicodedata
 

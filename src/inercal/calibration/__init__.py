@@ -40,36 +40,36 @@ class Calibration:
     values : (p,) array
         Coefficients in SI units, in the order of `sensor.coefficients`.
     covariance : (p, p) array
-        Covariance of the coefficients, scaled by the Birge ratio where χ² exceeds its bound.
+        Covariance of the coefficients, multiplied by the Birge ratio if χ² exceeds its bound.
     method, estimator : str
     conditions : mapping of str to str
-        Gravity, temperature and bench as text with units.
+        Gravity, temperature and bench as texts with units.
     provenance : mapping of str to str
         Recording file, its SHA-256, date and program version.
     notes : tuple of str
-        Limitations of the result as text.
+        Limitations of the result, as texts.
     frame : "mount", "triangular" or "symmetric"
         Body frame of the misalignments; see `in_frame`.
     mount : (3, 3) array
-        Rotation that takes vectors from the mounting frame to this frame.
+        Rotation that converts vectors from the mounting frame to `frame`.
     verdict : Verdict or None
-        Grade of the result with reasons; None if the file does not state it.
+        Grade of the result and the reasons for it; None if the file does not state a verdict.
     shared : tuple of SharedError or None
-        Errors of the bench that the covariance includes and that other calibrations may have too;
-        None if the file does not state them.
+        Bench errors that the covariance includes and that other calibrations may share; None if the
+        file does not state them.
     validity : Validity or None
-        Ranges that the data cover; None if the file does not state them.
+        Ranges of motion and temperature that the data cover; None if the file does not state them.
     job : mapping of str to str
-        Job and laboratory details as text ([job] in the run file).
+        Details of the job and the laboratory as texts ([job] in the run file).
     conformity : Conformity or None
         Conformity of the coefficients with their limits; None if no limits are stated.
     bench_estimates : tuple of BenchEstimate or None
-        Bench parameters as estimated from this run; None if the file does not state them.
+        Bench parameters that were estimated from this run; None if the file does not state them.
 
     Raises
     ------
     InputError
-        If values are not finite, shapes disagree, or a shared error is listed twice.
+        If a value is not finite, shapes disagree, or a shared error is listed twice.
     """
 
     sensor: Sensor
@@ -124,18 +124,19 @@ class Calibration:
         return to_html(self)
 
     def to_latex(self) -> str:
-        """Return the coefficients with U (k = 2) as a LaTeX tabular, for package booktabs."""
+        """Return a LaTeX tabular (package booktabs) of the coefficients with U (k = 2)."""
         from inercal.calibration.display import to_latex
 
         return to_latex(self)
 
     def to_dataframe(self) -> Any:
-        """Return the coefficients as a pandas DataFrame, in the units of the sensor's table.
+        """Return the coefficients as a pandas DataFrame, in the units of the coefficient table.
 
         Returns
         -------
         pandas.DataFrame
-            Indexed by full name, with the columns meaning, value, u (k = 1), U (k = 2) and unit.
+            Rows are indexed by full name; the columns are meaning, value, u (k = 1), U (k = 2) and
+            unit.
 
         Raises
         ------
@@ -153,7 +154,7 @@ class Calibration:
 
     @property
     def states_uncertainty(self) -> bool:
-        """Whether a covariance is stated; calibrations imported from other programs have none."""
+        """Whether there is a covariance; calibrations imported from other programs have none."""
         return bool(self.covariance.any())
 
     def value(self, name: str) -> float:
@@ -176,7 +177,7 @@ class Calibration:
 
     @property
     def conformity_lines(self) -> list[str]:
-        """Text lines on the limits of the specification; empty if there is no specification."""
+        """Text lines on the limits in the specification; empty if there is no specification."""
         from inercal.calibration.specification import conformity_lines
 
         return conformity_lines(self.conformity, self.sensor, self.verdict)
@@ -192,38 +193,40 @@ class Calibration:
         dTdt: Array | float | None = None,
         extrapolate: bool = False,
     ) -> Motion:
-        """Return the specific force and angular rate computed from readings.
+        """Compute the specific force and the angular rate from readings.
 
         Parameters
         ----------
         recording : Recording or (..., n, m) array
             Readings in output units; the columns of an array are the sensor's axes in order.
         f, w : (..., n, 3) arrays, optional
-            Motion that the sensor does not measure (`inercal.physics.sensors.inverse`).
+            Specific force or rate, if the sensor does not measure it
+            (`inercal.physics.sensors.inverse`).
         dw : (..., n, 3) array, optional
-            Angular acceleration in rad/s², needed if lever arms are modelled; it is computed if a
-            Recording is given.
+            Angular acceleration in rad/s², needed if the model includes lever arms. For a
+            Recording, it is computed.
         dT : (..., n) array or float, optional
-            Temperature minus the reference temperature in K; it is taken from a Recording that
-            contains temperatures.
+            Temperature minus the reference temperature, in K. For a Recording, its temperatures are
+            used.
         dTdt : (..., n) array or float, optional
-            Time derivative of the temperature in K/s, needed if the model depends on it; it is
-            computed if a Recording is given.
+            Time derivative of the temperature in K/s, needed if the model depends on it. For a
+            Recording, it is computed.
         extrapolate : bool
-            Whether readings outside the temperature range of the calibration are corrected too.
+            Whether readings outside the temperature range of the calibration are also corrected.
 
         Returns
         -------
         Motion
-            f in m/s², ω in rad/s, in the calibration's frame; zero for a missing kind of sensor.
+            f in m/s² and ω in rad/s, in the frame of the calibration; zero if there is no such
+            sensor.
 
         Raises
         ------
         InputError
-            If a channel is missing or in another unit, if readings or temperatures are not finite,
+            If a channel is missing or has another unit, if readings or temperatures are not finite,
             or if a temperature is impossible or outside the range of the calibration.
         NotInvertible
-            If a reading lies beyond the fold of the nonlinear terms.
+            If no motion, or no unique motion, gives a reading, because of the nonlinear terms.
         """
         if isinstance(recording, Recording):
             data = self._columns(recording)
@@ -304,7 +307,7 @@ class Calibration:
     def affine_correction(self) -> tuple[Array, Array]:
         """Return C, (k, m), and o, (m,), in motion = C (output − o) for an affine model.
 
-        `motion` contains f (m/s²) and then ω (rad/s), as far as the sensor measures them.
+        `motion` contains f (m/s²) and then ω (rad/s), but only what the sensor measures.
 
         Raises
         ------
@@ -329,7 +332,8 @@ class Calibration:
 
     def ieee1293(self) -> ConvertedCoefficients:
         """Return the coefficients of E = K₁ (K₀ + a + K₂ a² + …) of each accelerometer axis."""
-        # The equation in the standard is the reference form; nonlinear terms keep their axis.
+        # The equation in the standard corresponds to the reference form. Nonlinear terms act along
+        # the same axis as before.
         linear = replace(self.sensor, form="reference").affine
         plain = self.in_form("reference") if linear else self
         return ieee1293(plain.sensor, plain.values, plain.covariance, plain.shared)
@@ -337,7 +341,7 @@ class Calibration:
     def in_form(self, form: Form) -> "Calibration":
         """Return the calibration with its model in the "reference" or the "tilted" form.
 
-        The conversion is exact for terms that are affine in f and ω.
+        The conversion is exact, because the terms must be affine in f and ω.
 
         Raises
         ------
@@ -350,9 +354,9 @@ class Calibration:
         return self._replace_coefficients(sensor, values, by)
 
     def _replace_coefficients(self, sensor: Sensor, values: Array, by: Array) -> "Calibration":
-        """Return the calibration with other coefficients; `by` are their derivatives, (q, p)."""
+        """Return the calibration with new coefficients; `by` contains their derivatives, (q, p)."""
         covariance, shared = by @ self.covariance @ by.T, transform_shared(self.shared, by)
-        # The limits apply to the original coefficients.
+        # Conformity is dropped, because its limits apply to the original coefficients.
         return replace(
             self,
             sensor=sensor,
@@ -363,12 +367,12 @@ class Calibration:
         )
 
     def in_frame(self, frame: Frame) -> "Calibration":
-        """Return the calibration referred to another body frame.
+        """Convert the calibration to another body frame.
 
-        In the "triangular" frame, x is along the first input axis and y is in the plane of the
-        first two. The "symmetric" frame is the closest rotation that makes the misalignment matrix
-        of the accelerometers symmetric. The conversion is exact for any misalignment. The mounting
-        frame cannot be recovered from another frame.
+        In the "triangular" frame, x is along the first input axis, and y is in the plane of the
+        first two input axes. The "symmetric" frame is the closest frame in which the misalignment
+        matrix of the accelerometers is symmetric. The conversion is exact for misalignments of any
+        size. The mounting frame cannot be recovered from another frame.
 
         Raises
         ------

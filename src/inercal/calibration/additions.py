@@ -1,7 +1,7 @@
-"""Coefficients that a run added to its model because its score tests pointed to them.
+"""Coefficients that a run added to its model because the score tests found them.
 
-Each one was the most likely cause in a fit that the tests rejected, and the run was calibrated
-again with it.
+The tests rejected a fit, and these coefficients were the most likely cause. The run was then
+calibrated again with them.
 """
 
 from collections.abc import Sequence
@@ -19,12 +19,11 @@ class Addition:
     Parameters
     ----------
     group : str
-        Name of the group as accepted by [method] also: "g", "ax.k2".
+        Name of the group that [method] also accepts, such as "g" or "ax.k2".
     coefficients : tuple of str
         Full names of the coefficients.
     chi2_before, dof_before, chi2_after, dof_after : float and int
-        χ² and degrees of freedom of the fits without and with the group, as in
-        `ScoreTestSet.chi2`.
+        χ² and degrees of freedom of the fits without and with the group; see `ScoreTestSet.chi2`.
     indistinguishable : tuple of str
         Other causes that would have explained these residuals equally well.
     """
@@ -39,7 +38,7 @@ class Addition:
 
 
 def additions_text(additions: Sequence[Addition], sensor: Sensor) -> str:
-    """Return a sentence on the additions in their order, with the drop of χ²; empty if none."""
+    """Describe the additions in order, with the decrease of χ²; empty if there are none."""
     parts = (
         f"{coefficient_words(sensor, one.group, one.coefficients)}, "
         f"χ² from {_grouped(one.chi2_before)} to {_grouped(one.chi2_after)}"
@@ -49,7 +48,7 @@ def additions_text(additions: Sequence[Addition], sensor: Sensor) -> str:
 
 
 def doubtful_additions(additions: Sequence[Addition]) -> tuple[Finding, ...]:
-    """Return a warning for each addition if another cause explains the residuals equally well."""
+    """Return a warning for each addition if another cause would explain the residuals as well."""
     return tuple(
         Finding(
             "warning",

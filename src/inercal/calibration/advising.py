@@ -10,43 +10,43 @@ CHANGE_PREFIX = "change "  # start of the name of a candidate for a change withi
 
 
 class Advisor(Protocol):
-    """An advisor that tries its advice: the run file is accepted with the advised changes."""
+    """An advisor that tries its advice: it makes sure that a run file with the changes works."""
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
-        """Return the keys that include or estimate a cause, or an action if there are none."""
+        """Return keys that make the model include a cause, or else an action at the bench."""
         ...
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
-        """Return the key that estimates these undetectable coefficients, if there is one."""
+        """Return the key that makes the method estimate undetectable coefficients, if it can."""
         ...
 
     def on_changes(self, advice: Advice) -> Advice | None:
-        """Return the advice of a method with complete keys, or None if it cannot be followed."""
+        """Complete the keys in the advice of a method; None if the advice cannot be followed."""
         ...
 
 
 class PlainAdvisor:
-    """An advisor that has no run, so it cannot try its advice.
+    """An advisor without a run, which cannot try its advice.
 
     Parameters
     ----------
     possible : collection of str
         Full names of the coefficients that the method can estimate.
     row_word : str
-        Word for a row of the data.
+        Word for a row of the data, used in sentences.
     """
 
     def __init__(self, possible: Collection[str], row_word: str) -> None:
         self._possible, self._row_word = possible, row_word
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
-        """Return the key that estimates the coefficient, or an action at the bench."""
+        """Return the key that makes the method estimate the coefficient, or an action."""
         if cause.kind == "coefficient" and set(cause.components) <= set(self._possible):
             return Advice(cause.name, (also((cause.name,)),), chi2=cause.remaining_chi2)
         return Advice(cause.name, action=action_on(cause, self._row_word))
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
-        """Return the key that estimates these coefficients."""
+        """Return the key that makes the method estimate these coefficients."""
         return Advice(", ".join(names), (also(names),)) if names else None
 
     def on_changes(self, advice: Advice) -> Advice | None:
@@ -55,12 +55,12 @@ class PlainAdvisor:
 
 
 def also(words: str | Sequence[str]) -> Change:
-    """Return the [method] key `also`, which adds coefficients: their words, or "auto"."""
+    """Return the [method] key `also`, which adds coefficients by their words, or "auto"."""
     return Change("method", "also", words if isinstance(words, str) else tuple(words))
 
 
 def action_on(cause: SuspectedCause, row_word: str) -> str:
-    """Return what to do at the bench about a cause that no run-file key can include."""
+    """Describe what to do at the bench about a cause that no run-file key can include."""
     if cause.kind == "coefficient":
         return "use a method that estimates this coefficient; U does not include its effect"
     if cause.kind == "bench":
@@ -73,7 +73,7 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
 
 
 def changes_text(changes: Sequence[Change]) -> str:
-    """Return changes as they are written in a run file: '[method] also = ["k2"]'."""
+    """Return changes as text for a run file: '[method] also = ["k2"]'."""
     return " and ".join(f"[{one.section}] {one.key} = {_toml(one.value)}" for one in changes)
 
 

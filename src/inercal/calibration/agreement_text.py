@@ -1,4 +1,4 @@
-"""Sentences about how well the data agree with the model and what explains large residuals."""
+"""Sentences about how well the data agree with the model, and about causes of large residuals."""
 
 from collections.abc import Iterator, Mapping
 
@@ -23,13 +23,13 @@ _MIN_PULL = 2.0  # standard deviations; smaller residuals are not reported
 
 
 def agreement(estimate: Estimate, *, wrong: bool = False) -> str:
-    """Return a clause, with numbers, on the agreement of data with a model that no test rejects.
+    """Describe, with numbers, how well the data agree with a model that no test rejects.
 
     Parameters
     ----------
     estimate : Estimate
     wrong : bool
-        Whether a check found an error as well.
+        Whether a check also found an error.
     """
     what = "the residuals agree" if wrong else "the data agree"
     if estimate.groups:
@@ -53,7 +53,7 @@ def agreement(estimate: Estimate, *, wrong: bool = False) -> str:
 def agreement_lines(
     estimate: Estimate, assessment: Assessment, count: int, *, wrong: bool
 ) -> Iterator[str]:
-    """Yield sentences about the agreement of the residuals with their noise, and other tests.
+    """Yield sentences about whether the residuals agree with the noise, and about other tests.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def agreement_lines(
     count : int
         Number of estimated coefficients.
     wrong : bool
-        Whether a check found an error as well.
+        Whether a check also found an error.
     """
     yield f"{count} coefficients were estimated."
     clause = agreement(estimate, wrong=wrong or assessment.rejects)
@@ -112,7 +112,7 @@ def cause_lines(
     expected: Mapping[str, Parameter],
     row_word: str,
 ) -> Iterator[str]:
-    """Yield sentences about the cause of large residuals and the row that agrees least."""
+    """Yield sentences about the cause of large residuals, and about the row that fits worst."""
     if assessment.suspect is not None:
         yield from suspect_lines(assessment.suspect, estimate.score_tests, sensor, expected)
     elif assessment.best is not None:
@@ -128,7 +128,7 @@ def cause_lines(
 
 
 def no_cause(estimate: Estimate, assessment: Assessment) -> bool:
-    """Return whether the residuals are too large and no single cause explains them."""
+    """Return whether the residuals are too large although no single cause explains them."""
     return assessment.suspect is None and (
         assessment.scores_reject
         or (
@@ -139,7 +139,7 @@ def no_cause(estimate: Estimate, assessment: Assessment) -> bool:
 
 
 def _outlier_row_lines(assessment: Assessment, row_word: str) -> Iterator[str]:
-    """Yield a line about the row that agrees least with the others, if this is significant."""
+    """Yield a line about the row that fits worst, if its difference is significant."""
     row, suspect = assessment.row, assessment.suspect
     if (
         row is None
@@ -160,7 +160,7 @@ def _outlier_row_lines(assessment: Assessment, row_word: str) -> Iterator[str]:
 
 
 def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -> Iterator[str]:
-    """Yield lines about the largest residual and the bench parameter farthest from its value."""
+    """Yield lines about the largest residual and the bench parameter with the largest deviation."""
     if estimate.observations:
         worst = int(np.argmax(np.abs(estimate.whitened)))
         if (largest := abs(float(estimate.whitened[worst]))) > _MIN_PULL:
@@ -168,7 +168,8 @@ def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -
                 f"The largest residual is that of {estimate.observations[worst]}: "
                 f"{two_digits(largest)} standard deviations."
             )
-    # A parameter that the coefficients absorb, or that would be too large, explains nothing.
+    # A parameter explains nothing if the coefficients absorb its effect or if it would be too
+    # large.
     useless = {
         name
         for score in estimate.score_tests.scores

@@ -1,13 +1,13 @@
-"""Bench estimates: bench parameters as determined by the data of a run.
+"""Bench estimates: bench parameters that are determined only from the data of a run.
 
-The fit uses the stated value q₀ ± u_q of a bench parameter q as a prior. If the data determine q as
-well, the estimate without that prior comes from the run only::
+The fit uses the stated value q₀ ± u_q of a bench parameter q as a prior. If the data also determine
+q, the prior can be removed from the result. The estimate q' then comes only from the run::
 
     q' = q̂ + P_qq (q̂ − q₀)/(u_q² − P_qq),   P' = P + P_q P_qᵀ/(u_q² − P_qq)
 
 P is the covariance of all parameters with the prior, and P_q is its column for q. P'_qq contains
-the part Σ P'_qr²/u_r² from other lasting parameters r of the bench, which is the same in all runs
-with these determinations. The rest belongs to this run only.
+the part Σ P'_qr²/u_r² from other lasting parameters r of the bench. This part is the same in all
+runs that use the same determinations. The rest belongs only to this run.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from inercal.basics.errors import InputError
 
 @dataclass(frozen=True)
 class BenchEstimate:
-    """A bench parameter as estimated from the data of one run, in SI units.
+    """A bench parameter that was estimated from the data of one run, in SI units.
 
     Parameters
     ----------
@@ -27,12 +27,12 @@ class BenchEstimate:
         Full name, such as "radius" or "sin1[outer]".
     unit, meaning : str
     value, std : float
-        q' and its standard uncertainty from P'_qq, enlarged by the Birge ratio.
+        q' and its standard uncertainty from P'_qq, multiplied by the Birge ratio.
     own_std : float
-        Standard uncertainty without the part that is shared by runs with the same determinations
-        of other parameters.
+        Standard uncertainty without the part that runs share if they use the same determinations of
+        other parameters.
     stated, stated_std : float
-        q₀ and u_q.
+        Stated value q₀ and its standard uncertainty u_q.
 
     Raises
     ------

@@ -1,17 +1,18 @@
-"""Find the tested cause that explains the residuals best, and the row that agrees least.
+"""Find the tested cause that explains the residuals best, and the row that fits worst.
 
-The best cause is the candidate with the smallest p-value, if it explains the residuals better than
-a scatter of all rows does: the remaining residuals are consistent with the stated noise, or are
-small compared with the explained part (F test). It must leave at least one degree of freedom. A
-coefficient must be plausible: it may exceed its largest plausible size by at most 6 standard
+The best cause is the candidate with the smallest p-value. It must explain the residuals better than
+a scatter of all rows would: the remaining residuals are consistent with the stated noise, or they
+are small compared with the explained part (F test). At least one degree of freedom must remain. If
+the candidate is a coefficient, it may exceed its largest plausible size by at most 6 standard
 deviations. If the estimated parameters absorb all but a thousandth of the candidate's effect, the
 candidate may differ from its stated value by at most 6 standard deviations.
 
-Candidates whose explained residual lies within 30° of the best one's cannot be distinguished from
-it. Among the candidates that explain as much (χ² within 4 and, except for rows, no more
-directions), the first is chosen in the order of possible remedies: a coefficient that the method
-can estimate, the bench, a change during the run, a row, other coefficients. Between two stated
-quantities, the one that differs less from its stated value, in its standard deviations, is chosen.
+A candidate cannot be distinguished from the best candidate if the angle between the residuals that
+the two explain is less than 30°. Several candidates may explain as much: their χ² differs by at
+most 4, and (except for rows) they have no more directions. Among these, the choice follows the
+possible remedies, in this order: a coefficient that the method can estimate, the bench, a change
+during the run, a row, other coefficients. Between two stated quantities, the quantity that differs
+from its stated value by fewer standard deviations is chosen.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -35,37 +36,38 @@ from inercal.estimation.scores import (
 from inercal.estimation.uncertainty.coverage import COVERAGE
 
 _KIND_ORDER: tuple[CandidateKind, ...] = ("bench", "time", "row", "coefficient")
-_EQUIVALENT_CHI2 = 4.0  # of χ²: two standard deviations of one direction
-_MIN_P_VALUE = 1e-280  # a smaller probability is computed from its asymptote
+_EQUIVALENT_CHI2 = 4.0  # difference of χ²: two standard deviations of one direction
+_MIN_P_VALUE = 1e-280  # smaller probabilities are computed from an asymptotic formula
 
 
 @dataclass(frozen=True)
 class SuspectedCause:
-    """The candidate that explains the residuals best; the model omits it or assumes it known.
+    """The candidate that explains the residuals best; it is not in the model or assumed known.
 
     Parameters
     ----------
     name, kind, components, units
-        Those of the candidate (`inercal.estimation.Candidate`).
+        The values of the candidate (`inercal.estimation.Candidate`).
     sizes, sds : tuple of float
         Estimated sizes of its components and their standard deviations, SI.
     chi2, dof, adjusted
-        Decrease of χ², degrees of freedom, and p-value among all candidates.
+        Decrease of χ², its degrees of freedom, and the p-value adjusted for the number of
+        candidates.
     remaining_chi2, remaining_dof : float and int
         Remaining χ², and its degrees of freedom.
     remaining_p_value : float
-        Probability of a χ² as large as the remaining one if this cause were the only one.
+        Probability of a χ² at least as large as the remaining χ² if there is no other cause.
     changes : tuple of Change
-        Keys of the run file that let the method estimate the candidate.
+        Run-file keys that make the method estimate the candidate.
     least_sizes : tuple of float
-        The smallest component sizes that explain as much, SI.
+        Smallest sizes of the components that explain as much, SI.
     shift : float
-        The largest shift that the cause produces in a coefficient, in units of that
-        coefficient's U.
+        Largest shift of a coefficient due to the cause, divided by the U of this coefficient.
     shifted_coefficient : str
-        The coefficient with this shift.
+        The coefficient with the largest shift.
     indistinguishable : tuple of str
-        Candidates that explain the same residuals, so that no test distinguishes them from it.
+        Candidates that no test can distinguish from this cause, because they explain the same
+        residuals.
     """
 
     name: str
@@ -89,9 +91,9 @@ class SuspectedCause:
 
 @dataclass(frozen=True)
 class OutlierRow:
-    """The data row that agrees least with the others, and its p-value among all rows.
+    """The row that agrees worst with the others, and its p-value, adjusted for all rows.
 
-    `indistinguishable` lists the rows that no test can distinguish from it.
+    `indistinguishable` lists the rows that no test can distinguish from this row.
     """
 
     name: str
@@ -104,14 +106,14 @@ class OutlierRow:
 def familywise_p_value(
     score_tests: ScoreTestSet, score: ScoreTest, p_value: float | None = None
 ) -> float:
-    """Return the p-value of a score, or the given `p_value`, adjusted for the number of tests."""
+    """Adjust the p-value of a score, or the given `p_value`, for the number of tests."""
     return min(1.0, score_tests.adjusted(score, p_value) / SCORE_TEST_SHARE)
 
 
 def find_best_cause(
     estimate: Estimate, count: int, significant: Sequence[ScoreTest], possible: Collection[str]
 ) -> SuspectedCause | None:
-    """Return the best of the tested causes; None if no cause explains the residuals.
+    """Return the best of the tested causes; None if none explains the residuals.
 
     Parameters
     ----------
@@ -132,11 +134,12 @@ def find_best_cause(
     least = min(logs.values())
 
     def rank(score: ScoreTest) -> tuple[bool, int, float]:
-        # If two stated values explain the same, the one that departs less is more likely wrong.
+        # If two stated values explain the same, the value that departs less is more likely to be
+        # wrong.
         free = set(score.components) <= set(possible)
         return not free, _KIND_ORDER.index(score.kind), score.departure
 
-    # Candidates in the same direction of the data have equal p-values except for rounding.
+    # Candidates with the same effect on the data have equal p-values, except for rounding.
     best = min(
         (score for score in convincing if logs[score.name] <= least + 1e-6 * abs(least)),
         key=lambda score: (rank(score), -len(score.components)),
@@ -145,7 +148,8 @@ def find_best_cause(
         score
         for score in convincing
         if score.chi2 > best.chi2 - _EQUIVALENT_CHI2
-        # A cause with more directions would explain more; the readings of a row may be anything.
+        # A cause with more directions would always explain more. If the cause is a row, its
+        # readings may have any values.
         and (score.kind == "row" or score.dof <= best.dof)
         and best.cosine(score) >= PARALLEL_COSINE
         and not set(score.components) & set(best.components)
@@ -190,10 +194,10 @@ def _remaining_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
 
 
 def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
-    """Return whether a candidate explains the residuals better than a scatter of all rows does.
+    """Return whether a candidate explains the residuals better than a scatter of all rows would.
 
-    One that leaves no degree of freedom, that is implausibly large, or that
-    contradicts its own statement explains nothing.
+    A candidate explains nothing if no degree of freedom remains, if it is implausibly large, or if
+    it contradicts its stated value.
     """
     score_tests = estimate.score_tests
     left, dof = max(score_tests.chi2 - score.chi2, 0.0), score_tests.dof - score.dof
@@ -209,7 +213,7 @@ def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
 
 
 def find_outlier_row(estimate: Estimate) -> OutlierRow | None:
-    """Return the row that agrees least with the others; None if no row is tested."""
+    """Return the row that agrees worst with the others; None if no row was tested."""
     rows = [score for score in estimate.score_tests.scores if score.kind == "row" and score.dof]
     if not rows:
         return None

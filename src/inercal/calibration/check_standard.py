@@ -1,4 +1,4 @@
-"""The state of a check standard, as written by `inercal control` and named in a run file.
+"""The state of a check standard, from a file of `inercal control` that a run file names.
 
 Schema "inercal/control/1": `sensor`, `reference` (`days`, `until`), `points` (`first`, `last`,
 `in_control`, `signals`), `episodes`, limits and statistics of the charts.
@@ -21,7 +21,7 @@ from inercal.calibration.grade import Verdict
 SCHEMA = "inercal/control/1"
 CHECK_STANDARD = "check standard"
 """Key in `Calibration.conditions`, and kind of the finding."""
-_MOST_NAMED = 3  # coefficients per chart
+_MOST_NAMED = 3  # largest number of coefficients named for a chart
 
 
 def _utc(text: str) -> str:
@@ -48,7 +48,7 @@ class CheckedDay(BaseModel):
 
     @property
     def words(self) -> str:
-        """The charts that give a signal, with their coefficients, as text."""
+        """Text with the charts that give a signal, and their coefficients."""
         parts: list[str] = []
         for kind, names in self.signals.items():
             named = ", ".join(names[:_MOST_NAMED])
@@ -80,9 +80,9 @@ class CheckState:
     Parameters
     ----------
     text : str
-        Text for the conditions of the calibration.
+        Description of the state, for the conditions of the calibration.
     warnings : tuple of str
-        Reasons why the run is doubtful; empty if it is not.
+        Reasons why the run is doubtful; empty if it is not doubtful.
     """
 
     text: str
@@ -91,7 +91,7 @@ class CheckState:
 
 @dataclass(frozen=True)
 class CheckStandard:
-    """A check standard: its sensor, the end of its reference period, and its points by time."""
+    """A check standard: the sensor, the end of the reference period, and the points in order."""
 
     source: str
     sensor: str
@@ -104,9 +104,9 @@ class CheckStandard:
         Parameters
         ----------
         measured : date or None
-            Last day of the run; None selects the newest point.
+            Last day of the run. If None, the newest point is used.
         longest : float or None
-            Longest permitted time between the last point and the day of the run, in seconds.
+            Longest permitted time between the last point and the day of the run, s.
 
         Raises
         ------
@@ -156,12 +156,12 @@ def load_check_standard(path: Path) -> CheckStandard:
     Raises
     ------
     InputError
-        If the file does not exist, or is of another kind.
+        If the file does not exist, or contains something else.
     """
     found = read_document(path, _File, "inercal control")
     return CheckStandard(path.name, found.sensor.name, found.reference.until, found.points)
 
 
 def is_doubtful(verdict: Verdict | None) -> bool:
-    """Return whether the check standard makes a calibration doubtful."""
+    """Return whether a calibration is doubtful because of the check standard."""
     return verdict is not None and CHECK_STANDARD in verdict.warned

@@ -1,19 +1,19 @@
-"""Find undetectable causes, which shift a coefficient by 5 u before any test notices them.
+"""Find undetectable causes: they shift a coefficient by 5 u before any test notices them.
 
-A cause of size δ, which is a candidate of the score tests, shifts the estimate by J⁺c δ and leaves
-a residual of norm η = |c' δ| (`inercal.estimation.scores`). When it shifts a coefficient of
-standard uncertainty u by 5 u, its visibility is::
+A candidate of the score tests with size δ shifts the estimate by J⁺c δ, and a residual with the
+norm η = |c' δ| remains (`inercal.estimation.scores`). If the candidate shifts a coefficient with
+standard uncertainty u by 5 u, the norm of the residual is::
 
     η = 5 / R        R = max |J⁺c| / (u |c'|)
 
-At η = 6 a test nearly always detects the cause. Causes with η below 7 are listed, so that no
-marginal cause is missing: with such a cause the result can be wrong by 5 u although its verdict is
-"consistent". A coefficient is not listed if the size that shifts by 5 u exceeds a tenth of its
-natural size, because such a size is implausible.
+At η = 6, a test nearly always detects the cause. Causes with η below 7 are listed, because 7 also
+includes marginal causes. Because of a listed cause, the result can be wrong by 5 u although its
+verdict is "consistent". A coefficient is not listed if the size that causes a shift of 5 u exceeds
+a tenth of its natural size, because such a size is implausible.
 
-R of a candidate with one component does not depend on the data. For a candidate with several
-components, R is taken in the direction of its estimate; the largest R over all directions is at
-least as large.
+If a candidate has one component, R does not depend on the data. If a candidate has several
+components, R is computed in the direction of their estimate. The largest R over all directions may
+be larger.
 
 Source: Baarda 1968, A testing procedure for use in geodetic networks, Netherlands Geodetic
 Commission (external reliability).
@@ -31,25 +31,24 @@ from inercal.estimation import Estimate, ScoreTest
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
 
-CRITICAL_SHIFT, DETECTABLE_NORM = 5.0, 7.0  # u, and η there
-_UNSCORED_NORM = 3.0  # η of the largest plausible size, below which a candidate is not scored
+CRITICAL_SHIFT, DETECTABLE_NORM = 5.0, 7.0  # shift in u, and limit of η at this shift
+_UNSCORED_NORM = 3.0  # a candidate with a smaller η at its largest plausible size is not scored
 _ROUNDING = 1e-9  # u
 
 
 @dataclass(frozen=True)
 class UndetectableCause:
-    """A cause that no test of these data can detect.
+    """A cause that no test can detect in these data.
 
     Parameters
     ----------
     name : str
-        Name of a kind of coefficient, such as "k2", or of a drift; "row" for the readings of
+        Name of a kind of coefficient, such as "k2", or of a drift. "row" means the readings of
         single rows.
     component : str
-        Full name of the component that needs the smallest size to shift a coefficient; empty for
-        rows.
+        Full name of the component for which the smallest size shifts a coefficient; empty for rows.
     size : float
-        The size that shifts a coefficient by 5 u, SI; NaN if it is not known.
+        The size that shifts a coefficient by 5 u, SI; NaN if unknown.
     """
 
     name: str
@@ -58,14 +57,14 @@ class UndetectableCause:
 
 
 def coefficient_definition(sensor: Sensor, full: str) -> ErrorTerm:
-    """Return the table entry of a coefficient by its full name, even if it is not estimated."""
+    """Return the table entry of a coefficient by full name, even if it is not estimated."""
     axis, short = CoefficientName(full).parts
     measures = next(a.measures for a in sensor.axes if a.name == axis)
     return next(line for line in TABLES[measures] if line.name == short)
 
 
 def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[UndetectableCause, ...]:
-    """Return the causes that were not estimated and that no test of these data can detect.
+    """Return the causes that were not estimated and that no test can detect in these data.
 
     Parameters
     ----------
@@ -99,14 +98,14 @@ def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[Undetectabl
 def undetectable_exact_parameters(
     estimate: Estimate, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> tuple[str, ...]:
-    """Return the bench parameters stated as exact whose errors these data cannot show.
+    """Return bench parameters that are stated as exact although the data cannot show an error.
 
     Parameters
     ----------
     estimate, sensor
-        As for `undetectable_causes`.
+        See `undetectable_causes`.
     expected : mapping of str to Parameter
-        The bench's parameters by full name, as they were stated.
+        Stated parameters of the bench, by full name.
     """
     u = estimate.std[: len(sensor.coefficients)]
     return tuple(
@@ -125,14 +124,14 @@ def _is_undetectable(score: ScoreTest, u: Array) -> bool:
     """Return whether a cause shifts a coefficient by 5 u before a test detects it."""
     moved, eta = _largest_shift(score, u), float(np.sqrt(score.chi2))
     if not score.dof:
-        if score.kind in ("row", "time"):  # without a plausible size: any shift counts
+        if score.kind in ("row", "time"):  # no plausible size is known, so any shift counts
             return moved > _ROUNDING
         eta = _UNSCORED_NORM
     return DETECTABLE_NORM * moved > CRITICAL_SHIFT * eta
 
 
 def _largest_shift(score: ScoreTest, u: Array) -> float:
-    """Return the largest shift of a coefficient, in u, for the size of the score."""
+    """Return the largest shift of a coefficient, in u, due to a cause of the estimated size."""
     shift = np.abs(score.shift[: len(u)])
     return float(np.max(shift / np.where(u > 0, u, np.inf), initial=0.0))
 
@@ -140,7 +139,7 @@ def _largest_shift(score: ScoreTest, u: Array) -> float:
 def _undetected_sizes(score: ScoreTest, u: Array, sensor: Sensor) -> Array:
     """Return the size of each component that shifts a coefficient by 5 u, SI, (k,).
 
-    It is NaN where it is not known.
+    The size is NaN if it is unknown.
     """
     moved, size = _largest_shift(score, u), np.abs(score.size)
     if not score.dof:
@@ -151,9 +150,9 @@ def _undetected_sizes(score: ScoreTest, u: Array, sensor: Sensor) -> Array:
 
 
 def _candidate_group(score: ScoreTest, scores: Sequence[ScoreTest]) -> str:
-    """Return the name of the multi-component candidate that contains this component.
+    """Return the name of the candidate with several components that contains this component.
 
-    If there is none, return the name of the score itself.
+    If there is no such candidate, return the name of the score itself.
     """
     return next(
         (

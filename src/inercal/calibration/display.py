@@ -37,7 +37,7 @@ _LATEX_PATTERN = re.compile("|".join(map(re.escape, _LATEX_CHARACTERS)))
 
 
 class CoefficientLine(NamedTuple):
-    """A coefficient for printing, with value and U (k = 2) rounded to the digits of U.
+    """A coefficient for printing; value and U (k = 2) are rounded to the digits of U.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class CoefficientLine(NamedTuple):
 
 
 def coefficient_lines(calibration: "Calibration") -> tuple[CoefficientLine, ...]:
-    """Return the coefficients in the units of the sensor's table."""
+    """Return the coefficients for printing, in the units of the coefficient table."""
     lines: list[CoefficientLine] = []
     for name, value, std in zip(
         calibration.sensor.coefficients, calibration.values, calibration.std, strict=True
@@ -81,7 +81,7 @@ def title(calibration: "Calibration") -> str:
 
 
 def to_html(calibration: "Calibration") -> str:
-    """Return the table and the verdict (or the notes, if there is none) as unstyled HTML."""
+    """Return the table and the verdict as HTML without styles; without a verdict, the notes."""
     head = "".join(f"<th>{escape(text)}</th>" for text in _HEADINGS)
     rows = "".join(
         "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in line[:5]) + "</tr>"
@@ -98,7 +98,7 @@ def to_html(calibration: "Calibration") -> str:
 
 
 def to_latex(calibration: "Calibration") -> str:
-    """Return the table as a LaTeX tabular with rules from the package booktabs."""
+    """Return the table as a LaTeX tabular with rules of the package booktabs."""
 
     def row(cells: tuple[str, ...]) -> str:
         return " & ".join(map(_latex, cells)) + r" \\"
@@ -120,12 +120,12 @@ def to_latex(calibration: "Calibration") -> str:
 
 
 def _latex(text: str) -> str:
-    """Return the text with LaTeX commands for special characters."""
+    """Replace special characters in a text by LaTeX commands."""
     return _LATEX_PATTERN.sub(lambda found: _LATEX_CHARACTERS[found[0]], text)
 
 
 def to_dataframe(calibration: "Calibration") -> Any:
-    """Return a DataFrame with value, u (k = 1) and U (k = 2) of each coefficient in its unit.
+    """Return a DataFrame with the value, u (k = 1) and U (k = 2) of each coefficient.
 
     Raises
     ------

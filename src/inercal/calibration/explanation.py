@@ -1,10 +1,10 @@
-"""Readable verdicts: a few short lines, and an explanation with all findings under headings."""
+"""Readable verdicts: a few short lines, and an explanation of all findings under headings."""
 
 import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-MOST_CHARACTERS = 100  # in a line of a verdict
+MOST_CHARACTERS = 100  # largest length of a line in a verdict
 AGREEMENT = "How well the data agree with the model"
 CAUSE = "What explains the residuals"
 NEXT_STEPS = "What to do next"
@@ -16,14 +16,14 @@ UNDETECTABLE = (
 REMARKS = "Remarks on the method and the data"
 CHECKS = "Warnings of the checks"
 NOTES = "Notes"
-"""The heading for notes in a file that states no headings."""
+"""Heading for notes from a file that states no headings."""
 EXPLAIN, NEXT = "--explain lists them.", "Next: "
 _OPERATOR_WORDS = re.compile(
     r"\[(?:sensor|bench|data|method|environment|specification|job)\b[\w.]*\]|(?<!\w)--[a-z]"
     r"|\brun file|\binercal [a-z]"
 )
 _PARTS = re.compile(r"(?<=[;.:]) ")
-_LEAST = 20  # characters of the shortest part that is kept by itself
+_LEAST = 20  # smallest number of characters of a shortened line
 
 
 class ExplanationSection(NamedTuple):
@@ -34,7 +34,7 @@ class ExplanationSection(NamedTuple):
 
 
 def fit(text: str, most: int = MOST_CHARACTERS) -> str:
-    """Shorten a line to the permitted length, at the end of a clause or else of a word."""
+    """Shorten a line to the permitted length, after a clause or else after a word."""
     if len(text) <= most:
         return text
     ends = [one.start() for one in _PARTS.finditer(text) if _LEAST <= one.start() <= most]
@@ -45,12 +45,12 @@ def fit(text: str, most: int = MOST_CHARACTERS) -> str:
 
 
 def first_fit(*texts: str) -> str:
-    """Return the first line that is short enough; each line says less than the one before."""
+    """Return the first line that is short enough; each line must say less than the previous."""
     return next((text for text in texts if len(text) <= MOST_CHARACTERS), fit(texts[-1]))
 
 
 def fit_list(start: str, parts: Sequence[str], end: str = ".", separator: str = ", ") -> str:
-    """Return a line with as many parts as fit, and the number of parts left out."""
+    """Return a line with as many parts as fit, and the number of omitted parts."""
     for count in range(len(parts), 0, -1):
         more = f"{separator}{len(parts) - count} more not shown" if count < len(parts) else ""
         text = f"{start}{separator.join(parts[:count])}{more}{end}"
@@ -60,20 +60,20 @@ def fit_list(start: str, parts: Sequence[str], end: str = ".", separator: str = 
 
 
 def without_operator_words(text: str) -> str:
-    """Return the text without clauses that mention run files or the program's options."""
+    """Remove the clauses that mention run files or options of the program."""
     kept = [part for part in _PARTS.split(text) if not _OPERATOR_WORDS.search(part)]
     joined = " ".join(kept)
     return joined if len(kept) == len(_PARTS.split(text)) else joined.rstrip(";:, ")
 
 
 def customer_lines(lines: Iterable[str]) -> tuple[str, ...]:
-    """Return the lines that a customer may read, without run-file keys or next steps."""
+    """Return only the lines for a customer, without run-file keys or next steps."""
     kept = (without_operator_words(line) for line in lines if not line.startswith(NEXT))
     return tuple(filter(None, kept))
 
 
 def customer_sections(sections: Sequence[ExplanationSection]) -> tuple[ExplanationSection, ...]:
-    """Return the explanation for a customer, without keys, options and next steps."""
+    """Return the explanation for a customer, without run-file keys, options or next steps."""
     found = (
         ExplanationSection(heading, customer_lines(lines))
         for heading, lines in sections

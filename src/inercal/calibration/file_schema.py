@@ -1,7 +1,7 @@
 """The strict schema of calibration files, and the checks of their numbers.
 
-A file whose hash is right may still have been written by another program, or edited by hand and
-hashed again. Nothing is converted: a number in quotation marks or `true` does not count as a
+Even a file with a correct hash may come from another program, or may have been edited by hand and
+hashed again. Types are not converted: `true` or a number in quotation marks is not accepted as a
 number.
 """
 
@@ -26,7 +26,7 @@ _Cosine = Annotated[float, Field(ge=-1.001, le=1.001)]
 _Direction = Annotated[list[_Cosine], Field(min_length=3, max_length=3)]
 _Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 
-_ROUNDING = 1e-9  # tolerance of a correlation, or of a rotation's elements
+_ROUNDING = 1e-9  # tolerance for a correlation, or for the elements of a rotation
 
 
 class _Readout(Record):
@@ -92,7 +92,7 @@ class _LimitRecord(Record):
 
 
 class ConformityRecord(Record):
-    """The conformity of the calibration as stated in the file."""
+    """The conformity of the calibration that the file states."""
 
     rule: RuleName
     factor: Annotated[float, Field(gt=0)]
@@ -124,7 +124,7 @@ class CalibrationRecord(Record):
 
 
 def checked_record(content: dict[str, Any]) -> CalibrationRecord:
-    """Check the content of a calibration file against the schema and for contradictions.
+    """Check that the content of a calibration file follows the schema without contradictions.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def checked_record(content: dict[str, Any]) -> CalibrationRecord:
         If a field is invalid: a wrong type, an unknown word, a number that is not finite, a
         coefficient that is listed twice, a standard deviation that contradicts the covariance, an
         invalid covariance, or a mounting matrix that is not a rotation. The error names the first
-        such field.
+        invalid field.
     """
     try:
         file = CalibrationRecord.model_validate(content)
@@ -158,7 +158,7 @@ def checked_record(content: dict[str, Any]) -> CalibrationRecord:
     return file
 
 
-@lru_cache(maxsize=16)  # a register contains thousands of calibrations with one mounting
+@lru_cache(maxsize=16)  # a register may contain thousands of calibrations with the same mounting
 def _is_rotation(rows: tuple[tuple[float, ...], ...]) -> bool:
     matrix = np.array(rows, dtype=float)
     orthonormal = np.max(np.abs(matrix @ matrix.T - np.eye(3))) <= 1e-6
@@ -166,7 +166,7 @@ def _is_rotation(rows: tuple[tuple[float, ...], ...]) -> bool:
 
 
 def _require_covariance(rows: list[list[float]], coefficients: Sequence[_Coefficient]) -> None:
-    """Refuse an invalid covariance matrix, or one that contradicts the standard deviations."""
+    """Raise an error if the covariance is invalid or contradicts the standard deviations."""
     p = len(coefficients)
     if [len(row) for row in rows] != [p] * p:
         raise InputError(

@@ -6,7 +6,7 @@ Schema "inercal/calibration/2": `sensor` (axes with input and pendulous axes, re
 list of errors of the bench that other calibrations may have too), `validity` (ranges by name),
 `job` (texts by name), `conformity` (rule, result and limits from [specification]),
 `bench_estimates` (a list of bench parameters as estimated from the run), and `sha256`, the hash of
-the other keys. Fields that are not known are left out.
+the other keys. Unknown fields are omitted.
 """
 
 import hashlib
@@ -36,11 +36,11 @@ from inercal.physics.sensors import SI_UNITS, Axis, Readout, Sensor
 SCHEMA = "inercal/calibration/2"
 _KEY_ENDS = re.compile(r'"[ \t\r\n]*:')
 _NOT_JSON = "it is not JSON text; give a *.calibration.json file"
-_LARGEST = 16 << 20  # bytes; 24 coefficients need some 20 kilobytes
+_LARGEST = 16 << 20  # bytes; 24 coefficients need about 20 kilobytes
 
 
 def calibration_object(calibration: Calibration) -> dict[str, Any]:
-    """Return the calibration as the JSON object that its file contains."""
+    """Return the JSON object that the file of a calibration contains."""
     sensor = calibration.sensor
     units = [SI_UNITS[sensor.coefficient(name).unit] for name in sensor.coefficients]
     rows = zip(sensor.coefficients, calibration.values, calibration.std, units, strict=True)
@@ -102,7 +102,7 @@ def _shared_object(one: SharedError) -> dict[str, Any]:
 
 
 def canonical_text(content: dict[str, Any]) -> str:
-    """Return the JSON text, with sorted keys and no spaces, from which `sha256` is computed."""
+    """Return the JSON text, with sorted keys and without spaces, whose hash is `sha256`."""
     return json.dumps(content, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
 
 
@@ -113,8 +113,8 @@ def _hash(content: dict[str, Any]) -> str:
 def _is_proven(text: str, stated: object) -> bool:
     """Return whether a text is canonical, apart from the hash in it, and matches the stated hash.
 
-    A register stores canonical texts. This check saves formatting 600 numbers again, which would
-    take longer than everything else.
+    A register stores canonical texts. For these, the check makes it unnecessary to format 600
+    numbers again, which would take longer than the rest of the reading.
     """
     rest = text.replace(f'"sha256":"{stated}",', "", 1)
     return len(rest) < len(text) and hashlib.sha256(rest.encode()).hexdigest() == stated
@@ -148,7 +148,7 @@ def read_text(path: str | Path) -> str:
     """
     raw = read_small_file(Path(path), "calibration file", _LARGEST)
     try:
-        return raw.decode("utf-8-sig")  # editors on Windows write a mark before the text
+        return raw.decode("utf-8-sig")  # editors on Windows write a byte order mark first
     except ValueError:
         raise InputError(f"{path}: not a calibration file: {_NOT_JSON}", file=path) from None
 
@@ -182,7 +182,7 @@ def parse(text: str, source: str) -> Calibration:
     stated = fields.pop("sha256", None)
     try:
         proven = _is_proven(text, stated) or _hash(fields) == stated
-    except ValueError:  # half of a surrogate pair
+    except ValueError:  # the text contains half of a surrogate pair
         raise InputError(
             f"{source}: broken calibration file: a text is not valid Unicode; restore the file",
             file=source,
@@ -206,7 +206,7 @@ def parse(text: str, source: str) -> Calibration:
 
 
 def _json_problem(text: str, error: Exception) -> str:
-    """Return why a text is not JSON, and what to do."""
+    """Say why a text is not JSON, and what to do."""
     if not text.strip():
         return "it is empty; restore it, or calibrate again"
     if isinstance(error, json.JSONDecodeError) and text.lstrip().startswith("{"):
@@ -215,15 +215,16 @@ def _json_problem(text: str, error: Exception) -> str:
 
 
 def _parse_json(text: str) -> Any:
-    """Parse a JSON text and refuse keys that occur twice.
+    """Parse a JSON text, and raise an error if a key occurs twice.
 
-    The parser of pydantic takes a quarter of the time of Python's, but it drops repeated keys. In
-    that case there are fewer keys than quotation marks followed by a colon.
+    The parser of pydantic takes a quarter of the time of Python's parser, but it drops repeated
+    keys. Repeated keys are detected because the object then has fewer keys than the text has
+    quotation marks followed by a colon.
     """
     try:
         content = from_json(text, allow_inf_nan=False)
     except ValueError:
-        content = None  # Python's parser gives the reason
+        content = None  # Python's parser states the reason
     if content is None or _key_count(content) < len(_KEY_ENDS.findall(text)):
         return json.loads(text, object_pairs_hook=_object, parse_constant=_refuse_constant)
     return content
@@ -232,7 +233,7 @@ def _parse_json(text: str) -> Any:
 def _key_count(content: Any) -> int:
     """Return a lower bound of the number of keys; lists that begin with a number are skipped."""
     count, values = 0, [content]
-    for one in values:  # the list grows by the values that it contains
+    for one in values:  # values of containers are appended during the loop
         if isinstance(one, dict):
             inner = cast(dict[str, Any], one)
             count += len(inner)
@@ -243,7 +244,7 @@ def _key_count(content: Any) -> int:
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return a JSON object, and refuse a key that occurs twice."""
+    """Return a JSON object; raise an error if a key occurs twice."""
     content = dict(pairs)
     if len(content) < len(pairs):
         names = [name for name, _ in pairs]
@@ -308,7 +309,7 @@ def _recorded_conformity(record: ConformityRecord) -> Conformity:
     return Conformity(rule, limits, record.probability, record.uncertainty)
 
 
-@lru_cache(maxsize=16)  # a register holds thousands of calibrations of one sensor
+@lru_cache(maxsize=16)  # a register may contain thousands of calibrations of one sensor
 def _sensor(described: bytes, coefficients: tuple[tuple[str, str], ...]) -> Sensor:
     """Return the sensor from a file, after checking the units of its coefficients."""
     content: dict[str, Any] = json.loads(described, parse_int=float)

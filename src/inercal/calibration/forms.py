@@ -1,12 +1,13 @@
 """Convert a calibration to the equation of IEEE Std 1293, other forms and other body frames.
 
-The misalignments and scales of a triad form a matrix M, reading = M f + bias. A rotation Q of the
-body frame, f' = Q f, leaves the readings unchanged and transforms the matrices exactly::
+The misalignments and scale factors of a triad form a matrix M with reading = M f + bias. A rotation
+Q of the body frame, f' = Q f, does not change the readings and transforms the matrices exactly::
 
     M' = M Qᵀ        of accelerometers and of gyros
     G' = G Qᵀ        sensitivity of gyros to f
 
-"triangular" takes Q from M = L Q, L lower triangular; "symmetric" from the polar form M = S Q.
+For the "triangular" frame, Q comes from M = L Q, where L is lower triangular. For the "symmetric"
+frame, Q comes from the polar decomposition M = S Q.
 """
 
 from dataclasses import dataclass, replace
@@ -34,10 +35,10 @@ class ConvertedCoefficients:
     ----------
     names, units : tuple of str
     values : (q,) array
-        Values in these units.
+        Values of the coefficients in `units`.
     covariance : (q, q) array
     shared : tuple of SharedError or None
-        As in `Calibration`, for these coefficients.
+        See `Calibration`; here for the converted coefficients.
     """
 
     names: tuple[str, ...]
@@ -57,11 +58,11 @@ def ieee1293(
 ) -> ConvertedCoefficients:
     """Return the coefficients of E = K₁ (K₀ + a + K₂ a² + δ_O a_P − δ_P a_O + …).
 
-    E is the output minus the readout's offset, and a is in g. The names are "x.K1" (output units
-    per g), and "x." plus the name in the table for the other coefficients. These are referred to
-    the input, which means divided by 1 + k1. Misalignments are in rad, the others in powers of g.
-    In a tilted model with nonlinear terms, K₁ and δ refer to the rotated axis, because no exact
-    reference form exists.
+    E is the output minus the offset of the readout, and a is in g. K₁ has the name "x.K1" and is in
+    output units per g. The name of any other coefficient is "x." plus its name in the table. The
+    other coefficients refer to the input: they are divided by 1 + k1. Misalignments are in rad, and
+    the rest is in powers of g. In a tilted model with nonlinear terms, K₁ and δ refer to the
+    rotated axis, because an exact reference form does not exist.
 
     Raises
     ------
@@ -109,20 +110,20 @@ def ieee1293(
 
 
 def _unit_in_g(sensor: Sensor, full: str) -> str:
-    """Return the unit with µg replaced by g, mm by g/(rad/s)² and ppm by 1."""
+    """Return the unit, in which g replaces µg, g/(rad/s)² replaces mm, and 1 replaces ppm."""
     unit = sensor.coefficient(full).unit
     return unit.replace("µg", "g").replace("mm", "g/(rad/s)²").replace("ppm", "1")
 
 
 def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Array, Array]:
-    """Return the sensor, values (q,) and derivatives (q, p) for the other form of the model.
+    """Convert to the other form of the model: return sensor, values (q,) and derivatives (q, p).
 
-    The values are in SI units. The derivatives are with respect to the p given values, over the
-    range of `covariance`.
+    The values are in SI units. The derivatives are with respect to the p given values, computed
+    over the range of `covariance`.
 
-    The scale and misalignments of the reference form, 1 + k1′, δ_O′, δ_P′, are the components of
-    one vector: (1 + k1) times the unit input axis h = (1, tan δ_O, −tan δ_P)/norm of the tilted
-    form::
+    The scale and misalignments of the reference form, 1 + k1′, δ_O′ and δ_P′, are the components of
+    one vector. This vector is (1 + k1) times the unit input axis of the tilted form, h = (1, tan
+    δ_O, −tan δ_P)/norm::
 
         |1 + k1| = √((1 + k1′)² + δ_O′² + δ_P′²),   tan δ = δ′ / (1 + k1′)
 
@@ -131,7 +132,7 @@ def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sens
     Raises
     ------
     InputError
-        If there are nonlinear terms, which act along another axis in the other form.
+        If there are nonlinear terms, because they act along a different axis in the other form.
     """
     beyond = [n for n in sensor.coefficients if CoefficientName(n).term not in _AFFINE]
     if beyond:
@@ -160,7 +161,7 @@ def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sens
                         "value",
                         names=(scale,),
                     )
-                # A reversed axis keeps its sign in the gain; the tilt stays within ±90°.
+                # If an axis is reversed, the gain is negative, and the tilt stays within ±90°.
                 length = float(np.linalg.norm([1 + gain, *given]))
                 by_name[scale] = float(np.copysign(length, 1 + gain)) - 1
                 changed = np.arctan(np.array(given) / (1 + gain))
@@ -180,10 +181,10 @@ def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sens
 def convert_frame(
     sensor: Sensor, values: Array, covariance: Array, frame: Frame
 ) -> tuple[Sensor, Array, Array, Array]:
-    """Return the sensor, values (q,), derivatives (q, p) and rotation Q (3, 3) for a new frame.
+    """Convert to a new frame: return sensor, values (q,), derivatives (q, p), rotation Q (3, 3).
 
-    The values and derivatives are as in `convert_form`. Q takes vectors from the present frame to
-    the new one.
+    Values and derivatives are the same as in `convert_form`. Q converts vectors from the present
+    frame to the new frame.
 
     Raises
     ------

@@ -1,9 +1,10 @@
-"""The rule for the verdict, which states how far a result can be relied on.
+"""The rule for the verdict, which states how reliable a result is.
 
-The rule is the same for all methods. The tests of an estimate are the χ² test of its residuals (or
-of each group of residuals; an F test if their noise was estimated from the recording), the further
-tests of the method, and the score tests for effects that the model omits. Their overall level is
-1 %: .8 % for the scores and .2 % for the tests, or 1 % for the tests if nothing is scored. The
+The rule is the same for all methods. An estimate is tested in three ways: the χ² test of its
+residuals, additional tests of the method, and the score tests for effects that the model does not
+include. If there are groups of residuals, each group has a χ² test. If their noise was estimated
+from the recording, an F test replaces the χ² test. The overall significance level is 1 %: .8 % for
+the score tests and .2 % for the others, or 1 % for the others if there are no score tests. The
 grade is::
 
     consistent                 no test rejects the model, and no check warns
@@ -14,11 +15,12 @@ grade is::
                                rests), or the best of the causes tested shifts a coefficient by
                                more than its U
 
-Noise measured within rests contains no change from one rest to the next, which every sensor has in
-some measure, and U includes such a scatter: hence its wider limit.
+The limit is wider for noise that was measured within rests. Such noise does not contain changes
+from one rest to the next, which every sensor shows to some extent, and U includes this scatter.
 
-`inercal.calibration.best_cause` finds the best of the causes tested. It is called the suspect if
-the residuals that it leaves are not significant. Otherwise no single cause explains the residuals.
+`inercal.calibration.best_cause` finds the best of the tested causes. This cause is called the
+suspect if the remaining residuals are not significant. If they are significant, no single cause
+explains the residuals.
 
 A check of the stated noise warns if the noise was stated too large. This warning makes a result
 usable with reservations, because its uncertainties are too large.
@@ -63,8 +65,8 @@ GRADE_TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "
 _MAX_SCATTER = 2.0  # times the stated scatter
 _MAX_SCATTER_OF_RESTS = 3.0  # times the scatter measured within rests
 _MAX_SHIFT = 1.0  # U
-_SCALE_LIMITS = (0.65, 1.5)  # times nominal; even low-grade sensors are within a quarter of it
-_MOST_REASON = 75  # characters of a check's message when it is used as a reason
+_SCALE_LIMITS = (0.65, 1.5)  # times nominal; even low-grade sensors are within 25 % of nominal
+_MOST_REASON = 75  # largest number of characters of a reason from a check
 _SHIFTED_BY: dict[CandidateKind, str] = {
     "coefficient": "an effect that is not estimated",
     "bench": "a deviation of the bench",
@@ -75,7 +77,7 @@ _SHIFTED_BY: dict[CandidateKind, str] = {
 
 @dataclass(frozen=True)
 class HypothesisTest:
-    """A test with its χ², degrees of freedom, p-value and p-value adjusted for all tests."""
+    """A test with χ², degrees of freedom, p-value, and p-value adjusted for all tests."""
 
     name: str
     statistic: float
@@ -93,7 +95,7 @@ class HypothesisTest:
 class Assessment:
     """Results of the tests of an estimate.
 
-    `best` is the best of the tested causes; it is the suspect if it leaves nothing significant.
+    `best` is the best of the tested causes. It is the suspect if nothing significant remains.
     """
 
     tests: tuple[HypothesisTest, ...]
@@ -103,7 +105,7 @@ class Assessment:
 
     @property
     def suspect(self) -> SuspectedCause | None:
-        """The single cause that explains the residuals, if there is one."""
+        """The single cause that explains the residuals, if there is such a cause."""
         best = self.best
         return best if best and best.remaining_p_value >= SIGNIFICANCE_LEVEL else None
 
@@ -124,11 +126,11 @@ class NoiseFactor(NamedTuple):
     Parameters
     ----------
     what : str
-        Kind of finding: "noise", or "residuals" for noise and bench together.
+        Kind of finding: "noise" for the sensor noise, "residuals" for noise and bench together.
     channel : str or None
-        The axis that shows it best; None for all axes.
+        The axis for which this is most significant; None for all axes.
     factor : float
-        Stated standard deviation divided by the observed one.
+        Stated standard deviation divided by observed standard deviation.
     """
 
     what: str
@@ -138,36 +140,38 @@ class NoiseFactor(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """How far a result can be relied on, with the reasons; iterating gives its lines.
+    """How reliable a result is, with the reasons; an iteration yields the lines.
 
     Parameters
     ----------
     grade : "consistent", "reservations" or "unreliable"
     reasons : tuple of str
-        Short reasons against the grade "consistent", with the main reason first.
+        Short reasons against the grade "consistent"; the main reason comes first.
     lines : tuple of str
-        At most six lines of at most 100 characters, except texts to paste: grade and main reason;
-        cause; what to do next; largest uncertainties; how many effects are not detectable.
+        At most six lines of at most 100 characters; a text to paste may be longer. They contain the
+        grade and main reason, the cause, what to do next, the largest uncertainties, and the number
+        of undetectable effects.
     explanation : tuple of ExplanationSection
         All findings, sorted under headings.
     tests : tuple of HypothesisTest
     suspect : SuspectedCause or None
         The single cause that explains the residuals; None if there is no such cause.
     best : SuspectedCause or None
-        The best of the tested causes, with the residuals that it leaves unexplained.
+        The best of the tested causes, with the residuals that it does not explain.
     advice : tuple of Advice
-        What to change in the run file or to do at the bench; advised key changes were tried.
+        What to change in the run file or to do at the bench. Changes of keys were tried before they
+        were advised.
     scatter : float
-        Ratio of the scatter of the residuals to the stated scatter if the uncertainties were
-        enlarged by it; otherwise 1.
+        Ratio of the observed scatter of the residuals to the stated scatter, if the uncertainties
+        were multiplied by this ratio; otherwise 1.
     noise : tuple of NoiseFactor
         Noise that was stated too large or too small.
     rounding : tuple of RoundedChannel
-        Channels whose resolution limits the information from rests.
+        Channels whose resolution limits the information from the rests.
     additions : tuple of Addition
         Coefficients that `also = "auto"` added, in order.
     warned : tuple of str
-        The kinds of findings that warn or refuse (`Finding.what`).
+        Kinds of the findings that are warnings or refusals (`Finding.what`).
     """
 
     grade: Grade
@@ -186,12 +190,12 @@ class Verdict:
 
     @property
     def statements(self) -> tuple[str, ...]:
-        """All lines of the explanation, without headings."""
+        """All lines of the explanation without the headings."""
         return tuple(line for section in self.explanation for line in section.lines)
 
     @property
     def word(self) -> str:
-        """The grade in words, as it appears in terminal, report, register, page and JSON."""
+        """The grade in words, as shown in the terminal, report, register, page and JSON."""
         return GRADE_WORDS[self.grade]
 
     @property
@@ -200,7 +204,7 @@ class Verdict:
         return GRADE_TONES[self.grade]
 
     def __str__(self) -> str:
-        """Return the lines."""
+        """Return the lines of the verdict."""
         return "\n".join(self.lines)
 
     def __iter__(self) -> Iterator[str]:
@@ -214,7 +218,7 @@ class Verdict:
 
 
 def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> Assessment:
-    """Return the tests of an estimate, with p-values for all of them together.
+    """Test an estimate; the p-values are adjusted for the number of tests.
 
     Parameters
     ----------
@@ -235,7 +239,7 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
         for name, chi2, dof in named
         if dof > 0
     ]
-    # The further tests of a method are χ² tests, no matter how the noise was estimated.
+    # The additional tests of a method are χ² tests, no matter how the noise was estimated.
     real += [(one.name, one.statistic, one.dof, one.p_value) for one in estimate.tests if one.dof]
     score_tests = estimate.score_tests
     share = 1 - SCORE_TEST_SHARE if any(one.dof for one in score_tests.scores) else 1.0
@@ -261,7 +265,7 @@ def grade_estimate(
     findings: Sequence[Finding],
     far: Sequence[str],
 ) -> Verdict:
-    """Return the grade and its reasons by the rule of this module, without lines of text.
+    """Return the grade and its reasons by the rule of this module, without the other lines.
 
     Parameters
     ----------
@@ -272,7 +276,7 @@ def grade_estimate(
     findings : sequence of Finding
         Findings of all checks.
     far : sequence of str
-        A sentence about each scale factor that is far from nominal (`is_far_from_nominal`).
+        A sentence for each scale factor that is far from nominal (`is_far_from_nominal`).
     """
     best, suspect = assessment.best, assessment.suspect
     largest_birge_ratio = float(estimate.largest_birge_ratio)
@@ -318,7 +322,7 @@ def grade_estimate(
 
 
 def _test_reason(name: str) -> str:
-    """Return the reason for the verdict when this test rejects the model."""
+    """Return the reason that the verdict states if this test rejects the model."""
     if name.startswith(CHANGE_PREFIX):
         return f"the readings {name}"
     residuals, _, group = name.partition(": ")
@@ -328,7 +332,7 @@ def _test_reason(name: str) -> str:
 
 
 def _finding_reasons(findings: Sequence[Finding], severity: str) -> Iterator[str]:
-    """Yield one reason, the first message, for each kind of finding with this severity."""
+    """Yield the first message of each kind of finding with this severity."""
     kinds: dict[str, list[str]] = {}
     for one in findings:
         if one.severity == severity:
@@ -338,10 +342,10 @@ def _finding_reasons(findings: Sequence[Finding], severity: str) -> Iterator[str
 
 
 def two_digits(size: float) -> str:
-    """Return a size as text with two significant digits and without a power of ten."""
+    """Return a size as text, with two significant digits and without a power of ten."""
     return format_value_and_uncertainty(0.0, size)[1]
 
 
 def is_far_from_nominal(scale: float) -> bool:
-    """Return whether a scale factor (nominally 1) is implausibly far from nominal."""
+    """Return whether a scale factor, nominally 1, is implausible."""
     return not _SCALE_LIMITS[0] < scale < _SCALE_LIMITS[1]

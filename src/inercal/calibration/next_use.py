@@ -1,8 +1,8 @@
-"""The scatter of a sensor from one use to the next, as written by `inercal repeat`.
+"""The scatter of a sensor from one use to the next, from a file of `inercal repeat`.
 
 Schema "inercal/repeatability/1": `sensor`, `frame`, `form`, `coefficients` (a list of name, unit,
 value and the uncertainties of mean and next use, SI), `scatter` (covariance that the next use adds,
-in that order), `dof`, and more for readers.
+in that order), `dof`, and additional fields for readers.
 """
 
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ class NextUseScatter:
         Covariance of one use about the mean, SI.
     run_to_run : (p, p) array
         Covariance of one session about the mean, including effects of the bench such as a new
-        mounting; equal to `covariance` if the file does not state it.
+        mounting. It equals `covariance` if the file does not state it.
     dof : (p,) array
         Degrees of freedom of each coefficient.
     """
@@ -96,7 +96,7 @@ def load_next_use(path: Path) -> NextUseScatter:
     Raises
     ------
     InputError
-        If the file does not exist, or is of another kind.
+        If the file does not exist, or contains something else.
     """
     found = read_document(path, _File, "inercal repeat")
     names = tuple(one.name for one in found.coefficients)

@@ -1,21 +1,21 @@
-"""Mark a calibration as outdated when its inputs have changed since it was made."""
+"""Mark a calibration as outdated if its inputs have changed since it was made."""
 
 from dataclasses import replace
 
 from inercal.calibration import Calibration
 
 OUTDATED = "outdated"
-"""Key in `Calibration.provenance` whose text gives the reason."""
+"""Key in `Calibration.provenance`; its text states the reason."""
 
 
 def marked_as_outdated(calibration: Calibration, reason: str) -> Calibration:
-    """Return the calibration with a note in its provenance on why a new one may be needed.
+    """Return the calibration with a note in its provenance: why a new one may be needed.
 
     Parameters
     ----------
     calibration : Calibration
     reason : str
-        Reason as text; if it is empty, the calibration is returned unchanged.
+        Reason in words. If it is empty, the calibration is returned unchanged.
     """
     if not reason:
         return calibration

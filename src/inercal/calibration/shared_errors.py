@@ -1,20 +1,20 @@
 """Errors of a bench that several calibrations share, because they last longer than a run.
 
 A parameter q of the bench is stated as q₀ ± u_q, and no run measures it again. Examples are the
-radius of an arm, local gravity and the azimuth of a base. The coefficients c are estimated with it,
-and to first order they change with the stated value::
+radius of an arm, local gravity and the azimuth of a base. The coefficients c are estimated with
+this value. To first order, they change with the stated value::
 
     J = ∂c/∂q₀,    P_cq = cov(c − c_true, q₀ − q_true) = J u_q²
 
-P_cq is the column for q in the joint covariance of coefficients and parameter when both are
-estimated. If the true value is δ above the stated value, the error of the coefficients is −J δ.
-Calibrations i and j with the same determination of q are correlated through it; the rest of their
-errors is independent::
+If coefficients and parameter are both estimated, P_cq is the column for q in their joint
+covariance. If the true value is δ above the stated value, the error of the coefficients is −J δ.
+Calibrations i and j with the same determination of q are correlated because of q, and the rest of
+their errors is independent::
 
     cov(c_i, c_j) = Σ_q P_i P_jᵀ / u_q²,    own_i = cov(c_i) − Σ_q P_i P_iᵀ / u_q²
 
-A Birge ratio enlarges cov(c), and therefore the independent part, but not P: residuals that are too
-large contain no information about q₀, and J = P / u_q² remains the derivative.
+A Birge ratio increases cov(c), and therefore the independent part, but not P. The reason is that
+large residuals contain no information about q₀, and J = P / u_q² must remain the derivative.
 
 Source: JCGM 102:2011 (GUM Supplement 2), 6.2; JCGM 100:2008, F.1.2.3 (common influences).
 """
@@ -30,7 +30,7 @@ from inercal.basics.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class SharedError:
-    """An error of the bench that other calibrations may have too.
+    """A bench error that other calibrations may share.
 
     Parameters
     ----------
@@ -39,13 +39,13 @@ class SharedError:
     unit : str
         SI unit of the parameter.
     std : float
-        Stated standard deviation u_q, in this unit.
+        Stated standard deviation u_q, in `unit`.
     covariance : (p,) array
-        P_cq of the p coefficients, in SI units times this unit.
+        P_cq of the p coefficients, in SI units times `unit`.
     determination : str
-        SHA-256 that is equal in all calibrations with the same determination of the value.
+        SHA-256 hash that is equal in all calibrations with the same determination of the value.
     date : str or None
-        Date of the determination, ISO 8601; None if it is not known.
+        Date of the determination, ISO 8601; None if unknown.
 
     Raises
     ------
@@ -79,7 +79,7 @@ class SharedError:
         return self.covariance / self.std**2
 
     def transform(self, jacobian: Array) -> "SharedError":
-        """Return the error for other coefficients, given their derivatives (q, p) by these."""
+        """Convert the error to new coefficients, whose derivatives are the jacobian, (q, p)."""
         return replace(self, covariance=jacobian @ self.covariance)
 
 
@@ -87,19 +87,19 @@ SharedErrors = tuple[SharedError, ...] | None
 
 
 def transform_shared(shared: SharedErrors, jacobian: Array) -> SharedErrors:
-    """Return the shared errors for other coefficients; None stays None."""
+    """Convert shared errors to new coefficients; None stays None."""
     return None if shared is None else tuple(one.transform(jacobian) for one in shared)
 
 
 def shared_covariance(
     first: SharedErrors, second: SharedErrors, places: tuple[Sequence[int], Sequence[int]]
 ) -> Array:
-    """Return the covariance of two calibrations due to the errors that both state.
+    """Return the covariance of two calibrations due to the shared errors that both state.
 
     Parameters
     ----------
     first, second : tuple of SharedError or None
-        Shared errors; None, from a file that does not state them, shares nothing.
+        Shared errors. None means that the file does not state them; nothing is then shared.
     places : two sequences of p int
         Indices of the coefficients in each calibration.
 

@@ -1,8 +1,9 @@
-"""Limits for coefficients, and the test whether a calibration conforms with them.
+"""Limits for coefficients, and the test whether a calibration conforms to these limits.
 
-The result for the whole sensor is the worst result of its limits. The probability that the sensor
-conforms is the probability that all coefficients conform at once, computed from their covariance.
-If 24 independent coefficients conform with 99 % each, all of them conform with 79 %.
+The result for the whole sensor is the worst result of all its limits. The probability that the
+sensor conforms is the probability that all coefficients conform at the same time, computed from
+their covariance. For example, if each of 24 independent coefficients conforms with a probability of
+99 %, all of them conform with 79 %.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +36,7 @@ UncertaintyName = Literal["session", "next_use"]
 
 @dataclass(frozen=True)
 class LimitResult:
-    """A coefficient with its limits and the result, in SI units.
+    """A coefficient with its limits and the result of the test, in SI units.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ class LimitResult:
 
 @dataclass(frozen=True)
 class Conformity:
-    """How a calibration conforms with the limits of its coefficients.
+    """Whether a calibration conforms to the limits of its coefficients.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ class Conformity:
     probability : float
         Probability that all true values are within their limits.
     uncertainty : "session" or "next_use"
-        The kind of U that was used for the judgement.
+        Whether U of the session or U of the next use was used to judge the limits.
     """
 
     rule: DecisionRule
@@ -88,13 +89,13 @@ class Conformity:
 
     @property
     def accepted(self) -> bool:
-        """Whether every coefficient is inside its limits by at least the guard band."""
+        """Whether every coefficient is within its limits by at least the guard band."""
         return self.result == "pass"
 
 
 @dataclass(frozen=True)
 class Specification:
-    """Limits of coefficients and the rule by which they are judged.
+    """Limits of coefficients, and the decision rule.
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ class Specification:
         infinite.
     rule : DecisionRule
     next_use : NextUseScatter or None
-        Scatter of the sensor between uses; None to judge by the uncertainty of the session.
+        Scatter of the sensor between uses; if None, the uncertainty of the session is used.
     """
 
     limits: Mapping[str, tuple[float, float]]
@@ -111,16 +112,16 @@ class Specification:
     next_use: NextUseScatter | None = None
 
     def judge(self, names: Sequence[str], value: Array, covariance: Array) -> Conformity:
-        """Return the conformity of the coefficients with their limits.
+        """Judge whether the coefficients conform to their limits.
 
-        This session is one use and the next use is another. Both scatter about the mean, so the
-        scatter S counts twice. If S has ν degrees of freedom and C is the covariance of the
-        session, then U² = 2 t_ν² S + 4 C, and U/2 is used as u.
+        If there is a scatter S between uses, it counts twice, because both this session and the
+        next use scatter about the mean. If S has ν degrees of freedom and C is the covariance of
+        the session, then U² = 2 t_ν² S + 4 C, and U/2 is used as u.
 
         Parameters
         ----------
         names : sequence of str
-            Names of the coefficients; they must include all that have limits.
+            Names of the coefficients, which must include all coefficients with limits.
         value : (p,) array
             SI.
         covariance : (p, p) array
@@ -143,7 +144,7 @@ class Specification:
 
 
 def _next_use_covariance(session: Array, scatter: Array, dof: Array) -> Array:
-    """Return the (p, p) covariance whose standard uncertainties are U/2 of the next use."""
+    """Return a (p, p) covariance with U/2 of the next use as standard uncertainties."""
     by = expanded_uncertainty(np.ones(len(dof)), dof) / COVERAGE
     return session + 2 * scatter * np.outer(by, by)
 
@@ -163,7 +164,7 @@ def conformity_lines(
 ) -> list[str]:
     """Return a summary line and a line for each limit that was not passed.
 
-    The list is empty if there is no conformity.
+    The list is empty if nothing was judged.
     """
     if conformity is None:
         return []
@@ -211,7 +212,7 @@ def limit_row(one: LimitResult, term: ErrorTerm) -> LimitRow:
 
 
 def probability_text(probability: float) -> str:
-    """Return a probability in percent as text; never "0 %" or "100 %"."""
+    """Return a probability as text in percent, but never "0 %" or "100 %"."""
     if probability < 1e-4:
         return "< 0.01 %"
     if probability > 1 - 1e-4:

@@ -23,15 +23,15 @@ from inercal.physics.sensors.coefficient_words import coefficient_words
 
 _MIN_PROBABILITY = 1e-99  # smallest printed probability
 _DISPLAY_UNITS = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s": "ms", "1": "ppm"}
-_PERCENT_THRESHOLD = 0.01  # above, a ratio is shown in %
-_MAX_LISTED = 6  # candidates that a line lists
-_LEAST_SHARE = 0.1  # of χ² that a partial cause explains
-_SMALL_CHI2 = 100.0  # below, a decimal is shown
-_PRIOR_PREFIX = "prior of "  # and the coefficient
+_PERCENT_THRESHOLD = 0.01  # a larger ratio is shown in %
+_MAX_LISTED = 6  # largest number of candidates in a line
+_LEAST_SHARE = 0.1  # smallest share of χ² that a partial cause must explain
+_SMALL_CHI2 = 100.0  # below this, a decimal is shown
+_PRIOR_PREFIX = "prior of "  # followed by the coefficient
 
 
 def p_value_text(p: float) -> str:
-    """Return a small probability as text that follows "p", such as "= 0.003" or "< 1e-99"."""
+    """Return a small probability as text after "p", such as "= 0.003" or "< 1e-99"."""
     return f"= {p:.1g}" if p > _MIN_PROBABILITY else f"< {_MIN_PROBABILITY:.0e}"
 
 
@@ -52,7 +52,7 @@ def cause_words(
     sensor: Sensor,
     expected: Mapping[str, Parameter],
 ) -> str:
-    """Return the description of a candidate, with its key in brackets if it has one."""
+    """Describe a candidate, with its run-file key in brackets if there is one."""
     if kind == "coefficient":
         return coefficient_words(sensor, name, components)
     if kind == "bench" and name.startswith(_PRIOR_PREFIX):
@@ -64,7 +64,7 @@ def cause_words(
 
 
 def bench_words(name: str, components: Sequence[str], expected: Mapping[str, Parameter]) -> str:
-    """Return the description of bench parameters, such as "radius of the arm (radius)"."""
+    """Describe bench parameters, such as "radius of the arm (radius)"."""
     meanings = dict.fromkeys(
         one.meaning
         for full, one in expected.items()
@@ -81,7 +81,7 @@ def _without_prior(components: Sequence[str]) -> list[str]:
 
 
 def size_words(one: SuspectedCause, sensor: Sensor) -> str:
-    """Return the size of a cause (its largest component) as text; empty if it is not known."""
+    """Return the size of a cause (its largest component) as text; empty if unknown."""
     sizes = np.abs(one.sizes)
     if one.kind == "row" or not np.isfinite(sizes).any():
         return ""
@@ -98,9 +98,9 @@ def _without_deviation(size: str) -> str:
 
 
 def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Parameter]) -> str:
-    """Return a short line with the most likely cause and its size; empty if none is known.
+    """Return a short line with the most likely cause and its size; empty if there is none.
 
-    One that explains hardly anything of large residuals is none.
+    A cause that explains only a small part of large residuals is not stated.
     """
     one = assessment.best
     if one is None:
@@ -119,7 +119,7 @@ def cause_line(assessment: Assessment, sensor: Sensor, expected: Mapping[str, Pa
 def alternatives(
     one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[str]:
-    """Return descriptions of the causes that explain the residuals as well as the suspect."""
+    """Describe the causes that explain the residuals as well as the suspect does."""
     found = {score.name: score for score in scores.scores}
     return [
         cause_words(name, found[name].kind, found[name].components, sensor, expected)
@@ -188,9 +188,9 @@ def _chi2_drop(one: SuspectedCause) -> str:
 
 
 def _stated_text(one: SuspectedCause, expected: Mapping[str, Parameter]) -> str:
-    """Return how the suspected parameter was stated."""
+    """Describe how the suspected parameter was stated."""
     stated, of_rows = expected.get(one.components[0]), ""
-    if stated is None:  # a common error of all rows, in place of an error of each row
+    if stated is None:  # a common error of all rows, which replaces an error of each row
         rows = [q for full, q in expected.items() if full.startswith(f"{one.components[0]}[")]
         if rows:
             stated, of_rows = rows[0], f"; it would be equal in all {len(rows)} rows"
@@ -202,7 +202,7 @@ def _stated_text(one: SuspectedCause, expected: Mapping[str, Parameter]) -> str:
 def format_component(
     sensor: Sensor, kind: CandidateKind, name: str, size: float, sd: float, unit: str
 ) -> str:
-    """Return the size and standard deviation of a candidate's component in report units.
+    """Return the size and standard deviation of a candidate's component, in report units.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def format_component(
 
 
 def _format_quantity(value: float, sd: float, unit: str) -> str:
-    """Return a quantity as text in a unit that suits its size."""
+    """Return a quantity as text, in a unit that suits its size."""
     if not np.isfinite(value):
         return "an unknown amount"
     unit = _DISPLAY_UNITS.get(unit, unit)

@@ -1,7 +1,7 @@
 """Coefficients as functions of temperature, k(T) = Σ_j c_j ΔT^j, with their uncertainty.
 
-A curve combines the terms of an axis whose basis functions differ only in the power of ΔT, as the
-table of coefficients declares them. For the bias these are `k0`, `k0_dT`, `k0_dT2` and `k0_dT3`.
+A curve combines the terms of an axis whose basis functions differ only in the power of ΔT. For the
+bias, these are `k0`, `k0_dT`, `k0_dT2` and `k0_dT3`.
 """
 
 from typing import NamedTuple
@@ -23,13 +23,13 @@ class TemperatureCurve(NamedTuple):
     name : str
         Full name, such as "ax.k0".
     meaning, unit : str
-        As in the table of coefficients.
+        Meaning and unit from the table of coefficients.
     si : float
         Size of the unit in SI units.
     value, std : (n,) arrays
         Values and standard uncertainties (k = 1), SI.
     complete : bool
-        Whether the term of order 0 was estimated; otherwise the values are changes relative to the
+        Whether the term of order 0 was estimated. If not, the values are changes relative to the
         reference temperature.
     """
 
@@ -43,7 +43,7 @@ class TemperatureCurve(NamedTuple):
 
 
 def temperature_curves(calibration: Calibration, kelvin: Array) -> tuple[TemperatureCurve, ...]:
-    """Return the temperature-dependent coefficients at the temperatures (n,) in K.
+    """Return the temperature-dependent coefficients at some temperatures, (n,), in K.
 
     Raises
     ------

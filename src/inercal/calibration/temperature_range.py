@@ -1,4 +1,4 @@
-"""Check whether temperatures lie in the range at which a calibration was made."""
+"""Check whether temperatures are in the range in which a calibration was made."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from inercal.calibration.validity import Validity
 from inercal.physics.sensors import Sensor
 from inercal.recordings.temperature import first_impossible, impossible_text
 
-TEMPERATURE_MARGIN = 1.0  # K beyond the calibration's range that still count as inside
+TEMPERATURE_MARGIN = 1.0  # K outside the calibration's range that are still accepted
 
 
 def require_inside(
@@ -21,7 +21,7 @@ def require_inside(
     *,
     key: str = "temperature",
 ) -> None:
-    """Refuse temperatures, (..., n) K, outside the range of the calibration's data.
+    """Raise an error if temperatures, (..., n) K, are outside the range of the data.
 
     Parameters
     ----------
@@ -30,14 +30,14 @@ def require_inside(
         Validity of the calibration.
     kelvin : array
     remedy : str
-        What the user can do; it is part of the message.
+        What the user can do; the message contains this text.
     key : str, optional
-        The key that the error names.
+        The run-file key or option that the error names.
 
     Raises
     ------
     InputError
-        If a temperature is outside; the message states both ranges.
+        If a temperature is outside the range; the message states both ranges.
     """
     outside = temperatures_outside(sensor, validity, kelvin)
     if outside.any():
@@ -55,7 +55,7 @@ def require_inside(
 def require_usable(
     sensor: Sensor, validity: Validity | None, dT: Array | float, *, extrapolate: bool
 ) -> None:
-    """Refuse temperatures at which readings cannot be corrected.
+    """Raise an error if readings cannot be corrected at some temperature.
 
     Parameters
     ----------
@@ -65,8 +65,8 @@ def require_usable(
     dT : array or float
         Temperature minus the reference temperature, K.
     extrapolate : bool
-        Whether temperatures outside the range of the calibration are accepted; temperatures below
-        0 K never are.
+        Whether temperatures outside the range of the calibration are accepted. Temperatures below 0
+        K are never accepted.
 
     Raises
     ------
@@ -93,8 +93,8 @@ def temperatures_outside(
 ) -> NDArray[np.bool_]:
     """Return a mask of the temperatures, (..., n) K, outside the range of a calibration's data.
 
-    Up to one kelvin beyond the range still counts as inside. No temperature is outside if the model
-    does not depend on temperature or if the calibration file states no range.
+    The range is extended by one kelvin at both ends. No temperature is outside if the model does
+    not depend on temperature or if the calibration file states no range.
     """
     limits = None if validity is None else validity.temperature
     if limits is None or not sensor.uses("dT", "dTdt"):

@@ -10,7 +10,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Validity:
-    """Smallest and largest value of any axis in the data that were used; None if not known.
+    """Smallest and largest values of any axis in the data that were used; None if unknown.
 
     Parameters
     ----------

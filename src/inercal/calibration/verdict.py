@@ -1,6 +1,6 @@
 """The verdict in plain words, computed from the numbers by the rule in `grade`.
 
-The verdict has a few short lines, and its explanation contains all findings.
+The verdict has a few short lines. Its explanation contains all findings.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -52,8 +52,8 @@ from inercal.physics.sensors import G0, Sensor
 from inercal.physics.sensors.coefficient_words import axis_words, coefficient_words
 from inercal.recordings import Finding, merge_messages
 
-_DRIFT_PREFIX = "drift of "  # and the axis
-_UNIT_RATIO_TOLERANCE = 0.1  # relative tolerance for taking a scale factor as a ratio of units
+_DRIFT_PREFIX = "drift of "  # followed by the axis
+_UNIT_RATIO_TOLERANCE = 0.1  # relative tolerance for recognising a scale factor as a ratio of units
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
 UNSEEN = "unseen"
 """`Finding.what` for an effect that a method cannot detect."""
@@ -76,8 +76,8 @@ _REMEDIES = (
     "take ",
     "use ",
     "wait ",
-)  # starts of the last clause of a finding if it says what to do
-_MAIN_SHARE = 0.5  # of a variance that one quantity of the bench contributes
+)  # how the last clause of a finding begins if it says what to do
+_MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute
 _GROUP_WORDS = {
     "scale": "scale factor",
     "cross": "cross-axis",
@@ -88,9 +88,10 @@ _GROUP_WORDS = {
 
 
 class _Step(NamedTuple):
-    """A next step: a sentence, and the advice as data if there is any.
+    """A next step: a sentence and, if any, the advice as data.
 
-    Only steps that are `needed` appear in the lines of a verdict, because they can raise the grade.
+    The lines of a verdict contain only steps that are `needed`, because these can improve the
+    grade.
     """
 
     text: str
@@ -99,14 +100,15 @@ class _Step(NamedTuple):
 
     @property
     def has_keys(self) -> bool:
-        """Whether the step has keys to paste into a run file."""
+        """Whether the step contains keys to paste into a run file."""
         return self.advice is not None and bool(self.advice.changes)
 
 
 class _Uncertainty(NamedTuple):
     """The largest expanded uncertainty of a group of coefficients in one unit.
 
-    `source` is the bench quantity from which more than half of its square comes; empty if none.
+    `source` is the bench quantity that contributes more than half of the variance; empty if there
+    is none.
     """
 
     kind: str
@@ -142,12 +144,11 @@ def verdict(
     possible : collection of str, optional
         Full names of the coefficients that the method can estimate.
     row_word : str
-        Word for a row of the data: "position or turn".
+        Word for a row of the data, such as "position or turn".
     advisor : Advisor, optional
-        Advisor that gives advice that can be followed.
+        Advisor that tries its advice, so the advice can be followed.
     added : str, optional
-        A sentence on the coefficients that the run added to its model automatically; it becomes
-        the second line.
+        A sentence on the coefficients that the run added automatically. It becomes the second line.
     """
     advisor = advisor or PlainAdvisor(possible, row_word)
     assessment = assess(estimate, len(sensor.coefficients), possible)
@@ -232,13 +233,13 @@ def _sentence(text: str) -> str:
 
 
 def _noise_factor(findings: Sequence[Finding]) -> str:
-    """Return by how much noise and bench were stated too large; empty if they were not."""
+    """Say by what factor noise and bench were stated too large; empty if they were not."""
     factors = [one.factor for one in findings if one.factor is not None and one.factor > 1]
     return two_digits(max(factors)) if factors else ""
 
 
 def _scale_errors(estimate: Estimate, sensor: Sensor) -> Iterator[tuple[str, str]]:
-    """Yield a sentence and a probable cause for each scale factor that is far from nominal."""
+    """Yield a sentence, with a probable cause, for each scale factor far from nominal."""
     for name, value in zip(sensor.coefficients, estimate.value.tolist(), strict=False):
         axis, term = CoefficientName(name).parts
         scale = 1 + value
@@ -258,7 +259,7 @@ def _scale_errors(estimate: Estimate, sensor: Sensor) -> Iterator[tuple[str, str
 def _steps_on_cause(
     assessment: Assessment, advisor: Advisor, far: Sequence[str], row_word: str
 ) -> Iterator[_Step]:
-    """Yield what to do about the cause of large residuals."""
+    """Yield next steps about the cause of large residuals."""
     if far:
         yield _Step("Check sign, unit and nominal scale of this axis in [sensor] and [data].")
     row, suspect = assessment.row, assessment.suspect
@@ -281,7 +282,7 @@ def _steps_on_undetectable(
     advisor: Advisor,
     possible: Collection[str],
 ) -> Iterator[_Step]:
-    """Yield a step that estimates the undetectable coefficients, if the method can."""
+    """Yield a step that makes the method estimate undetectable coefficients, if it can."""
     free = [one.name for one in unseen if one.component in possible]
     if free and (advice := advisor.on_coefficients(free)):
         changes = _changes_words(advice)
@@ -292,7 +293,7 @@ def _steps_on_undetectable(
 def _steps_on_findings(
     findings: Sequence[Finding], advisor: Advisor, steps: Sequence[_Step]
 ) -> Iterator[_Step]:
-    """Yield steps that remove findings: run-file changes that add coefficients, or remedies."""
+    """Yield steps that resolve findings: changes that add coefficients, or other remedies."""
     given = {word for one in steps if one.advice for word in one.advice.coefficients}
     for finding in findings:
         advice = Advice(finding.what, finding.changes)
@@ -309,7 +310,7 @@ def _changes_words(advice: Advice) -> str:
 
 
 def _next_line(steps: Sequence[_Step]) -> str:
-    """Return the line with the first necessary step; keys to paste are never shortened."""
+    """Return a line with the first necessary step; keys to paste are never shortened."""
     if not (steps and steps[0].needed):
         return f"{explanation.NEXT}check the stated noise and bench, and read the warnings."
     text = f"{explanation.NEXT}{steps[0].text[:1].lower()}{steps[0].text[1:]}"
@@ -317,7 +318,7 @@ def _next_line(steps: Sequence[_Step]) -> str:
 
 
 def _alternatives_line(others: Sequence[str]) -> str:
-    """Return a line on causes that cannot be told from the likeliest one; empty if none."""
+    """Return a line on causes that cannot be distinguished from the most likely; or ""."""
     if not others:
         return ""
     few = "1 other cause explains" if len(others) == 1 else f"{len(others)} other causes explain"
@@ -330,7 +331,7 @@ def _alternatives_line(others: Sequence[str]) -> str:
 def _undetectable(
     estimate: Estimate, sensor: Sensor, assessment: Assessment
 ) -> list[UndetectableCause]:
-    """Return the causes that no test can detect, without the suspect, which a test detected."""
+    """Return the causes that no test can detect, except the suspect, which was detected."""
     suspect = assessment.suspect
     own = () if suspect is None else (suspect.name, *suspect.components)
     shown = {CoefficientName(name).term for name in own}
@@ -342,11 +343,11 @@ def _undetectable(
 
 
 def _undetectable_text(one: UndetectableCause, sensor: Sensor, row_word: str) -> str:
-    """Return the description of an effect with its size, two digits, in the report unit."""
+    """Describe an effect and its size, with two digits, in the report unit."""
     if one.name == "row":
         return f"wrong readings at one {row_word}"
     if one.component.startswith((_DRIFT_PREFIX, CHANGE_PREFIX)):
-        # "drift of ax", or "change of ax within r10".
+        # The name is, for example, "drift of ax" or "change of ax within r10".
         axis = one.component.removeprefix(CHANGE_PREFIX).removeprefix(_DRIFT_PREFIX)
         axis = axis.removeprefix("of ").partition(" ")[0]
         measures = next(each.measures for each in sensor.axes if each.name == axis)
@@ -362,7 +363,7 @@ def _undetectable_text(one: UndetectableCause, sensor: Sensor, row_word: str) ->
 def _largest_uncertainties(
     estimate: Estimate, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[_Uncertainty]:
-    """Return the largest uncertainty of each group and unit; none where nothing was tested."""
+    """Return the largest uncertainty of each group and unit; empty if nothing was tested."""
     if not (estimate.dof or estimate.groups):
         return []
     measures = {axis.name: axis.measures for axis in sensor.axes}
@@ -370,7 +371,7 @@ def _largest_uncertainties(
     for k, (name, std) in enumerate(zip(sensor.coefficients, estimate.std.tolist(), strict=False)):
         kind = QUANTITIES[measures[CoefficientName(name).axis]].sensor
         line = sensor.coefficient(name)
-        group = line.group.partition("_")[0]  # all of temperature together
+        group = line.group.partition("_")[0]  # all temperature terms together
         key = (kind, group, line.unit)
         if key not in groups or std > groups[key][0]:
             size = two_digits(COVERAGE * std / line.si)
@@ -386,9 +387,9 @@ def _largest_uncertainties(
 def _main_sources(
     estimate: Estimate, expected: Mapping[str, Parameter], rows: Sequence[int]
 ) -> list[str]:
-    """Return the bench quantity from which more than half of a variance comes, for each estimate.
+    """Return, for each estimate, the bench quantity that contributes over half of the variance.
 
-    Empty if there is none.
+    The name is empty if there is no such quantity.
     """
     variances, shares = np.square(estimate.std[list(rows)]), dict[str, Array]()
     for name, parameter in expected.items():
@@ -405,7 +406,7 @@ def _main_sources(
 
 
 def _uncertainty_line(largest: Sequence[_Uncertainty]) -> str:
-    """Return the largest uncertainties in one line, with as many sources as it has place for."""
+    """Return a line with the largest uncertainties, and as many of their sources as fit."""
     sourced = [k for k, one in enumerate(largest) if one.source]
     for count in range(len(sourced), -1, -1):
         groups: dict[str, list[str]] = {}

@@ -15,7 +15,7 @@ from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, 
 from inercal.estimation.scores import CandidateKind
 from inercal.recordings import RoundedChannel
 
-# Starts of reasons and notes in files that state neither the warnings nor an explanation.
+# How reasons and notes begin in files that state neither warnings nor an explanation.
 _WARNS, _LARGEST = "a check warns: ", "expanded uncertainties (k = 2) are at most: "
 
 
@@ -100,7 +100,7 @@ class _Section(Record):
 
 
 class VerdictRecord(Record):
-    """The verdict in a calibration file; files of earlier versions lack fields with a default."""
+    """The verdict in a calibration file; earlier versions do not write fields with a default."""
 
     grade: str
     word: str = ""
@@ -174,11 +174,11 @@ def _cause_object(one: SuspectedCause | None) -> dict[str, Any] | None:
 
 
 def recorded_verdict(record: VerdictRecord, notes: tuple[str, ...]) -> Verdict:
-    """Return the verdict from a calibration file; files without headings explain it in notes."""
+    """Return the verdict from a calibration file; without headings, notes are its explanation."""
     if record.grade not in GRADE_WORDS:
         raise InputError(f"verdict {record.grade!r} is not one of {', '.join(GRADE_WORDS)}")
     suspect = _recorded_cause(record.suspect)
-    # Files of earlier versions do not state a best cause.
+    # Files from earlier versions do not state a best cause.
     states_best = "best_cause" in record.model_fields_set
     word = GRADE_WORDS[record.grade].capitalize()
     lines = record.lines or [fit(": ".join((word, *record.reasons[:1])))]

@@ -59,7 +59,7 @@ class Export:
     text : str
         The content of the file.
     costs : tuple of Cost
-        Errors relative to the calibration over its range, for each kind of motion.
+        Errors relative to the calibration over the calibrated range, for each kind of motion.
     losses : tuple of Loss
         Terms that the target cannot represent.
     header : tuple of str
@@ -98,7 +98,7 @@ def export_calibration(
         Options for the target, by name.
     axes : str
         The target's x, y and z in terms of the body's axes: "x -y -z" converts front-left-up to
-        front-right-down. The channels of the sensor are rotated with the axes.
+        front-right-down. The sensor's channels are rotated together with the axes.
     lossless : bool
         Whether to reject an export whose error exceeds U (k = 2) of the calibration, or whose error
         is unknown because a quantity is not measured or its range is not stated.
@@ -106,11 +106,11 @@ def export_calibration(
         Whether scale factors, misalignments and biases are fitted over the range, for a target
         without nonlinear terms. Without `refit` the nonlinear terms are omitted.
     force, rate, temperature : (float, float), optional
-        Ranges of each axis, m/s², rad/s and K; by default those of the calibration's data.
+        Ranges of each axis, m/s², rad/s and K; by default, the ranges of the calibration's data.
     source : str
         Name of the calibration file, for the explanation in the exported file.
     name : str
-        Name used in generated code; by default the sensor's name.
+        Name used in generated code; by default, the sensor's name.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def export_calibration(
 
 
 def identifier(text: str) -> str:
-    """Return a name for code, made of a text's letters, digits and underscores in lower case.
+    """Convert a text to a name for code, with only lower-case letters, digits and underscores.
 
     >>> identifier("IMU-7 (left)")
     'imu_7_left'

@@ -1,8 +1,9 @@
 """Loss of accuracy in an export: the target's correction compared with `Calibration.correct`.
 
-The calibration's own model converts motions that fill the calibrated range to output. The error is
-the motion found by the target minus the motion found by `correct`. U is the expanded uncertainty (k
-= 2) of the latter, from the calibration's covariance::
+The calibration's own model computes the output for motions that fill the calibrated range. The
+error is the motion that the target computes from this output, minus the motion that `correct`
+computes. U is the expanded uncertainty (k = 2) of the result of `correct`, from the calibration's
+covariance::
 
     u²(x) = J C Jᵀ,   J = −(∂y/∂x)⁻¹ ∂y/∂c
 """
@@ -27,7 +28,7 @@ from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.basis_functions import Basis
 
 _FLOAT32 = 2.0**-24
-_ROUNDINGS = 16  # relative rounding error of a single-precision target, which adds a few products
+_ROUNDINGS = 16  # rounding errors of a single-precision target, which adds a few products
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Loss:
     names : tuple of str
         Names of the coefficients.
     effect : float
-        Their largest effect on a reading over the range, m/s² or rad/s; NaN if it is unknown.
+        Largest effect of the terms on a reading over the range, m/s² or rad/s; NaN if unknown.
     unknown : str
         Reason why the effect is unknown; otherwise empty.
     """
@@ -77,7 +78,7 @@ class Loss:
     unknown: str = ""
 
     def effect_text(self, size: str = "") -> str:
-        """Return the effect in words, with its `size` as given or else in SI units as ASCII."""
+        """Describe the effect, with its size as given; by default, in SI units as ASCII text."""
         if self.unknown:
             return f"effect unknown: {self.unknown}"
         size = size or f"{self.effect:.3g} {QUANTITIES[self.measures].ascii_unit}"
@@ -122,7 +123,7 @@ def sample(model: ExportModel, ranges: Ranges) -> Samples:
 def possible_samples(
     model: ExportModel, samples: Samples, possible: Callable[[Array], Array]
 ) -> Samples:
-    """Return samples whose readings are rounded to values that the target accepts."""
+    """Return samples with readings that are rounded to values that the target accepts."""
     readings = possible(samples.readings)
     y = np.zeros((len(readings), len(model.sensor.axes)))
     for k, (_, triad) in enumerate(model.triads):
@@ -131,7 +132,7 @@ def possible_samples(
 
 
 def _corrected(model: ExportModel, motion: Motion, y: Array) -> Samples:
-    """Return samples for readings y, (n, m), in SI, of the sensor's axes."""
+    """Return samples for readings y of the sensor's axes, (n, m), in SI."""
     calibration, sensor = model.calibration, model.sensor
     output = sensor.to_output(y)
     dT = np.broadcast_to(np.asarray(motion.dT, dtype=float), y.shape[:1])
@@ -206,7 +207,7 @@ def losses(
 
 
 def _unmeasured(sensor: Sensor, basis: Basis) -> str:
-    """Return a quantity in a term that no axis of the sensor measures, or "" if none."""
+    """Return a quantity in a term that no axis of the sensor measures, or ""."""
     kinds = {axis.measures for axis in sensor.axes}
     if "f" not in kinds and basis.uses("fi", "fp", "fo", "si"):
         return "specific force"
@@ -228,6 +229,6 @@ def _expanded(model: ExportModel, samples: Samples) -> Array:
     by = np.linalg.solve(slope, design)
     turn = np.kron(np.eye(len(kinds)), model.turn)
     by = turn @ by
-    rows = by.reshape(-1, by.shape[-1])  # one product of matrices, not one of each sample
+    rows = by.reshape(-1, by.shape[-1])  # one large product is faster than one for each sample
     variance = ((rows @ calibration.covariance) * rows).sum(axis=-1).reshape(by.shape[:-1])
     return COVERAGE * np.sqrt(np.maximum(variance, 0.0))

@@ -1,4 +1,4 @@
-"""The explanation in every exported file, in ASCII because devices may support nothing else."""
+"""The explanation in every exported file, in ASCII because some devices support only this."""
 
 import textwrap
 import unicodedata
@@ -56,7 +56,7 @@ def header_lines(
     model, target, rendering, samples, ranges
     costs, losses : sequences of Cost and of Loss
     with_bias : sequence of Cost
-        Errors with the bias included, if the target estimates the bias itself.
+        Errors that include the bias, if the target estimates the bias itself.
     source : str
         Name of the calibration file; empty if there is none.
     refitted : bool
@@ -163,7 +163,7 @@ def _celsius(model: ExportModel) -> float:
 
 
 def _check_text(model: ExportModel, rendering: Rendering, samples: Samples) -> str:
-    """Return text with a reading and the target's correction of it."""
+    """Describe a reading and its correction by the target, as a check for the user."""
     readings, dT = samples.readings[-1:], samples.dT[-1:]
     corrected = rendering.correct(readings, dT)[0]
     at = f" at {_celsius(model) + float(dT[0]):.6g} degC" if model.sensor.uses("dT") else ""

@@ -1,11 +1,11 @@
-"""A calibration as matrices and biases of triads, in the axes of an export target.
+"""A calibration as matrices and biases for triads of axes, in the axes of an export target.
 
     y = M f + b + Σ b_k ΔT^k              accelerometers, m/s²
     y = G ω + A f + b + Σ b_k ΔT^k        gyros, rad/s
 
-y is a reading after the nominal readout, y = (output − offset)/scale. If the target's axes differ
-from the body's by a signed permutation S, vectors and channels are rotated together: M′ = S M Sᵀ,
-b′ = S b; G and A transform like M.
+y is a reading in SI, converted with the nominal readout: y = (output − offset)/scale. If a signed
+permutation S converts the body's axes to the target's axes, vectors and channels are rotated
+together: M′ = S M Sᵀ and b′ = S b; G and A transform like M.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ class Triad:
     rows : tuple of 3 int
         Index of the sensor axis for each channel of the target.
     signs : (3,) array
-        Sign of each channel relative to that axis.
+        Sign of each channel relative to the axis in `rows`.
     matrix : (3, 3) array
         Matrix from the motion to readings.
     bias : (3,) array
@@ -106,7 +106,7 @@ class ExportModel:
 
     @cached_property
     def matrix(self) -> Array:
-        """The matrix [M 0; A G], or its only block if there is one triad, (n, n)."""
+        """The matrix [M 0; A G], (n, n), or only M or G if there is one triad."""
         blocks = [triad.matrix for _, triad in self.triads]
         joint = np.zeros((3 * len(blocks),) * 2)
         for k, block in enumerate(blocks):
@@ -134,7 +134,7 @@ class ExportModel:
         return self.joined("offset") + self.joined("scale") * readings
 
     def motion(self, motion: Motion) -> Array:
-        """Return f and ω, as far as the sensor measures them, in the target's axes, (n, k)."""
+        """Return f and ω in the target's axes, (n, k), but only what the sensor measures."""
         parts = {"f": motion.f, "w": motion.w}
         return np.concatenate([parts[kind] @ self.turn.T for kind, _ in self.triads], axis=-1)
 
@@ -168,7 +168,7 @@ def export_model(
         The target's x, y and z in terms of the body's axes: "x -y -z" converts front-left-up to
         front-right-down.
     refit : (Motion, (n, m) array), optional
-        Motions with their readings in SI, to which the linear terms are fitted by least squares.
+        Motions and their readings in SI; the linear terms are fitted to them by least squares.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def parse_axes(text: str) -> Array:
     Raises
     ------
     InputError
-        The axes are not three different ones, or they are left-handed.
+        The text does not name three different axes, or the axes are left-handed.
     """
     words = text.replace(",", " ").split()
     plain = [word.lstrip("+-") for word in words]
@@ -255,11 +255,12 @@ def _kinds(sensor: Sensor) -> Sequence[str]:
 
 
 def _linear_part(calibration: Calibration) -> tuple[Array, Array]:
-    """Return slope (m, 6) and bias (m,) of only the linear terms, at the reference temperature."""
+    """Return slope (m, 6) and bias (m,) from the linear terms, at the reference temperature."""
     sensor = calibration.sensor
     kept = [kind in LINEAR for kind in _kinds(sensor)]
     c = np.where(kept, calibration.values, 0.0)
-    # A linear model has no sign or temperature terms, so differences of unit motions are exact.
+    # A linear model has no sign or temperature terms, so differences between the outputs of unit
+    # motions are exact.
     sensor = replace(sensor, coefficients=tuple(np.array(sensor.coefficients)[kept].tolist()))
     sensed = np.concatenate([np.zeros((1, 6)), np.eye(6)])
     y = sensor.forward(Motion(sensed[:, :3], sensed[:, 3:]), c[kept])

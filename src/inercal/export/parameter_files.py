@@ -1,10 +1,10 @@
-"""Parameters of a flight controller, in each form in which ground stations write them.
+"""Parameters of a flight controller, in all formats that ground stations write.
 
 A line contains the name of a parameter and then its value, separated by commas, equals signs or
-white space: Mission Planner writes `NAME,VALUE`, MAVProxy `NAME VALUE`, QGroundControl the vehicle
-and the component before them and the type after them, and the shell of PX4 (`param show`) a mark,
-the name, the number of the parameter and the value after a colon. Lines without a name, such as
-titles and sums, are left out; comments begin with # or //.
+white space. Mission Planner writes `NAME,VALUE`, and MAVProxy writes `NAME VALUE`. QGroundControl
+also writes the vehicle and the component before the name, and the type after the value. The shell
+of PX4 (`param show`) writes a mark, the name, the number of the parameter, a colon and the value.
+Lines without a name, such as titles and sums, are ignored. Comments begin with # or //.
 """
 
 import re
@@ -21,7 +21,7 @@ _SHORTENED = 40
 
 
 def stated_parameters(text: str, autopilot: str) -> dict[str, float]:
-    r"""Return the parameters in a text by name; the last value of a name applies.
+    r"""Return the parameters in a text by name; if a name is repeated, its last value applies.
 
     >>> stated_parameters("1\t1\tCAL_ACC0_ID\t12\t6", "PX4")
     {'CAL_ACC0_ID': 12.0}

@@ -1,11 +1,12 @@
-"""Corrections as code: matrix, nonlinear and temperature terms, and number of passes.
+"""A correction as code: matrix, nonlinear terms, temperature terms and number of passes.
 
 With y = M x + b + n(x, ΔT), in the sensor's own output units s y + o, the motion x is the limit of
 
     x ← C (output − o − s n(x, ΔT)),   C = M⁻¹/s,   starting with n = 0
 
-The number of passes needed over the calibrated range is written as a constant, so that a device
-need not test convergence. n is generated from the declarations of the basis functions.
+The code repeats this step a constant number of times, which is sufficient over the calibrated
+range, so a device need not test convergence. The code for n is generated from the declarations of
+the basis functions.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -46,7 +47,7 @@ class Dialect:
         Expression for the sign of a variable, with {0} for its name.
     times : str
     first : int
-        The first index of the language.
+        The first array index in the language, 0 or 1.
     """
 
     number: Callable[[float], str]
@@ -64,7 +65,7 @@ class CodeModel:
     ----------
     model : ExportModel
     limits : (float, float) or None
-        Limits to which temperatures are clipped, °C; None if no range is stated.
+        Range to which temperatures are clipped, °C; None if no range is stated.
     passes : int
         Number of passes; 0 for a linear model.
     """
@@ -164,7 +165,7 @@ def nonlinear(model: ExportModel, x: Array, dT: Array) -> Array:
 
 
 def statements(model: ExportModel, dialect: Dialect) -> tuple[dict[str, str], list[str]]:
-    """Return auxiliary variables by name, and each channel's expression for s n, "" for 0.
+    """Return auxiliary variables by name, and an expression for s n of each channel ("" for 0).
 
     `dT` is the temperature difference from the reference, K.
     """
@@ -204,7 +205,7 @@ def _variable(
     starts: Mapping[str, int],
     made: dict[str, str],
 ) -> str:
-    """Return the variable for a motion component along an axis; add it to `made` once."""
+    """Return the variable for a motion component along an axis; add a new one to `made`."""
     if component == "dT":
         return "dT"
     if component in ("si", "swi"):
@@ -213,7 +214,7 @@ def _variable(
         made.setdefault(f"sign_{along}", dialect.sign.format(along))
         return f"sign_{along}"
     kind, k = component[0], _COMPONENTS[component]
-    # Misalignments tilt only the input axis of the same kind of sensor.
+    # Misalignments tilt the input axis only for motion of the kind that the sensor measures.
     vector = directions[k if kind == measures or k else 3]
     parts = np.flatnonzero(np.abs(vector) > _PARALLEL).tolist()
     for j in parts:
@@ -231,7 +232,7 @@ def _variable(
 
 
 def _directions(model: ExportModel, row: int) -> Array:
-    """Return I (tilted as in the tilted form), P, O and nominal I, (4, 3), in target axes."""
+    """Return the axes I (tilted in the tilted form), P, O and nominal I, (4, 3), in target axes."""
     sensor = model.sensor
     axis = sensor.axes[row]
     frame = axis.frame

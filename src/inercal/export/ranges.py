@@ -1,4 +1,4 @@
-"""The ranges in which an export is compared with its calibration, and motions that fill them."""
+"""Ranges over which an export is compared with its calibration, and motions that fill them."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -20,14 +20,14 @@ _SEED = 20261
 
 @dataclass(frozen=True)
 class Ranges:
-    """Ranges per axis; `assumed` lists those stated neither in the calibration nor by the user.
+    """Ranges for each axis; `assumed` lists the ranges that neither calibration nor user states.
 
     Parameters
     ----------
     force, rate : (float, float)
         Ranges of force and rate, m/s² and rad/s.
     temperature : (float, float) or None
-        Range of temperature, K; None if the calibration states none.
+        Range of temperature, K; None if the calibration states no range.
     assumed : tuple of str
     """
 
@@ -44,19 +44,19 @@ def calibrated_ranges(
     rate: Range | None = None,
     temperature: Range | None = None,
 ) -> Ranges:
-    """Return the stated ranges, those of the calibration's data, or ±1 g and ±1 rad/s.
+    """Return the stated ranges, the ranges of the calibration's data, or ±1 g and ±1 rad/s.
 
     Parameters
     ----------
     calibration : Calibration
     force, rate, temperature : (float, float), optional
-        Stated ranges, m/s², rad/s and K, which replace those of the data.
+        Stated ranges, m/s², rad/s and K; they replace the ranges of the data.
 
     Raises
     ------
     InputError
         The upper end of a range is not above its lower end, or the model depends on temperature and
-        the stated temperatures are outside those of the calibration.
+        the stated temperatures are outside the range of the calibration.
     """
     known = {} if calibration.validity is None else calibration.validity.ranges
     for name, stated in (("force", force), ("rate", rate), ("temperature", temperature)):
@@ -75,8 +75,8 @@ def calibrated_ranges(
             "give a temperature within",
         )
     kinds = {axis.measures for axis in calibration.sensor.axes}
-    # A sensor with only gyros gets no note on an assumed range of specific force, because on a rate
-    # table it senses gravity.
+    # A sensor with only gyros gets no note about an assumed range of specific force, because on a
+    # rate table it senses gravity.
     assumed = [n for n, k in (("force", "f"), ("rate", "w")) if k in kinds and n not in known]
     return Ranges(
         known.get("force", (-G0, G0)),
@@ -115,15 +115,15 @@ def temperature_limits(
     ----------
     ranges : Ranges
     target : str
-        Name of the target for messages.
+        Name of the target, used in messages.
     lowest, highest : float, optional
         Limits stated by the user, °C.
 
     Raises
     ------
     InputError
-        Neither the calibration nor the user states limits, or the user's limits are outside those
-        of the calibration.
+        Neither the calibration nor the user states limits, or the user's limits are outside the
+        limits of the calibration.
     """
     known = ranges.temperature
     low = lowest if known is None or lowest is not None else known[0] - ZERO_CELSIUS

@@ -1,4 +1,4 @@
-"""Data structures for sensor calibrations stated in files of other programs."""
+"""Data structures for sensor calibrations in the files of other programs."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -17,18 +17,18 @@ REFERENCE = Sensor("", ()).reference_temperature
 
 @dataclass(frozen=True, eq=False)
 class StatedTriad:
-    """Values that a file states for three axes; None if a value is not stated.
+    """Values that a file states for three axes; a value that is not stated is None.
 
     Parameters
     ----------
     matrix : (3, 3) array or None
         Matrix from the motion to readings.
     scale : (3,) array or None
-        Diagonal of this matrix, if the file states no cross-axis elements.
+        Diagonal of the matrix, if the file states no cross-axis elements.
     bias : (3,) array or None
         Reading without motion, at the reference temperature.
     bias_powers : (k, 3) array
-        Coefficients of the temperature difference from the reference, its square, …, SI.
+        Coefficients of ΔT, ΔT², … in SI, where ΔT is the temperature difference from the reference.
     sensitivity : (3, 3) array or None
         Acceleration sensitivity of gyros, (rad/s)/(m/s²) or output units per m/s².
     """
@@ -50,7 +50,7 @@ class StatedCalibration:
     frame : Frame
         Frame of the misalignments.
     own_frame : bool
-        Whether the program defines the frame by the accelerometers' axes.
+        Whether the accelerometers' axes define the frame in this program.
     output : bool
         Whether readings are in the sensor's own output units instead of SI.
     units : (str, str) or None
@@ -96,12 +96,12 @@ def parameter_calibration(
     Parameters
     ----------
     program : str
-        Name of the program, for the note.
+        Name of the program, used in the note.
     triads : mapping of "f" or "w" to StatedTriad
     references : set of float
-        Reference temperatures of the triads that have one, K.
+        Reference temperatures that the triads state, K.
     parameter : str
-        Name of the reference temperature's parameter.
+        Name of the parameter that contains the reference temperature.
 
     Raises
     ------

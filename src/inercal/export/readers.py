@@ -1,9 +1,9 @@
 """Import of calibrations made by other programs as a `Calibration` without covariance.
 
-Such files state no uncertainties, so the covariance is zero, a note states this, and
-`inercal compare` compares differences only with the U of the other calibration. Each format is a
-module with `READER = CalibrationReader(...)`; other packages can register one with the entry point
-`inercal.calibration_readers`.
+Such files state no uncertainties, so the covariance is zero, and a note in the calibration says so.
+`inercal compare` therefore compares differences only with the U of the other calibration. Each
+format is a module with `READER = CalibrationReader(...)`; other packages can register one with the
+entry point `inercal.calibration_readers`.
 
 The conversion from matrices and biases to coefficients is the inverse of `inercal.export.model`. An
 axis with directions I, P, O reads f_I (1 + k1) + δ_O f_P − δ_P f_O + k0 (reference form). With row
@@ -62,12 +62,13 @@ def import_calibration(
     of : str
         Name of the format, one of `READERS`.
     like : Calibration, optional
-        A calibration of the same sensor, whose axes, names and readouts are used so that the two
-        can be compared. By default the axes are ax, ay, az, gx, gy, gz with readings in SI.
+        A calibration of the same sensor. Its axes, names and readouts are used, so the two
+        calibrations can be compared. By default, the axes are ax, ay, az, gx, gy, gz with readings
+        in SI.
     options : mapping of str to object, optional
         Options for the format, by name.
     name : str
-        Name of the sensor; by default that of `like`, or else that of the file.
+        Name of the sensor; by default, the name in `like` or else the name of the file.
 
     Returns
     -------
@@ -152,7 +153,7 @@ def _axes(stated: StatedCalibration, like: Calibration | None, kind: Measures) -
 
 
 def _nominal_axes(stated: StatedCalibration, kind: Measures) -> list[Axis]:
-    """Return axes x, y, z with readings in the file's unit, or in SI."""
+    """Return axes x, y and z, with readings in the unit of the file or in SI."""
     like = QUANTITIES[kind].ascii_unit
     unit = like if stated.units is None else stated.units["fw".index(kind)]
     try:

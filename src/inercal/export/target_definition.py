@@ -23,12 +23,13 @@ class TargetOption:
     ----------
     name, meaning : str
     default : object
-        Default value; None if the option is not needed and has no default.
+        Default value; None if the option may be omitted and has no default.
     required : bool
     kind : type
-        int, float or str, to which text is converted.
+        Type to which a text is converted: int, float or str.
     like : str
-        A unit with the dimension of the quantity ("0.8 mg"), which is converted to a float in SI.
+        A unit with the dimension of the option, if it is a quantity. A text such as "0.8 mg" is
+        converted to a float in SI.
     choices : tuple of str
         The permitted words.
     """
@@ -116,9 +117,9 @@ class Request:
     options : mapping of str to object
         Values of all options that the target declares.
     name : str
-        An identifier (letters, digits, _) for generated code.
+        Name for generated code, with only letters, digits and underscores.
     check_reading : (1, k) array
-        A reading in SI within the ranges, whose correction the file can state as a check.
+        A reading in SI within the ranges. The file can state its correction as a check.
     check_dT : (1,) array
         Temperature difference of this reading from the reference, K.
     """
@@ -138,26 +139,27 @@ class Rendering:
     Parameters
     ----------
     correct : callable
-        Function (readings (n, k) in SI, dT (n,)) -> motion (n, k) that repeats the target's
-        computation with the numbers as written. Channels and motion are those of `ExportModel`.
+        Function (readings (n, k) in SI, dT (n,)) -> motion (n, k). It repeats the target's
+        computation with the numbers as written in the file. Channels and motion are defined as in
+        `ExportModel`.
     write : callable
-        Function: lines of explanation, ASCII -> content of the file.
+        Function: lines of explanation in ASCII -> content of the file.
     formula : tuple of str
         The formula that the target computes, in ASCII.
     reads : str
-        Input of the formula: "readings in m/s^2 and rad/s".
+        Input of the formula in words, such as "readings in m/s^2 and rad/s".
     remarks : tuple of str
-        Settings and facts that the user must know to use the file.
+        Settings and facts that the user of the file must know.
     correct_with_bias : callable or None
-        Like `correct`, but with the bias, if the target estimates the bias itself and the file
-        contains none.
+        Like `correct`, but including the bias. It is stated if the target estimates the bias itself
+        and the file contains no bias.
     takes_output : bool
-        Whether the input of the formula is the sensor's own output instead of SI.
+        Whether the input of the formula is the sensor's own output and not readings in SI.
     possible : callable or None
-        Function: readings (n, k) in SI -> nearest readings in whole counts, if the target uses
-        counts.
+        Function: readings (n, k) in SI -> nearest readings that are whole counts. It is stated if
+        the target uses counts.
     holds : mapping of "f" or "w" to set of TermKind, or None
-        The terms in this file, if its options omit some that the target can represent.
+        The terms in this file, if its options omit some terms that the target can represent.
     """
 
     correct: Callable[[Array, Array], Array]
@@ -181,12 +183,13 @@ class Target:
     suffix : str
         Suffix of the file, such as ".params".
     holds : mapping of "f" or "w" to set of TermKind
-        The terms of accelerometers and gyros that it can apply; a missing kind is not supported.
+        The terms of accelerometers and gyros that the target can apply; a missing kind of sensor is
+        not supported.
     render : callable
         Function Request -> Rendering.
     options : tuple of TargetOption
     temperature_order : int
-        The highest power of temperature that it can apply to a bias.
+        The highest power of temperature that the target can apply to a bias.
     named_by_function : bool
         Whether the language finds the function by its file name, NAME_correct.
     """

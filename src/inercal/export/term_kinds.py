@@ -48,7 +48,7 @@ WORDS: dict[TermKind, str] = {
 
 
 def term_kind(measures: Measures, term: ErrorTerm) -> TermKind:
-    """Return the kind of a term for an accelerometer ("f") or a gyro ("w")."""
+    """Return the kind of a term of an accelerometer ("f") or a gyro ("w")."""
     products = [product.components for product in term.basis.products]
     used = {name for product in products for name in product}
     if used & {"ai", "ap", "ao"}:

@@ -1,4 +1,4 @@
-"""Calibration of a batch of sensors by a worker; a failed sensor does not end the batch."""
+"""Calibration of a batch of sensors by a worker, which continues if a sensor fails."""
 
 import re
 import traceback
@@ -19,7 +19,7 @@ from inercal.fleet.line import GROUPS, Line, SensorRow
 from inercal.fleet.recordings import Version, is_address, local_copy
 from inercal.recordings.io.column_table import file_sha256
 
-_ONE_LINE = 500  # characters of an error message
+_ONE_LINE = 500  # largest number of characters of an error message
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Work:
     ----------
     row : SensorRow
     digest : str
-        Digest of the sensor's run file (`Line.digest`).
+        Hash of the sensor's run file (`Line.digest`).
     version : Version
-        Version of the sensor's recording.
+        Version of the sensor's recording, by size and time.
     arrived : bool
         Whether the recording arrived at a station.
     """
@@ -45,12 +45,12 @@ class Work:
 
 @dataclass(frozen=True)
 class BatchDone:
-    """The counts that a worker returns for a batch; coefficients are not included.
+    """The counts that a worker returns for a batch, without any coefficients.
 
     Parameters
     ----------
     done, failed : int
-        Number of sensors that were calibrated, and that failed.
+        Number of sensors that were calibrated, and number of sensors that failed.
     seconds : tuple of float
         Wall time of each sensor.
     """
@@ -68,7 +68,7 @@ def compute_batch(line: Line, out: results.ResultWriter, work: Sequence[Work]) -
     Parameters
     ----------
     line : Line
-        The line; its rows are not needed.
+        The production line; its rows are not needed.
     out : ResultWriter
         Writer for the results.
     work : sequence of Work
@@ -95,7 +95,7 @@ def result_row(line: Line, work: Work) -> dict[str, Any]:
     begin = process_time()
     try:
         found, recording = _calibrate(line, work)
-    except Exception as error:  # any error, because it concerns only this sensor
+    except Exception as error:  # any error, because only this sensor is affected
         text = " ".join(str(error).split()) or type(error).__name__
         kept = "" if isinstance(error, InercalError) else traceback.format_exc()
         return failed_row(line.folder, work, text, type(error).__name__, kept)
@@ -114,9 +114,9 @@ def failed_row(
     """Return the row for a sensor without a result."""
     digest = ""
     if not is_address(work.row.recording):
-        with suppress(OSError):  # already stated in the error
+        with suppress(OSError):  # the error already states this
             digest = file_sha256(folder / work.row.recording)
-    # One line, without the folder, which is the same for all sensors.
+    # The message is one line, without the folder, because all sensors have the same folder.
     text = re.sub(rf"(?<![\w/.]){re.escape(f'{folder}/')}", "", error)[:_ONE_LINE]
     return _common(work, digest) | {
         "status": status,
@@ -146,7 +146,7 @@ def _common(work: Work, recording_sha256: str) -> dict[str, Any]:
 
 
 def _calibrate(line: Line, work: Work) -> tuple[dict[str, Any], str]:
-    """Return the columns of the result, and the hash of the recording."""
+    """Calibrate a sensor; return the columns of the result and the hash of the recording."""
     # Methods and kernels are loaded in the worker, not in the process that distributes the work.
     from inercal.calibration.files import calibration_object, canonical_text
     from inercal.pipeline import calibrate

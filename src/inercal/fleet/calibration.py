@@ -1,4 +1,4 @@
-"""Calibration of a line in batches, which skips finished sensors and records failures as rows."""
+"""Calibration of a line in batches. Finished sensors are skipped, and failures get a row."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,10 +18,10 @@ from inercal.fleet.recordings import ABSENT
 from inercal.fleet.results import ResultWriter
 from inercal.fleet.time_limit import TimeLimit
 
-TASK_SECONDS = 2.0  # s per batch: little overhead, and little is lost if a worker dies
+TASK_SECONDS = 2.0  # s per batch: low overhead, and little work is lost if a worker dies
 _MOST_IN_BATCH = 200
 _WINDOW = 4  # batches per worker in progress
-_MOST_EARLY = 3  # sensors that may be stopped before other times are known
+_MOST_EARLY = 3  # sensors that may be stopped before the times of others are known
 SUMMARY = "_fleet.json"  # dataset readers ignore such names
 
 
@@ -32,11 +32,11 @@ class Counts:
     Parameters
     ----------
     sensors : int
-        Sensors in the table.
+        Number of sensors in the table.
     kept, kept_failed : int
-        Sensors that already had a result, and the number of these without a calibration.
+        Number of sensors that already had a result, and how many of these results were failures.
     done, failed, lost : int
-        Sensors that were calibrated now, that failed now, and whose worker died.
+        Number of sensors that this run calibrated, that failed in this run, and whose worker died.
     tasks : int
         Number of batches.
     """
@@ -71,15 +71,16 @@ def calibrate_line(
     ----------
     line : Line
     executor : TolerantExecutor
-        Executor for the batches. It gets four batches per worker at a time, and it is not closed.
+        Executor for the batches. It gets four batches per worker at a time. The caller closes it.
     out : Path, optional
         Folder for the results; by default `fleet` in the line's folder.
     batch : int, optional
-        Number of sensors in a batch; by default as many as take about two seconds.
+        Number of sensors in a batch; by default, a batch takes about two seconds.
     retry_failed : bool
         Whether to retry sensors that failed with the same recording and run file.
     timeout : float, optional
-        Time limit for a sensor, s; by default that of `TimeLimit`. A `SerialExecutor` has no limit.
+        Time limit for a sensor, s; by default, `TimeLimit` computes the limit. A `SerialExecutor`
+        has no limit.
     progress : callable, optional
         Function called after each batch.
 
@@ -120,7 +121,7 @@ _Refused = tuple[Work, InercalError]
 def _pending(
     line: Line, folder: Path, retry_failed: bool, counts: Counts
 ) -> tuple[list[Work], list[_Refused], int]:
-    """Return the sensors to calibrate, those without a recording, and the newest generation."""
+    """Return the sensors to calibrate, the sensors without recording, and the newest generation."""
     now = line_inputs(line)
     found = latest_results(line, folder, (), now).to_pylist()
     counting: dict[str, str] = {row["id"]: row["status"] for row in found if not row[OUTDATED]}
@@ -139,7 +140,7 @@ def _pending(
 
 
 def _refuse_wrong_run_files(line: Line, todo: list[Work], refused: list[_Refused]) -> None:
-    """Check, before any work, each run file that differs by more than sensor and recording.
+    """Check each run file that differs by more than sensor and recording, before any work.
 
     Sensors whose run file is wrong are moved to `refused`.
 
@@ -173,7 +174,7 @@ _Compute = Callable[[Line, ResultWriter, Sequence[Work]], BatchDone]
 
 
 class Scheduling:
-    """Scheduler that distributes batches and collects results, with few batches in progress.
+    """Scheduler that distributes batches and collects results; few batches run at a time.
 
     Parameters
     ----------
@@ -182,13 +183,14 @@ class Scheduling:
         Writer for the results.
     executor : TolerantExecutor
     batch : int or None
-        Number of sensors in a batch; None for as many as take two seconds.
+        Number of sensors in a batch; if None, a batch takes about two seconds.
     counts : Counts
-        Counts for the line, which are updated.
+        Counts for the line; the scheduler updates them.
     progress : callable or None
         Function called with the counts after each batch.
     compute : callable
-        Function that computes a batch from the line without rows, `out` and the work.
+        Function that calibrates a batch. Its arguments are the line without rows, `out` and the
+        work.
     limit : TimeLimit
         Time limit for a sensor.
     """
@@ -233,7 +235,7 @@ class Scheduling:
         return self._limit.seconds(work.version.size, early=early)
 
     def _size(self) -> int:
-        """Return the number of sensors that take two seconds, or one while this is not known."""
+        """Return the number of sensors that take two seconds, or 1 if their time is not known."""
         if self._batch is not None:
             return self._batch
         if not self._measured:
@@ -241,7 +243,8 @@ class Scheduling:
         return round(min(max(TASK_SECONDS * self._measured / self._seconds, 1), _MOST_IN_BATCH))
 
     def _hand_out(self, waiting: Iterator[Work]) -> None:
-        # Until a batch has finished, each worker gets one, because the time per batch is not known.
+        # Before the first batch has finished, each worker gets only one batch, because the time per
+        # batch is not known.
         known = bool(self._measured or self._batch)
         window = self._workers * (_WINDOW if known else 1)
         while len(self._under_way) < window:

@@ -1,11 +1,12 @@
-"""Trends and differences in a fleet: contrasts aᵀy whose variance takes lots into account.
+"""Trends and differences in a fleet: contrasts aᵀy, with a variance that considers lots.
 
-Sensors in one lot are similar, so their number overstates the information::
+Sensors in one lot are similar, so they provide less information than independent sensors. The
+variance of a contrast is therefore::
 
     var aᵀy = Σ a_i² (u_i² + σ²) + σ_L² Σ_lots (Σ_i∈lot a_i)²
 
-Contrasts are tested with Student's distribution, with degrees of freedom for both scatters
-according to Welch and Satterthwaite. The expected share of false positives among the significant
+Contrasts are tested with Student's distribution. Its degrees of freedom combine those of both
+scatters (Welch and Satterthwaite). The expected share of false positives among the significant
 contrasts of a fleet is limited (`false_discovery_selection`).
 """
 # SciPy has no stubs.
@@ -34,10 +35,11 @@ class Contrast:
     coefficient, of : str
         `of` is "serial order", "time" or a station.
     value, std : float
-        Change over the whole range of serial order or time, or difference from all other stations.
+        Change over the whole range of serial order or time, or difference from all other stations,
+        and its standard uncertainty.
     p_value : float
     significant : bool
-        Whether the contrast is significant at the limited false discovery rate.
+        Whether the contrast is significant, at the chosen false discovery rate.
     """
 
     coefficient: str
@@ -57,7 +59,7 @@ def trend(
     Parameters
     ----------
     name : str
-        Name of `at`.
+        What `at` contains, "serial order" or "time".
     at : (n,) array
         Serial order or time; rows with NaN are ignored.
     names : sequence of str
@@ -92,7 +94,7 @@ def station_differences(
 
 
 def marked(contrasts: Sequence[Contrast], rate: float = FALSE_DISCOVERIES) -> list[Contrast]:
-    """Return the contrasts with the significant ones marked, at a false discovery rate."""
+    """Return the contrasts; mark significant contrasts, at a false discovery rate."""
     tails = np.array([one.p_value for one in contrasts])
     chosen = set(false_discovery_selection(tails, rate).tolist()) if contrasts else set[int]()
     return [replace(one, significant=k in chosen) for k, one in enumerate(contrasts)]

@@ -1,9 +1,9 @@
 """Control charts for each station: χ²/ν of the residuals over time.
 
-The residuals do not depend on the sensors' coefficients, so their scatter shows errors of the
-table, the fixture and the noise. A point is the sum of χ² divided by the sum of ν over consecutive
-runs. The limits are placed around the median of all runs so that the probability of any point
-beyond them is 0.27 %. If the stated noise is too large for all sensors, the fleet is still in
+The residuals do not depend on the sensors' coefficients, so their scatter shows errors of the table
+or the fixture, and the noise. A point is the sum of χ² over consecutive runs, divided by the sum of
+ν. The limits are around the median of all runs. With a probability of 0.27 %, one or more points
+are beyond them by chance. If the stated noise is too large for all sensors, the fleet is still in
 control, but the centre is not 1.
 """
 # SciPy has no stubs.
@@ -17,7 +17,7 @@ import scipy
 from inercal.basics.arrays import Array
 from inercal.fleet.population import Indices, Population
 
-LEVEL = 0.0027  # for all points together, as for ±3 σ
+LEVEL = 0.0027  # probability for all points together, as for ±3 σ
 _POINTS = 100  # largest number of points for a station
 
 
@@ -29,8 +29,8 @@ class ControlChart:
     ----------
     station : str
     at : (m,) array
-        Mean time of the runs in each point, days since 1970, or their serial number if no time is
-        stated.
+        Mean time of the runs in each point, days since 1970; if no time is stated, their mean
+        serial number.
     ratio, low, high : (m,) arrays
         χ²/ν and its limits.
     runs : int
@@ -50,7 +50,7 @@ class ControlChart:
 
 
 def control_charts(population: Population) -> tuple[float, list[ControlChart]]:
-    """Return the centre of the charts, and a chart for each station whose runs have χ²."""
+    """Return the centre line, and a control chart for each station whose runs have χ²."""
     timed = bool(np.isfinite(population.days).all())
     at = population.days if timed else np.arange(len(population.ids), dtype=float)
     judged = np.isfinite(population.chi2) & (population.dof > 0)

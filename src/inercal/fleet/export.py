@@ -29,14 +29,14 @@ SUFFIXES = (".csv", ".parquet")
 def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
     """Write the results of a line as a CSV or Parquet table.
 
-    Return the reason why each sensor's result is outdated, as in the table; empty if it is not.
+    Return, by sensor, the reason why its result is outdated; empty if the result is not outdated.
 
     Parameters
     ----------
     line : Line
-        The line; only its sensors are written.
+        The line; the table contains only its sensors.
     folder : Path
-        Folder with the parts.
+        Folder with the parts of the results.
     path : Path
         File to write; its suffix determines the format.
 
@@ -52,7 +52,7 @@ def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
     rows = latest_results(line, folder, columns).to_pylist()
     if not rows:
         raise InputError(f"{folder} contains no results; calibrate the line first", file=folder)
-    # One sensor for each set of coefficients provides their units.
+    # The units of a set of coefficients come from one sensor with this set.
     sets = {row["coefficients"]: by_id[row["id"]] for row in rows if row["coefficients"]}
     units: dict[str, tuple[str, float]] = {}
     for names, one in sets.items():
@@ -74,7 +74,7 @@ def export_table(line: Line, folder: Path, path: Path) -> dict[str, str]:
 
 
 def _cell(value: Any) -> Any:
-    """Return a cell for a CSV file: NaN becomes empty, and no text can act as a formula."""
+    """Return a cell for a CSV file: NaN becomes empty, and text is never read as a formula."""
     if isinstance(value, str):
         return spreadsheet_cell(value)
     return "" if value is None or value != value else value
@@ -86,7 +86,8 @@ def _wide_row(
     wide: dict[str, Any] = {name: row[name] for name in COLUMNS}
     if not row["arrived"]:
         wide[RECORDING] = sensor.recording
-    # The current table is used, because columns that no result depends on may have changed.
+    # These columns come from the current table, because columns that do not affect a result may
+    # have changed since then.
     wide |= sensor.columns
     names: Sequence[str] = (row["coefficients"] or "").split()
     values = dict(zip(names, zip(row["value"] or (), row["std"] or (), strict=True), strict=True))
@@ -98,7 +99,7 @@ def _wide_row(
 
 
 class FleetExport(NamedTuple):
-    """The files exported from a fleet for a target.
+    """The files that were exported from a fleet for a target.
 
     Parameters
     ----------
@@ -107,9 +108,9 @@ class FleetExport(NamedTuple):
     without : mapping of str to str
         Reasons why sensors have no file, by id.
     unreliable : tuple of str
-        Ids of the sensors with a file whose calibration should not be relied on.
+        Ids of the sensors that have a file although their calibration is not reliable.
     outdated : mapping of str to str
-        Reasons why exported results are outdated, as stated in the files, by id.
+        Reasons why exported results are outdated, by id; the files state the same reasons.
     """
 
     files: tuple[Path, ...]
@@ -135,17 +136,18 @@ def export_files(
     Parameters
     ----------
     line : Line
-        The line, whose sensors are written, except those without a calibration.
+        The line. All its sensors that have a calibration are written.
     folder : Path
-        Folder with the parts.
+        Folder with the parts of the results.
     out : Path
         Folder for the files.
     to : str
         Name of the target.
     options, axes, lossless
-        As in `export_calibration`; they apply to all sensors.
+        See `export_calibration`; the values apply to all sensors.
     columns : mapping of str to str, optional
-        Columns in the table of sensors that give an option of the target, such as the device id.
+        Options of the target, such as the device id, and the columns in the table of sensors that
+        contain their values.
     force : bool
         Whether to overwrite files.
 
@@ -153,7 +155,8 @@ def export_files(
     ------
     InputError
         There are no results, a column is missing or empty, a file already exists, or the target
-        cannot represent a sensor, which the message names. In these cases no file is written.
+        cannot represent a sensor, which the message names. In each of these cases, no file is
+        written.
     """
     from inercal.export import TARGETS, export_calibration
 

@@ -1,6 +1,6 @@
 """Figures for a fleet: histograms, running quantiles and control charts.
 
-Their size does not grow with the number of sensors.
+The size of the figures does not grow with the number of sensors.
 """
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
@@ -25,9 +25,9 @@ _HEIGHT, _BELOW = 1.25, 0.42  # inches
 _BINS, _FEWEST_BINS, _POINTS = 60, 8, 100
 _FEW = 500  # largest number of sensors drawn as points
 _TAILS = 0.001  # share of sensors outside a histogram's range, on each side
-_NEAR = 2.0  # fraction of the range's width; limits closer than this are shown
+_NEAR = 2.0  # limits within this many widths of the range are shown
 _BANDS = (5, 25, 50, 75, 95)  # percent
-_LAST_TICK = 0.96  # fraction of the axis; a number farther right would be cut off
+_LAST_TICK = 0.96  # fraction of the axis; the page would cut off a number farther right
 _LEAST_TIME = 0.5  # days
 
 
@@ -41,9 +41,9 @@ def distribution_figure(
     ----------
     found : FleetStatistics
     chosen : sequence of CoefficientStatistics
-        Coefficients, one per row of the figure.
+        The coefficients; each has one row of the figure.
     name : str
-        Name of the figure; each figure on a page needs a different one.
+        Name of the figure; each figure on a page needs a different name.
     """
     below = [_BELOW] * len(chosen)
     figure, rows = drawing.panels(_HEIGHT, below, 2)
@@ -102,7 +102,7 @@ def _draw_quantiles(axes: Axes, value: Array, limits: Sequence[float]) -> None:
     axes.fill_between(at, table[0], table[4], color=BAND, lw=0)
     axes.fill_between(at, table[1], table[3], color=FAINT, lw=0)
     axes.plot(at, table[2], color=INK, lw=1.0)
-    # A point dominated by outliers would flatten all others.
+    # A point dominated by outliers would compress the scale for all other points.
     low, high = np.percentile(table[0], 2), np.percentile(table[4], 98)
     width = float(high - low) or 1.0
     near = [x for x in limits if low - _NEAR * width < x < high + _NEAR * width]
@@ -125,7 +125,7 @@ def control_figure(centre: float, charts: Sequence[ControlChart], name: str, tim
     charts : sequence of ControlChart
     name : str
     timed : bool
-        Whether the points have times, in days since 1970; otherwise they have serial numbers.
+        Whether the points have times, in days since 1970. If not, they have serial numbers.
     """
     lines = -(-len(charts) // 2)
     figure, rows = drawing.panels(_HEIGHT, [_BELOW] * lines, 2)

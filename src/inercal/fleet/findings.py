@@ -13,11 +13,11 @@ from inercal.fleet.statistics import (
     RuleYield,
 )
 
-_NAMED = 8  # names listed for each finding
+_NAMED = 8  # largest number of names listed for a finding
 
 
 def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
-    """Return a summary of the statistics, and lines about results that need attention."""
+    """Return a one-line summary of the statistics, and lines about results that need attention."""
     population = found.population
     count = format_count(len(population.ids), "sensor")
     if found.yields:

@@ -1,6 +1,7 @@
-"""Comparison of a sensor's current inputs with those of its existing result.
+"""Compare a sensor's current inputs with the inputs of its existing result.
 
-No clock is used, because two computers may disagree about the time, and a clock may be set back.
+The comparison does not use a clock, because two computers may disagree about the time, and a clock
+may be set back.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -34,7 +35,7 @@ class SensorInputs:
     digest : str
         Digest of the sensor's run file (`Line.digest`).
     found : Version or InputError
-        Version of the recording, or the error if there is none.
+        Version of the recording, or the error if there is no recording.
     """
 
     folder: Path
@@ -51,7 +52,7 @@ class SensorInputs:
         return ""
 
     def difference(self, result: Mapping[str, Any]) -> str:
-        """Describe why a new calibration may give another result; empty if it would not.
+        """Describe why a new calibration might give a different result; empty if it would not.
 
         Parameters
         ----------
@@ -67,7 +68,7 @@ class SensorInputs:
             return "" if stated == ABSENT else "its recording cannot be found"
         if self.found == stated:
             return ""
-        # The file was copied or touched, so its content decides.
+        # The file was copied or touched, so only its content shows whether it has changed.
         if self.recording_sha256 and self.recording_sha256 == result["recording_sha256"]:
             return ""
         return "its recording has changed since then"
@@ -101,9 +102,10 @@ def _each(line: Line, rows: Sequence[SensorRow]) -> Iterator[SensorInputs]:
 
 
 def result_difference(line: Line, now: SensorInputs, result: Mapping[str, Any]) -> str:
-    """Describe why calibrating a sensor now may give another result; empty if it would not.
+    """Describe why calibrating a sensor now might give a different result, or return "".
 
-    The recording named in the table is used or, if there is none, one that arrived at a station.
+    The recording named in the table is used. If it does not exist, a recording that arrived at a
+    station is used.
 
     Parameters
     ----------

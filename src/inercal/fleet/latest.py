@@ -1,8 +1,9 @@
 """Selection of the valid result for each sensor.
 
-If a sensor has several results, a result from the current run file and recording is preferred, then
-a calibration over a failure, then the latest generation. A result is marked as outdated, with the
-reason, if a new calibration may differ from it.
+If a sensor has several results, a result from the current run file and recording is preferred.
+Among the others, a calibration is preferred to a failure, and then the latest generation is
+preferred. If a new calibration might differ from a result, the result is marked as outdated, with
+the reason.
 """
 
 import json
@@ -23,7 +24,7 @@ if TYPE_CHECKING:  # only `enter_results` needs a register
 
 _ENTERED = ("status", "calibration", "measured")
 _COUNTED_BY = ("id", "status", "generation", *COMPARED)
-_NAMES = 3  # number of outdated sensors that are listed
+_NAMES = 3  # largest number of outdated sensors that are listed
 
 
 def latest_results(
@@ -34,16 +35,16 @@ def latest_results(
 ) -> Table:
     """Return the valid result for each sensor of a line, sorted by id.
 
-    The column `OUTDATED` states why a new calibration may give another result; it is empty if it
-    would not.
+    The column `OUTDATED` states why a new calibration might give a different result. It is empty if
+    a new calibration would give the same result.
 
     Parameters
     ----------
     line : Line
     folder : Path
-        Folder with the parts; it need not exist.
+        Folder with the parts of the results; it need not exist.
     columns : iterable of str, optional
-        Columns to read, in addition to those that decide which result is valid.
+        Columns to read, in addition to the columns that decide which result is valid.
     now : mapping of str to SensorInputs, optional
         Result of `line_inputs`, if it is already known.
 
@@ -68,7 +69,7 @@ def latest_results(
 def latest_rows_by_part(
     line: Line, folder: Path, columns: Iterable[str]
 ) -> Iterator[list[dict[str, Any]]]:
-    """Yield the valid results part by part, with only one part in memory.
+    """Yield the valid results part by part, with only one part in memory at a time.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def outdated_lines(reasons: Mapping[str, str]) -> list[str]:
     Parameters
     ----------
     reasons : mapping of str to str
-        Reasons by sensor id; empty for a result that is not outdated.
+        Reasons by sensor id; an empty reason means that the result is not outdated.
     """
     texts: list[str] = []
     for reason, count in Counter(filter(None, reasons.values())).items():
@@ -139,8 +140,8 @@ def enter_results(
 ) -> int:
     """Enter missing calibrations of a fleet in the register, and return their total number.
 
-    Each part is entered in one transaction, with only this part in memory. Outdated results are not
-    entered.
+    Each part is entered in one transaction, and only one part is in memory at a time. Outdated
+    results are not entered.
 
     Parameters
     ----------
@@ -154,7 +155,8 @@ def enter_results(
     Raises
     ------
     InputError
-        The register cannot be written. Existing entries are kept and are not entered again.
+        The register cannot be written. Entries that the register already has are kept and not
+        entered again.
     """
     done = 0
     for rows in latest_rows_by_part(line, folder, _ENTERED):

@@ -1,4 +1,4 @@
-"""A production line in a folder: a template run file, and a table of sensors to fill it in.
+"""A production line in a folder: a template for run files, and a table of sensors.
 
 ::
 
@@ -6,8 +6,8 @@
            sensors.csv      id, recording, and further columns; or sensors.parquet
            recordings/…     the recordings: paths, or addresses such as s3://…
 
-A column whose name contains a dot, such as `bench.gravity`, gives the value of that key for each
-sensor.
+If the name of a column contains a dot, such as `bench.gravity`, the column contains the value of
+this key for each sensor.
 """
 
 import json
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 TEMPLATE, TABLES = "run.toml", ("sensors.csv", "sensors.parquet")
 ID, RECORDING = "id", "recording"
-BARCODE = "barcode"  # column by which a station finds the sensor
+BARCODE = "barcode"  # column in which a station looks up the sensor
 MEASURED = "measured"
-GROUPS = ("lot", "station", MEASURED)  # columns by which results are compared
+GROUPS = ("lot", "station", MEASURED)  # columns that define the groups to compare
 _NEEDED = (ID, RECORDING)
 _PLACEHOLDER = re.compile(r"\{([A-Za-z_][\w.]*)(:number)?\}")
 _PARQUET = Isolation("a Parquet file", libraries=("pyarrow.parquet",), extra="fleet", key="")
@@ -49,7 +49,7 @@ class SensorRow:
     Parameters
     ----------
     id : str
-        Name of the sensor, which occurs only once in the table.
+        Name of the sensor; a name occurs only once in the table.
     recording : str
         Recording of the sensor: a path relative to the line's folder, or an address.
     columns : mapping of str to str
@@ -99,18 +99,19 @@ class Line:
         Raises
         ------
         InputError
-            As in `inercal.runfile.read`, or the value of a cell is not possible for its key.
+            See `inercal.runfile.read`. The error is also raised if the value of a cell is not
+            possible for its key.
         """
         from inercal.runfile import (
             from_sections,
-        )  # imported here, so that methods load only in the worker
+        )  # imported here because only workers need the methods
 
         return from_sections(self.path, self.sections(row), digest or self.digest(row))
 
     def digest(self, row: SensorRow) -> str:
-        """Return the SHA-256 hash of the template, the cells used in it and the files it names.
+        """Return the SHA-256 hash of the template, of the cells that it uses and of its files.
 
-        Columns that are used neither in the template nor in the results do not affect the hash.
+        A column that neither the template nor the results use does not affect the hash.
         """
         hashed = self._template_hash.copy()
         used = [f"{name}={row.columns[name]}" for name in self._kept if row.columns.get(name)]
@@ -124,7 +125,7 @@ class Line:
         return hashed.hexdigest()
 
     def shape(self, row: SensorRow) -> tuple[str, ...]:
-        """Return the cells by which run files differ, apart from sensor and recording."""
+        """Return the cells that make run files differ, apart from sensor and recording."""
         return tuple(row.columns.get(name, "") for name in self._used)
 
     @cached_property
@@ -134,7 +135,7 @@ class Line:
 
     @cached_property
     def _template_hash(self) -> Any:
-        # Files that are the same for all sensors are read only once.
+        # Files that all sensors share are read only once.
         named = file_digests(self.folder, texts_of(self.template))
         return sha256("\0".join((self._template_text, *named)).encode())
 
@@ -153,19 +154,20 @@ class Line:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Return the names of the other columns of the table."""
+        """Return the names of the table's columns, except id and recording."""
         return tuple(self.rows[0].columns) if self.rows else ()
 
     def sections(self, row: SensorRow) -> dict[str, Any]:
         """Return the sections of a sensor's run file, with placeholders replaced by values.
 
         The sensor's name is its id, and [data] file is its recording, unless the template states
-        them with placeholders.
+        these keys with placeholders.
 
         Raises
         ------
         InputError
-            A column refers to a key in a section, but the template has a value there.
+            A column refers to a key in a section, but the template has a value in place of the
+            section.
         """
         values = {ID: row.id, RECORDING: row.recording, **row.columns}
         filled = cast(dict[str, Any], _fill(self.template, values))
@@ -173,7 +175,7 @@ class Line:
             stated: object = filled.setdefault(section, {})
             if isinstance(
                 stated, dict
-            ):  # a value that is not a section causes an error when the run file is checked
+            ):  # the check of the run file rejects a value that is not a section
                 cast(dict[str, Any], stated).setdefault(key, value)
         for name, text in row.columns.items():
             if "." in name and text:
@@ -312,7 +314,7 @@ def _number(text: str, column: str) -> float | int:
 
 
 def file_digests(folder: Path, texts: Iterable[str], leave_out: str = "") -> list[str]:
-    """Return the names and SHA-256 hashes of the files in a folder that are named in texts.
+    """Return the name and SHA-256 hash of each file in a folder that one of the texts names.
 
     Parameters
     ----------

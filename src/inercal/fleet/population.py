@@ -66,17 +66,18 @@ class Population:
         Values and standard uncertainties in SI units.
     lots, stations : Grouping
     days : (n,) array
-        Time of the measurement, days since 1970; not a number if it is not stated.
+        Time of the measurement, days since 1970; NaN if no time is stated.
     chi2, dof : (n,) arrays
-    χ² of the residuals and its degrees of freedom.
+        χ² of the residuals, and its degrees of freedom.
     specification : Specification or None
         Specification in the template; None if the limits differ from sensor to sensor.
     judged : (DecisionRule, mapping of str to int) or None
-        If limits differ: the rule of the first sensor, and the number of sensors by result.
+        If the limits differ from sensor to sensor: the decision rule of the first sensor, and the
+        number of sensors by result.
     left_out : mapping of str to int
         Number of sensors that are not included in the arrays, by reason.
     outdated : int
-        Number of results that may differ from a new calibration.
+        Number of results that a new calibration might change.
     """
 
     ids: tuple[str, ...]
@@ -129,7 +130,7 @@ def read_population(line: Line, folder: Path) -> Population:
     table = table.take(rows)
     names = tuple(usual.split())
     run = line.run(line.rows[0])
-    # The template may have changed since then, and may estimate other coefficients.
+    # The template may have changed since the calibration, and may now estimate other coefficients.
     sensor = run.sensor.with_coefficients(*names)
     specification, judged = run.specification, None
     if specification is not None and _limits_differ(line):

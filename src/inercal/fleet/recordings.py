@@ -1,4 +1,4 @@
-"""Recordings of a fleet, which are files in a folder or objects in a store."""
+"""Recordings of a fleet: files in a folder, or objects in a store."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from inercal.basics.errors import InputError, require_extra
 
 @dataclass(frozen=True)
 class Version:
-    """Version of a recording, which shows changes without reading the recording.
+    """Version of a recording, which shows whether the recording changed without reading it.
 
     Parameters
     ----------
@@ -21,9 +21,9 @@ class Version:
         Size in bytes.
     mark : str
         Times of the last change to the content and to the attributes, or the store's content tag.
-        They are compared only for equality. The attributes are needed because loggers without a
-        clock write equal content times; even a copy that keeps the content time has a new attribute
-        time.
+        Marks are only compared for equality. The attribute time is needed because loggers without a
+        clock always write the same content time. A copy that keeps the content time has a new
+        attribute time.
     """
 
     size: int

@@ -25,14 +25,14 @@ from inercal.fleet.statistics import (
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 
-_LISTED = 30  # outliers, lots and stations in a table
-_CHARTS = 12  # number of stations with a chart
+_LISTED = 30  # largest number of outliers, lots or stations in a table
+_CHARTS = 12  # largest number of stations with a chart
 _BELOW_U = "below u"
 
 
 @dataclass(frozen=True)
 class PrintedTable:
-    """A table with headings and rows of cells; the first cell in a row is its name."""
+    """A table with headings and rows of cells; the first cell is the name of its row."""
 
     heads: tuple[str, ...]
     rows: list[tuple[str, ...]]
@@ -113,7 +113,7 @@ def _under(found: FleetStatistics) -> str:
 
 
 def _number(value: float, digits: int = 4) -> str:
-    """Format a number with some significant digits, and with an exponent only from a million."""
+    """Format a number with some significant digits; only a million or more gets an exponent."""
     return "" if isnan(value) else typeset_minus(f"{float(f'{value:.{digits}g}'):g}")
 
 
@@ -220,7 +220,7 @@ def _tail(one: Contrast) -> tuple[float, float]:
 
 
 def _group_table(found: FleetStatistics, groups: Sequence[GroupStatistics]) -> PrintedTable:
-    """Return the table of groups, each with its coefficient farthest from the fleet."""
+    """Return a table of groups, with the coefficient that differs most from the fleet."""
     names, terms = found.population.names, found.population.terms
     whole = [one.summary for one in found.coefficients]
     ranked: list[tuple[float, tuple[str, ...]]] = []

@@ -1,12 +1,12 @@
-"""Results of a fleet: a dataset of Parquet parts, each written once and named after its content.
+"""Results of a fleet: Parquet files (parts), each written once and named after its content.
 
-Each row represents one sensor, calibrated or not. Its key is a hash of its recording, its completed
-run file and the version of inercal. A fleet has no other state: sensors in an existing part are
-done, and all others remain to be calibrated.
+Each row is the result for one sensor, which may be a failure. The key of a row is a hash of the
+recording, the completed run file and the version of inercal. A fleet has no other state: sensors in
+an existing part are done, and all others remain to be calibrated.
 
-Rows are numbered by generations: each run, and each recording at a station, takes the next number
-in the folder, `_generation-N`. If a sensor has several rows, `inercal.fleet.latest` decides which
-one is valid.
+Each row states its generation: each run, and each recording at a station, takes the next number N,
+for which a file `_generation-N` is created in the folder. If a sensor has several rows,
+`inercal.fleet.latest` decides which row is valid.
 """
 
 from collections.abc import Mapping, Sequence
@@ -82,14 +82,14 @@ def from_lower_triangle(values: Sequence[float]) -> Array:
 
 @dataclass(frozen=True)
 class ResultWriter:
-    """Writer for the results of one run, which all have the same generation.
+    """Writer for the results of one run; all these results have the same generation.
 
     Parameters
     ----------
     folder : Path
         Folder with the parts.
     generation : int
-        A number that is larger than those of all results that existed before.
+        A number that is larger than the generation of every earlier result.
     """
 
     folder: Path
@@ -116,12 +116,12 @@ class ResultWriter:
 
 
 def open_writer(folder: Path, above: int = 0) -> ResultWriter:
-    """Return a writer for a folder's next generation, which no other process can use.
+    """Return a writer for the next generation in a folder, reserved for this process.
 
     Parameters
     ----------
     folder : Path
-        Folder of the parts; it is created if it does not exist.
+        Folder with the parts of the results; it is created if it does not exist.
     above : int
         The latest generation that the caller knows.
 
@@ -135,7 +135,7 @@ def open_writer(folder: Path, above: int = 0) -> ResultWriter:
     try:
         while True:
             (folder / f"{_NUMBER}{number}").touch(exist_ok=False)
-            # Another process may have used this number and later ones, and removed the file.
+            # Another process may have used this number and later numbers, and removed the file.
             if (largest := max(_taken_numbers(folder))) == number:
                 break
             (folder / f"{_NUMBER}{number}").unlink(missing_ok=True)
@@ -156,12 +156,12 @@ def _taken_numbers(folder: Path) -> list[int]:
 
 
 def part_paths(folder: Path) -> list[Path]:
-    """Return the paths of the parts in a folder, which need not exist."""
+    """Return the paths of the parts in a folder; the folder need not exist."""
     return sorted(folder.glob(f"{_PART}*.parquet"))
 
 
 def read_part(path: Path, columns: Sequence[str] | None) -> Table:
-    """Read a part with all columns, or with only the named columns.
+    """Read all columns of a part, or only the named columns.
 
     Columns that are missing in a part from an earlier version are null.
 

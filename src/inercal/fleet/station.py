@@ -1,4 +1,4 @@
-"""A station in a line, which calibrates each recording as soon as it arrives in a folder."""
+"""A station of a line: it calibrates each recording as soon as this arrives in a folder."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
@@ -30,10 +30,10 @@ class StationResult:
     id : str
         Id of the sensor.
     passed : bool
-        Whether the result is reliable and passes every limit of [specification]; a conditional
-        pass does not count.
+        Whether the result is reliable and passes every limit in [specification]. A conditional pass
+        is not enough.
     reason : str
-        The verdict in one word and the worst limit that was not met, or the reason why there is no
+        The verdict in one word and the limit that was missed by most, or the reason why there is no
         result.
     """
 
@@ -56,10 +56,10 @@ def arriving_files(
     suffixes: Collection[str] = (),
     say: Callable[[str], None] = print,
 ) -> Iterator[Path]:
-    """Yield each file in a folder when it is complete (same size and time at two polls).
+    """Yield each new file in a folder when it is complete (same size and time at two polls).
 
-    Files that exist at the first poll are also yielded, except known ones. Files may disappear, and
-    so may the folder; the function then waits until the folder is back.
+    Files that already exist at the first poll are also yielded, except known files. Files may
+    disappear. If the folder disappears, the function waits until it is back.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def arriving_files(
     poll : callable
         Function that waits for the next poll, and returns false to stop.
     known : mapping of str to KnownFile, optional
-        Known files by path, which are yielded again only if their content changes.
+        Known files by path. A known file is only yielded again if its content changes.
     suffixes : collection of str
         Suffixes of recordings; empty to accept any file.
     say : callable
@@ -111,7 +111,7 @@ def _present_files(folder: Path, suffixes: Collection[str]) -> dict[Path, Versio
         for path in sorted(folder.iterdir()):
             if path.name.startswith(_HIDDEN) or (suffixes and path.suffix not in suffixes):
                 continue
-            with suppress(InputError):  # the file has vanished since
+            with suppress(InputError):  # the file has disappeared
                 if path.is_file():
                     found[path] = version_of(folder, path.name)
     except OSError:
@@ -128,9 +128,9 @@ def calibrate_arrival(
 ) -> StationResult:
     """Calibrate a recording that arrived, and store its row.
 
-    The sensor is found by the file name without suffix in the column `barcode` or `id`, or by the
-    path of its recording. A recording without a row is not calibrated, because its lot and bench
-    are unknown.
+    To find the sensor, the file name without suffix is looked up in the columns `barcode` and `id`,
+    and then the path among the recordings in the table. A recording without a row is not
+    calibrated, because its lot and bench are unknown.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def calibrate_arrival(
     out : Path
         Folder for the results.
     executor : TolerantExecutor, optional
-        Executor for the calibration; by default it runs in this process.
+        Executor for the calibration; by default, the calibration runs in this process.
     limit : TimeLimit, optional
         Time limit for recordings at the station.
 
@@ -156,7 +156,7 @@ def calibrate_arrival(
         version = version_of(line.folder, row.recording)
     except InputError as error:
         return StationResult(row.id, False, str(error))
-    line = replace(line)  # the files that the line names may have changed since it was read
+    line = replace(line)  # a copy without stored hashes: files named by the line may have changed
     work = Work(row, line.digest(row), version, arrived=True)
     found = _result_within(limit or TimeLimit(), executor or SerialExecutor(), line, work)
     results.open_writer(out).write([found])
@@ -173,7 +173,7 @@ def calibrate_arrival(
 def _result_within(
     limit: TimeLimit, executor: TolerantExecutor, line: Line, work: Work
 ) -> dict[str, Any]:
-    """Return the row for a sensor; it is "lost" if its process dies or takes too long."""
+    """Return the row for a sensor; its status is "lost" if the process dies or takes too long."""
     size = work.version.size
     executor.limit = lambda _index, _step: limit.seconds(size)
     executor.submit(result_row, replace(line, rows=()), work)
@@ -190,7 +190,7 @@ def _result_within(
 
 
 def find_row(line: Line, path: Path) -> SensorRow | None:
-    """Return the row for an arrived recording, with its path, or None if there is no row."""
+    """Return the row of an arrived recording, with the path filled in, or None."""
     place = path.resolve()
     for row in line.rows:
         if (line.folder / row.recording).resolve() == place:
@@ -202,7 +202,7 @@ def find_row(line: Line, path: Path) -> SensorRow | None:
 
 
 def known_files(line: Line, out: Path) -> dict[str, KnownFile]:
-    """Return the recordings that have a result for their current content and run file, by path."""
+    """Return, by path, the recordings with a result for their current content and run file."""
     by_id = {row.id: row for row in line.rows}
     known: dict[str, KnownFile] = {}
     for part in results.part_paths(out):

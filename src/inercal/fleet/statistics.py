@@ -1,9 +1,8 @@
 """Statistics over the sensors of a line: their true scatter, capability and yield.
 
-The scatter of the values includes their uncertainties. The standard deviation of the true values is
-√(sd² − mean u²); the components between and within lots are those in
-`inercal.estimation.uncertainty.components`. The capability of a process with the limits T_L and T_U
-is
+The scatter of the values includes their uncertainties, so the standard deviation of the true values
+is √(sd² − mean u²). `inercal.estimation.uncertainty.components` computes the components between and
+within lots. The capability of a process with the limits T_L and T_U, and its 95 % interval, are
 
     C_pk = min(T_U − μ, μ − T_L) / 3σ,   its interval C_pk ± 1.96 √(1/9n + C_pk²/(2n − 2))
 
@@ -11,9 +10,9 @@ is
 and the true capability uses the sd of the true values. Outliers are excluded from means, scatter,
 capability, trends and differences, but not from medians, quantiles and the yield.
 
-u includes errors of the bench that are common to all sensors. These errors do not scatter the
-values, so if they dominate, the true scatter is larger than stated, and u of a mean is never below
-theirs.
+u includes errors of the bench that are common to all sensors. These errors do not make the values
+scatter. If they dominate, the true scatter is larger than stated, and u of a mean is never below
+the u of these errors.
 """
 
 from dataclasses import dataclass
@@ -58,11 +57,11 @@ class Summary:
     n : int
         Number of sensors.
     median, robust_sd : float
-    Median and robust standard deviation over all sensors.
+        Median and robust standard deviation over all sensors.
     mean, sd : float
         Mean and standard deviation without outliers.
     mean_u : float
-        Root of the mean square of the standard uncertainties.
+        Root mean square of the standard uncertainties.
     truth_sd : float
         √(sd² − mean u²); NaN if the values scatter less than their uncertainties.
     """
@@ -90,7 +89,7 @@ class CoefficientStatistics:
     limits : (float, float) or None
         Limits in [specification].
     observed, truth : Capability or None
-        Observed and true capability; None without limits or without scatter.
+        Observed and true capability; None if there are no limits or no scatter.
     """
 
     name: str
@@ -142,17 +141,17 @@ class FleetStatistics:
     population : Population
     coefficients : tuple of CoefficientStatistics
     lots, stations : tuple of GroupStatistics
-        Statistics of each lot and station; empty if there is only one.
+        Statistics of each lot and of each station; empty if there is only one.
     outliers : tuple of Outlier
-        Outliers, the farthest first.
+        Outliers; the sensor farthest from the others comes first.
     outliers_searched : bool
         Whether there were enough sensors for the search.
     outliers_by_chance : float
-        Number that would be listed, on average, if no sensor differed from the others.
+        Mean number of outliers that would be listed if no sensor really differed from the others.
     contrasts : tuple of Contrast
         Trends over serial order and time, and differences between stations.
     yields : tuple of RuleYield
-        Yield under each decision rule; empty without limits.
+        Yield under each decision rule; empty if there are no limits.
     centre : float
         Centre of the control charts.
     charts : tuple of ControlChart
@@ -222,7 +221,7 @@ def fleet_statistics(population: Population) -> FleetStatistics:
 def capability(
     mean: float, sd: float, n: int, limits: tuple[float, float] | None
 ) -> Capability | None:
-    """Return C_pk with its interval, or None without limits or scatter."""
+    """Return C_pk with its interval, or None if there are no limits or no scatter."""
     if limits is None or not sd > 0 or n < 2:
         return None
     value = min(limits[1] - mean, mean - limits[0]) / (3 * sd)
@@ -276,7 +275,7 @@ def _groups(population: Population, grouping: Grouping, good: Mask) -> tuple[Gro
 
 
 def _rows_of(grouping: Grouping, good: Mask) -> Grouping:
-    """Return the grouping for some rows, without groups that become empty."""
+    """Return the grouping of only some rows, without groups that become empty."""
     places = grouping.places[good]
     used = np.bincount(places, minlength=len(grouping.names)) > 0
     names = tuple(name for name, one in zip(grouping.names, used.tolist(), strict=True) if one)
@@ -284,7 +283,7 @@ def _rows_of(grouping: Grouping, good: Mask) -> Grouping:
 
 
 def _components(value: Array, std: Array, lots: Grouping) -> list[Components]:
-    # Lots with one sensor each provide no information on the scatter within a lot.
+    # If each lot has one sensor, there is no information on the scatter within a lot.
     places = lots.places if len(value) > len(lots.names) else None
     return [variance_components(value[:, k], std[:, k], places) for k in range(value.shape[1])]
 

@@ -12,7 +12,7 @@ from inercal.fleet import results
 from inercal.fleet.latest import OUTDATED, latest_results
 from inercal.fleet.line import Line
 
-_NAMES = 1000  # sensors listed for each reason
+_NAMES = 1000  # largest number of sensors listed for a reason
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,13 @@ class LineStatus:
     counts : mapping of str to int
         Number of sensors by status.
     reasons : sequence of (str, sequence of str)
-        Reasons why sensors have no result, most common first, with the sensors' ids.
+        Reasons why sensors have no result, with the sensors' ids; the most common reason comes
+        first.
     conformity : mapping of str to int
-        Number of sensors by result against [specification], from pass to fail; empty without
-        limits. Unreliable results are not included.
+        Number of sensors for each result of [specification], from pass to fail; empty if there are
+        no limits. Unreliable results are not counted.
     outdated : mapping of str to str
-        Reasons why a new calibration may give another result, by sensor id.
+        Reasons why a new calibration might give a different result, by sensor id.
     """
 
     counts: Mapping[str, int]
@@ -89,6 +90,6 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
 
 
 def _common_reason(row: Mapping[str, Any]) -> str:
-    """Return the reason without names of the sensor, so that equal reasons can be combined."""
+    """Return the reason without the sensor's name, which allows equal reasons to be combined."""
     text = str(row["error"]).replace(row["recording"], "…")
     return text.replace(row["id"], "…")

@@ -1,26 +1,26 @@
-"""Time limit for a sensor, stated by the user or found from the other sensors."""
+"""Time limit for a sensor, stated by the user or computed from the times of other sensors."""
 
 from collections.abc import Sequence
 
 from inercal.basics.units import format_duration
 
-_FACTOR = 20  # times the slowest time of the others
-_LEAST = 60.0  # s, because a busy machine, or compiling kernels, delays any sensor
-_FIRST = 600.0  # s, used until other times are known
-_ENOUGH = 3  # number of other sensors needed
+_FACTOR = 20  # times the longest time of the others
+_LEAST = 60.0  # s, because a busy machine or the compilation of kernels delays any sensor
+_FIRST = 600.0  # s, used before enough other times are known
+_ENOUGH = 3  # number of other sensors with known times that are needed
 
 
 class TimeLimit:
     """Time limit for the calibration of a sensor.
 
-    By default the limit is twenty times the longest time that any other sensor took, proportionally
-    more for a larger recording, and at least one minute. Until the times of three others are known,
-    it is ten minutes.
+    By default, the limit is twenty times the longest time that any other sensor took, and at least
+    one minute. A larger recording gets proportionally more time. Before the times of three other
+    sensors are known, the limit is ten minutes.
 
     Parameters
     ----------
     stated : float or None
-        The limit stated by the user, s.
+        The limit stated by the user, s; None if the user states no limit.
     """
 
     def __init__(self, stated: float | None = None):
@@ -33,7 +33,7 @@ class TimeLimit:
         Parameters
         ----------
         sizes : sequence of int
-            Sizes of their recordings in bytes.
+            Sizes of the sensors' recordings in bytes.
         seconds : sequence of float
         """
         self._count += len(seconds)
@@ -46,10 +46,10 @@ class TimeLimit:
         Parameters
         ----------
         size : int
-            Size of its recording in bytes.
+            Size of the sensor's recording in bytes.
         early : bool
-            Whether the sensor may be stopped early, because it can be retried when other times are
-            known.
+            Whether the sensor may be stopped early, because it will be retried after other times
+            are known.
         """
         if self._stated is not None:
             return self._stated

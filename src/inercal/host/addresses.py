@@ -1,4 +1,4 @@
-"""Addresses of tables and IMUs: each names a link, the kind of device and its settings.
+"""Addresses of tables and IMUs: an address names a link, the kind of device, and settings.
 
     pmac://192.168.0.5:1025?motors=1,2,3&counts=3600000     axes from outer to inner; counts per
                                                             turn, one for all or one per axis,
@@ -30,7 +30,7 @@ from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.drivers.rotary_table import AxisLimits, RotaryTable
 from inercal.host.link import CONNECT_TIMEOUT, host_and_port, open_link
 
-# Importing these takes longer than starting the guard, which opens a table and must start quickly.
+# These are only imported for type checks, because the guard opens a table and must start quickly.
 if TYPE_CHECKING:
     from inercal.benches.motion_control import ControlledBench
     from inercal.host.imu_port import ImuPort
@@ -45,7 +45,7 @@ _PMAC_PORT = 1025
 
 
 class DeviceAddresses(NamedTuple):
-    """Addresses of the devices; `clock` is the address of a simulated bench's clock, else empty."""
+    """Addresses of the devices; `clock` is empty unless the bench is simulated."""
 
     table: str
     imu: str
@@ -60,8 +60,8 @@ def open_table(address: str, bench: ControlledBench | None, timeout: float = 1.0
     address : str
         See the module docstring.
     bench : ControlledBench or None
-        Names the axes, and gives the limits for a controller that reports none. Without a bench,
-        the axes are named after their numbers.
+        Bench that names the axes and states the limits for a controller that reports none. Without
+        a bench, each axis is named after its number.
     timeout : float
         Longest time to wait for a reply, s.
 
@@ -72,7 +72,7 @@ def open_table(address: str, bench: ControlledBench | None, timeout: float = 1.0
     LinkLost
         No device answers at the address.
     ProtocolError
-        A device answers, but it is not such a table.
+        A device answers, but it is not the kind of table in the address.
     """
     scheme, _ = _scheme(address)
     if scheme in DRIVERS:
@@ -81,18 +81,17 @@ def open_table(address: str, bench: ControlledBench | None, timeout: float = 1.0
 
 
 def allows_second_connection(address: str) -> bool:
-    """Return whether two programs can be connected to a table at once (not on a serial port)."""
+    """Return whether two programs can be connected to a table at once (not on serial ports)."""
     kind, at = _scheme(address)
     return not (kind == "motor" and at.startswith("serial:"))
 
 
 def table_places(address: str) -> tuple[str, ...]:
-    """Return the places (hosts and ports) that a table's address leads to, however it is written.
+    """Return the places (hosts and ports) to which a table's address leads, in any notation.
 
-    Two addresses lead to the same controller if they have a place in common. This covers host names
-    and their IP addresses, default ports that are left out, the several names of this machine, and
-    symbolic links to a serial port. The axes in an address make no difference. No connection is
-    opened.
+    Two addresses lead to the same controller if they have a place in common. The function resolves
+    host names to IP addresses, omitted default ports, different names of this machine, and symbolic
+    links to a serial port. It ignores the axes in an address and opens no connection.
     """
     scheme, _ = _scheme(address)
     link = address.partition("?")[0]
@@ -109,7 +108,7 @@ def table_places(address: str) -> tuple[str, ...]:
 
 
 def _resolve(host: str) -> tuple[str, ...]:
-    """Return the sorted numeric addresses of a host, or its name if it cannot be resolved."""
+    """Return the sorted numeric addresses of a host, or the name if it cannot be resolved."""
     try:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):
@@ -157,7 +156,8 @@ def layout_of_address(address: str) -> PacketLayout:
     Raises
     ------
     InputError
-        The address has neither or both of them, or the description cannot be read.
+        The address contains neither `preset` nor `layout`, or both, or the description cannot be
+        read.
     """
     from inercal.host.packets import PRESETS, read_layout
 
@@ -175,7 +175,7 @@ def layout_of_address(address: str) -> PacketLayout:
 
 
 def link_of_address(address: str) -> str:
-    """Return an IMU's address without `preset` and `layout`, which is the address of its link."""
+    """Return the address of an IMU's link: its address without `preset` and `layout`."""
     whole = _AddressParameters(address).values
     given = {k: v for k, v in whole.items() if k not in ("preset", "layout")}
     if given == whole:
@@ -185,7 +185,7 @@ def link_of_address(address: str) -> str:
 
 
 class _AddressParameters:
-    """The parameters of an address, which are taken out one by one."""
+    """The parameters of an address; each is removed when it is read."""
 
     def __init__(self, address: str):
         self.address = address
@@ -195,7 +195,7 @@ class _AddressParameters:
             raise InputError(f"{address!r} gives a parameter twice; give each parameter once")
 
     def axis_numbers(self, key: str, most: int) -> list[int]:
-        """Return the axis numbers in a parameter: from 1 to `most`, each at most once."""
+        """Return the axis numbers in a parameter: 1 to `most`, and each at most once."""
         text = self._take(key, f"{key}=1,2,3")
         parts = text.split(",")
         if not all(re.fullmatch(r"[0-9]{1,2}", part) for part in parts):
@@ -222,7 +222,7 @@ class _AddressParameters:
         return values if len(values) == axes else values * axes
 
     def tcp_address(self, port: int | None) -> str:
-        """Return the address of the link, and refuse any parameters that are left over."""
+        """Return the address of the link; raise an error if parameters remain."""
         if self.values:
             raise InputError(
                 f"unknown parameter {next(iter(self.values))!r} in {self.address!r}; "
@@ -293,7 +293,7 @@ def _open_motor(address: str, bench: ControlledBench | None, timeout: float) -> 
     return Motor(at, limits, name, timeout=timeout)
 
 
-# Drivers by the scheme of the address; each takes address, bench and timeout, as `open_table` does.
+# Drivers by the scheme of the address. Each function has the arguments of `open_table`.
 DRIVERS: dict[str, Callable[[str, ControlledBench | None, float], RotaryTable]] = {
     "pmac": _open_pmac,
     "acutrol": _open_acutrol,

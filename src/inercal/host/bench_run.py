@@ -4,12 +4,12 @@ The loop runs every 20 ms of bench time, or every 80 ms while the table holds it
 
     clock -> table's state and IMU's bytes -> log -> interlocks -> sequencer -> table, log, journal
 
-At intervals, the received data are assembled and passed to the method's sequential estimator, if it
-has one. The log contains all data that an estimate uses, so a resumed run replays its log and
-repeats the interrupted step from its beginning.
+At intervals, the received data are converted to samples and passed to the sequential estimator of
+the method, if there is one. The log contains all data that an estimate uses, so a resumed run
+replays its log and repeats the interrupted step from the beginning.
 
-However the run ends, the table is brought to rest: by the sequencer, or by the watchdog (`guard`),
-a separate process with its own connection. Both are software; the hardware interlock is the safety
+However the run ends, the table is brought to rest by the sequencer or by the watchdog (`guard`), a
+separate process with its own connection. Both are software; the hardware interlock is the safety
 function.
 """
 
@@ -51,15 +51,16 @@ from inercal.host.tasks import DEFAULT_OPTIONS, HostPlan, RunOptions, host_plan
 SHOW_INTERVAL = 0.2  # s of wall time between two updates of the display
 _PACKET_TIMEOUT = 5.0  # s
 _SIMULATED_READ_TIMEOUT = 1.0  # s
-# How long recording continues at the end, s: the last samples need the table's next reading
+# Time for which recording continues at the end, s, because the last samples need another reading of
+# the table.
 _RECORDING_TAIL = 1.0
-_PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s for which it tries to reach a lost table
-_DATING_TIMEOUT = 10.0  # s within which the first packets of a resumed run must be dated
-_GRACE = 5.0  # s to come to rest, in addition to the time that the deceleration takes
+_PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s; the watchdog tries to reach a lost table
+_DATING_TIMEOUT = 10.0  # s; the first packets of a resumed run must be dated within this time
+_GRACE = 5.0  # s in addition to the deceleration time
 
 
 class BenchRun:
-    """One run, new or resumed; as a context manager it leaves the table at rest.
+    """A new or resumed run. At the end of its `with` block, the table is at rest.
 
     Parameters
     ----------
@@ -68,26 +69,26 @@ class BenchRun:
     addresses : DeviceAddresses
     options : RunOptions
     show : callable
-        Called with the run itself, at intervals.
+        Function that is called with this run at intervals.
     show_interval : float
-        Wall time between two such calls, s.
+        Wall time between two calls of `show`, s.
 
     Attributes
     ----------
     name, sensor, axes
-        The sensor's name, the sensor, and the names of the table's axes.
+        The name of the sensor, the sensor, and the names of the table's axes.
     time : float
         Run time, s.
     sequencer : Sequencer or SpinSequencer
     tasks : tuple of Task
     recorder : RunRecorder
-        Records the received data and assembles samples from them.
+        Records the received data and converts them to samples.
 
     Raises
     ------
     InputError
-        The bench is not of a kind that a host can drive, an address is invalid, the log is damaged,
-        or another program commands the table.
+        A host cannot drive this kind of bench, an address is invalid, the log is damaged, or
+        another program commands the table.
     LinkLost
         A device does not answer.
     """
@@ -120,12 +121,12 @@ class BenchRun:
             )
         with ExitStack() as opened:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
-            # Earlier readings were checked when they were received, and any fault may be repaired
-            # by now.
+            # Earlier readings were checked when they were received. A fault may have been repaired
+            # since then.
             self._checked_from = self.recorder.assembly.table.last
-            # Lock the table before sending it anything: another run may be commanding it.
+            # The table is locked before anything is sent, because another run may be commanding it.
             opened.enter_context(TableLock(addresses.table, f"run {folder.path.resolve()}"))
-            # A simulated table may be slow to answer on a busy machine.
+            # On a busy machine, a simulated table may answer slowly.
             timeout = _SIMULATED_READ_TIMEOUT if addresses.clock else READ_TIMEOUT
             self._table = opened.enter_context(open_table(addresses.table, bench, timeout))
             self._clock, self._last_checks = self._open_clock(addresses)
@@ -145,11 +146,10 @@ class BenchRun:
             )
             self._table_driver = TableDriver(self._table, self._guard, self._clock.now, self._say)
             self._mounting: MountingPrompt | None = None
-            if isinstance(self.sequencer, SpinSequencer):  # a plan of spins has no mountings
+            if isinstance(self.sequencer, SpinSequencer):  # such a plan has no mountings
                 self._mounting = MountingPrompt(self.sequencer, journal, self._clock, self._say)
                 self._mounting.restore()
-            # A simulated bench stands still from here on, so that the port opens between two
-            # packets.
+            # From here on, a simulated bench stands still, so the port opens between two packets.
             clock, now = self._clock, self._clock.now()
             clock.begin(now)
             tick = clock.end()
@@ -167,34 +167,34 @@ class BenchRun:
 
     @property
     def state(self) -> TableState | None:
-        """The table state that was read last."""
+        """The last state that was read from the table."""
         return self._table_driver.state
 
     @property
     def speed(self) -> float:
-        """Mean speed so far: bench time divided by wall-clock time."""
+        """Mean speed so far: bench time divided by wall time."""
         wall, bench = self._speed_reference
         now = monotonic() if self._end_time is None else self._end_time
         return (self.time - bench) / max(now - wall, 1e-9)
 
     @property
     def pause_reason(self) -> str:
-        """Why the run is paused; empty if it is not."""
+        """Reason why the run is paused; empty if it is not paused."""
         return self._interruptions.pause_reason
 
     @property
     def trouble(self) -> str:
-        """Why the run was interrupted; empty if it was not."""
+        """Reason why the run was interrupted; empty if it was not interrupted."""
         return self._interruptions.trouble
 
     @property
     def needs_new_run(self) -> bool:
-        """Whether the run cannot be resumed because the devices' clocks cannot be matched again."""
+        """Whether the run cannot be resumed, because clocks of devices cannot be related again."""
         return self._clocks_lost or self.recorder.assembly.imu.mismatch is not None
 
     @property
     def mounting_request(self) -> MountingRequest | None:
-        """The mounting that the operator still has to confirm, or None."""
+        """The mounting that the operator must confirm; None if there is none."""
         return self._mounting.request if self._mounting else None
 
     @property
@@ -203,32 +203,32 @@ class BenchRun:
         return any(isinstance(task, SpinTask) for task in self.tasks)
 
     def call_before_request(self, drop: Callable[[], object]) -> None:
-        """Register a function to call in the run's thread before each request for a mounting."""
+        """Register a function that the run's thread calls before each request for a mounting."""
         if self._mounting:
             self._mounting.before_request = drop
 
     def confirm_mounting(self, number: int, mounting: str, by: str) -> None:
-        """Confirm the mounting that request `number` asked for; may be called from any thread."""
+        """Confirm the mounting that a request asked for; any thread may call this."""
         if self._mounting:
             self._mounting.confirm(number, mounting, by)
 
     def request(self, what: Literal["pause", "go on", "stop"]) -> None:
-        """Request a command from any thread; it is executed within one tick."""
+        """Request a command, from any thread; it is executed within one tick."""
         self._interruptions.request(what)
 
     def execute_plan(self) -> bool:
-        """Run the plan; return True if it was completed and False if it was interrupted.
+        """Carry out the plan; return True if it was completed and False if it was interrupted.
 
-        When this returns, the table is at rest, or `trouble` says why this is not known.
+        When this method returns, the table is at rest, or `trouble` says why this is unknown.
         """
         with self._guard.catch_signals():
             try:
                 self._record_session()
                 self._clock.begin(self._next)
-                # The watchdog of a host that was killed may still be stopping the table.
+                # If an earlier host was killed, its watchdog may still be stopping the table.
                 self._wait_for_rest()
                 self._table_driver.require_idle()
-                # Report a device that has reset its clock before anything moves.
+                # A device that has reset its clock is reported before anything moves.
                 self._wait_for_dates()
                 self._begin_checks()
                 self._before_start = False
@@ -252,11 +252,11 @@ class BenchRun:
     def _tick(self) -> None:
         """Process the results of the last tick, let the bench advance, and send commands.
 
-        Between `end` and `begin` a simulated bench stands still, so commands reach it there, one
-        tick after the state that they respond to.
+        Between `end` and `begin`, a simulated bench stands still. Commands reach it at this time,
+        one tick after the state to which they respond.
         """
         tick = self._clock.end()
-        # A bench that has advanced by itself is not followed tick by tick.
+        # If a bench has advanced by itself, its ticks are skipped.
         step = self._poll * (HOLD_POLL_FACTOR if self.sequencer.is_holding else 1)
         late, self._next = tick.time - self._next, max(self._next, tick.time) + step
         self.time = tick.time
@@ -281,7 +281,7 @@ class BenchRun:
         if self.recorder.is_processing_due(self.time):
             self._process_pending()
         if self._is_simulated and self.mounting_request is not None:
-            sleep(step)  # a simulated bench need not run fast while its operator works
+            sleep(step)  # a simulated bench waits while its operator works
         if monotonic() - self._show_time >= self._show_interval:
             self._show_time = monotonic()
             self._show_state()
@@ -294,7 +294,7 @@ class BenchRun:
             self._show = _show_nothing
 
     def _read(self) -> tuple[float, TableState] | None:
-        """Return when the table was read, and its state; None if the read failed."""
+        """Read the table; return the time and the state, or None if the reading failed."""
         try:
             return self._table_driver.read()
         except LinkLost as error:
@@ -302,7 +302,7 @@ class BenchRun:
             return None
 
     def _is_plausible(self, state: TableState) -> bool:
-        """Return whether a reading is plausible; end the run if too many are not.
+        """Return whether a reading is plausible; end the run if too many are implausible.
 
         An implausible reading is logged, but it has no other effect.
         """
@@ -313,7 +313,7 @@ class BenchRun:
         return False
 
     def _advance_sequencer(self, state: TableState) -> None:
-        """Pass a table state to the sequencer and carry out its commands."""
+        """Pass a table state to the sequencer and send the commands that it returns."""
         if self.sequencer.is_over or self._before_start:
             return
         words = self._interlocks.check(state, self.time, temperature=self.recorder.temperature)
@@ -331,7 +331,7 @@ class BenchRun:
         self._record_sections()
 
     def _send_commands(self) -> None:
-        """Send the sequencer's commands to the table, unless the run has been paused since."""
+        """Send the sequencer's commands to the table, unless the run was paused in the meantime."""
         commands, self._commands = self._commands, []
         if commands:
             self._interruptions.check_guard()  # no commands while the watchdog stops the table
@@ -350,7 +350,7 @@ class BenchRun:
         result.clear()
 
     def _stop(self, how: Callable[[float], list[Command]], cause: str, lasted: float) -> None:
-        """Pause or abort by calling `how`, for a cause that has lasted for `lasted` s."""
+        """Pause or abort by calling `how`; the cause began `lasted` s ago."""
         self._table_driver.stop(how(self.time if self.state is None else self.state.time))
         self._plausibility.expect_stop()
         self.recorder.record_interruption(self.time, cause, lasted)
@@ -360,7 +360,7 @@ class BenchRun:
         self.recorder.record_interruption(self.time, None)
 
     def _wait_for_rest(self) -> None:
-        """Wait until the table is at rest; if it does not stop, leave it to the watchdog."""
+        """Wait until the table is at rest; if it does not stop, the watchdog takes over."""
         slowest = max(one.rate / one.acceleration for one in self._bench.axis_motion_limits)
         until, after = self.time + slowest + _GRACE, self.time + _RECORDING_TAIL
         while self.time < until and not (self._table_driver.at_rest and self.time > after):
@@ -391,7 +391,7 @@ class BenchRun:
             )
 
     def _process_pending(self) -> None:
-        """Process what arrived, and check that gyros and table agree."""
+        """Process the received data, and check that gyros and table agree."""
         try:
             block = self.recorder.process_pending(self.time)
         except InputError as error:
@@ -427,11 +427,11 @@ class BenchRun:
             self._table_driver.switch_servos_off()
 
     def _open_clock(self, addresses: DeviceAddresses) -> tuple[Clock, LastChecks]:
-        """Return the bench's clock, and a monitor of when each interlock ran last."""
+        """Return the clock of the bench, and a monitor for the last check of each interlock."""
         if not addresses.clock:
             start = self.recorder.log_end.resumed_time(self._table)
             return MonotonicClock(start), LastChecks()
-        # A simulated bench waits for its host, which may process several seconds of it at once.
+        # A simulated bench waits for its host, which may process several seconds of data at once.
         ticks = 3 * HOLD_POLL_FACTOR * self._poll
         checks = LastChecks(max(MAX_CHECK_INTERVAL, ticks), PIECE_MAX + ticks)
         return SimulatedClock(addresses.clock, self._options.speed), checks
@@ -443,7 +443,7 @@ class BenchRun:
             self._last_checks.record("gyros", self.time)
 
     def _update_last_checks(self) -> None:
-        """Check for overdue interlocks; before and after the plan none is due, as nothing moves."""
+        """Check for overdue interlocks; none is due before and after the plan (nothing moves)."""
         homed = self.state is not None and all(axis.homed for axis in self.state.axes)
         if not (homed and self.recorder.assembly.is_recording and self._interlocks.has_gyros):
             self._last_checks.pause("gyros")
@@ -456,7 +456,7 @@ class BenchRun:
     def _record_session(self) -> None:
         self._plausibility.restart()
         uptime = None if self._is_simulated else read_host_uptime()
-        if uptime is not None:  # converted to the time of the session, which is a moment ago
+        if uptime is not None:  # converted to the time of the session, a moment ago
             uptime = HostUptime(uptime.boot, uptime.seconds - (self._clock.now() - self.time))
         self.recorder.record_session(
             self.time, self.sequencer.number, self._table.wrap_period, uptime
@@ -477,7 +477,7 @@ class BenchRun:
 
 
 def _create_sequencer(plan: HostPlan, first: int, mounting: str) -> Sequencer | SpinSequencer:
-    """Return the sequencer that runs a plan from step `first`, with the sensor as mounted."""
+    """Return the sequencer for a plan from a first step, with the current mounting."""
     limits, names = plan.bench.axis_motion_limits, plan.bench.names
     if plan.spins:
         spins = [task for task in plan.tasks if isinstance(task, SpinTask)]

@@ -1,4 +1,4 @@
-"""A simulated bench for a host: table and IMU as separate processes with real connections."""
+"""A simulated bench for a host: table and IMU are separate processes with real connections."""
 
 import os
 import subprocess
@@ -29,28 +29,30 @@ _EXIT_TIMEOUT = 10.0  # s of wall time within which a process must exit by itsel
 
 
 class BenchSimulator(Closeable):
-    """The simulated bench of a run file; a context manager that stops it at the end of the context.
+    """The simulated bench of a run file; it is stopped at the end of the `with` block.
 
-    Its processes stop when the process that started them stops, which need not be the host.
+    The processes of the bench stop when the process that started them stops. This need not be the
+    host.
 
     Parameters
     ----------
     run : path
-        The run file, which states the bench, the sensor and the truth.
+        The run file; it states the bench, the sensor and the true coefficients.
     seed : int
         Seed of all random numbers.
     preset : str
         Packet format of the IMU.
     rate_hz : float, optional
-        Packet rate; by default the preset's own rate, or the rate of the run's data.
+        Packet rate. By default, it is the rate of the preset, or else the rate of the run's data.
     pace : float or "granted"
-        Bench seconds per second of wall time, or "granted": the host grants time through the clock.
+        Bench seconds per second of wall time. "granted" means that the host decides, through the
+        clock, how far time advances.
     terminal : bool
-        If True, the IMU is connected through a pseudo-terminal, otherwise through TCP.
+        Whether the IMU is connected through a pseudo-terminal and not through TCP.
     background_work : callable, optional
-        Called while the processes start, which takes a while if they compile.
+        Function that is called while the processes start. Starting takes some time if they compile.
     compiling : callable, optional
-        Called when kernels of the simulation are compiled instead of loaded.
+        Function that is called if kernels of the simulation must be compiled.
 
     Attributes
     ----------
@@ -59,12 +61,12 @@ class BenchSimulator(Closeable):
     clock : str or None
         Address of the clock; None if time passes by itself.
     addresses : DeviceAddresses
-        All of these addresses, in the form that a run takes.
+        All addresses, in the form that a run needs.
 
     Raises
     ------
     InputError
-        The bench cannot be simulated; the message is that of the process.
+        The bench cannot be simulated; the message comes from the process.
     """
 
     def __init__(
@@ -82,7 +84,7 @@ class BenchSimulator(Closeable):
         with on_compilation(compiling):
             self._drawn_errors = draw_errors(read(run), seed)
         self._processes: dict[str, subprocess.Popen[str]] = {}
-        # A process that was killed may leave files behind.
+        # A process that is killed may leave files behind.
         self._folder = TemporaryDirectory(prefix="inercal-", ignore_cleanup_errors=True)
         common = [str(run), "--seed", str(seed)]
         try:
@@ -98,7 +100,7 @@ class BenchSimulator(Closeable):
             imu, *_ = self._address("imu")
             table, *clock = self._address("table")
         except BaseException:
-            # A process that waits for another one that has failed would not read the command to
+            # If one process has failed, the other may wait for it and would not read the command to
             # stop.
             for process in self._processes.values():
                 process.kill()
@@ -120,7 +122,7 @@ class BenchSimulator(Closeable):
         Raises
         ------
         InputError
-            The process refuses the fault, or it has ended.
+            The process does not accept the fault, or it has ended.
         """
         process = self._processes[which]
         assert process.stdin
@@ -140,11 +142,11 @@ class BenchSimulator(Closeable):
 
     @contextmanager
     def run_context(self) -> Generator[None]:
-        """Keep this process and the table's on one processor, and the IMU's process on another.
+        """Run this process and the table's process on one processor, and the IMU's on another.
 
-        Host and table wait for each other. Waking one of them on another processor, particularly a
-        virtual one, takes longer than the work it has to do. This has no effect on systems without
-        such a setting.
+        Host and table wait for each other. Waking a process on another processor, particularly a
+        virtual processor, takes longer than its work. On systems without such a setting, this has
+        no effect.
         """
         if not hasattr(os, "sched_setaffinity") or len(all_of_them := os.sched_getaffinity(0)) < 2:
             yield
@@ -163,7 +165,7 @@ class BenchSimulator(Closeable):
         for process in self._processes.values():
             for end in (process.stdin, process.stdout):
                 if end is not None:
-                    # Commands that have not been sent yet are no longer needed.
+                    # Commands that were not sent yet are no longer needed.
                     with suppress(OSError):
                         end.close()
             try:
@@ -180,13 +182,13 @@ class BenchSimulator(Closeable):
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            # An interrupt at the terminal is meant for the host; the bench continues and is brought
-            # to rest.
+            # An interrupt at the terminal is meant for the host. The bench continues, and the host
+            # brings it to rest.
             start_new_session=True,
         )
 
     def _address(self, which: str) -> list[str]:
-        """Return the words after `at` in the line in which a process reports its address."""
+        """Read the line in which a process reports its address; return the words after `at`."""
         told = self._processes[which].stdout
         assert told
         said = told.readline().strip()
@@ -205,18 +207,18 @@ class BenchSimulator(Closeable):
 def start_bench_simulator(
     run: Run, seed: int, preset: str, compiling: Callable[[], None] = lambda: None
 ) -> BenchSimulator:
-    """Start a bench whose time the host grants, and compile the host's kernels meanwhile.
+    """Start a bench whose time the host controls; meanwhile, compile the host's kernels.
 
     Parameters
     ----------
     run : Run
     seed, preset, compiling
-        As in `BenchSimulator`; `compiling` is also called when this process compiles.
+        See `BenchSimulator`; `compiling` is also called if this process must compile.
 
     Raises
     ------
     InputError
-        As in `BenchSimulator`.
+        See `BenchSimulator`.
     """
     layout = read_layout(preset)
 
@@ -229,6 +231,6 @@ def start_bench_simulator(
 
 def _set_processors(process: int, on: set[int]) -> None:
     """Restrict all threads of a process to some processors."""
-    with suppress(OSError):  # a thread may end meanwhile, or the system may lack this folder
+    with suppress(OSError):  # a thread may end meanwhile, or the system has no such folder
         for thread in os.listdir(f"/proc/{process}/task"):
             os.sched_setaffinity(int(thread), on)

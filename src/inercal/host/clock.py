@@ -1,22 +1,21 @@
 """The clock of a run: the host's monotonic clock, or the clock of a simulated bench.
 
-The clock does not use UTC, so setting the host's date changes no time in a run, not even in a
-resumed one.
+The clock does not use UTC. Setting the date of the host therefore changes no time in a run, not
+even in a resumed run.
 
-`begin(until)` lets the bench advance to a time and returns at once, so that the host can process
-data meanwhile; `end()` returns when the bench has reached that time. A simulated bench never
-advances beyond `until`, so the speeds of host and bench do not affect any number.
+`begin(until)` lets the bench advance to a time and returns at once, so the host can process data in
+the meantime. `end()` returns when the bench has reached this time. A simulated bench never advances
+beyond `until`, so the speeds of host and bench do not affect any result.
 
-A simulated bench reports how many bytes its IMU has sent by which time, and the host takes exactly
-these bytes; a real bench cannot report this.
+A simulated bench reports the number of bytes that its IMU has sent and the time of this count, and
+the host takes exactly these bytes. A real bench cannot report this.
 
 **Protocol** of a simulated bench's clock, as lines over TCP: the host sends `until 12.5`, `now` or
 `mounted NAME`, which states how an operator has mounted the sensor. The bench answers each line
-with "TIME SENT SENT_BY", in s, bytes and s. The IMU makes the readings of the last interval while
-the host polls the table, so SENT counts the bytes up to the interval before, or up to the last
-interval if the requested time has already passed. Before the first `until` the clock stands at 0.
-Without an `until` for 5 s, or without a connection, it follows the wall clock until the next
-`until`.
+with "TIME SENT SENT_BY", in s, bytes and s. The IMU computes the readings of the last interval
+while the host polls the table. SENT therefore counts the bytes before this interval, or all bytes
+if the requested time has already passed. Before the first `until`, the clock stands at 0. If there
+is no `until` for 5 s, or no connection, the clock follows the wall clock until the next `until`.
 """
 
 import socket
@@ -30,12 +29,12 @@ from inercal.basics.errors import InputError
 from inercal.host.link import LinkLost, connect_socket, host_and_port
 
 _ANSWER_TIMEOUT = 20  # s; long enough for a bench on a busy machine
-_STALE_AFTER = 0.5  # s of wall time after which the clock is queried again
-_MAX_CATCH_UP = 0.1  # s of wall time that a paced bench makes up for
+_STALE_AFTER = 0.5  # s of wall time; after this, the clock is queried again
+_MAX_CATCH_UP = 0.1  # s of wall time; a paced bench makes up for at most this delay
 
 
 class Tick(NamedTuple):
-    """The run time in s, and how many bytes the IMU has sent by which time."""
+    """The run time in s, and a count of the bytes that the IMU has sent, with its time."""
 
     time: float
     bytes_sent: int | None  # total number of bytes; None if unknown
@@ -43,16 +42,16 @@ class Tick(NamedTuple):
 
 
 class HostUptime(NamedTuple):
-    """The time since the host booted, s, including the time that it was suspended."""
+    """The time since the host booted, s, including times during which it was suspended."""
 
     boot: str
     seconds: float
 
 
 def read_host_uptime() -> HostUptime | None:
-    """Return how long this host has been up; None if the system does not report it.
+    """Return the time since this host booted; None if the system does not report it.
 
-    All processes since the same boot read the same clock, so it shows how long a run had no host.
+    All processes read the same clock until the next boot, so it shows how long a run had no host.
     """
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
@@ -75,15 +74,15 @@ class MonotonicClock:
         self._until = start
 
     def now(self) -> float:
-        """Return the run time, s; may be called from any thread."""
+        """Return the run time, s; any thread may call this."""
         return monotonic() + self._offset
 
     def begin(self, until: float) -> None:
-        """Let the bench advance to `until`; return at once."""
+        """Let the bench advance to `until`, and return at once."""
         self._until = until
 
     def end(self) -> Tick:
-        """Wait until the time given to `begin` is reached, then return the tick."""
+        """Wait until the time given to `begin`, and then return the tick."""
         while (left := self._until - self.now()) > 0:
             sleep(left)
         now = self.now()
@@ -97,7 +96,7 @@ class MonotonicClock:
 
 
 class SimulatedClock:
-    """The clock of a simulated bench; `now` returns its last answer if that is recent enough.
+    """The clock of a simulated bench; `now` returns the last answer if it is recent enough.
 
     Parameters
     ----------
@@ -128,8 +127,8 @@ class SimulatedClock:
                 key="--clock",
             )
         self._socket = connect_socket(address, place, _ANSWER_TIMEOUT)
-        # Use the socket's own timeout, because Python's timeout costs a second system call each
-        # time.
+        # The timeout is set in the system, because Python's timeout needs an additional system call
+        # for each answer.
         self._socket.settimeout(None)
         limit = pack("@ll", _ANSWER_TIMEOUT, 0)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
@@ -141,26 +140,26 @@ class SimulatedClock:
         self._time = self._answer().time
 
     def now(self) -> float:
-        """As `MonotonicClock.now`; raises `LinkLost` if the bench is gone."""
+        """Return the run time, s; raises `LinkLost` if the bench is gone."""
         if not self._awaits_answer and monotonic() - self._answer_time > _STALE_AFTER:
-            # The bench may have advanced by itself meanwhile.
+            # The bench may have advanced by itself in the meantime.
             self._send(b"now\n")
             self._time = self._answer().time
         return self._time
 
     def begin(self, until: float) -> None:
-        """As `MonotonicClock.begin`; raises `LinkLost` if the bench is gone."""
+        """Let the bench advance to `until`; raises `LinkLost` if the bench is gone."""
         if self._awaits_answer:
             raise RuntimeError("begin() was called twice; call end() before the next begin()")
         if self._speed is not None:
-            # Make up for a late wake-up, but not for a pause.
+            # The bench makes up for a late wake-up, but not for a pause.
             start = max(self._due_time, monotonic() - _MAX_CATCH_UP)
             self._due_time = start + max(until - self._time, 0.0) / self._speed
         self._send(f"until {float(until)!r}\n".encode())
         self._awaits_answer = True
 
     def end(self) -> Tick:
-        """As `MonotonicClock.end`; raises `LinkLost` if the bench is gone."""
+        """Wait until the time is reached; raises `LinkLost` if the bench is gone."""
         if not self._awaits_answer:
             raise RuntimeError("end() was called without begin(); call begin() first")
         self._awaits_answer = False
@@ -171,14 +170,14 @@ class SimulatedClock:
         return tick
 
     def mount(self, mounting: str) -> None:
-        """Report a mounting to the simulated bench; raises `LinkLost` if it is gone."""
+        """Report a mounting to the simulated bench; raises `LinkLost` if the bench is gone."""
         if self._awaits_answer:
             raise RuntimeError("mount() was called between begin() and end(); call end() first")
         self._send(b"mounted " + mounting.encode() + b"\n")
         self._time = self._answer().time
 
     def close(self) -> None:
-        """Release the bench, whose clock then follows the wall clock."""
+        """Release the bench; its clock then follows the wall clock."""
         self._socket.close()
 
     def _send(self, line: bytes) -> None:

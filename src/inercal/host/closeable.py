@@ -1,4 +1,4 @@
-"""Closes connections, files and processes at the end of a context, or after a failure in it."""
+"""Closes connections, files and processes at the end of a `with` block, or after a failure."""
 
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -6,7 +6,7 @@ from typing import Self
 
 
 class Closeable:
-    """A context manager that calls `close` at the end of its context."""
+    """A context manager that calls `close` at the end of its `with` block."""
 
     def close(self) -> None:
         """Close the resource."""
@@ -21,7 +21,7 @@ class Closeable:
 
 @contextmanager
 def on_failure(undo: Callable[[], object], *kinds: type[BaseException]) -> Generator[None]:
-    """Call `undo` if the context raises an error of these kinds, or any error without kinds."""
+    """Call `undo` if the block raises an error of these kinds; without kinds, any error."""
     caught = kinds or (BaseException,)
     try:
         yield

@@ -1,11 +1,11 @@
 """The demonstration: calibrates an IMU on a simulated three-axis table and checks the result.
 
-Table and IMU run as separate processes behind TCP and a pseudo-terminal, and the host is the same
-as on a real bench. Their clock waits for the host, so that the plan's minutes pass in seconds and
-the numbers are the same as in real time.
+Table and IMU are separate processes, connected through TCP and a pseudo-terminal, and the host is
+the same as on a real bench. The clock of the bench waits for the host, so the minutes of the plan
+pass in seconds, and the numbers are the same as in real time.
 
 The result is compared with the truth in the run file. For the biases, the truth includes the mean
-of the simulated flicker noise over the recording, because the bias is defined this way
+of the simulated flicker noise over the recording, because this is the definition of the bias
 (`methods.turntable.drift`).
 """
 
@@ -42,9 +42,9 @@ class DemonstrationResult:
     ----------
     outcome : Outcome
     truth : mapping of str to float
-        In SI units; the biases are means over the run.
+        True coefficients in SI units; the biases are means over the run.
     nees : float
-        Normalised estimation error squared against the truth, per coefficient; 1 is expected.
+        Normalised estimation error squared, relative to the truth, per coefficient; 1 is expected.
     seconds : float
         Duration of the run in bench time, s.
     speed : float
@@ -68,20 +68,20 @@ def demo(
     show: Callable[[BenchRun], None] = lambda run: None,
     compiling: Callable[[], None] = lambda: None,
 ) -> DemonstrationResult:
-    """Run the demonstration: calibrate live and from the recording, compare, and write a report.
+    """Run the demonstration: calibrate live and from the recording, compare, write a report.
 
     Parameters
     ----------
     folder : path
-        Created if needed; the files of the run are written here.
+        Folder for the files of the run; it is created if needed.
     seed : int
         Seed of the sensor's noise and of the bench's imperfections.
     quick : bool
-        Use a path of five minutes instead of 24.
+        Whether to use a path of five minutes instead of 24.
     show : callable
-        Called with the run while it is active.
+        Function that is called with the run while it is active.
     compiling : callable
-        Called when kernels are compiled instead of loaded.
+        Function that is called if kernels must be compiled.
 
     Raises
     ------
@@ -95,8 +95,8 @@ def demo(
     with TemporaryDirectory() as plans:
         run = _write_run_file(Path(plans), quick=quick)
         with start_bench_simulator(run, seed, _PACKETS, compiling) as bench:
-            # The bench's processes have read the run file; from here on the copy in the folder is
-            # used.
+            # The processes of the bench have read the run file. From here on, the copy in the
+            # folder is used.
             result, journal = create_run(folder, run, bench.addresses)
             with journal, result.removed_on_failure():
                 try:
@@ -127,9 +127,9 @@ def demo(
 def _truth_with_mean_biases(
     run: Run, seed: int, outcome: Outcome, end: float
 ) -> Mapping[str, float]:
-    """Return the truth with mean biases over the recording, which ends at bench time `end`.
+    """Return the truth, with biases as means over the recording, which ends at time `end`.
 
-    The error of the IMU's clock is negligible here.
+    The error of the IMU's clock is negligible for this purpose.
     """
     track = outcome.observations.track
     assert track is not None

@@ -1,4 +1,4 @@
-"""Detects connected devices: serial ports, IMU packets and settings of a table's controller."""
+"""Detects connected devices: serial ports, packets of an IMU, settings of a table's controller."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
@@ -18,12 +18,12 @@ from inercal.host.table_lock import TableLock
 
 _LISTEN_TIME = 1.0  # s
 _MAX_BYTES = 1 << 16  # bytes at a time
-_MIN_DECODED_FRACTION = 0.5  # of the bytes; a smaller fraction can fit by chance
+_MIN_DECODED_FRACTION = 0.5  # of all bytes; a smaller fraction may match by chance
 
 
 @dataclass(frozen=True)
 class SerialPort:
-    """A serial port, given by its address and the system's description."""
+    """A serial port: its address, and the description from the system."""
 
     address: str
     description: str
@@ -37,11 +37,13 @@ class PacketDecoding:
     ----------
     layout : PacketLayout
     counts : PacketCounts
-        Counts while listening; the discarded bytes include the packet in progress at the start.
+        Counts of the received packets. The discarded bytes include the rest of a packet that began
+        earlier.
     decoded_fraction : float
         Fraction of the bytes that belong to valid packets.
     rate_hz : float
-        Packets per second, by the device's own clock if it sends one, otherwise by the host's.
+        Packets per second, by the clock of the device if packets contain it, and otherwise by the
+        host's clock.
     """
 
     layout: PacketLayout
@@ -52,7 +54,7 @@ class PacketDecoding:
 
 @dataclass(frozen=True)
 class ImuConnection:
-    """The bytes received from an IMU, and the packet formats that match them, best first."""
+    """The bytes received from an IMU, and the matching packet formats; the best comes first."""
 
     address: str
     size: int
@@ -89,15 +91,15 @@ def list_serial_ports() -> tuple[SerialPort, ...]:
 
 
 def probe_imu(address: str, seconds: float = _LISTEN_TIME) -> ImuConnection:
-    """Listen to an IMU, and return the packet formats that match its bytes.
+    """Listen to an IMU, and find the packet formats that match its bytes.
 
     Parameters
     ----------
     address : str
-        An address as in `inercal.host.addresses.open_imu`; without `preset` and `layout` all
-        presets are tried.
+        Address of the IMU (see `inercal.host.addresses.open_imu`). Without `preset` and `layout`,
+        all presets are tried.
     seconds : float
-        Listening time, s; shorter if the other end closes the connection.
+        Listening time, s. It is shorter if the other end closes the connection.
 
     Raises
     ------
@@ -131,10 +133,10 @@ def probe_table(
     Raises
     ------
     InputError, LinkLost, ProtocolError
-        As in `inercal.host.addresses.open_table`; also if the table is on a serial port and another
-        program commands it.
+        See `inercal.host.addresses.open_table`. An error is also raised if the table is on a serial
+        port and another program commands it.
     """
-    # Two programs that read one serial port take each other's replies.
+    # If two programs read one serial port, each loses replies to the other.
     shares = addresses.allows_second_connection(address)
     lock = nullcontext() if shares else TableLock(address, "a query of the table")
     with lock, addresses.open_table(address, bench, timeout) as opened:
@@ -147,7 +149,7 @@ def probe_table(
 
 
 def _try_layout(layout: PacketLayout, came: bytes, seconds: float) -> PacketDecoding | None:
-    """Decode the bytes with a layout and return the result; None if the layout does not match."""
+    """Decode bytes with a layout, and return the result; None if the layout does not match."""
     decoder = Decoder(layout, mid_stream=True)
     packets = decoder.feed(came)
     counts = decoder.counts

@@ -1,10 +1,10 @@
-"""Reads the IMU's bytes in a separate thread, with the time at which they arrive.
+"""Reads the bytes of the IMU in a separate thread, with their arrival times.
 
-A serial port buffers 4 kB, which is 45 ms of data at 921600 baud. A separate thread empties it in
-time, whatever else the host does. The arrival times only serve to relate the IMU's clock to the
-table's at the start of a run.
+A serial port buffers 4 kB, which is 45 ms of data at 921600 baud. A separate thread empties the
+buffer in time, whatever else the host does. The arrival times are only used to relate the IMU's
+clock to the table's clock at the start of a run.
 
-`ImuReceiver` passes the bytes on tick by tick, and reports when the port is lost, silent or working
+`ImuReceiver` passes the bytes on tick by tick, and reports if the port is lost, silent or working
 again.
 """
 
@@ -22,34 +22,34 @@ from inercal.host.link import CONNECT_TIMEOUT, Link, LinkLost
 from inercal.host.packets import PacketLayout
 
 _MAX_BYTES = 1 << 16  # bytes at a time
-_WAIT = 0.2  # s; how often the thread checks whether it must end
-_MAX_STALE_BYTES = 1 << 20  # bytes; a link that delivers more at once will never run dry
+_WAIT = 0.2  # s between the thread's checks whether it must end
+_MAX_STALE_BYTES = 1 << 20  # bytes; a link that delivers more at once never becomes empty
 
 
 class ImuPort(Closeable):
-    """Receives the bytes that arrive over `link`.
+    """Receives the bytes that arrive over a link.
 
     Parameters
     ----------
     link : Link
-        Closed together with the port. Bytes that are already waiting in it are discarded, because
-        their arrival time is unknown.
+        Link to the IMU; it is closed together with the port. Bytes that are already waiting are
+        discarded, because their arrival time is unknown.
     layout : PacketLayout
         Layout of the packets.
     now : callable
-        Returns the time at which bytes arrive, s.
+        Function that returns the present time, s, as the arrival time of bytes.
     synchronous : bool
-        True if the other end waits for the host, as a simulated bench with granted time does. Then
-        no thread is needed, and `take` reads the link itself.
+        Whether the other end waits for the host, as a simulated bench does. No thread is needed in
+        this case, because `take` reads the link.
 
     Attributes
     ----------
     address : str
         Address of the link.
     received_bytes : int
-        Bytes received since the port was opened, whether or not they were taken.
+        Number of bytes received since the port was opened, whether they were taken or not.
     discarded_bytes : int
-        Bytes that were discarded when the port was opened.
+        Number of bytes that were discarded when the port was opened.
 
     Raises
     ------
@@ -89,15 +89,15 @@ class ImuPort(Closeable):
         Parameters
         ----------
         total_bytes : int, optional
-            Total number of bytes since opening up to which to take bytes. The method waits for
-            bytes that have not arrived yet, and keeps any further bytes for the next call.
+            Total number of bytes since opening, up to which bytes are taken. The method waits for
+            bytes that have not arrived yet, and it keeps additional bytes for the next call.
         timeout : float
             Longest waiting time, s.
 
         Raises
         ------
         LinkLost
-            The other end is gone and all bytes received before have been taken, or the bytes up to
+            The other end is gone and all received bytes have been taken, or the bytes up to
             `total_bytes` do not arrive in time.
         """
         if self._thread is None:
@@ -127,7 +127,7 @@ class ImuPort(Closeable):
         self._link.close()
 
     def _pop_pieces(self, total_bytes: int) -> list[tuple[float, bytes]]:
-        """Remove and return pieces up to a total number of bytes; split the last one if needed."""
+        """Remove and return pieces up to a total number of bytes; split the last if necessary."""
         pieces: list[tuple[float, bytes]] = []
         while self._pieces and self._taken_bytes < total_bytes:
             time, data = self._pieces.popleft()
@@ -142,7 +142,7 @@ class ImuPort(Closeable):
         """Read what is available, up to a number of bytes."""
         end = monotonic() + timeout
         if total_bytes is not None and self.received_bytes >= total_bytes:
-            total_bytes = None  # no bytes are due, but check that the port is still there
+            total_bytes = None  # no bytes are due, but the port is checked
         try:
             while self._error is None and (
                 total_bytes is None or self.received_bytes < total_bytes
@@ -158,7 +158,7 @@ class ImuPort(Closeable):
             self._error = error
 
     def _read(self) -> None:
-        """Read until the port is closed; runs in the thread."""
+        """Read until the port is closed; this runs in the thread."""
         while not self._closed:
             lost: InercalError | None = None
             time, data = nan, b""
@@ -166,13 +166,12 @@ class ImuPort(Closeable):
                 data = self._link.read(_MAX_BYTES, _WAIT)
                 time = self._now()
                 if len(data) == 1:
-                    # When its first byte arrives, a serial port signals that there is something to
-                    # read.
+                    # A serial port reports data as soon as the first byte arrives.
                     data += self._link.read(_MAX_BYTES, 0.0)
-            except InercalError as error:  # reading the clock may fail too
+            except InercalError as error:  # reading the clock may also fail
                 lost = error
             except Exception as error:
-                # Without this, nobody would notice that the thread has ended: the IMU would appear
+                # Without this, nobody would notice the end of the thread, and the IMU would appear
                 # silent.
                 lost = LinkLost(
                     f"{self.address}: the connection is lost: {str(error) or type(error).__name__}"
@@ -190,10 +189,10 @@ class ImuPort(Closeable):
 
 
 _SILENCE_LIMIT = 0.5  # s
-_RECOVERY_TIME = 1.0  # s for which a silent IMU must send bytes before it is trusted again
+_RECOVERY_TIME = 1.0  # s; a silent IMU must send bytes for this time to be trusted again
 _RETRY_INTERVAL = 0.5  # s of wall time between two attempts to open a port
-# Longest time of such an attempt, s. The run stands still meanwhile, and the watchdog allows this
-# for 1.5 s. The system's name lookup is not included in this time.
+# Longest time of such an attempt, s. The run stands still during an attempt, which the watchdog
+# tolerates for 1.5 s. The system's name lookup is not included in this time.
 _REOPEN_TIMEOUT = 0.5
 
 
@@ -203,9 +202,9 @@ class ReceivedBytes(NamedTuple):
     Parameters
     ----------
     pieces : list of (float, bytes)
-        Pieces of bytes, each with its arrival time in run time, s.
+        Pieces of bytes, each with its arrival time (run time, s).
     reopened : bool
-        True if the port was opened again, so that these bytes do not continue the earlier ones.
+        Whether the port was opened again. If so, these bytes do not continue the earlier bytes.
     """
 
     pieces: list[tuple[float, bytes]]
@@ -218,16 +217,16 @@ class ImuReceiver:
     Parameters
     ----------
     opener : callable
-        Opens the port within the given number of seconds; raises `LinkLost` if this fails.
+        Function that opens the port within a given number of seconds, or raises `LinkLost`.
     tick : Tick
-        The bench's tick when the port is first opened.
+        Tick of the bench at which the port is first opened.
 
     Attributes
     ----------
     trouble : str or None
-        What is wrong, as text; None while bytes arrive.
+        Description of the problem; None while bytes arrive.
     trouble_since : float
-        Run time at which the trouble began, s.
+        Run time at which the problem began, s.
 
     Raises
     ------
@@ -238,7 +237,8 @@ class ImuReceiver:
     def __init__(self, opener: Callable[[float], ImuPort], tick: Tick):
         self._open = opener
         self._port: ImuPort | None = opener(CONNECT_TIMEOUT)
-        # Bytes that a simulated bench sent before opening; None: take bytes as they arrive.
+        # Bytes that a simulated bench sent before opening. None means that bytes are taken when
+        # they arrive.
         self._sent_before_opening = tick.bytes_sent
         self._last_bytes_time, self._steady_since = tick.time, tick.time
         self._last_attempt_time, self._last_take_time = -inf, tick.time
@@ -246,9 +246,9 @@ class ImuReceiver:
         self.trouble_since = tick.time
 
     def take(self, tick: Tick) -> ReceivedBytes:
-        """Return the bytes that arrived by the tick; a simulated bench counts them exactly."""
+        """Return the bytes that arrived before the tick; a simulated bench counts them exactly."""
         if tick.time - self._last_take_time > _SILENCE_LIMIT:
-            # The host itself stood still, so nobody knows whether the IMU was silent meanwhile.
+            # The host itself stood still, so it is unknown whether the IMU was silent meanwhile.
             self._last_bytes_time = max(self._last_bytes_time, tick.time)
         self._last_take_time = tick.time
         opened = self._port is None and self._try_to_reopen(tick)
@@ -258,8 +258,8 @@ class ImuReceiver:
             if tick.bytes_sent is None or self._sent_before_opening is None:
                 pieces = self._port.take()
             else:
-                # Bytes from a simulated bench get the time that the bench states, whenever they
-                # arrived.
+                # Bytes from a simulated bench get the time that the bench states, not their arrival
+                # time.
                 came = self._port.take(total_bytes=tick.bytes_sent - self._sent_before_opening)
                 data = b"".join(piece for _, piece in came)
                 pieces = [(tick.sent_time, data)] if data else []
@@ -273,7 +273,7 @@ class ImuReceiver:
 
     @property
     def is_receiving(self) -> bool:
-        """Return whether bytes arrive, whatever they contain."""
+        """Return whether bytes arrive, even if they contain no packets."""
         return self._port is not None and self.trouble is None
 
     def close(self) -> None:
@@ -290,14 +290,14 @@ class ImuReceiver:
         except LinkLost:
             return False
         finally:
-            # Counted from the end of the attempt, which may take as long as the retry interval.
+            # The interval begins at the end of the attempt, which may take as long as the interval.
             self._last_attempt_time = monotonic()
         self._sent_before_opening = None  # the number of bytes sent before is unknown
         self._last_bytes_time = self._steady_since = tick.time
         return True
 
     def _update_trouble(self, now: float, some: bool) -> None:
-        """Set or clear the trouble, depending on whether bytes arrive as expected."""
+        """Set or clear `trouble`, depending on whether bytes arrive as expected."""
         if now - self._last_bytes_time > _SILENCE_LIMIT and not some:
             self.set_trouble(f"the IMU has been silent for {_SILENCE_LIMIT:g} s", now)
         if some:
@@ -308,7 +308,7 @@ class ImuReceiver:
                 self.trouble = None
 
     def set_trouble(self, words: str, now: float) -> None:
-        """Report a problem for as long as it lasts; it counts as over 1 s after the last report."""
+        """Report a problem; it is considered over 1 s after the last report."""
         self._steady_since = now
         if self.trouble is None:
             self.trouble, self.trouble_since = words, now

@@ -1,19 +1,19 @@
 """Checks that stop a run although neither the table nor the IMU reports a fault.
 
-Each check returns None, or a text that describes the fault. The gyros check the table's readings,
-because the controller cannot see that an encoder is frozen while its axis turns. With w the rates
-from the gyros, v the rates that the readback θ̇ implies through the bench's geometry, and u_i the
-directions of the axes in the body frame::
+Each check returns None, or a text that describes the fault. The table's readings are compared with
+the gyros, because the controller cannot detect that an encoder is frozen while its axis turns. w
+are the rates from the gyros, v are the rates computed from the readback θ̇ with the geometry of the
+bench, and u_i are the directions of the axes in the body frame::
 
     |w − v| > 5 °/s + |v|/20 for 0.2 s;   axis i explains it with δ_i where  w − v ≈ u_i δ_i
 
-The term |v|/20 allows for scale factor errors, and the 5 °/s for biases and the readback's latency.
-An interlock that has not run for 0.5 s protects nothing, so this is itself a reason to stop the
-table (`LastChecks`). These checks are not a safety function; the hardware interlock is.
+The term |v|/20 allows for scale factor errors, and the 5 °/s allow for biases and the latency of
+the readback. An interlock that has not run for 0.5 s gives no protection, so this is also a reason
+to stop the table (`LastChecks`). These checks are not a safety function; the hardware interlock is.
 
-`ReadbackWarnings` tell an operator when the gyros contradict the readback, by the comparison that
-is also made for the recording (`gyro_comparison`). They describe the readback's error but not its
-cause, and they stop nothing: the interlocks stop dangerous motion.
+`ReadbackWarnings` warn an operator if the gyros contradict the readback. They use the same
+comparison as for the recording (`gyro_comparison`). They describe the error of the readback but not
+its cause. They do not stop the table, because the interlocks stop dangerous motion.
 """
 
 from collections.abc import Sequence
@@ -35,15 +35,15 @@ from inercal.physics.sensors import Sensor
 from inercal.recordings import Track
 
 MAX_CHECK_INTERVAL = 0.5  # s between two checks of an interlock
-_FOLLOWING_ERROR_SHARE = 0.5  # of the following error at which the servo switches off
-_RATE_MARGIN = 1.2  # times the bench's rate limit
-_CLOCK_TIMEOUT = 0.5  # s for which the controller's clock may stand still
-# Time for which a temperature must be out of range, s: one false packet is no reason to stop
+_FOLLOWING_ERROR_SHARE = 0.5  # fraction of the following error at which the servo switches off
+_RATE_MARGIN = 1.2  # times the rate limit of the bench
+_CLOCK_TIMEOUT = 0.5  # s; the controller's clock may stand still for this time
+# Time for which a temperature must be out of range, s. A single false packet is no reason to stop.
 _TEMPERATURE_PERSISTENCE = 1.0
-_RATE_DIFFERENCE, _RATE_SHARE = radians(5), 0.05  # rad/s, part of the rate
+_RATE_DIFFERENCE, _RATE_SHARE = radians(5), 0.05  # rad/s, and fraction of the rate
 _DIFFERENCE_PERSISTENCE = 0.2  # s
 _STANDSTILL_RATE = radians(0.5)  # rad/s
-_UNEXPLAINED_SHARE = 0.25  # of the squared difference between gyros and table may remain
+_UNEXPLAINED_SHARE = 0.25  # largest unexplained fraction of the squared difference
 
 
 Interlock = Literal["table", "gyros"]
@@ -51,18 +51,18 @@ _CHECKED = {"table": "the table's readings", "gyros": "the gyros against the tab
 
 
 class LastChecks:
-    """The run time at which each interlock ran last; an overdue interlock is a fault.
+    """The run time of the last check of each interlock; an overdue interlock is a fault.
 
     Parameters
     ----------
     table, gyros : float
-        Longest allowed time between two checks of the table's readings, and between two comparisons
-        of the gyros with the table, s.
+        Longest permitted time between two checks of the table's readings, and between two
+        comparisons of the gyros with the table, s.
 
     Attributes
     ----------
     trouble : str or None
-        Which interlock is overdue, as text; None while none is.
+        Text that names the overdue interlock; None if no interlock is overdue.
     trouble_since : float
         Run time at which the trouble began, s.
     """
@@ -74,15 +74,15 @@ class LastChecks:
         self._last: dict[str, float] = {}
 
     def record(self, which: Interlock, time: float) -> None:
-        """Record that an interlock has run; from now on it must run on schedule."""
+        """Record that an interlock has run; from now on, it must run on schedule."""
         self._last[which] = time
 
     def pause(self, which: Interlock) -> None:
-        """Expect no checks from an interlock that has nothing to compare, until it runs again."""
+        """Expect no checks from an interlock until it runs again, because it has no data now."""
         self._last.pop(which, None)
 
     def update(self, time: float) -> None:
-        """Find out whether an interlock is overdue at a run time, s."""
+        """Check whether an interlock is overdue at a run time, s."""
         overdue = [
             (which, time - last)
             for which, last in self._last.items()
@@ -105,28 +105,30 @@ class Interlocks:
     Parameters
     ----------
     limits : sequence of AxisLimits
-        Limits as set in the table's controller.
+        Limits that are set in the table's controller.
     bench : ControlledBench
-        States the axes and their limits.
+        Bench that states the axes and their limits.
     sensor : Sensor
         The sensor whose readings `check_gyros` receives.
     temperature : tuple of two floats, optional
-        Lowest and highest allowed temperature of the IMU, K.
+        Lowest and highest permitted temperature of the IMU, K.
 
     Attributes
     ----------
     has_gyros : bool
-        Whether the sensor has gyros that `check_gyros` can compare with the table. A rate table
-        reports no attitude, so no comparison is possible on it.
+        Whether the sensor has gyros that `check_gyros` can compare with the table. This is
+        impossible on a rate table, which reports no attitude.
     encoder_stuck : bool
-        Whether an axis turned while its encoder was frozen; its servo accelerates it if it is on.
+        Whether an axis turned while its encoder was frozen. If its servo is on, the axis
+        accelerates.
     rate_difference : float
-        Latest difference between the gyros' rates and the readback's, rad/s; 0 if they agree.
+        Latest difference between the rates from the gyros and from the readback, rad/s; 0 if they
+        agree.
 
     Raises
     ------
     InputError
-        The number of limits differs from the number of the bench's axes.
+        The number of limits differs from the number of axes of the bench.
     """
 
     def __init__(
@@ -159,7 +161,7 @@ class Interlocks:
         self._agreement_time = nan
 
     def check(self, state: TableState, now: float, temperature: float | None = None) -> str | None:
-        """Return a text that says what is wrong with the table or the IMU; None if nothing is.
+        """Describe what is wrong with the table or the IMU; None if nothing is wrong.
 
         Parameters
         ----------
@@ -168,10 +170,10 @@ class Interlocks:
         now : float
             Run time, s.
         temperature : float, optional
-            Temperature of the IMU, K; NaN means that there is none.
+            Temperature of the IMU, K; NaN if it is unknown.
         """
         for (name, following, fastest), axis in zip(self._axes, state.axes, strict=True):
-            # A single reading is not trusted, because its digits may be corrupted on the way.
+            # A single reading is not trusted, because its digits may have been corrupted.
             error, rate = abs(axis.following_error), abs(axis.rate)
             if self._persists(f"error {name}", error > following, now):
                 return (
@@ -198,12 +200,12 @@ class Interlocks:
         return None
 
     def check_gyros(self, track: Track) -> str | None:
-        """Return a text on how the gyros' rates differ from the readback's; None if they agree.
+        """Describe how the gyros' rates differ from the readback; None if they agree.
 
         Parameters
         ----------
         track : Track
-            Samples of one trial that continue those of the previous call.
+            Samples of one trial that continue the samples of the previous call.
         """
         geometry = self._geometry
         if geometry is None or not self.has_gyros or not track.time.size:
@@ -238,7 +240,7 @@ class Interlocks:
     def _describe_difference(
         self, bench: Turntable, angles: Array, turned: Array, left: Array
     ) -> str:
-        """Return a text that names the axis that explains the difference; its arrays are (n, g)."""
+        """Describe a difference, (n, g), and name the axis that explains it."""
         zero = np.zeros_like(angles)
         earth = motion(bench, angles, zero, zero, {}).w
         total = float(np.sum(left**2))
@@ -269,7 +271,7 @@ class Interlocks:
         )
 
     def _persists(self, what: str, wrong: bool, now: float, most: float = 0.0) -> bool:
-        """Return whether a condition has been wrong for longer than `most` s."""
+        """Return whether a fault has lasted for longer than `most` s."""
         if not wrong:
             self._since.pop(what, None)
             return False
@@ -285,7 +287,7 @@ class ReadbackWarnings:
     Parameters
     ----------
     bench : ControlledBench
-        Only a turntable has angles to compare.
+        Bench; only a turntable has angles to compare.
     sensor : Sensor
     """
 
@@ -295,21 +297,22 @@ class ReadbackWarnings:
         self.restart()
 
     def restart(self) -> None:
-        """Start again, when the recording does."""
+        """Start again, because the recording starts again."""
         bench = self._bench
         self._comparison: GyroComparison | None = None
         if is_turntable(bench):
             self._comparison = GyroComparison(bench, self._sensor, bench.latency.value)
 
     def find(self, begin: float, track: Track | None = None) -> list[str]:
-        """Return the warnings from the windows that the samples complete, or from the last samples.
+        """Return warnings for the windows that these samples complete, or for the last samples.
 
         Parameters
         ----------
         begin : float
-            Run time at which the track's time is 0, s.
+            Run time at which the time in the track is 0, s.
         track : Track, optional
-            Samples of one trial with known angles that continue the earlier ones. None at the end.
+            Samples of one trial, with known angles, that continue the earlier samples. None at the
+            end.
         """
         if self._comparison is None:
             return []

@@ -18,31 +18,31 @@ _PauseCause = Literal["operator", "host", "watchdog", "IMU", "interlocks"]
 
 
 class TroubleSource(Protocol):
-    """A source of temporary trouble: the IMU, or the interlocks."""
+    """A source of temporary problems: the IMU, or the interlocks."""
 
     trouble: str | None
     trouble_since: float
 
 
 class Interruptions:
-    """Pauses or ends one run on request of its operator, its watchdog or its devices.
+    """Pauses or ends a run on request of the operator, the watchdog or the devices.
 
     Parameters
     ----------
     sequencer : Sequencer
     guard : Guard
     stop : callable
-        Takes `Sequencer.pause` or `Sequencer.abort` and sends the resulting commands to the table.
-        It also takes the cause as text and how long it has lasted, s, and records both.
+        Function that calls `Sequencer.pause` or `Sequencer.abort` and sends the resulting commands
+        to the table. It also records the cause and for how long it has lasted, s.
     go_on : callable
-        Records that the run continues after a pause.
+        Function that records that the run continues after a pause.
     say : callable
-        Takes "info", "warning" or "alarm", and a message to the operator.
+        Function that reports a message to the operator; the level is "info", "warning" or "alarm".
 
     Attributes
     ----------
     trouble : str
-        Why the run was interrupted; empty if it was not.
+        Reason why the run was interrupted; empty if it was not interrupted.
     """
 
     def __init__(
@@ -63,17 +63,17 @@ class Interruptions:
 
     @property
     def pause_reason(self) -> str:
-        """Why the run is paused; empty if it is not."""
+        """Reason why the run is paused; empty if it is not paused."""
         return "; ".join(self._pauses.values())
 
     def request(self, what: Literal["pause", "go on", "stop"]) -> None:
-        """Request a command from any thread; `update` executes it."""
+        """Request a command, from any thread; `update` executes it."""
         self._requests.put(what)
 
     def update(
         self, time: float, imu: TroubleSource, interlocks: TroubleSource, patience: float
     ) -> None:
-        """Check requests, watchdog, IMU and interlocks; pause, continue or end the run.
+        """Check requests, watchdog, IMU and interlocks, and pause, continue or end the run.
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class Interruptions:
             Run time, s.
         imu, interlocks : TroubleSource
         patience : float
-            Longest time for which trouble may last before the run ends, s.
+            Longest time for which a problem may last before the run ends, s.
         """
         while not self._requests.empty():
             match self._requests.get():
@@ -94,7 +94,7 @@ class Interruptions:
         if self._guard.signal_received or monotonic() - self._guard_check_time >= _GUARD_INTERVAL:
             self.check_guard()
         self._follow_trouble("IMU", imu, time, patience)
-        # Otherwise the IMU or the host is the reason, and has already been reported.
+        # If not, the reason is the IMU or the host, which has already been reported.
         if imu.trouble is None and "host" not in self._pauses:
             self._follow_trouble("interlocks", interlocks, time, patience)
         if self._sequencer.phase == "paused" and not self._pauses:
@@ -103,12 +103,12 @@ class Interruptions:
             self._go_on()
 
     def follow_host(self, late: float) -> None:
-        """Pause until the next tick if the host itself stood still and so checked nothing.
+        """Pause until the next tick if the host itself stood still, because nothing was checked.
 
         Parameters
         ----------
         late : float
-            Time by which a tick came too late, s.
+            Time by which a tick was too late, s.
         """
         if late > MAX_CHECK_INTERVAL:
             self._pause("host", f"the host stood still for {format_duration(late)}", late)
@@ -124,7 +124,7 @@ class Interruptions:
             if line in ("at rest", "ready"):
                 self._pauses.pop("watchdog", None)
             elif line.startswith("killed"):
-                # If the table did not slow down, somebody must look at it before it moves again.
+                # If the table did not slow down, somebody must inspect it before it moves again.
                 self.end(f"watchdog: {line}")
             elif "watchdog" in self._pauses:
                 self._say("warning", f"watchdog: {line}")
@@ -143,24 +143,25 @@ class Interruptions:
         """Abort the run; the reason is reported once, and the first reason is kept."""
         self.trouble = self.trouble or words
         try:
-            # Stop before reporting: the journal may be slow, or may be the thing that has failed.
+            # The table is stopped before the report, because the journal may be slow or may have
+            # failed.
             if not self._sequencer.is_over:
                 self._stop(self._sequencer.abort, words, 0.0)
         finally:
-            # This is called repeatedly while the table comes to rest; one report is enough.
+            # This is called repeatedly while the table comes to rest, but one report is enough.
             if words not in self._reported_ends:
                 self._reported_ends.add(words)
                 self._say("alarm", words)
 
     def add(self, words: str) -> None:
-        """Report a problem that became known after the end, and add it to the run's trouble."""
+        """Report a problem that became known after the end, and add it to `trouble`."""
         self.trouble = f"{self.trouble}; {words}" if self.trouble else words
         self._say("alarm", words)
 
     def _follow_trouble(
         self, why: _PauseCause, source: TroubleSource, time: float, patience: float
     ) -> None:
-        """Pause while there is trouble, and end the run if it lasts too long."""
+        """Pause while there is a problem, and end the run if the problem lasts too long."""
         if source.trouble is None:
             self._pauses.pop(why, None)
         elif time - source.trouble_since > patience:

@@ -1,8 +1,8 @@
 """The journal of a run: an SQLite file with its header, steps, events and files.
 
-The raw log contains the bytes from the devices, and the journal contains the state of the run. With
-both, a run whose host was killed can be resumed: completed steps are kept, and the interrupted step
-is repeated from its beginning.
+The raw log contains the bytes from the devices, and the journal contains the state of the run. If
+the host was killed, the run can be resumed with both files: completed steps are kept, and the
+interrupted step is repeated from the beginning.
 """
 
 import os
@@ -20,9 +20,9 @@ from inercal.basics.errors import InputError
 from inercal.host.closeable import Closeable, on_failure
 from inercal.host.run_log import os_errors_as_input_errors
 
-NOTE_LEVEL = "note"  # level of an event that the operator wrote
+NOTE_LEVEL = "note"  # level of an event written by the operator
 _VERSION = 1
-_MOUNTED = "mounted"  # marks a row of the section table as a mounting
+_MOUNTED = "mounted"  # mark of a mounting in the table of sections
 _SCHEMA = """
 CREATE TABLE run (begun TEXT NOT NULL, run_file TEXT NOT NULL, table_address TEXT NOT NULL,
                   imu_address TEXT NOT NULL, clock_address TEXT NOT NULL, poll REAL NOT NULL,
@@ -41,17 +41,17 @@ class JournalHeader(NamedTuple):
     Parameters
     ----------
     begun : str
-        When the run began, ISO 8601 in UTC.
+        Time at which the run began, ISO 8601, UTC.
     run_file : str
-        Name of the run file beside the journal.
+        Name of the run file in the folder of the journal.
     table, imu, clock : str
-        Addresses; `clock` is empty unless the bench is simulated.
+        Addresses of the devices; `clock` is empty unless the bench is simulated.
     poll : float
         Time between two readings of the table, s.
     steps : int
     state : str
-        "running", "interrupted", "carried out" (the table has finished) or "done" (calibrated). A
-        run whose state is "running" but that has no host was interrupted.
+        "running", "interrupted", "carried out" (the table has finished) or "done" (calibrated). If
+        the state is "running" but there is no host, the run was interrupted.
     """
 
     begun: str
@@ -75,11 +75,11 @@ class JournalEvent(NamedTuple):
     Parameters
     ----------
     at : str
-        When it happened, ISO 8601 in UTC.
+        Time of the event, ISO 8601, UTC.
     time : float or None
         Run time, s.
     level : "info", "warning", "alarm" or "note"
-        A note was written by the operator.
+        Level of the event; a "note" was written by the operator.
     words : str
     """
 
@@ -90,17 +90,17 @@ class JournalEvent(NamedTuple):
 
 
 class Journal(Closeable):
-    """An open journal; every call is one transaction.
+    """An open journal; each call is one transaction.
 
     Data written by a call are kept even if the host is killed immediately afterwards. After a power
-    failure the journal is intact but may lack the latest entries, because a loop of 20 ms cannot
-    wait for the disk.
+    failure, the journal is intact, but the latest entries may be missing, because a loop of 20 ms
+    cannot wait for the disk.
 
     Parameters
     ----------
     path : path
     read_only : bool
-        If True, nothing is written, so that the folder may be a read-only archive.
+        Whether nothing is written. The folder may then be a read-only archive.
 
     Raises
     ------
@@ -120,8 +120,8 @@ class Journal(Closeable):
             self._db = _open_to_read(self.path) if read_only else sqlite3.connect(self.path)
             with on_failure(self._db.close):
                 if not read_only:
-                    # A write-ahead log that is flushed at intervals: data from a killed host reach
-                    # the disk later, through the operating system.
+                    # The write-ahead log is flushed at intervals. If the host is killed, the
+                    # operating system writes its data to the disk later.
                     self._db.execute("PRAGMA journal_mode = WAL")
                     self._db.execute("PRAGMA synchronous = NORMAL")
                 _require_version(self.path, self._db)
@@ -135,13 +135,13 @@ class Journal(Closeable):
         poll: float,
         steps: int,
     ) -> Self:
-        """Create a journal and open it; if the host is killed meanwhile, it is complete or absent.
+        """Create a journal and open it; if the host is killed meanwhile, no partial file remains.
 
         Parameters
         ----------
         path : path
         run_file : str
-            Name of the run file beside the journal.
+            Name of the run file in the folder of the journal.
         addresses : tuple of str
             Addresses of table, IMU and clock.
         poll : float
@@ -152,7 +152,7 @@ class Journal(Closeable):
         Raises
         ------
         InputError
-            There is a journal already, or the folder is not writable.
+            A journal already exists, or the folder is not writable.
         """
         if Path(path).exists():
             raise InputError(
@@ -187,52 +187,52 @@ class Journal(Closeable):
         )
 
     def set_state(self, state: str) -> None:
-        """Record the state of the run, as in `JournalHeader.state`."""
+        """Record the state of the run; see `JournalHeader.state`."""
         self._execute("UPDATE run SET state = ?", state)
 
     def record_section(self, step: int, label: str, what: str, time: float) -> None:
-        """Record that a section began, was completed or is void, at a table time in s."""
+        """Record that a section began, was completed or became void, at a table time in s."""
         self._execute(
             "INSERT INTO section (step, label, what, time) VALUES (?, ?, ?, ?)",
             step, label, what, time,
         )  # fmt: skip
 
     def completed_steps(self) -> int:
-        """Return how many steps are complete, which is the number of the step to continue with."""
+        """Return how many steps are complete; this is also the number of the next step."""
         ((following,),) = self._rows("SELECT max(step) + 1 FROM section WHERE what = 'done'")
         return following or 0
 
     def record_mounting(self, step: int, mounting: str, time: float) -> None:
-        """Record that an operator has confirmed a mounting before a step, at a table time in s."""
+        """Record that an operator confirmed a mounting before a step, at a table time in s."""
         self.record_section(step, mounting, _MOUNTED, time)
 
     def mounting(self) -> str:
-        """Return the mounting that was last confirmed; "" if none was."""
+        """Return the last confirmed mounting; "" if no mounting was confirmed."""
         found = self._rows(
             "SELECT label FROM section WHERE what = ? ORDER BY id DESC LIMIT 1", _MOUNTED
         )
         return found[0][0] if found else ""
 
     def record_event(self, level: str, words: str, time: float | None = None) -> None:
-        """Record an event with level and words as in `JournalEvent`, and its run time in s."""
+        """Record an event with its run time in s; level and words are as in `JournalEvent`."""
         self._execute(
             "INSERT INTO event (at, time, level, words) VALUES (?, ?, ?, ?)",
             _now(), time, level, words,
         )  # fmt: skip
 
     def events(self, after: int = 0) -> tuple[JournalEvent, ...]:
-        """Return the events after the first `after`, oldest first."""
+        """Return the events, oldest first, without the first `after` events."""
         rows = self._rows(
             "SELECT at, time, level, words FROM event WHERE id > ? ORDER BY id", after
         )
         return tuple(JournalEvent(*row) for row in rows)
 
     def record_file(self, name: str, size: int, sha256: str) -> None:
-        """Record the size and the SHA-256 of a file of the run."""
+        """Record the size and the SHA-256 hash of a file of the run."""
         self._execute("INSERT OR REPLACE INTO file VALUES (?, ?, ?)", name, size, sha256)
 
     def files(self) -> dict[str, tuple[int, str]]:
-        """Return the size and the SHA-256 of each file, by name."""
+        """Return the size and the SHA-256 hash of each file, by name."""
         rows = self._rows("SELECT name, size, sha256 FROM file ORDER BY name")
         return {name: (size, sha256) for name, size, sha256 in rows}
 
@@ -250,10 +250,10 @@ class Journal(Closeable):
 
 
 def _open_to_read(path: Path) -> sqlite3.Connection:
-    """Return a connection that leaves no extra file next to the journal.
+    """Return a connection that creates no additional file next to the journal.
 
-    If another program has the journal open, or was killed, there is a write-ahead log beside it.
-    Then a copy of both files is read.
+    If another program has opened the journal or was killed, there is a write-ahead log next to the
+    journal. In this case, a copy of both files is read.
     """
     log = path.with_name(f"{path.name}-wal")
     if not log.exists():
@@ -281,7 +281,7 @@ def _require_version(path: Path, db: sqlite3.Connection) -> None:
 
 @contextmanager
 def _sqlite_errors_as_input_errors(path: Path) -> Generator[None]:
-    """Raise an SQLite error as a one-line `InputError` with the name of the file."""
+    """Convert an SQLite error to a one-line `InputError` with the name of the file."""
     try:
         yield
     except sqlite3.Error as error:

@@ -1,6 +1,6 @@
 """Byte links to devices, opened by address: `tcp://10.0.0.5:1025`, `serial:/dev/ttyS0?baud=9600`.
 
-A link transfers bytes, and a codec interprets them. A serial port can be anything that pyserial
+A link transfers bytes, and a codec interprets them. A serial port can be any device that pyserial
 opens, including a pseudo-terminal. Modem lines (CTS, DSR) are not read, because a pseudo-terminal
 has none (ENOTTY).
 """
@@ -16,7 +16,7 @@ from urllib.parse import SplitResult, parse_qsl, urlsplit
 from inercal.basics.errors import InercalError, InputError, require_extra
 from inercal.host.closeable import Closeable
 
-# The error from a terminal that is gone, on systems with terminals; it is not an OSError.
+# On systems with terminals, a terminal that is gone raises this error, which is not an OSError.
 if sys.platform == "win32":
     _TERMINAL_ERRORS: tuple[type[Exception], ...] = ()
 else:
@@ -24,12 +24,12 @@ else:
 
     _TERMINAL_ERRORS: tuple[type[Exception], ...] = (_terminal_error,)
 
-CONNECT_TIMEOUT = 5.0  # s; a table in the laboratory's network answers within milliseconds
+CONNECT_TIMEOUT = 5.0  # s; a table in a laboratory network answers within milliseconds
 _PARITIES = {"none": "N", "even": "E", "odd": "O"}
 
 
 class LinkLost(InercalError):
-    """The other end does not answer or has closed the link; `names` has its address if known."""
+    """The other end does not answer or closed the link; `names` contains its address, if known."""
 
 
 class Link(Protocol):
@@ -45,7 +45,7 @@ class Link(Protocol):
         ...
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`; raises `LinkLost` if the other end is gone."""
+        """Send all bytes; raises `LinkLost` if the other end is gone."""
         ...
 
     def close(self) -> None:
@@ -58,14 +58,14 @@ class Link(Protocol):
 
 
 class TcpLink(Closeable):
-    """A TCP connection without Nagle's delay, because small requests wait for their replies."""
+    """A TCP connection without Nagle's delay, which would slow down small requests."""
 
     def __init__(self, host: str, port: int, connect_timeout: float = CONNECT_TIMEOUT):
         self.address = f"tcp://{host}:{port}"
         self._socket = connect_socket(self.address, (host, port), connect_timeout)
 
     def read(self, most: int, timeout: float) -> bytes:
-        """As `Link.read`."""
+        """See `Link.read`."""
         try:
             self._socket.settimeout(max(timeout, 0.0))
             data = self._socket.recv(most)
@@ -82,7 +82,7 @@ class TcpLink(Closeable):
         return data
 
     def write(self, data: bytes) -> None:
-        """As `Link.write`."""
+        """See `Link.write`."""
         try:
             self._socket.settimeout(CONNECT_TIMEOUT)
             self._socket.sendall(data)
@@ -90,12 +90,12 @@ class TcpLink(Closeable):
             raise _lost_connection(self.address, error) from error
 
     def close(self) -> None:
-        """As `Link.close`."""
+        """See `Link.close`."""
         self._socket.close()
 
 
 class SerialLink(Closeable):
-    """A serial port opened by pyserial; `path` is its system name and `baud` is in bit/s."""
+    """A serial port opened by pyserial; `path` is the name of the port, and `baud` is in bit/s."""
 
     def __init__(
         self, path: str, baud: int = 115200, bits: int = 8, parity: str = "none", stop: int = 1
@@ -114,11 +114,11 @@ class SerialLink(Closeable):
             ) from error
 
     def read(self, most: int, timeout: float) -> bytes:
-        """As `Link.read`."""
+        """See `Link.read`."""
         try:
             waiting = min(self._port.in_waiting, most)
             if not waiting:
-                # Setting the timeout reconfigures the port, so set it only when it changes.
+                # Setting the timeout reconfigures the port, so it is only set if it changes.
                 if self._port.timeout != timeout:
                     self._port.timeout = max(timeout, 0.0)
                 waiting = 1
@@ -127,14 +127,14 @@ class SerialLink(Closeable):
             raise _lost_connection(self.address, error) from error
 
     def write(self, data: bytes) -> None:
-        """As `Link.write`."""
+        """See `Link.write`."""
         try:
             self._port.write(data)
         except self._broken as error:
             raise _lost_connection(self.address, error) from error
 
     def close(self) -> None:
-        """As `Link.close`."""
+        """See `Link.close`."""
         self._port.close()
 
 
@@ -145,9 +145,10 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
     ----------
     address : str
         `tcp://HOST:PORT`, or `serial:PATH` with `?baud=…&bits=5–8&parity=none|even|odd&stop=1|2`
-        (default 115200, 8, none, 1). The caller must remove its own parameters first.
+        (default 115200, 8, none, 1). The caller must first remove parameters that do not belong to
+        the link.
     opening : float
-        Longest time to connect to each address of a TCP host, s.
+        Longest time for a connection to each address of a TCP host, s.
 
     Raises
     ------
@@ -181,9 +182,9 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
 
 
 def read_until(link: Link, done: Callable[[bytes], bool], timeout: float, most: int = 4096) -> bool:
-    """Pass received data to `done` until it returns True; return False after `timeout` s.
+    """Pass received data to `done` until it returns True; after `timeout` s, return False.
 
-    Data that have arrived by then are still used, even if this process was suspended meanwhile.
+    Data that arrived before the timeout are used, even if this process was suspended meanwhile.
     """
     end = monotonic() + timeout
     while True:
@@ -196,7 +197,7 @@ def read_until(link: Link, done: Callable[[bytes], bool], timeout: float, most: 
 
 
 def host_and_port(parts: SplitResult, default: int | None = None) -> tuple[str, int] | None:
-    """Return the host and port in an address; None if either is missing or the port is invalid."""
+    """Return host and port of an address; None if one is missing or the port is invalid."""
     try:
         host, port = parts.hostname, parts.port or default
     except ValueError:
@@ -205,7 +206,7 @@ def host_and_port(parts: SplitResult, default: int | None = None) -> tuple[str, 
 
 
 def connect_socket(address: str, place: tuple[str, int], opening: float) -> socket.socket:
-    """Open a TCP connection without Nagle's delay; raises `LinkLost`, which names `address`."""
+    """Open a TCP connection without Nagle's delay, or raise a `LinkLost` that names `address`."""
     try:
         result = socket.create_connection(place, opening)
     except OSError as error:
@@ -214,7 +215,7 @@ def connect_socket(address: str, place: tuple[str, int], opening: float) -> sock
             "power",
             names=(address,),
         ) from error
-    except UnicodeError as error:  # raised by Python for "a..b", which is not a valid host name
+    except UnicodeError as error:  # Python raises this for an invalid host name such as "a..b"
         raise LinkLost(
             f"{address}: cannot connect: {place[0]!r} is not a host name; correct the address",
             names=(address,),
@@ -224,7 +225,7 @@ def connect_socket(address: str, place: tuple[str, int], opening: float) -> sock
 
 
 def require_pyserial() -> AbstractContextManager[None]:
-    """Return a context that raises an `InputError` if pyserial is not installed."""
+    """Return a context manager that raises an `InputError` if pyserial is not installed."""
     return require_extra("host", "serial ports need pyserial; install the extra", ("serial",))
 
 

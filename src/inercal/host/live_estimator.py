@@ -1,11 +1,11 @@
-"""Live estimation: the method's sequential estimator processes the samples during a run.
+"""Live estimation: during a run, the sequential estimator of the method processes samples.
 
-`Navigator` computes attitude and velocity from the corrected readings only, so that they can be
-compared with the table's. The level frame is east, north, up, and C transforms from the body frame
-to it. Between samples it uses the means of adjacent readings with the second-order coning term, as
-the gyro filter does. Attitude and velocity are taken from the table at the first sample of each
-hold and after a gap; the velocity stays zero during a hold. While the table turns, the difference
-includes the latency of the readback.
+`Navigator` computes attitude and velocity only from the corrected readings, for a comparison with
+the table. The level frame is east, north, up, and C transforms vectors from the body frame to the
+level frame. Between samples, it uses the means of adjacent readings with the second-order coning
+term, like the gyro filter. At the first sample of each hold and after a gap, it starts again from
+the attitude and velocity of the table. The velocity stays zero during a hold. While the table
+turns, the difference from the table includes the latency of the readback.
 """
 
 from collections.abc import Mapping
@@ -51,9 +51,10 @@ class LiveEstimator:
     time : float
         Time of the last sample in the recording, s; NaN before the first.
     partial_estimates : mapping of str to PartialEstimate
-        Estimates by part of the sensor, "f" and "w" or "all"; empty before the estimator begins.
+        Estimates for each part of the sensor, "f" and "w" or "all"; empty before the estimator
+        begins.
     values, std : (p,) arrays
-        The coefficients and their standard deviations, SI; NaN where there is no estimate yet.
+        The coefficients and their standard deviations, SI; NaN if there is no estimate yet.
 
     Raises
     ------
@@ -75,7 +76,7 @@ class LiveEstimator:
             )
         rate_hz = required_rate(run)
         self.names, self.time = run.sensor.coefficients, nan
-        # By the names of a part's coefficients.
+        # Keyed by the names of the coefficients of a part.
         self._indices: dict[tuple[str, ...], list[int]] = {}
         self._start_estimator = partial(
             begin, run.estimator, run.sensor, run.bench, run.steps, run.priors, rate_hz
@@ -90,7 +91,7 @@ class LiveEstimator:
 
     @property
     def innovations(self) -> dict[str, tuple[float, int]]:
-        """For each part, the sum of its normalised squared innovations and their number."""
+        """The sum of the normalised squared innovations and their number, for each part."""
         return {part: (one.nis, one.components) for part, one in self.partial_estimates.items()}
 
     def feed(self, block: SampleBlock) -> None:
@@ -129,16 +130,16 @@ class NavigationSolution(NamedTuple):
     Parameters
     ----------
     time : float
-        Time in the recording, s.
+        Time in the recording, s, of this sample.
     attitude : (3, 3) array
         C, the rotation from the body frame to the level frame.
     roll, pitch, heading : float
         Angles in degrees: heading of the body's y axis clockwise from north, pitch of this axis
         upward, and roll about it.
     velocity : (3,) array
-        Velocity since the last hold, m/s east, north and up.
+        Velocity in the directions east, north and up, m/s, starting from 0 at the last hold.
     rotation_error : (3,) array
-        Rotation about east, north and up by which the table's attitude is ahead, ″.
+        Rotation about east, north and up from the computed attitude to the table's attitude, ″.
     is_hold : bool
     """
 
@@ -153,7 +154,7 @@ class NavigationSolution(NamedTuple):
 
 
 class Navigator:
-    """Computes the body's attitude and velocity from the readings of one IMU on one table.
+    """Computes attitude and velocity of the body from the readings of an IMU on a table.
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ class Navigator:
         self._sensor, self._bench = sensor, bench
         self._earth, self._gravity = earth_rate_level_frame(bench), bench.gravity.value
         self._c, self._v = np.eye(3), np.zeros(3)
-        self._last_motion = np.zeros((2, 3))  # f and ω at the previous sample
+        self._last_motion = np.zeros((2, 3))  # f and ω of the previous sample
         self._time, self._last_hold = -np.inf, -1
 
     def feed(self, track: Track, values: Array) -> NavigationSolution:
@@ -177,7 +178,7 @@ class Navigator:
         track : Track
             At least one sample, all from one trial.
         values : (p,) array
-            The sensor's coefficients for correcting the readings, SI.
+            Coefficients of the sensor, SI, with which the readings are corrected.
         """
         sensed = inverse(self._sensor, track.reading, values)
         f, w = np.ascontiguousarray(sensed.f), np.ascontiguousarray(sensed.w)
@@ -222,7 +223,7 @@ def _integrate_samples(
     earth: Array,
     gravity: float,
 ) -> None:
-    """Propagate C and the velocity in place; at the samples `anew`, set C to `aligned`."""
+    """Propagate C and the velocity in place; at the samples `anew`, C is set to `aligned`."""
     turn, half = np.empty(3), np.empty((3, 3))
     wanted = 0
     for i in range(time.size):

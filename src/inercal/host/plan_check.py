@@ -12,15 +12,15 @@ from inercal.physics.plan import Position
 from inercal.pipeline.design.turntable_path import turntable_path_sheet
 from inercal.runfile import Run
 
-_REST_KEY = "hold"  # key of the refusal when the first rest is too short
+_REST_KEY = "hold"  # key of the error if the first rest is too short
 
 
 def check_plan(run: Run) -> tuple[str, ...]:
     """Return warnings about a plan that a host is about to carry out.
 
-    The method processes the path as an ideal sensor on an ideal table would record it. It may
-    refuse these data for a reason that does not apply to a real recording, such as a temperature
-    coefficient. Such a refusal says nothing about the plan.
+    The method processes a recording of an ideal sensor on an ideal table. It may refuse these data
+    for a reason that does not apply to a real recording, such as a temperature coefficient. Such a
+    refusal says nothing about the plan.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def check_plan(run: Run) -> tuple[str, ...]:
     if not is_turntable(run.bench):
         return ()
     first = next((step for step in run.steps if isinstance(step, Position)), None)
-    left_out = 2 * settling_time(run.bench)  # the host omits this at both ends of a rest
+    left_out = 2 * settling_time(run.bench)  # omitted at the ends of a rest
     checked = run
     if first is not None and first.seconds > left_out:
         shorter = replace(first, seconds=first.seconds - left_out)
@@ -57,7 +57,8 @@ def check_plan(run: Run) -> tuple[str, ...]:
             names=() if first is None else (first.label,),
         ) from None
     except Exception:
-        # A method may come from another package; its failure on an ideal path must not end the run.
+        # A method may come from another package. If it fails on an ideal path, the run must not
+        # end.
         return ()
     undecided = "; ".join(sheet.undecided)
     lacking = f"the plan does not determine all coefficients: {undecided}" if undecided else ""
@@ -67,13 +68,13 @@ def check_plan(run: Run) -> tuple[str, ...]:
 def require_feasible_plan(
     tasks: Sequence[Task], limits: Sequence[AxisLimits], bench: ControlledBench
 ) -> None:
-    """Refuse a plan that the controller would refuse, and limits that nothing enforces.
+    """Raise an error if the controller would refuse the plan or nothing enforces a limit.
 
     Parameters
     ----------
     tasks : sequence of Task
     limits : sequence of AxisLimits
-        Limits as set in the controller.
+        Limits that are set in the controller.
     bench : ControlledBench
 
     Raises

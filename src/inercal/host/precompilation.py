@@ -1,10 +1,10 @@
-"""Compiles the kernels of a run before the table moves, so that the table never waits for them.
+"""Compiles the kernels of a run before the table moves, because it must not wait for them.
 
-The module calls each kernel with arrays as they occur in a run: it polls a table at rest, encodes
-and assembles packets, and runs the method's sequential estimator. Without a cache this takes most
-of a minute on one core, while a second process compiles the accelerometers' kernels. Later runs on
-the same machine load the kernels from the cache. The kernels of the final calibration are compiled
-at the end, when the table is at rest.
+The module calls each kernel with the kinds of arrays that occur in a run: it polls a table at rest,
+encodes packets and converts them to samples, and runs the sequential estimator of the method.
+Without a cache, this takes almost a minute on one core, while a second process compiles the kernels
+for the accelerometers. Later runs on the same machine load the kernels from the cache. The kernels
+for the final calibration are compiled at the end, when the table is at rest.
 """
 # Numba is not typed.
 # pyright: reportUnknownMemberType=false
@@ -37,31 +37,33 @@ from inercal.recordings import Track
 from inercal.runfile import Run, read
 
 _RATE = 10.0  # Hz
-_REST = 22.0  # s; a sequential estimator should not need a longer rest before it begins
+_REST = 22.0  # s; a sequential estimator should not need a longer initial rest
 _POLL = 0.02  # s
-_CLOCKS_MATCHED = 7.0  # s after which the clocks have been matched
-_SECOND_PIECE = 2.0  # s at the end that form a second piece
+_CLOCKS_MATCHED = 7.0  # s after which the clocks have been related
+_SECOND_PIECE = 2.0  # s at the end, which form a second piece
 _AT_REST = (0.0, 0.0, G0, 0.0, 0.0, 0.0)  # m/s² and rad/s; approximate values are sufficient
 _ROOM_TEMPERATURE = 298.15  # K
-_LAST_SAMPLES = 10  # samples at the end of the rest that are processed separately
+_LAST_SAMPLES = 10  # samples at the end of the rest, which are processed separately
 
 
 def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
-    """Compile all kernels that an active run uses, and load them into this process.
+    """Compile all kernels that a run needs, and load them into this process.
 
     Parameters
     ----------
     run : Run
         A run on a bench that a host can drive.
     layout : PacketLayout, optional
-        Layout of the IMU's packets; without it, the kernels for packets and polls are not compiled.
+        Layout of the IMU's packets. Without a layout, the kernels for packets and polls are not
+        compiled.
 
     Raises
     ------
     InputError
         The packets do not match the run file.
     """
-    # Packets have no temperature for each sample, so its coefficients are estimated after the run.
+    # Packets do not have a temperature for each sample, so temperature coefficients are estimated
+    # after the run.
     if run.method.sequential is not None and not run.sensor.uses("dT"):
         _compile_estimator(run)
     if not run.motion_control.has_attitude:
@@ -80,10 +82,10 @@ def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
 
 
 def _compile_estimator(run: Run) -> None:
-    """Run the sequential estimator on a rest, in two processes if it must be compiled."""
+    """Run the sequential estimator on a rest; if it must be compiled, use two processes."""
     sensor = run.sensor
     if len({axis.measures for axis in sensor.axes}) > 1:
-        # A second process compiles the accelerometers' kernels; then they can be loaded here.
+        # A second process compiles the kernels for the accelerometers, and this process loads them.
         program = (sys.executable, "-P", "-m", "inercal.host.precompilation", str(run.path))
         others: list[Popen[bytes]] = []
         begin = partial(Popen[bytes], program, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
@@ -95,13 +97,13 @@ def _compile_estimator(run: Run) -> None:
 
 
 def _follow_part(run: Run, kind: Measures) -> None:
-    """Process one part of the sensor; a method that needs the whole sensor may refuse this."""
+    """Process one part of the sensor; if a method needs the whole sensor, it may refuse this."""
     with suppress(InercalError):
         _follow_rest(run, run.sensor.select_axes(kind), ())
 
 
 def _follow_rest(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
-    """Process a table at rest in two pieces; the first one starts the estimator."""
+    """Process a table at rest in two pieces; the first piece starts the estimator."""
     assert run.method.sequential is not None
     table = require_turntable(run)
     track = _rest_track(sensor, table)
@@ -113,7 +115,7 @@ def _follow_rest(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
 
 
 def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
-    """Assemble the samples of a rest, and return them in two pieces."""
+    """Return the samples of a rest in two pieces."""
     lasting = _CLOCKS_MATCHED + _REST + 3 * run.motion_control.settling(run.bench) + _SECOND_PIECE
     result, frames = SampleAssembler(run, layout, _POLL), _rest_frames(run, layout, lasting)
     tracks: list[Track] = []

@@ -1,8 +1,8 @@
-"""Records a run: it writes the log and the journal, and derives samples and the live estimate.
+"""Records a run: writes the log and the journal, and computes samples and the live estimate.
 
 The log contains all data for an estimate and is written first. The journal contains the information
-for the operator and for resuming. Everything else is derived from the log, so a resumed run replays
-it.
+for the operator and for a resumed run. Everything else is computed from the log, so a resumed run
+replays the log.
 """
 
 import json
@@ -27,25 +27,26 @@ from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frame
 from inercal.host.sequencer import SectionEvent
 from inercal.host.table_state_codec import unpack_states
 
-# s of bench time that are processed at once: this is also how often gyros and table are compared
+# Bench time of the data that are processed at once, s. It is also the interval between comparisons
+# of gyros and table.
 _PIECE_MIN, PIECE_MAX = 0.2, 5.0
 _PIECE_WALL = 0.1  # s of wall time
-_RECENT_COUNT = 8  # number of events, and of blocks, that are kept available
+_RECENT_COUNT = 8  # number of recent events and of recent blocks
 _LOSS_WARNING_INTERVAL = 60.0  # s
-_IMU_LATENCY = 0.05  # s; longest delay from a sample to its bytes: USB converter and one tick
+_IMU_LATENCY = 0.05  # s; longest delay of the bytes: USB converter and one tick
 
 
 class LogEnd(NamedTuple):
-    """The state at the end of a log that a run continues.
+    """The state at the end of the log of a run that is resumed.
 
     Parameters
     ----------
     time : float
-        Largest run time of any frame, s; 0 if the log is empty.
+        Largest run time in the log, s; 0 if the log is empty.
     poll : (float, float) or None
-        The last reading of the table: run time and controller time, s.
+        Run time and controller time of the last reading of the table, s.
     session : (float, HostUptime) or None
-        The beginning of the last session: run time, s, and the host's uptime.
+        Run time, s, and host's uptime at the beginning of the last session.
     """
 
     time: float = 0.0
@@ -53,11 +54,11 @@ class LogEnd(NamedTuple):
     session: tuple[float, HostUptime] | None = None
 
     def resumed_time(self, table: RotaryTable) -> float:
-        """Return the run time now, s, counted from the end of the log without using the date.
+        """Return the present run time, s, from the end of the log, without the date.
 
-        The host's uptime shows how long the run was without a host. If the host has been rebooted,
-        the table's clock shows it, up to one wrap of this clock. Otherwise the gap is taken as
-        zero; then the IMU's counter does not agree, and this is reported.
+        The host's uptime shows for how long the run had no host. If the host was rebooted, the
+        table's clock shows this, up to one wrap of the clock. If neither is possible, the gap is
+        assumed to be zero. The IMU's counter then does not agree, which is reported.
         """
         now = read_host_uptime()
         if self.session is not None and now is not None and self.session[1].boot == now.boot:
@@ -73,7 +74,7 @@ class LogEnd(NamedTuple):
 
 
 class RunRecorder(Closeable):
-    """Records one new or resumed run; a context manager.
+    """Records a new or resumed run; a context manager.
 
     Parameters
     ----------
@@ -86,20 +87,20 @@ class RunRecorder(Closeable):
     ----------
     assembly : SampleAssembler
     log_end : LogEnd
-        The end of the log when it was opened.
+        State at the end of the log when it was opened.
     live_estimator : LiveEstimator or None
-        The live estimate; None if the method has no sequential estimator.
+        Live estimate; None if the method has no sequential estimator.
     navigation : NavigationSolution or None
-        Attitude and velocity computed only from the corrected readings of an IMU; available once
-        all its coefficients are estimated.
+        Attitude and velocity, computed only from the corrected readings of an IMU. They are
+        available after all its coefficients have been estimated.
     temperature : float
-        Temperature of the IMU, K; NaN if it reports none.
+        Temperature of the IMU, K; NaN if unknown.
     events : int
         Number of events so far.
     recent_messages : deque of (str, str)
         Level and text of the latest events.
     blocks : deque of SampleBlock
-        The latest samples; the consumer removes them.
+        The latest samples; their user removes them.
 
     Raises
     ------
@@ -114,7 +115,7 @@ class RunRecorder(Closeable):
         # run.
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")
         self.live_estimator = LiveEstimator(run) if self._estimates else None
-        # Without readback there is no table attitude to start from or to compare with.
+        # Without readback, there is no attitude of the table to start from or to compare with.
         has_attitude = run.motion_control.has_attitude
         navigates = is_whole_imu(run.sensor) and has_attitude and require_turntable(run).readback
         self._new_navigator = lambda: (
@@ -127,7 +128,7 @@ class RunRecorder(Closeable):
         self.recent_messages: deque[tuple[str, str]] = deque(maxlen=_RECENT_COUNT)
         self.blocks: deque[SampleBlock] = deque(maxlen=_RECENT_COUNT)
         self._journal = journal
-        # Sections that are not in the journal yet, with the run time of each.
+        # Sections that are not yet in the journal, with their run times.
         self._waiting_sections: deque[tuple[float, SectionEvent]] = deque()
         self._last_processing = -inf, -inf
         self._losses, self._last_loss_warning = (0, 0, 0, 0), 0.0
@@ -137,13 +138,13 @@ class RunRecorder(Closeable):
 
     @property
     def estimation(self) -> Literal["none", "waits", "on", "ended"]:
-        """The state of live estimation; "none" if the method has no sequential estimator."""
+        """State of live estimation; "none" if the method has no sequential estimator."""
         if self.live_estimator is None:
             return "ended" if self._estimates else "none"
         return "on" if self.live_estimator.has_estimate else "waits"
 
     def record_frame(self, kind: int, time: float, payload: bytes) -> None:
-        """Record bytes received from a device, at a run time in s."""
+        """Record bytes that were received from a device at a run time, s."""
         self._log.append(kind, time, payload)
         self.assembly.feed(LogFrame(kind, time, payload))
         if kind == IMU:
@@ -159,7 +160,8 @@ class RunRecorder(Closeable):
         time : float
             Run time, s.
         following : int
-            The next step; it and all later steps have to be repeated if they were begun.
+            Number of the next step. This step and all later steps must be repeated if they were
+            begun.
         wraps : float
             Time after which the table's clock restarts, s.
         uptime : HostUptime, optional
@@ -173,18 +175,18 @@ class RunRecorder(Closeable):
     def record_section(self, time: float, one: SectionEvent, *, holds: bool) -> None:
         """Record that a section began or ended.
 
-        The log records this at once. The journal records it only when the IMU's bytes up to this
-        time are in the log, so a host that is killed before repeats the section, whose last samples
-        are lost.
+        The log records this at once. The journal records it only after the IMU's bytes up to this
+        time are in the log. If the host is killed before this, the section is therefore repeated,
+        because its last samples are lost.
         """
         content = {"number": one.number, "label": one.section, "state": one.state, "time": one.time}
         self._event(time, {"what": "section", **content, "hold": holds})
         self._waiting_sections.append((time, one))
 
     def record_interruption(self, time: float, cause: str | None, lasted: float = 0.0) -> None:
-        """Record why the table is stopped, and that the cause has lasted for `lasted` s.
+        """Record why the table is stopped; the cause began `lasted` s ago.
 
-        None as the cause means that the run continues.
+        If the cause is None, the run continues.
         """
         self._event(time, {"what": "interruption", "cause": cause, "since": time - lasted})
 
@@ -197,15 +199,15 @@ class RunRecorder(Closeable):
         self._journal.record_event(level, words, time)
 
     def is_processing_due(self, time: float) -> bool:
-        """Return whether `process_pending` is due; when it runs does not affect the results.
+        """Return whether `process_pending` is due; the time of processing does not affect results.
 
-        Each piece has a fixed cost, so an accelerated bench gets larger pieces.
+        Each piece has a fixed cost, so pieces are larger for an accelerated bench.
         """
         came, passed = time - self._last_processing[0], monotonic() - self._last_processing[1]
         return came >= _PIECE_MIN and (passed >= _PIECE_WALL or came >= PIECE_MAX)
 
     def process_pending(self, time: float) -> SampleBlock | None:
-        """Assemble the received data and update the estimate; return the new samples.
+        """Convert the received data to samples, update the estimate, and return the new samples.
 
         Raises
         ------
@@ -237,8 +239,9 @@ class RunRecorder(Closeable):
             if self._navigator is not None and np.isfinite(self.live_estimator.values).all():
                 self.navigation = self._navigator.feed(block.track, self.live_estimator.values)
         except Exception as error:
-            # The recording is more important: it can be calibrated in other ways. A method may come
-            # from another package, so no exception that it raises may end a run whose table moves.
+            # The recording is more important than the estimate, because it can be calibrated in
+            # other ways. A method may come from another package, so none of its exceptions may end
+            # a run while the table moves.
             self.live_estimator = None
             what = "" if isinstance(error, InercalError) else f"{type(error).__name__}: "
             words = f"live estimation ends: {what}{error}"
@@ -247,7 +250,7 @@ class RunRecorder(Closeable):
                 self.record_message(time, "warning", words)
 
     def _loss_warnings(self, time: float) -> list[str]:
-        """Return the messages about losses: each one once, and again when the losses increase."""
+        """Return messages about losses; a message is repeated if the losses increase."""
         tally = self.assembly.tally
         counts, before = tally.bytes, self._losses
         left_out = tally.samples_without_angle + tally.samples_with_unusable_angle
@@ -283,7 +286,7 @@ class RunRecorder(Closeable):
         self.record_frame(EVENT, at, json.dumps(content).encode())
 
     def _replay(self, folder: RunFolder) -> LogEnd:
-        """Replay the log of an interrupted run; do not report its earlier events again."""
+        """Replay the log of an interrupted run, without reporting earlier events again."""
         done = latest = 0.0
         last: dict[int, LogFrame] = {}
         session: LogFrame | None = None
@@ -297,7 +300,7 @@ class RunRecorder(Closeable):
                 self._process_piece(done)
                 self._loss_warnings(done)
         self._process_piece(latest)
-        self.assembly.take_received()  # discard them: viewers see only what arrives from now on
+        self.assembly.take_received()  # discarded, because viewers only see new data
         return LogEnd(latest, _read_poll(last.get(TABLE)), _read_session(session))
 
     def close(self) -> None:
@@ -306,7 +309,7 @@ class RunRecorder(Closeable):
 
 
 def _read_poll(frame: LogFrame | None) -> tuple[float, float] | None:
-    """Return the run time and the controller's time of a table reading, s."""
+    """Return the run time and the controller time of a table reading, s."""
     return frame and (frame.time, float(unpack_states([frame.payload]).time[0]))
 
 

@@ -1,7 +1,7 @@
-"""Writes the recording of a run, which the run file names, from the log.
+"""Writes the recording of a run from the log; the run file names the recording.
 
-The columns are those in [data]. The group `bench` contains the table's readings, poll by poll, and
-the quality of the samples' interpolated angles; for a table without readback it contains neither.
+[data] names the columns. The group `bench` contains the table's readings, poll by poll, and the
+quality of the interpolated angles. For a table without readback, it contains neither.
 """
 
 import os
@@ -29,15 +29,15 @@ from inercal.recordings.data.recording_loader import readback_columns
 from inercal.recordings.io.simulation_mark import SIMULATION_KEY
 from inercal.runfile import Run
 
-_FRAMES_PER_PIECE = 4096  # processed at once
+_FRAMES_PER_PIECE = 4096  # frames processed at once
 _NEEDS_H5PY = "writing a recording needs h5py"
 _SUFFIXES = (".h5", ".hdf5")
 _SINGLE_KEYS = ("time", "label", "mounting", "hold", "arm_rate", "temperature")
-_AXIS_KEYS = ("accelerometer", "gyro", "table")  # each names a column per axis
+_AXIS_KEYS = ("accelerometer", "gyro", "table")  # each names a column for each axis
 
 
 def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
-    """Refuse a run file whose [data] section does not state where and how to record a bench run.
+    """Raise an error if [data] does not state where and how to record a bench run.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
         )
     for key, example in control.required_keys.items():
         if key == "hold" and run.method.without_angles:
-            continue  # such a method finds the rests from the gyros
+            continue  # such a method finds the rests in the gyro readings
         if getattr(data, key) is None:
             raise refusal(key, f"the key is missing; add it, such as {key} = {example}")
     if data.time_unit != "s":
@@ -108,7 +108,7 @@ def write_recording(
     log_sha256: str | None = None,
     simulation: str = "",
 ) -> Path:
-    """Write the recording of a run completely or not at all, and return its path.
+    """Write the recording of a run, completely or not at all, and return its path.
 
     Parameters
     ----------
@@ -117,22 +117,22 @@ def write_recording(
         Layout of the IMU's packets.
     log : path
     folder : path
-        Folder in which [data] `file` is written.
+        Folder in which the file named in [data] is written.
     about : mapping of str to str, optional
         Additional attributes of the group, such as addresses and versions.
     poll : float
         Time between two polls of the table, s.
     log_sha256 : str, optional
-        Digest of the log, if known; otherwise it is computed from the log.
+        SHA-256 hash of the log, if known; if not, it is computed.
     simulation : str
         The mark of a simulated bench (`inercal.recordings.io.simulation_mark`); empty for a real
-        one.
+        bench.
 
     Raises
     ------
     InputError
-        The run file states too little, the log is damaged or contains no sample from a section, the
-        path is not writable, or h5py is missing.
+        The run file does not state enough, the log is damaged or contains no sample of any section,
+        the path is not writable, or h5py is missing.
     """
     require_recordable(run, layout)
     with require_extra("io", _NEEDS_H5PY, ("h5py",)):
@@ -206,7 +206,7 @@ def write_recording(
 
 
 def _interruptions(assembly: SampleAssembler) -> list[host_readback.Interruption]:
-    """Return the interruptions of a recording, s from its first sample."""
+    """Return the interruptions of a recording, in s after its first sample."""
     begin = assembly.recording_start or 0.0
     return [
         host_readback.Interruption(one.start - begin, one.stop - begin, "; ".join(one.causes))
@@ -218,7 +218,7 @@ def _interruptions(assembly: SampleAssembler) -> list[host_readback.Interruption
 def _recording_columns(
     run: Run, assembly: SampleAssembler, blocks: list[SampleBlock]
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns by their names in [data]."""
+    """Return the columns by the names in [data]."""
     data, control = run.data, run.motion_control
     output = np.concatenate([one.output for one in blocks])
     said = np.concatenate([one.angle_output for one in blocks])
@@ -242,7 +242,7 @@ def _recording_columns(
 
 
 def _fill_missing(values: Array) -> Array:
-    """Fill each gap with the last value before it, and at the start with the first value."""
+    """Fill each gap with the last value before the gap; at the start, use the first value."""
     there = np.isfinite(values)
     if not there.any():
         raise InputError(

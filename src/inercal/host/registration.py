@@ -1,4 +1,4 @@
-"""Enters the folder of a run in the register; if the two differ, the folder is authoritative."""
+"""Enters the folder of a run in the register; if they differ, the folder is authoritative."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -13,14 +13,14 @@ from inercal.host.run_folder import JOURNAL, LOG, RunFolder
 from inercal.host.run_log import file_sha256
 from inercal.runfile import Run
 
-if TYPE_CHECKING:  # a bench can run without a register
+if TYPE_CHECKING:  # a bench does not need a register
     from inercal.laboratory.store import Register, SensorHistory
 
 
 def register_run(register: "Register", folder: str | Path) -> int:
-    """Enter a folder's run, files and calibration (if any) in the register; return the run's id.
+    """Enter a run, its files and, if any, its calibration in the register; return the run's id.
 
-    This can be repeated: existing entries are kept, and the state, the folder and the files are
+    This can be repeated. Existing entries are kept, and the state, the folder and the files are
     updated.
 
     Parameters
@@ -32,7 +32,7 @@ def register_run(register: "Register", folder: str | Path) -> int:
     ------
     InputError
         The folder contains no journal, a file of raw data differs from its entry in the journal, or
-        the register is not writable. Nothing is entered in these cases.
+        the register is not writable. In these cases, nothing is entered.
     """
     from inercal.laboratory.store import RunFacts
 
@@ -57,22 +57,23 @@ def register_run(register: "Register", folder: str | Path) -> int:
 
 
 def _run_key(header: JournalHeader, run: Run) -> str:
-    """Return a key that identifies a run wherever its folder is."""
+    """Return a key that identifies a run, independently of its folder."""
     return sha256(f"{header.begun}\n{header.run_file}\n{run.sha256}".encode()).hexdigest()[:32]
 
 
 def _verified_files(
     made: RunFolder, header: JournalHeader, files: dict[str, tuple[int, str]]
 ) -> dict[str, tuple[int, str]]:
-    """Return the size and SHA-256 of the run's files, after verifying those with raw data.
+    """Return size and SHA-256 hash of the run's files, after verifying the raw data.
 
-    The report and the calibration may have been made again; the calibration contains its own hash.
+    The report and the calibration are not verified, because they may have been made again. The
+    calibration contains its own hash.
     """
     found = dict(files)
     for name in (header.run_file, LOG, made.run.data.file):
         path = made.path / name
         if header.state == "running" or not path.is_file():
-            continue  # the log of an active run still grows
+            continue  # the log of an active run is still growing
         now = path.stat().st_size, file_sha256(path)
         if found.setdefault(name, now) != now:
             raise InputError(
@@ -84,18 +85,18 @@ def _verified_files(
 
 
 class RegisterSync:
-    """Enters an active run in the register; a failure is recorded and does not stop the run.
+    """Enters an active run in the register; if this fails, the run continues.
 
     Parameters
     ----------
     register : Register or None
-        If None, nothing is entered.
+        Register; if None, nothing is entered.
     folder : path
 
     Attributes
     ----------
     trouble : str
-        Why the last attempt failed, and how to enter the run later; empty if it succeeded.
+        Reason why the last attempt failed, and how to enter the run later; empty if it succeeded.
     """
 
     def __init__(self, register: "Register | None", folder: str | Path):
@@ -103,7 +104,7 @@ class RegisterSync:
         self.trouble = ""
 
     def update(self) -> None:
-        """Enter the run as it is now."""
+        """Enter the present state of the run."""
         if self._register is None:
             return
         try:
@@ -117,7 +118,7 @@ class RegisterSync:
 
     @contextmanager
     def background_work(self) -> Generator[None]:
-        """Enter the run in a separate thread, so that a slow server does not delay the run."""
+        """Enter the run in a separate thread, because a slow server must not delay the run."""
         thread = Thread(target=self.update, daemon=True)
         thread.start()
         try:
@@ -126,7 +127,7 @@ class RegisterSync:
             thread.join()
 
     def history(self, sensor: str) -> "SensorHistory | None":
-        """Enter the run as it is now and return its sensor's history; None if there is none."""
+        """Enter the present state of the run, and return the history of its sensor, or None."""
         self.update()
         if self._register is None or self.trouble:
             return None

@@ -1,7 +1,7 @@
-"""Executes a run from connecting the devices to rest, for terminal, web page and demonstration.
+"""Executes a run, from connecting devices to the final rest, for all user interfaces.
 
-`finish_run` completes a run whose plan was carried out: it writes the recording, the calibration
-and the report, and records their digests.
+`finish_run` completes a run after its plan was carried out: it writes the recording, the
+calibration and the report, and records their hashes.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,13 +29,13 @@ from inercal.report import write_report
 
 
 class RunInterrupted(InercalError):
-    """The run was interrupted; `str(error)` is the reason.
+    """The run was interrupted; `str(error)` states the reason.
 
     Parameters
     ----------
     reason : str
     can_be_resumed : bool, optional
-        True if the run's folder exists and the devices' clocks can still be matched.
+        Whether the run can be resumed: its folder exists, and the devices' clocks can be related.
     """
 
     def __init__(self, reason: str, *, can_be_resumed: bool = True):
@@ -52,7 +52,7 @@ def execute_run(
     run_context: Callable[[BenchRun], AbstractContextManager[object]] = nullcontext,
     background_work: Callable[[], AbstractContextManager[object]] = nullcontext,
 ) -> BenchRun:
-    """Run the remaining steps of a plan at the addresses in its journal, and return the run.
+    """Carry out the remaining steps of a plan with the devices in its journal; return the run.
 
     Parameters
     ----------
@@ -60,15 +60,15 @@ def execute_run(
     journal : Journal
     options : RunOptions
     show : callable
-        Called with the run, at intervals.
+        Function that is called with the run at intervals.
     show_interval : float
-        Wall time between two such calls, s.
+        Wall time between two calls of `show`, s.
     run_context : callable
-        Takes the run when its devices are connected, and returns a context that is open while it
-        runs.
+        Function that is called with the run when its devices are connected. It returns a context
+        manager that is active during the run.
     background_work : callable
-        Returns a second context for the same time; it closes after the table is at rest, so it may
-        be slow.
+        Function that returns a second context manager for the same time. It is closed after the
+        table is at rest, so it may be slow.
 
     Raises
     ------
@@ -86,16 +86,16 @@ def execute_run(
         after.enter_context(background_work())
         try:
             done = run.execute_plan()
-        except InercalError as error:  # on a full disk neither log nor journal can record the end
+        except InercalError as error:  # on a full disk, neither log nor journal can record the end
             raise _interrupted(str(error), folder, run) from error
     if not done:
-        # The trouble includes the final messages by now.
+        # `trouble` now includes the final messages.
         raise _interrupted(run.trouble, folder, run)
     return run
 
 
 def _interrupted(reason: str, folder: RunFolder, run: BenchRun) -> RunInterrupted:
-    """Return the exception for an interruption, which also says how to continue."""
+    """Return the exception for an interruption; its message also says how to continue."""
     if not folder.is_complete:
         advice = f"the folder {folder.path} or a file in it is gone, so the run cannot be resumed"
     elif run.needs_new_run:
@@ -114,7 +114,7 @@ _LARGE_DIFFERENCE = 4.0  # standard deviations of the live estimate
 
 
 class FinishedRun(NamedTuple):
-    """The outcome of a run, and its files by kind."""
+    """The result of a run, and its files by kind."""
 
     outcome: Outcome
     files: dict[str, str]
@@ -127,29 +127,31 @@ def finish_run(
     load_history: "Callable[[], SensorHistory | None]" = lambda: None,
     truth: Callable[[Outcome], Mapping[str, float]] | None = None,
 ) -> FinishedRun:
-    """Write recording, calibration and report of a completed run, and record their digests.
+    """Write recording, calibration and report of a completed run, and record their hashes.
 
     Parameters
     ----------
     folder : RunFolder
     journal : Journal
     live : LiveEstimator, optional
-        The live estimate; it is compared with the recording's, and the journal records the
-        agreement.
+        Live estimate. It is compared with the estimate from the recording, and the journal records
+        how well they agree.
     load_history : callable, optional
-        Returns the sensor's history for the report; called after the calibration is written.
+        Function that returns the history of the sensor for the report; called after the calibration
+        is written.
     truth : callable, optional
-        Returns the true coefficients for the report, SI; by default those in the run file.
+        Function that returns the true coefficients for the report, SI. By default, the run file
+        states them.
 
     Raises
     ------
     InercalError
-        The recording cannot be calibrated; the recording and the log are kept.
+        The recording cannot be calibrated. The recording and the log are kept.
     """
     run = folder.run
     was = journal.header()
     about = {"table": was.table, "imu": was.imu, "begun": was.begun, "inercal": version("inercal")}
-    # The log may be gigabytes long, so it is read only once for its digest.
+    # The log may be gigabytes long, so it is read only once for its hash.
     came = file_sha256(folder.log)
     layout = layout_of_address(was.imu)
     # Only a simulated bench has a clock address.
@@ -176,7 +178,7 @@ def finish_run(
 
 
 def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:
-    """Return the outcome with the operator's notes as conditions, labelled with their run times."""
+    """Return the outcome with the operator's notes as conditions, labelled by run time."""
     notes = {
         f"note {number}" + ("" if one.time is None else f", {one.time:.0f} s"): one.words
         for number, one in enumerate(
@@ -190,16 +192,17 @@ def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:
 
 
 def _record_file(journal: Journal, path: Path, sha256: str | None = None) -> None:
-    """Record the size and the digest of a file; the digest is computed unless it is given."""
+    """Record the size and the hash of a file; the hash is computed unless it is given."""
     journal.record_file(path.name, path.stat().st_size, sha256 or file_sha256(path))
 
 
 def _compare_live_estimate(
     journal: Journal, live: LiveEstimator, outcome: Outcome, *, expected: bool
 ) -> None:
-    """Record in the journal how far the live estimate differs from the recording's estimate.
+    """Record how much the live estimate differs from the estimate from the recording.
 
-    With `expected`, a difference is not a warning, as another estimator processes the recording.
+    If `expected` is true, a difference is not a warning, because another estimator processes the
+    recording.
     """
     names, value = outcome.estimate.names, outcome.estimate.value
     found = np.array([value[names.index(name)] for name in live.names])

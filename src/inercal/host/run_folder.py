@@ -2,7 +2,7 @@
 
 Files::
 
-    plan.toml, path.csv   copies: a run is resumed from these even if the originals have changed
+    plan.toml, path.csv   copies, from which a run is resumed even if the originals have changed
     run.log               the bytes that the devices sent
     run.journal           header, steps, events and files of the run (SQLite)
     recording.h5          written at the end under the name in [data]
@@ -46,14 +46,14 @@ class RunFolder:
 
     @classmethod
     def open_existing(cls, path: str | os.PathLike[str], run_file: str) -> "RunFolder":
-        """Return the existing folder of a run, given the name of its run file."""
+        """Return the existing folder of a run; `run_file` is the name of the run file in it."""
         return cls(Path(path), read(Path(path) / run_file))
 
     @contextmanager
     def removed_on_failure(self, *more: str) -> Generator[None]:
-        """Remove the files made by `create_run`, and `more`, if the context fails before the run.
+        """If the block fails before the run, remove the files of `create_run`, and `more`.
 
-        If the devices were not there, nothing is left behind, and the folder's name is free again.
+        If a device does not answer, no files remain, and the name of the folder can be used again.
         """
         copied = (self.run.path.name, *_referenced_files(self.run.path))
         try:
@@ -79,10 +79,10 @@ class RunFolder:
 
     @property
     def is_complete(self) -> bool:
-        """Whether the files needed to resume the run exist."""
+        """Whether all files exist that are needed to resume the run."""
         try:
             steps = read(self.run.path).steps
-        except InputError:  # a file that the run file names may be missing too
+        except InputError:  # a file that the run file names may also be missing
             return False
         return bool(steps) and self.log.is_file() and self.journal.is_file()
 
@@ -100,7 +100,7 @@ def create_run(
 ) -> tuple[RunFolder, Journal]:
     """Create the folder of a run and its journal, before anything moves.
 
-    The folder gets copies of the run file and of the file with its path.
+    The run file and the file with its path are copied to the folder.
 
     Parameters
     ----------
@@ -111,14 +111,14 @@ def create_run(
     poll : float
         Time between two readings of the table, s.
     content : bytes, optional
-        Content of the copied run file, if it is to differ from the original.
+        Content of the copied run file, if it differs from the original.
 
     Raises
     ------
     InputError
-        The folder cannot be created, or already contains a run or a file with the name of one of
-        the run's files. Also if the run file does not describe a bench run, or its plan cannot be
-        carried out.
+        The folder cannot be created, or it already contains a run or a file with the same name as a
+        file of the run. The error is also raised if the run file does not describe a bench run or
+        its plan cannot be carried out.
     """
     require_recordable(run, layout_of_address(addresses[1]))
     path, name = Path(path), run.path.name
@@ -182,9 +182,9 @@ def reopen_run(
     Raises
     ------
     InputError
-        There is no run in the folder, the run is complete, or the IMU's packets have changed. Also
-        if a run on a simulated bench is to be resumed without its clock, or a run on a real bench
-        with one.
+        There is no run in the folder, the run is complete, or the IMU's packets have changed. The
+        error is also raised if a run on a simulated bench is resumed without its clock, or a run on
+        a real bench is resumed with a clock.
     """
     journal = Journal(Path(path) / JOURNAL)
     with on_failure(journal.close):
@@ -212,7 +212,7 @@ def reopen_run(
 def _require_same_kind(
     path: str | os.PathLike[str], was: JournalHeader, table: str, clock: str
 ) -> None:
-    """Refuse to resume a simulated bench's run with the host's clock, or vice versa."""
+    """Raise an error if a simulated run would continue on a real bench, or vice versa."""
     if was.clock and not clock and table != was.table:
         raise InputError(
             f"{path} was begun on a simulated bench: give the clock's address "

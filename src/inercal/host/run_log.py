@@ -1,13 +1,14 @@
-"""The raw log of a run: an append-only file of the devices' bytes that survives a killed host.
+"""The raw log of a run: an append-only file with the bytes from the devices.
 
-Each frame is written in one call and contains its own checksums:
+The log is readable even if the host was killed. Each frame is written in one call and contains two
+checksums:
 
     A5 'i' | kind, 1 byte | length, uint32 | time, float64 | CRC-32 of these | payload | its CRC-32
 
-All numbers are little-endian; `time` is the host's run time in s. The head has its own checksum,
-because after a wrong length the following frames would look like one unfinished frame. A host that
-is killed leaves complete frames and at most one incomplete frame at the end; `RunLog` removes and
-reports it when it opens the file again.
+All numbers are little-endian; `time` is the run time of the host in s. The head has a separate
+checksum, because after a wrong length, the following frames would look like one unfinished frame.
+If a host is killed, the file contains complete frames and at most one incomplete frame at the end.
+`RunLog` removes and reports this frame when it opens the file again.
 """
 
 import os
@@ -33,11 +34,11 @@ IMU, TABLE, EVENT = 1, 2, 3
 _HEAD = Struct("<2sBId")
 _CHECK = Struct("<I")
 _MAGIC = b"\xa5i"
-_LOCK_TIMEOUT, _LOCK_RETRY_INTERVAL = 0.5, 0.01  # s, for a file locked by another process
+_LOCK_TIMEOUT, _LOCK_RETRY_INTERVAL = 0.5, 0.01  # s; for a file that another process has locked
 
 
 class LogFrame(NamedTuple):
-    """One piece of received data.
+    """One piece of the received data.
 
     Parameters
     ----------
@@ -54,25 +55,25 @@ class LogFrame(NamedTuple):
 
 
 class RunLog(Closeable):
-    """A log that is open for appending, and locked so that only one host can write it.
+    """A log that is open for appending; it is locked, so only one host can write to it.
 
-    The system frees the lock when the host ends, for whatever reason.
+    The system releases the lock when the host ends for any reason.
 
     Parameters
     ----------
     path : path
-        Path of the log, which is created if it does not exist.
+        Path of the log; the file is created if it does not exist.
 
     Attributes
     ----------
     incomplete_bytes : int
-        Length of an unfinished frame at the end that was removed when the file was opened.
+        Length of an unfinished frame at the end, which was removed when the file was opened.
 
     Raises
     ------
     InputError
-        Another host has the file open, the file is not writable or is not a log, or it is damaged
-        before its end, so that the data after the damage would be lost.
+        Another host has opened the file, the file is not writable or is not a log, or it is damaged
+        before its end. In the last case, the data after the damage would be lost.
     """
 
     def __init__(self, path: str | os.PathLike[str]):
@@ -80,7 +81,8 @@ class RunLog(Closeable):
         with os_errors_as_input_errors(self.path, "written"):
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
             with on_failure(partial(os.close, self._file)):
-                # Lock before reading: a frame that another host is writing looks like a torn one.
+                # The file is locked before reading, because a frame that another host is writing
+                # would look incomplete.
                 lock_file(
                     self._file, self.path, "another host drives this run; stop that host first"
                 )
@@ -90,7 +92,7 @@ class RunLog(Closeable):
                     os.ftruncate(self._file, sound)
 
     def append(self, kind: int, time: float, payload: bytes) -> None:
-        """Write one frame; when this returns, the operating system has all of it.
+        """Write one frame; when this returns, the operating system has received the whole frame.
 
         Raises
         ------
@@ -102,7 +104,8 @@ class RunLog(Closeable):
         with os_errors_as_input_errors(self.path, "written"):
             written = os.write(self._file, frame)
             if written < len(frame):
-                # Otherwise, when there is space again, the next frame would follow a torn one.
+                # Without this, the next frame would follow an incomplete frame when there is space
+                # again.
                 os.ftruncate(self._file, os.fstat(self._file).st_size - written)
                 raise OSError(ENOSPC, "no space left on device")
 
@@ -112,7 +115,7 @@ class RunLog(Closeable):
         Raises
         ------
         InputError
-            Not all data could be written; the file is closed nevertheless.
+            Not all data could be written. The file is closed nevertheless.
         """
         with os_errors_as_input_errors(self.path, "written"):
             try:
@@ -122,19 +125,19 @@ class RunLog(Closeable):
 
 
 def read_frames(path: str | os.PathLike[str]) -> Generator[LogFrame]:
-    """Yield the intact frames of a log, up to the first damaged one.
+    """Yield the intact frames of a log, up to the first damaged frame.
 
     Raises
     ------
     InputError
-        The file cannot be read or is not a log, or there are more frames after a damaged one.
+        The file cannot be read or is not a log, or there are more frames after a damaged frame.
     """
     for frame, _ in _frames_with_ends(Path(path)):
         yield frame
 
 
 def file_sha256(path: str | os.PathLike[str]) -> str:
-    """Return the SHA-256 of a file, in hexadecimal.
+    """Return the SHA-256 hash of a file, in hexadecimal.
 
     Raises
     ------
@@ -146,7 +149,7 @@ def file_sha256(path: str | os.PathLike[str]) -> str:
 
 
 def is_locked(path: str | os.PathLike[str]) -> bool:
-    """Return whether a host currently has a log open, or another file that it locks."""
+    """Return whether a host currently has a lock on a log or another file."""
     if sys.platform == "win32":
         return False
     try:
@@ -163,7 +166,7 @@ def is_locked(path: str | os.PathLike[str]) -> bool:
 def os_errors_as_input_errors(
     path: object, what: Literal["read", "written", "made"]
 ) -> Generator[None]:
-    """Raise a one-line `InputError` that says what cannot be read, written or made, and why."""
+    """Convert an OS error to a one-line `InputError` that says what failed, and why."""
     try:
         yield
     except OSError as error:
@@ -171,13 +174,13 @@ def os_errors_as_input_errors(
 
 
 def lock_file(file: int, path: Path, held: str) -> None:
-    """Lock the file of a descriptor; do nothing on a system without file locks.
+    """Lock the file of a descriptor; on a system without file locks, do nothing.
 
     Raises
     ------
     InputError
-        Another process has locked it. The message is `path`, then `held`, which says who has it and
-        what to do.
+        Another process has locked the file. The message consists of `path` and `held`, which says
+        who has locked the file and what to do.
     """
     if sys.platform == "win32":
         return
@@ -186,8 +189,8 @@ def lock_file(file: int, path: Path, held: str) -> None:
         try:
             return flock(file, LOCK_EX | LOCK_NB)
         except BlockingIOError:
-            # `is_locked` also locks the file for an instant, so only a lasting lock is another
-            # host's.
+            # `is_locked` also locks the file for an instant, so only a lasting lock means another
+            # host.
             if monotonic() >= end:
                 raise InputError(f"{path}: {held}", file=path) from None
         sleep(_LOCK_RETRY_INTERVAL)
@@ -218,7 +221,7 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
 
 
 def _require_checksum(length: int, checked: bytes, path: Path, at: int) -> None:
-    """Refuse bytes that do not match their checksum."""
+    """Raise an error if bytes do not match their checksum."""
     if _CHECK.unpack_from(checked, length)[0] != crc32(checked[:length]):
         raise InputError(
             f"{path} is damaged: the frame at byte {at} does not match its checksum; restore the "

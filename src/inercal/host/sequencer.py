@@ -1,16 +1,15 @@
-"""Sequences the tasks of a plan: derives the next commands from the state of the table.
+"""Carries out the tasks of a plan: finds the next commands from the state of the table.
 
-A sequencer has no link, no clock and no thread of its own. It takes each state of the table and
-returns commands, so it works the same way on a real table, in a simulation and in a test. A
-turntable, which moves to angles, has a `Sequencer`; a rate table has one in `spin_sequencer`.
+A sequencer has no link, no clock and no thread. It gets each state of the table and returns
+commands, so it works in the same way on a real table, in a simulation and in a test. For a
+turntable, which moves to angles, there is `Sequencer`; for a rate table, there is `spin_sequencer`.
 
 ::
 
     enable -> home -> ( approach -> settle -> work )* -> return -> done
                          ^ paused, or restarted after an outage: the step is repeated from its start
 
-A section of the recording lasts from the moment `work` begins to the moment it ends, by the table's
-clock.
+A section of the recording lasts from the beginning to the end of `work`, by the table's clock.
 """
 
 from abc import ABC, abstractmethod
@@ -26,12 +25,12 @@ T = TypeVar("T", TurnTask, SpinTask)
 Phase = Literal[
     "enable", "home", "mount", "approach", "work", "return", "paused", "done", "aborted"
 ]
-GRACE = 5.0  # s added to the time of a motion, for settling and similar delays
+GRACE = 5.0  # s; added to the time of a motion for settling and similar delays
 DURATION_MARGIN = 1.5  # times the duration of a motion at its limits
 
 
 class EnableCommand(NamedTuple):
-    """Close the servo loop of an axis (0 is the outermost) or of all axes."""
+    """Close the servo loop of an axis (0 is the outermost axis) or of all axes."""
 
     axis: int | None = None
 
@@ -49,7 +48,7 @@ class HomeCommand(NamedTuple):
 
 
 class MoveCommand(NamedTuple):
-    """Move an axis (0 is the outermost) to an angle (rad) at a rate (rad/s) and acceleration."""
+    """Move an axis (0 is the outermost) to an angle, rad, at a rate, rad/s, and acceleration."""
 
     axis: int
     angle: float
@@ -58,7 +57,7 @@ class MoveCommand(NamedTuple):
 
 
 class SpinCommand(NamedTuple):
-    """Turn an axis at a signed rate (rad/s), with an acceleration (rad/s²); rate 0 stops it."""
+    """Turn an axis at a signed rate, rad/s, with an acceleration, rad/s²; rate 0 stops it."""
 
     axis: int
     rate: float
@@ -79,14 +78,14 @@ class SectionEvent:
     Parameters
     ----------
     number : int
-        Number of the task, from 0.
+        Number of the task, counted from 0.
     label : str
     state : "begun", "done" or "void"
-        A void section will be repeated, and its samples get no label.
+        A "void" section will be repeated, and its samples get no label.
     time : float
         Time by the table's clock, s.
     section : str
-        Label of its samples in the recording.
+        Label of the samples in the recording.
     """
 
     number: int
@@ -97,7 +96,7 @@ class SectionEvent:
 
 
 class TaskSequencer(ABC, Generic[T]):
-    """Carries out tasks; subclasses derive the commands for one task.
+    """Carries out tasks; subclasses find the commands for one task.
 
     Parameters
     ----------
@@ -105,17 +104,17 @@ class TaskSequencer(ABC, Generic[T]):
     limits : sequence of Limits
         Limits of each axis.
     first : int
-        Number of the first task; the ones before it are complete.
+        Number of the first task; all tasks before it are complete.
     names : sequence of str, optional
-        Names of the axes for messages; by default their numbers from 0.
+        Names of the axes in messages; by default, their numbers from 0.
 
     Attributes
     ----------
     phase : str
     number : int
-        Number of the current task; `len(tasks)` when all are complete.
+        Number of the current task; `len(tasks)` if all tasks are complete.
     sections : list of Section
-        Sections that began and ended, in order; the caller may remove them.
+        Events of sections that began or ended, in order; the caller may remove them.
     """
 
     def __init__(
@@ -130,29 +129,29 @@ class TaskSequencer(ABC, Generic[T]):
         self.number = first
         self.sections: list[SectionEvent] = []
         self._tasks, self._limits = tuple(tasks), tuple(limits)
-        self._commanded = False  # whether the commands of this phase have been sent
+        self._commanded = False  # whether the commands of this phase were sent
         self._phase_start, self._time_limit = 0.0, 0.0
         self._working = False
-        self._motion_suspected = False  # whether the last reading showed an axis moving in a hold
+        self._motion_suspected = False  # whether an axis moved in a hold at the last reading
 
     @property
     def task(self) -> T | None:
-        """The current task; None when all are complete."""
+        """The current task; None if all tasks are complete."""
         return self._tasks[self.number] if self.number < len(self._tasks) else None
 
     @property
     def is_over(self) -> bool:
-        """Whether no more commands will follow."""
+        """Whether the sequencer will return no more commands."""
         return self.phase in ("done", "aborted")
 
     @property
     def is_holding(self) -> bool:
-        """Whether the table holds its position for a recording, by the latest reading."""
+        """Whether the table holds its position for a recording, according to the latest reading."""
         task = self.task
         return self._working and task is not None and not task.rate and not self._motion_suspected
 
     def remaining_time(self, time: float) -> float:
-        """Return the time that the remaining tasks need without interruptions, s."""
+        """Return the time that the remaining tasks need, without interruptions, s."""
         left = sum(t.approach + t.seconds for t in self._tasks[self.number :])
         task, gone = self.task, time - self._phase_start if self._commanded else 0.0
         if task and self.phase == "approach":
@@ -186,8 +185,8 @@ class TaskSequencer(ABC, Generic[T]):
         Raises
         ------
         TableFault
-            An axis reports a fault, has its servo off, does not arrive in time, stops away from its
-            goal, or leaves its position during a hold.
+            An axis reports a fault, its servo is off, it does not arrive in time, it stops away
+            from its goal, or it leaves its position during a hold.
         """
         if self.is_over or self.phase == "paused":
             return []
@@ -196,7 +195,7 @@ class TaskSequencer(ABC, Generic[T]):
             self._commanded, self._phase_start = True, seen.time
             commands, self._time_limit = self._commands(seen)
             if commands:
-                return commands  # the table's status is older than these commands
+                return commands  # the state of the table is older than these commands
         if self._is_phase_finished(seen):
             self._advance_phase(seen.time)
         elif seen.time - self._phase_start > self._time_limit:
@@ -227,7 +226,7 @@ class TaskSequencer(ABC, Generic[T]):
                 raise self._fault(f"axis {self._names[i]}: its servo is off; switch it on", i)
 
     def _timeout_fault(self, seen: TableState) -> TableFault:
-        """Return the fault that names the axes that have not arrived."""
+        """Return the fault for a timeout; it names the axes that have not arrived."""
         late = [i for i, axis in enumerate(seen.axes) if not _is_at_rest(axis)] or [0]
         where = ", ".join(
             f"axis {self._names[i]} at {degrees(seen.axes[i].angle):.4f}°" for i in late
@@ -237,7 +236,7 @@ class TaskSequencer(ABC, Generic[T]):
         )
 
     def _fault(self, text: str, *axes: int) -> TableFault:
-        """Return a fault of these axes; `names` contains the axes, then the label of the step."""
+        """Return a fault of some axes; `names` contains the axes and the label of the step."""
         names, task = tuple(self._names[i] for i in axes), self.task
         if task is None:
             return TableFault(text, key=self.phase, names=names)
@@ -249,7 +248,7 @@ class TaskSequencer(ABC, Generic[T]):
 
     @abstractmethod
     def _commands(self, seen: TableState) -> tuple[list[Command], float]:
-        """Return the first commands of this phase, and how long it may take in s."""
+        """Return the first commands of this phase, and the longest time for it, s."""
 
     @abstractmethod
     def _is_phase_finished(self, seen: TableState) -> bool:
@@ -273,22 +272,22 @@ def _is_at_rest(axis: AxisState) -> bool:
     return axis.enabled and axis.homed and axis.settled
 
 
-# Distance below which the table counts as already there, rad; a servo's band is smaller
+# Distance from a goal at which the table need not move, rad; the tolerance of a servo is smaller.
 _MOTION_THRESHOLD = 1e-4
-_ARRIVAL_TOLERANCE = radians(0.05)  # an axis at rest farther away is not where it was sent
+_ARRIVAL_TOLERANCE = radians(0.05)  # an axis at rest farther away has not arrived
 _HOMING_TIMEOUT = 300.0  # s
-_RETURN_RATE_SHARE = 0.5  # of the rate limit, because there is no hurry any more
+_RETURN_RATE_SHARE = 0.5  # fraction of the rate limit, because there is no hurry at the end
 
 
 class Sequencer(TaskSequencer[TurnTask]):
-    """Carries out tasks on a turntable; the parameters are those of `TaskSequencer`."""
+    """Carries out tasks on a turntable; for the parameters, see `TaskSequencer`."""
 
     _target: tuple[float, ...] = ()
 
     def _commands(self, seen: TableState) -> tuple[list[Command], float]:
-        """Return the first commands of this phase, and how long it may take in s."""
+        """Return the first commands of this phase, and the longest time for it, s."""
         if self.phase == "enable":
-            # Closing the loop clears a latched fault if its cause has gone.
+            # Closing the loop clears a latched fault if its cause is gone.
             wanted = not all(axis.enabled and not axis.faults for axis in seen.axes)
             return [EnableCommand()] if wanted else [], GRACE
         if self.phase == "home":
@@ -309,7 +308,7 @@ class Sequencer(TaskSequencer[TurnTask]):
     def _move_commands(
         self, angles: Sequence[float], rates: Sequence[float], seen: TableState
     ) -> tuple[list[Command], float]:
-        """Return the commands that move all axes to angles, and how long this may take in s."""
+        """Return the commands that move all axes to angles, and the longest time for this, s."""
         commands: list[Command] = []
         longest = 0.0
         self._target = tuple(angles)
@@ -348,10 +347,10 @@ class Sequencer(TaskSequencer[TurnTask]):
         self._enter_phase(following.get(self.phase, next_task))
 
     def _has_moved(self, task: TurnTask, seen: TableState) -> bool:
-        """Return whether an axis has left its position; raise at the second such reading in a row.
+        """Return whether an axis has left its position; raise an error at the second such reading.
 
-        A panel or a hand can turn an axis without the controller reporting a fault. A single
-        reading may have a corrupted digit.
+        An axis can be turned from a panel or by hand, and the controller reports no fault. A single
+        reading is not sufficient, because it may have a corrupted digit.
         """
         doubted, self._motion_suspected = self._motion_suspected, False
         for i, (axis, angle) in enumerate(zip(seen.axes, task.start, strict=True)):

@@ -1,19 +1,20 @@
-"""Sequences the states of a plan on a rate table, on which an operator mounts the sensor.
+"""Carries out the states of a plan on a rate table, on which an operator mounts the sensor.
 
 ::
 
     enable -> ( mount -> approach -> work )* -> return -> done
                   ^ paused, or restarted after an outage: the state is repeated from its start
 
-`mount` stops the table and waits until the operator confirms the mounting of the next state; it is
+`mount` stops the table and waits until the operator confirms the mounting of the next state. It is
 skipped if the sensor already has this mounting. `approach` brings the table to the rate of the
-state and waits until the rate is steady; for a state at rest it stops the table. The table is not
+state and waits until the rate is steady. For a state at rest, it stops the table. The table is not
 homed, because no zero position is needed.
 
 `MountingPrompt` requests a mounting of the sensor, and records who confirms it and when. A
-confirmation names the mounting and the number of its request. The number is drawn at random when
-the request is published, so nobody can know it before. A confirmation that was sent earlier, to
-another request or twice therefore has no effect, however long it was delayed.
+confirmation names the mounting and the number of the request. The number is drawn at random when
+the request is published, so nobody can know it earlier. A confirmation therefore has no effect if
+it was sent before the request, for another request, or twice, even if it was delayed for a long
+time.
 """
 
 import secrets
@@ -37,18 +38,18 @@ from inercal.host.sequencer import (
     TaskSequencer,
 )
 
-_STEADY_SHARE = 0.01  # of the set rate; within this tolerance the rate is reached
-_STEADY_TIME = 1.0  # s for which the rate must be reached before a state begins
-_WRONG_SHARE = 0.05  # of the set rate; beyond this tolerance a drive does not hold the rate
+_STEADY_SHARE = 0.01  # fraction of the set rate; within this tolerance, the rate is reached
+_STEADY_TIME = 1.0  # s; the rate must be steady for this time before a state begins
+_WRONG_SHARE = 0.05  # fraction of the set rate; beyond it, the drive does not hold the rate
 
 
 class SpinSequencer(TaskSequencer[SpinTask]):
-    """Carries out tasks on a single-axis rate table; the parameters are those of `TaskSequencer`.
+    """Carries out tasks on a single-axis rate table; for the parameters, see `TaskSequencer`.
 
     Attributes
     ----------
     mounting : str
-        The mounting that was last confirmed; empty if none was.
+        The last confirmed mounting; empty if no mounting was confirmed.
     """
 
     mounting = ""
@@ -57,11 +58,11 @@ class SpinSequencer(TaskSequencer[SpinTask]):
 
     @property
     def awaited_task(self) -> SpinTask | None:
-        """The task whose mounting the operator has to confirm, or None."""
+        """The task whose mounting the operator must confirm; None if there is none."""
         return self.task if self.phase == "mount" and self._is_waiting else None
 
     def confirm_mounting(self, number: int) -> bool:
-        """Confirm the mounting for the task `number`; return False if it was not awaited."""
+        """Confirm the mounting for a task; return False if the table does not wait for it."""
         task = self.awaited_task
         if task is None or number != self.number:
             return False
@@ -96,7 +97,7 @@ class SpinSequencer(TaskSequencer[SpinTask]):
         if self.phase == "mount":
             self._is_waiting = axis.rests
             if self._is_waiting:
-                # The operator may take any time for mounting.
+                # The operator may take any amount of time for mounting.
                 self._time_limit = inf
             return self._is_waiting and self.mounting == task.mounting
         if self.phase == "approach":
@@ -110,7 +111,7 @@ class SpinSequencer(TaskSequencer[SpinTask]):
 
     def _enter_phase(self, phase: Phase) -> None:
         super()._enter_phase(phase)
-        # Request no mounting before a reading shows the table at rest.
+        # A mounting is only requested after a reading has shown the table at rest.
         self._is_waiting = False
 
     def _advance_phase(self, time: float) -> None:
@@ -123,7 +124,7 @@ class SpinSequencer(TaskSequencer[SpinTask]):
         self._enter_phase(following.get(self.phase, next_task))
 
     def _require_rate(self, axis: AxisState, task: SpinTask) -> None:
-        """Raise a fault if this reading and the one before both differ from the set rate.
+        """Raise a fault if two successive readings both differ from the set rate.
 
         A single reading may have a corrupted digit.
         """
@@ -146,11 +147,11 @@ def _turns_at(axis: AxisState, rate: float, share: float) -> bool:
     return abs(axis.rate - rate) <= share * abs(rate) if rate else axis.rests
 
 
-_NUMBERS = 1 << 48  # for request numbers; JavaScript represents integers below 2⁵³ exactly
+_NUMBERS = 1 << 48  # range of request numbers; JavaScript is exact below 2⁵³
 
 
 class MountingRequest(NamedTuple):
-    """A requested mounting: the number of the request, the mounting's name, the instruction."""
+    """A requested mounting: number of the request, name of the mounting, and instruction."""
 
     number: int
     mounting: str
@@ -165,14 +166,14 @@ class MountingPrompt:
     sequencer : SpinSequencer
     journal : Journal
     clock : Clock
-        A simulated bench is told the mounting through its clock.
+        Clock of the bench; a simulated bench learns the mounting through it.
     say : callable
-        Takes "info" or "warning", and a message to the operator.
+        Function that reports a message to the operator; the level is "info" or "warning".
 
     Attributes
     ----------
     before_request : callable
-        Called just before a request is published, to discard input that was typed earlier.
+        Function that is called just before a request is published, to discard earlier input.
     """
 
     def __init__(
@@ -185,23 +186,23 @@ class MountingPrompt:
         self._sequencer, self._journal, self._clock, self._say = sequencer, journal, clock, say
         self._confirmations: SimpleQueue[tuple[int, str, str]] = SimpleQueue()
         self.before_request: Callable[[], object] = lambda: None
-        self._published: tuple[int, MountingRequest] | None = None  # with the number of its step
+        self._published: tuple[int, MountingRequest] | None = None  # and the number of its step
 
     @property
     def request(self) -> MountingRequest | None:
-        """The published request that waits for a confirmation, or None."""
+        """The published request that waits for confirmation; None if there is none."""
         awaited, published = self._awaited(), self._published
         if awaited is None or published is None or published[0] != awaited[0]:
             return None
         return published[1]
 
     def _awaited(self) -> tuple[int, SpinTask] | None:
-        """Return the step that waits for a mounting, with its task; None if no step does."""
+        """Return the number and task of the step that waits for a mounting; None if none waits."""
         task = self._sequencer.awaited_task
         return None if task is None else (self._sequencer.number, task)
 
     def restore(self) -> None:
-        """Restore the mounting on a simulated bench, which may be a newly started one.
+        """Restore the mounting on a simulated bench, because the bench may have been restarted.
 
         Raises
         ------
@@ -212,18 +213,18 @@ class MountingPrompt:
             self._clock.mount(self._sequencer.mounting)
 
     def confirm(self, number: int, mounting: str, by: str) -> None:
-        """Confirm a mounting for request `number`, from any thread; `update` processes it."""
+        """Confirm a mounting for a request, from any thread; `update` processes this."""
         self._confirmations.put((number, mounting, by))
 
     def update(self, time: float) -> None:
-        """Publish a new request and process the confirmations, at a table time in s.
+        """Publish a new request, and process the confirmations, at a table time in s.
 
         Raises
         ------
         LinkLost
             The simulated bench is gone.
         """
-        # Confirmations received before a request is published have no effect.
+        # Confirmations that were received before a request is published have no effect.
         while not self._confirmations.empty():
             self._take(*self._confirmations.get(), time)
         awaited = self._awaited()
@@ -251,8 +252,8 @@ class MountingPrompt:
             )
             return
         self._clock.mount(request.mounting)
-        # Recorded before the table turns, so that the request is not repeated after the host is
-        # killed.
+        # The mounting is recorded before the table turns. If the host is killed later, the request
+        # is not repeated.
         step = self._sequencer.number
         self._journal.record_mounting(step, request.mounting, time)
         self._sequencer.confirm_mounting(step)

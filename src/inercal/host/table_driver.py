@@ -1,19 +1,19 @@
-"""Drives the table in a run: reads its state, sends commands, stops it and leaves it at rest.
+"""Drives the table in a run: reads its state, sends commands, and brings it to rest.
 
-If the host cannot stop the table, the watchdog (`guard`) does.
+If the host cannot stop the table, the watchdog (`guard`) stops it.
 
 `CommandedMotion` detects motion that this program has not commanded. A lock prevents two programs
-on one machine from commanding the same table. A program on another machine, or a control panel, is
-detected by the table's motion. Each axis is compared with the last command that it received::
+on one machine from commanding the same table. Commands from another machine or a control panel are
+detected by the motion of the table. Each axis is compared with the last command that it received::
 
     at rest               it leaves its angle by more than 0.5° (5° if an operator works at it)
     moving to a goal      it turns away from the goal, or over 20 % faster than commanded
     at a rate             it turns the other way, or over 20 % faster than commanded
     stopping, homing      any motion is allowed until it is at rest
 
-An axis with its servo off may be turned by hand and is not checked, and neither is an axis that has
-not been at rest since the connection was made. A single reading may have a corrupted digit, so only
-three readings in a row count.
+An axis with its servo off may be turned by hand and is not checked. An axis that has not been at
+rest since the connection was made is not checked either. A single reading may have a corrupted
+digit, so three successive readings are required.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,9 +37,9 @@ from inercal.host.drivers.rotary_table import (
 from inercal.host.guard import Guard
 from inercal.host.link import LinkLost
 
-_READINGS = 3  # in a row
-_STARTING_TIME = 0.3  # s after a command in which readings may still show the earlier motion
-_GRACE = 1.0  # s to settle at a new rate, in addition to the acceleration time
+_READINGS = 3  # successive readings
+_STARTING_TIME = 0.3  # s after a command; readings may still show earlier motion
+_GRACE = 1.0  # s for settling at a new rate, in addition to the acceleration time
 _REST_TOLERANCE, _HANDS_ON_TOLERANCE = radians(0.5), radians(5)  # rad
 _RATE_MARGIN = 1.2  # times the commanded rate
 
@@ -51,15 +51,16 @@ class _Axis:
     Parameters
     ----------
     does : "free", "rest", "move", "spin", "home" or "stop"
-        "free" means that there is nothing to compare with until the axis is at rest.
+        "free" means that there is no command to compare with until the axis is at rest.
     goal, rate, acceleration : float
-        Goal in rad, rate in rad/s, acceleration in rad/s²; at rest, `goal` is the present angle.
+        Goal in rad, rate in rad/s, and acceleration in rad/s². At rest, `goal` is the present
+        angle.
     since : float or None
-        Table time of the first reading after the command, s; None before it.
+        Table time of the first reading after the command, s; None before this reading.
     start_rate : float
-        Rate at that reading, rad/s.
+        Rate at the first reading after the command, rad/s.
     doubted : int
-        Number of readings in a row that contradict the command.
+        Number of successive readings that contradict the command.
     """
 
     does: Literal["free", "rest", "move", "spin", "home", "stop"] = "free"
@@ -104,14 +105,14 @@ class CommandedMotion:
                 self._axes = [_Axis("stop") for _ in self._axes]
 
     def check(self, state: TableState, *, hands_on: bool = False) -> str | None:
-        """Return a text that describes motion without a command; None if there is none.
+        """Describe motion that was not commanded; None if there is none.
 
         Parameters
         ----------
         state : TableState
-            A plausible reading, later than the previous one.
+            A plausible reading that is later than the previous reading.
         hands_on : bool
-            Whether an operator works at the table and may nudge it.
+            Whether an operator works at the table and may touch it.
         """
         found: str | None = None
         for name, told, axis in zip(self._names, self._axes, state.axes, strict=True):
@@ -131,14 +132,14 @@ class CommandedMotion:
         return found
 
     def _follow(self, told: _Axis, axis: AxisState, time: float) -> None:
-        """Note when an axis has come to rest, if its command ends at rest."""
+        """Record that an axis has come to rest, if its command ends at rest."""
         assert told.since is not None
         if told.does in ("rest", "spin") or time - told.since < _STARTING_TIME:
             return
         rests = axis.settled or axis.rests
         if told.does == "home":
             rests = axis.homed and axis.settled
-        elif told.does == "move":  # before it reaches its goal, it may only be starting late
+        elif told.does == "move":  # before the goal, the axis may only be starting late
             rests = rests and abs(axis.angle - told.goal) < _REST_TOLERANCE
         if rests:
             told.does, told.goal = "rest", axis.angle
@@ -174,17 +175,17 @@ def _turns(axis: AxisState) -> bool:
     return abs(axis.rate) > 2 * REST_RATE
 
 
-# Time limit for a reply from a real table, s; replies take milliseconds. A later reply is not used:
-# at 100 °/s the table turns 28° in this time.
+# Time limit for a reply from a real table, s. Replies take milliseconds. A later reply is not used,
+# because at 100 °/s the table turns by 28° in this time.
 READ_TIMEOUT = 0.28
 # Time without a valid reading after which a table that may be moving is stopped, s. This is the
-# time of one missing reply, or of several invalid ones; after a single invalid reply the table is
-# read again.
+# time of one missing reply or of several invalid replies. After a single invalid reply, the table
+# is read again.
 _BLIND_LIMIT = 0.25
-_MAX_ROUND_TRIP = 1.0  # s; longer means that the host was suspended meanwhile
-_MAX_FAILED_READINGS = 10  # failed readings in a row that are tolerated
+_MAX_ROUND_TRIP = 1.0  # s; if it is longer, the host was suspended meanwhile
+_MAX_FAILED_READINGS = 10  # number of successive failed readings that are tolerated
 _GUARD_INTERVAL = 0.05  # s of wall time between two checks of the watchdog
-_REST_TIMEOUT = 12.0  # s of wall time within which the watchdog must see the table at rest
+_REST_TIMEOUT = 12.0  # s of wall time; in this time, the watchdog must find the table at rest
 
 
 class TableDriver:
@@ -195,17 +196,17 @@ class TableDriver:
     table : RotaryTable
     guard : Guard
     now : callable
-        Returns the run time, s.
+        Function that returns the run time, s.
     say : callable
-        Takes "warning" or "alarm", and a message to the operator.
+        Function that reports a message to the operator; the level is "warning" or "alarm".
 
     Attributes
     ----------
     state : TableState or None
-        The state that was last read.
+        The last state that was read.
     at_rest : bool
-        True if no axis moved at the last reading and no command was sent since, or before any
-        reading.
+        Whether no axis moved at the last reading and no command was sent after it. Also true before
+        the first reading.
     """
 
     def __init__(
@@ -225,22 +226,22 @@ class TableDriver:
         self._last_reading, self._stopped_blind, self._may_turn = monotonic(), False, False
 
     def read(self) -> tuple[float, TableState] | None:
-        """Read the table and return the run time and its state; None if the reading failed.
+        """Read the table, and return the run time and its state; None if the reading failed.
 
-        If the table may be moving and could not be read for `_BLIND_LIMIT`, it is stopped, also by
-        the watchdog.
+        If the table may be moving and could not be read for `_BLIND_LIMIT`, both the host and the
+        watchdog stop it.
 
         Raises
         ------
         LinkLost
-            Too many readings in a row have failed.
+            Too many successive readings have failed.
         """
         self.at_rest = False
         requested = self._now()
         try:
             state = self._table.read()
         except (ProtocolError, LinkLost) as error:
-            # A short stall of the machine or the network is not fatal, because the driver
+            # A short stall of the machine or the network does no harm, because the driver
             # reconnects.
             self._failed_readings += 1
             self._stop_blind()
@@ -253,23 +254,23 @@ class TableDriver:
             return None
         self._failed_readings = 0
         self._last_reading, self._stopped_blind = monotonic(), False
-        # The clocks are matched by the smallest delay, so subtract at most half of the shortest
-        # round trip observed so far, also from a state that arrives late.
+        # The clocks are related by the smallest delay. At most half of the shortest round trip
+        # observed so far is therefore subtracted, even if a state arrives late.
         answered = self._now()
         if answered - requested <= _MAX_ROUND_TRIP:
             self._shortest_round_trip = min(self._shortest_round_trip, answered - requested)
         shortest = self._shortest_round_trip
         time = answered - (shortest / 2 if isfinite(shortest) else 0.0)
         if not isfinite(state.time):
-            state = replace(state, time=time)  # for a controller without a clock
+            state = replace(state, time=time)  # the controller has no clock
         self.state = state
-        # An axis that was just commanded may not report motion yet.
+        # Just after a command, an axis may not yet report motion.
         self.at_rest = not self._commanded and all(axis.rests for axis in state.axes)
         self._may_turn = not self.at_rest
         return time, state
 
     def _stop_blind(self) -> None:
-        """Stop a table that cannot be read, by host and watchdog; once until a reading succeeds."""
+        """Stop a table that cannot be read; this is repeated only after a successful reading."""
         blind = monotonic() - self._last_reading
         if self._stopped_blind or not self._may_turn or blind < _BLIND_LIMIT:
             return
@@ -287,7 +288,7 @@ class TableDriver:
         self._say("alarm", f"{unread}; the watchdog {does}")
 
     def send(self, commands: Sequence[sequencer.Command]) -> None:
-        """Send commands, possibly none, to the table before the next reading.
+        """Send commands, if any, to the table before the next reading.
 
         Raises
         ------
@@ -314,7 +315,7 @@ class TableDriver:
                     self._table.stop()
 
     def require_idle(self) -> None:
-        """Refuse a table that turns before it was commanded.
+        """Raise an error if the table turns before it was commanded.
 
         Raises
         ------
@@ -331,20 +332,20 @@ class TableDriver:
                 )
 
     def check_commanded(self, state: TableState, *, hands_on: bool = False) -> str | None:
-        """Return a text about motion that this program has not commanded; None without any.
+        """Describe motion that this program has not commanded; None if there is none.
 
-        `hands_on` says that an operator is working at the table.
+        `hands_on` means that an operator is working at the table.
         """
         return self._commanded_motion.check(state, hands_on=hands_on)
 
     def _name(self, axis: int | None) -> str | None:
-        """Return the name of an axis; None, which means all axes, for None."""
+        """Return the name of an axis; None means all axes."""
         return None if axis is None else self._table.axes[axis]
 
     def stop(self, commands: Sequence[sequencer.Command]) -> None:
-        """Stop the table; if it does not accept the command, let the watchdog stop it."""
+        """Stop the table; if it does not accept the command, the watchdog stops it."""
         off = self.state is not None and not any(axis.enabled for axis in self.state.axes)
-        # A stop closes the servo loops, but an axis that somebody has switched off must stay off.
+        # A stop closes servo loops, but an axis that somebody has switched off must stay off.
         if self._guard.axis_killed or (off and self.at_rest):
             return
         try:
@@ -355,7 +356,7 @@ class TableDriver:
             self._say("alarm", f"{error}; the watchdog {does}")
 
     def switch_servos_off(self) -> None:
-        """Switch all servos off once: a servo with a frozen encoder accelerates its axis."""
+        """Switch all servos off, because a servo with a frozen encoder accelerates its axis."""
         if self._servos_off:
             return
         words = "the servos are switched off; a moving axis coasts to a stop"
@@ -365,24 +366,24 @@ class TableDriver:
             words = str(error)
         except (ProtocolError, LinkLost) as error:
             self._say("alarm", f"{error}; the servos could not be switched off yet")
-            return  # it will be tried again
+            return  # the caller will try again
         self._servos_off = True
         self._say("alarm", words)
 
     def leave(self, clock: Clock, say: Callable[[str], object], *, at_rest: bool) -> None:
-        """Leave the table at rest, if needed with the watchdog's help; report what went wrong."""
+        """Leave the table at rest, with the watchdog's help if necessary, and report problems."""
         try:
             if not at_rest:
-                clock.close()  # a simulated bench then continues by itself
+                clock.close()  # a simulated bench now continues by itself
                 if (words := self.release_to_guard()) is not None:
                     say(words)
         except BaseException:
-            # A user who interrupts the waiting by another Ctrl-C does not cancel the stop.
+            # If a user interrupts the waiting by another Ctrl-C, the stop is not cancelled.
             self._guard.release_to_guard()
             raise
 
     def release_to_guard(self) -> str | None:
-        """Let the watchdog bring the table to rest; return a text if something went wrong."""
+        """Let the watchdog bring the table to rest; return a text if there was a problem."""
         self._guard.read_lines()
         self._guard.stop()
         until = monotonic() + _REST_TIMEOUT

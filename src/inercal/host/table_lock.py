@@ -1,12 +1,12 @@
-"""The lock of a table: only one program at a time can command it.
+"""The lock of a table: only one program at a time can command a table.
 
-A table is identified by where its address leads (`addresses.table_places`), not by the text of the
-address. For each place there are two lock files. One is for all users of the machine. The other is
-in the user's own folder. It also works if programs see different temporary folders, as services and
-containers do, and if several machines share the home folder.
+A table is identified by the place to which its address leads (`addresses.table_places`), not by the
+text of the address. For each place, there are two lock files. One is for all users of the machine.
+The other is in the user's home folder; it also works if programs have different temporary folders,
+like services and containers, and if several machines share the home folder.
 
-The system frees a lock when its process ends, for whatever reason. The lock cannot detect programs
-on machines that share no folder, but `table_driver` detects the motion that they command.
+The system releases a lock when its process ends for any reason. The lock cannot detect programs on
+machines that share no folder, but `table_driver` detects the motion that they command.
 """
 
 import json
@@ -26,36 +26,37 @@ from inercal.host.addresses import table_places
 from inercal.host.closeable import Closeable, on_failure
 from inercal.host.run_log import lock_file, os_errors_as_input_errors
 
-_SHARED_FOLDERS = ("/run/lock", "/tmp")  # the first one that every user can write to is used
+_SHARED_FOLDERS = ("/run/lock", "/tmp")  # the first folder that is writable for all users is used
 _SHARED_MODE = 0o666
 _MAX_NOTE = 4096  # bytes
 
 
 class TableLock(Closeable):
-    """The exclusive right to command the table at an address, until `close`.
+    """The exclusive right to command the table at an address, until `close` is called.
 
     Parameters
     ----------
     address : str
-        An address as in `inercal.host.addresses.open_table`.
+        Address of the table; see `inercal.host.addresses.open_table`.
     purpose : str
-        Purpose for which the table is needed, such as "run first"; shown to others who are refused.
+        Purpose for which the table is used, such as "run first". Others who are refused see this
+        text.
 
     Raises
     ------
     InputError
-        Another program has the lock, or a lock file cannot be made.
+        Another program has the lock, or a lock file cannot be created.
     """
 
     def __init__(self, address: str, purpose: str):
         with ExitStack() as opened:
-            # On Windows only the driver's own connection keeps other programs away.
+            # On Windows, only the driver's own connection keeps other programs away.
             for place in table_places(address) if sys.platform != "win32" else ():
                 name = f"inercal-table-{sha256(place.encode()).hexdigest()[:24]}.lock"
                 shared = _shared_folder() / name
                 with os_errors_as_input_errors(shared, "made"):
                     opened.enter_context(_LockFile(shared, address, purpose))
-                # A home folder may be missing, read-only, or on a disk without file locks.
+                # The home folder may be missing, read-only or on a disk without file locks.
                 with suppress(OSError, RuntimeError):
                     own = _own_folder() / name
                     own.parent.mkdir(parents=True, exist_ok=True)
@@ -63,12 +64,12 @@ class TableLock(Closeable):
             self._locks = opened.pop_all()
 
     def close(self) -> None:
-        """Release the lock, so that others can command the table."""
+        """Release the lock; other programs can then command the table."""
         self._locks.close()
 
 
 class _LockFile(Closeable):
-    """A file that this process has locked; removed by `close`."""
+    """A file that this process has locked; `close` removes it."""
 
     def __init__(self, path: Path, address: str, purpose: str):
         self._path = path
@@ -78,15 +79,15 @@ class _LockFile(Closeable):
                 self._lock(address)
                 if self._is_current():
                     break
-            os.close(self._file)  # the previous owner of the lock has removed the file
-        with suppress(OSError):  # on a full disk; the note is only for the message to others
+            os.close(self._file)  # the previous owner of the lock removed the file
+        with suppress(OSError):  # the disk may be full; the note is only for messages
             os.ftruncate(self._file, 0)
             note = [purpose, user_name(), os.getpid(), socket.gethostname()]
             os.pwrite(self._file, json.dumps(note).encode(), 0)
 
     def close(self) -> None:
         """Remove the file and release the lock."""
-        with suppress(OSError):  # it may belong to another user, in a shared folder
+        with suppress(OSError):  # in a shared folder, it may belong to another user
             if self._is_current():
                 self._path.unlink()
         os.close(self._file)
@@ -103,7 +104,7 @@ class _LockFile(Closeable):
             ) from None
 
     def _is_current(self) -> bool:
-        """Return whether the locked file is still the one at its path."""
+        """Return whether the locked file is still the file at its path."""
         try:
             there = os.stat(self._path, follow_symlinks=False)
         except FileNotFoundError:
@@ -113,13 +114,13 @@ class _LockFile(Closeable):
 
 def _open(path: Path) -> int:
     while True:
-        # Do not use O_CREAT at first: in a shared folder, systems refuse it for another user's
-        # file.
+        # The first attempt does not use O_CREAT, because in a shared folder, systems refuse it for
+        # another user's file.
         with suppress(FileNotFoundError):
             return os.open(path, os.O_RDWR | os.O_NOFOLLOW)
         with suppress(FileExistsError):
             file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, _SHARED_MODE)
-            os.fchmod(file, _SHARED_MODE)  # regardless of the umask, as other users lock it too
+            os.fchmod(file, _SHARED_MODE)  # regardless of the umask: other users also lock it
             return file
 
 
@@ -133,7 +134,7 @@ def _read_note(file: int) -> str:
 
 
 def _shared_folder() -> Path:
-    """Return the folder of the machine's lock files, which is the same for all users."""
+    """Return the folder for lock files that all users of the machine share."""
     for folder in _SHARED_FOLDERS:
         with suppress(OSError):
             if os.stat(folder).st_mode & S_IWOTH:
@@ -142,7 +143,7 @@ def _shared_folder() -> Path:
 
 
 def _own_folder() -> Path:
-    """Return the folder of the user's lock files; raises `RuntimeError` if there is no home."""
+    """Return the folder for the user's lock files; raises `RuntimeError` without a home."""
     given = os.environ.get("XDG_STATE_HOME", "")
     state = Path(given) if os.path.isabs(given) else Path.home() / ".local" / "state"
     return state / "inercal"

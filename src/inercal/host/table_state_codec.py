@@ -1,8 +1,8 @@
-"""Encodes a table's state as the payload of a log frame, and decodes it.
+"""Converts the state of a table to the payload of a log frame, and back.
 
-Little-endian: time and span as float64, then for each axis angle, rate and following error as
-float64 and one byte of flags. One flag says that the axis has a fault; an event in the journal
-names the fault.
+The payload is little-endian. It contains time and span as float64, and then for each axis: angle,
+rate and following error as float64, and one byte of flags. One flag means that the axis has a
+fault; an event in the journal names the fault.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ _FLAGS = _IN_POSITION, _MOVING, _ENABLED, _HOMED, _FAULT = 1, 2, 4, 8, 16
 class StateArrays(NamedTuple):
     """A series of table states in s, rad and rad/s."""
 
-    time: Array  # (n,) by the table controller's clock
+    time: Array  # (n,) by the clock of the table's controller
     span: Array  # (n,)
     angle: Array  # (n, k)
     rate: Array  # (n, k)
@@ -34,7 +34,7 @@ class StateArrays(NamedTuple):
 
 
 def pack_state(state: TableState) -> bytes:
-    """Return a state as the payload of a log frame."""
+    """Convert a state to the payload of a log frame."""
     parts = [_HEAD.pack(state.time, state.span)]
     for a in state.axes:
         states = (a.in_position, a.moving, a.enabled, a.homed, bool(a.faults))
@@ -44,17 +44,17 @@ def pack_state(state: TableState) -> bytes:
 
 
 def unpack_states(payloads: Sequence[bytes]) -> StateArrays:
-    """Return the states in several payloads as arrays.
+    """Convert several payloads to arrays of states.
 
     Parameters
     ----------
     payloads : sequence of bytes
-        At least one payload.
+        One or more payloads.
 
     Raises
     ------
     InputError
-        The length of a payload does not match a state, or differs from that of the first one.
+        The length of a payload does not match a state or differs from the length of the first.
     """
     k = _axis_count(payloads[0])
     if any(len(one) != len(payloads[0]) for one in payloads):

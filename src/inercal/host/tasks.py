@@ -1,4 +1,4 @@
-"""The tasks of a plan, with the bench that carries them out and the operator's options."""
+"""The tasks of a plan, the bench that carries them out, and the operator's options."""
 
 from typing import Any, NamedTuple
 
@@ -8,7 +8,7 @@ from inercal.runfile import Run
 
 
 class HostPlan(NamedTuple):
-    """The bench, the tasks and the settings that a host takes from a run file."""
+    """The bench, the tasks and the settings that a host needs from a run file."""
 
     bench: ControlledBench
     kind: MotionControl
@@ -16,7 +16,7 @@ class HostPlan(NamedTuple):
 
     @property
     def seconds(self) -> float:
-        """Duration of all tasks without the operator's time, s."""
+        """Duration of all tasks, without the time that the operator needs, s."""
         return sum(one.approach + one.seconds for one in self.tasks)
 
     @property
@@ -26,7 +26,7 @@ class HostPlan(NamedTuple):
 
 
 def host_plan(run: Run) -> HostPlan:
-    """Return the host's part of a run file.
+    """Return the bench, tasks and settings that a host needs from a run file.
 
     Raises
     ------
@@ -34,12 +34,12 @@ def host_plan(run: Run) -> HostPlan:
         No host can drive the bench, or the host cannot carry out the plan.
     """
     kind, bench = run.motion_control, run.bench
-    controlled: Any = bench  # the bench's kind guarantees that it has axes
+    controlled: Any = bench  # the kind of the bench guarantees that there are axes
     return HostPlan(controlled, kind, tuple(kind.tasks(bench, run.steps)))
 
 
 def required_rate(run: Run) -> float:
-    """Return the sampling rate in a run file, Hz; raises `InputError` if it is missing."""
+    """Return the sampling rate in a run file, Hz, or raise an `InputError` if it is missing."""
     if run.rate_hz is None:
         raise InputError(
             f'{run.path}: [data] rate is missing; add it, such as rate = "200 Hz"',
@@ -50,14 +50,15 @@ def required_rate(run: Run) -> float:
 
 
 class RunOptions(NamedTuple):
-    """Options that the operator sets when a run starts; all others are in the run file.
+    """Options that the operator sets when a run starts; all other settings are in the run file.
 
     Parameters
     ----------
     speed : float or None
-        Largest speed of a simulated bench, in bench seconds per second; None means no limit.
+        Highest speed of a simulated bench, in bench seconds per second of wall time; None means no
+        limit.
     temperature : (float, float) or None
-        Lowest and highest allowed temperature of the IMU, K; outside this range the run pauses.
+        Lowest and highest permitted temperature of the IMU, K. Outside this range, the run pauses.
     patience : float
         Time without data from the IMU after which the run ends, s.
     """

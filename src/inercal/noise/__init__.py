@@ -1,7 +1,8 @@
 """Determine sensor noise from a recording at rest: deviations, coefficients, disturbances.
 
-`analyse_noise` returns the `NoiseAnalysis` of a recording. For a recording that is too long for the
-memory, `analyse_noise_stream` does the same piece by piece. Internally, all values are in SI.
+`analyse_noise` returns the `NoiseAnalysis` of a recording. If a recording is too long for the
+memory, `analyse_noise_stream` reads it piece by piece and returns the same kind of result.
+Internally, all values are in SI.
 """
 
 from inercal.noise.analysis import analyse_noise

@@ -1,6 +1,6 @@
-"""Sums of squared second differences, which dominate the time of an Allan deviation.
+"""Sums of squared second differences, which take most of the time of an Allan deviation.
 
-They need only one pass over the cumulative sum, whereas NumPy needs one pass for each operation.
+These functions read the cumulative sum only once, whereas NumPy reads it once for each operation.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.estimation.kernel_options import njit
 
-_BLOCK = 4096  # differences per block for all factors in turn, so that their data stay in the cache
+_BLOCK = 4096  # differences per block for all factors; a block stays in the cache
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -26,7 +26,7 @@ def squared_second_differences(
     x : (n,) array
     factors, strides : (k,) array of int
     firsts : (k,) array of int
-        First value of i, a multiple of the stride; i then increases by the stride.
+        First value of i, a multiple of the stride. The stride is then added repeatedly.
     """
     out = np.zeros(factors.size)
     for begin in range(0, x.size, _BLOCK):

@@ -1,7 +1,7 @@
 """Determine the noise of each channel from a recording at rest, as `inercal noise` does.
 
 1. The recording is split at its gaps (`pieces`).
-2. Lines are removed from the spectrum (`lines`); the terms are chosen and fitted (`selection`).
+2. Lines are removed from the spectrum (`lines`), and the terms are chosen and fitted (`selection`).
 3. A ramp and the temperature are added if the likelihood requires them (`drift_regression`).
 4. The fit is tested (`goodness`), and disturbances are detected (`disturbances`).
 """
@@ -45,7 +45,7 @@ from inercal.noise.terms import TERMS
 from inercal.physics.sensors import G0
 from inercal.recordings import Recording
 
-_MARGIN = 1.0  # s, on both sides of a disturbance
+_MARGIN = 1.0  # s, excluded on both sides of a disturbance
 
 
 def quiet_parts(parts: Sequence[Part], found: Sequence[Disturbance], dt: float) -> list[Part]:
@@ -74,13 +74,13 @@ def quiet_parts(parts: Sequence[Part], found: Sequence[Disturbance], dt: float) 
 
 
 def walk_remark(channel: ChannelNoise, other: NoiseFit | None, *, kept: bool) -> str:
-    """State K with and without the disturbed times.
+    """Return a remark that states K with and without the disturbed times.
 
     Parameters
     ----------
     channel : ChannelNoise
     other : NoiseFit or None
-        The fit without the disturbed times if `channel` has them, otherwise with them.
+        The fit without the disturbed times if `channel` includes them; otherwise the fit with them.
     kept : bool
         Whether `channel` includes the disturbed times.
     """
@@ -103,7 +103,7 @@ DEVIATIONS = ("oadev", "mdev", "ohdev", "totdev")
 
 @dataclass(frozen=True)
 class AnalysisOptions:
-    """The options of `analyse_noise`; see there for their meaning."""
+    """The options of `analyse_noise`, which explains them."""
 
     candidates: tuple[str, ...]
     method: Method
@@ -133,21 +133,24 @@ def analyse_noise(
         Recording in units of rate (rad/s, °/s, …) or acceleration (m/s², g, …), (n, m). It is split
         at its gaps.
     terms : str, optional
-        Symbols of the terms to fit, such as "NBK"; by default Akaike's criterion chooses them.
+        Symbols of the terms to fit, such as "NBK". By default, Akaike's criterion chooses the
+        terms.
     method : "likelihood", "gmwm" or "wls_log"
-        Method whose estimate of the coefficients is reported. GMWM needs a single piece of at most
-        2¹⁸ samples; otherwise the likelihood is reported, and a remark says so.
+        Method that estimates the reported coefficients. GMWM needs a single piece of at most 2¹⁸
+        samples. For other recordings, the likelihood is used instead, and a remark says so.
     spacing : "octave", "decade" or "all"
-        Averaging times of the reported deviations. The estimates use octaves.
+        Averaging times of the reported deviations. The estimates always use octaves.
     kinds : sequence of str
         Deviations to report; "oadev" is always included.
     keep_disturbed : bool
-        If false, the disturbed times are excluded, which splits the recording there.
+        Whether the analysis includes the disturbed times. If not, the recording is split at these
+        times.
     skipped_bands : sequence of (float, float)
         Lowest and highest frequency of each band that the fit excludes, Hz.
     gravity : float or None
-        Local gravity, m/s², with which the readings of three accelerometers are compared. None for
-        readings without gravity, such as simulated noise, whose unit is then not checked.
+        Local gravity, m/s², with which the readings of three accelerometers are compared. Use None
+        if the readings do not contain gravity, for example simulated noise; their unit is then not
+        checked.
 
     Returns
     -------
@@ -159,7 +162,7 @@ def analyse_noise(
     InputError
         There are fewer than 64 samples, a unit is neither a rate nor an acceleration,
         accelerometers do not read gravity, readings are rounded to steps of more than 2.5 times
-        their noise, or terms are unknown.
+        their noise, or a term is unknown.
     """
     wanted = AnalysisOptions(
         candidate_models(terms), method, spacing, tuple(kinds), keep_disturbed, tuple(skipped_bands)
@@ -270,7 +273,7 @@ def _other_fit(
     like: Bins,
     step: float,
 ) -> NoiseFit | None:
-    """Return the fit without the disturbed times if they are kept, otherwise the fit with them.
+    """Return the other fit: without the disturbed times if they are kept, and otherwise with.
 
     Return None if no data would remain.
     """
@@ -287,7 +290,7 @@ def _other_fit(
 def _low_frequencies(
     parts: Sequence[Part], low: Spectrum, dt: float
 ) -> tuple[Array | None, dict[str, Array]]:
-    """Return low-frequency values and drift regressors; nothing if there are several pieces."""
+    """Return low-frequency values and drift regressors; no values if there are several pieces."""
     if len(parts) > 1:
         return None, {}
     m, temperature = round(low.dt / dt), parts[0].temperature
@@ -298,7 +301,7 @@ def _low_frequencies(
 def _spectra(
     parts: Iterable[Part], dt: float, skipped_bands: Sequence[Band]
 ) -> tuple[tuple[Spectrum, ...], tuple[SpectralLine, ...]]:
-    """Return the spectra of all pieces without their lines and skipped bands, and the lines."""
+    """Return the spectra of all pieces without lines and skipped bands, and return the lines."""
     spectra: list[Spectrum] = []
     lines: list[SpectralLine] = []
     for part in parts:
@@ -315,7 +318,7 @@ def _spectra(
 
 
 def _deviations(parts: Sequence[Part], dt: float, kind: str, spacing: Spacing) -> Deviations:
-    """Return a deviation of all pieces: OADEV across gaps, others weighted by their differences."""
+    """Return a deviation of all pieces: OADEV across gaps, or else a mean over the pieces."""
     if len(parts) > 1 and kind == "oadev" and fits_grid(parts, dt):
         return gap_oadev(parts, dt, spacing)
     return join_deviations(

@@ -32,7 +32,7 @@ def _finite(content: Any) -> Any:
 
 
 def _filter_object(output: OutputFilter | None) -> dict[str, Any] | None:
-    """Return the sensor's own filter as an object; `cutoff` is meaningless for an average."""
+    """Return the sensor's own filter as an object; for an average, `cutoff` has no meaning."""
     if output is None:
         return None
     return {

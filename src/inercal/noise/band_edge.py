@@ -1,9 +1,10 @@
-"""Estimate white noise from low frequencies only, if no filter describes the upper ones.
+"""Estimate white noise from low frequencies only, if no filter explains the high frequencies.
 
-The band grows from below in half octaves. Each band is fitted with N, B and K, and the next half
-octave is compared with the fit. The band ends when that half octave differs from the fit by 3.3
-times its standard uncertainty. This detection comes late, which makes N a few per cent too small.
-The band used therefore ends two half octaves earlier, and 1 % is added to the uncertainty of N.
+The band starts at the lowest frequencies and grows by half octaves. In each step, N, B and K are
+fitted to the band, and the next half octave is compared with the fit. The band ends when this half
+octave differs from the fit by 3.3 times its standard uncertainty. At this point, the spectrum has
+already departed a little, and N would be a few per cent too small. The band that is used therefore
+ends two half octaves earlier, and 1 % is added to the uncertainty of N.
 """
 
 from collections.abc import Sequence
@@ -14,15 +15,15 @@ from inercal.noise.likelihood import fit_terms
 from inercal.noise.spectrum import Bins
 
 ADDED_RELATIVE_U = 0.01  # of N
-_DEPARTS = 3.3  # standard uncertainties, for a significant difference
+_DEPARTS = 3.3  # standard uncertainties of a significant difference
 _BACK = 2  # half octaves
-_FEWEST = 256  # coefficients in the lowest band
-_LARGEST_U = 0.2  # of N, relative
+_FEWEST = 256  # least number of coefficients in the lowest band
+_LARGEST_U = 0.2  # largest relative uncertainty of N
 _PLATEAU = 3.0  # the band must reach this multiple of the white-noise/flicker crossing frequency
 
 
 def band_below(bins: Bins, symbols: Sequence[str]) -> Bins | None:
-    """Return the bins in the band that N, B and K describe; None if there is no such band.
+    """Return the bins of the band that N, B and K describe; None if there is no such band.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def band_below(bins: Bins, symbols: Sequence[str]) -> Bins | None:
 
 
 def _kept(bins: Bins, symbols: Sequence[str], edge: float) -> Bins | None:
-    """Return the bins below an edge; None if they do not determine N."""
+    """Return the bins below a frequency; None if these bins do not determine N."""
     band = bins.below(edge)
     if band.power.size < 2 * len(symbols):
         return None

@@ -1,13 +1,14 @@
 """Model of a channel's noise: its terms, the sensor's own filter, and the drift.
 
-1. A filter is searched for (`filter_search`). It is accepted if the fit with it passes the test.
-2. Without a filter the terms are fitted to the whole spectrum.
-3. If they fail the test, only the band that they describe is used (`band_edge`).
-4. N, B and K are refused in two cases: white noise behind a filter cannot be distinguished from
-   bias instability, or there is a filter that neither a known shape nor a band describes.
+1. A filter is searched for (`filter_search`). It is accepted if the fit with this filter passes the
+   test.
+2. If there is no filter, the terms are fitted to the whole spectrum.
+3. If this fit fails the test, only the band that the terms describe is used (`band_edge`).
+4. N, B and K are not reported in two cases: if white noise behind a filter cannot be distinguished
+   from bias instability, or if neither a known filter shape nor a band describes the spectrum.
 
 White noise behind one pole at f_c has the same spectrum as a Gauss–Markov process with
-T = 1/(2π f_c). The white noise of the read-out distinguishes them, because only a filter can
+T = 1/(2π f_c). White noise of the read-out distinguishes the two, because only a filter can
 suppress all white noise.
 """
 
@@ -39,35 +40,35 @@ from inercal.physics.quantities import SensorKind
 REFUSED = ("N", "B", "K")
 BEFORE_FILTER = "NBK"
 """Terms that are fitted during the search for a filter."""
-_LEAST_CUTOFF = 2e-3  # f_c Δ, below which a spectrum is attributed to a Gauss–Markov process
-_LEAST_FLOOR = 1e-3  # F² over N²: white noise next to a Gauss–Markov process
-_ROUNDING = 1.5  # largest N² of rounding noise, which is not quite white, over step² Δ/12
+_LEAST_CUTOFF = 2e-3  # f_c Δ; below it, a spectrum is attributed to a Gauss–Markov process
+_LEAST_FLOOR = 1e-3  # F²/N², for white noise next to a Gauss–Markov process
+_ROUNDING = 1.5  # largest N² of rounding noise (not quite white) over step² Δ/12
 _LONGEST = 10.0  # s, largest 1/(2π f_c) of a filter
 _LOW_CUTOFF, _WHITE_BESIDE_MARKOV = 2e-2, 0.1  # f_c Δ; N² over 2σ²T of a process behind it
-_JUDGED = 0.1  # of the cut-off, from which the fit of a filter is tested
+_JUDGED = 0.1  # fraction of the cut-off above which the fit of a filter is tested
 _AVERAGE_CUTOFF = 0.2  # f_c Δ used for averages in this test
 _ABOVE_CROSSING = 5.0  # times the frequency at which flicker and white noise are equal
-_FALLEN = 0.8  # power in the upper half of the frequencies over that below, behind a filter
+_FALLEN = 0.8  # largest ratio of power, upper to lower frequencies, behind a filter
 _UPPER, _BELOW = (0.5, 1.0), (0.25, 0.5)  # of the highest frequency
 _FLAT, _SURE = 0.03, 3.3  # tolerance for a flat spectrum: fraction, and standard deviations
-_LEAST_WHITE = 0.1  # N over the noise density of all samples
+_LEAST_WHITE = 0.1  # smallest N over the noise density of all samples
 
 
 @dataclass(frozen=True, eq=False)
 class ChannelSummary:
-    """Spectra, deviations and disturbances of a channel, from which its noise is determined, SI.
+    """Data from which the noise of a channel is determined: spectra, deviations, disturbances.
 
     Parameters
     ----------
     channel : str
     quantity : "gyro" or "accelerometer"
     n, longest : int
-        Number of samples in all pieces, and in the longest piece.
+        Number of samples in all pieces, and number in the longest piece.
     dt : float
         Sampling interval Δ, s.
     mean : float
     spectra : tuple of Spectrum
-        Spectra without lines, low frequencies first.
+        Spectra without lines; low frequencies come first.
     lines : tuple of SpectralLine
     octaves : Deviations
         Overlapping Allan deviation at octaves, used for the estimates.
@@ -76,7 +77,7 @@ class ChannelSummary:
     disturbances : tuple of Disturbance
     remarks : tuple of str
     low_values : (k,) array or None
-        Means whose transform is spectra[0]; None if there are several pieces.
+        Block means whose transform is spectra[0]; None if there are several pieces.
     regressors : dict of name to (k,) array
         Regressors of the drift.
     step : float
@@ -108,7 +109,7 @@ class NoiseModel:
     ----------
     selection : Selection
     bins : Bins
-        The bins that were used, with the filter or limited to the band.
+        The bins that the fit used; they include the filter or are limited to the band.
     drift : DriftFit or None
     refusal : NoiseRefusal or None
     """
@@ -126,7 +127,7 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
     ----------
     one : ChannelSummary
     candidates : tuple of str
-        Models to choose from; the filter search requires N in each of them.
+        Models to choose from; each must contain N, because the filter search requires it.
     """
     if not all("N" in symbols for symbols in candidates):
         return _solve(one, make_bins(one.spectra, one.dt), candidates)
@@ -147,7 +148,7 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
     contradictory = _is_contradictory(plain)
     suspected = contradictory or (suspected and not one.disturbances)
     if not suspected or not (contradictory or _falls(fine, rounding)):
-        return plain  # caused by a vibration or disturbance; the test of the fit names its band
+        return plain  # due to a vibration or disturbance; the test of fit names its band
     band = band_below(fine, BEFORE_FILTER)
     if band is not None and _describes(one, found := _solve(one, band, candidates)):
         white = found.selection.fit.variance("N")
@@ -164,10 +165,10 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
 def _describes(one: ChannelSummary, model: NoiseModel) -> bool:
     """Return whether a model passes the test of fit at the relevant frequencies.
 
-    For a filter, these are the frequencies above a tenth of its cut-off, because lower ones only
-    show whether the drift has the fitted terms. For a band, the averaging times are not tested,
-    because they include higher frequencies. If the user requested specific terms, they may be too
-    few, so N, B and K are tested instead.
+    With a filter, the relevant frequencies are above a tenth of its cut-off, because lower
+    frequencies only show whether the drift has the fitted terms. With a band, the averaging times
+    are not tested, because they include higher frequencies. If the user requested specific terms,
+    these may be too few, so N, B and K are tested instead.
     """
     bins, fit = model.bins, model.selection.fit
     if model.selection.is_asked:
@@ -183,14 +184,14 @@ def _describes(one: ChannelSummary, model: NoiseModel) -> bool:
 
 
 def rounding_noise(step: float, dt: float) -> float:
-    """Return F² for readings rounded to a step, which adds white noise of variance step²/12."""
+    """Return F² due to rounding to a step, which adds white noise with variance step²/12."""
     return step**2 * dt / 12
 
 
 def selection_with_filter(
     spectra: tuple[Spectrum, ...], dt: float, candidates: tuple[str, ...], like: Bins, step: float
 ) -> Selection:
-    """Select the terms for part of a recording, with a filter or band like that of the whole.
+    """Select the terms for part of a recording, with the filter or band of the whole recording.
 
     Parameters
     ----------
@@ -215,7 +216,7 @@ def selection_with_filter(
 
 
 def _solve(one: ChannelSummary, bins: Bins, candidates: tuple[str, ...]) -> NoiseModel:
-    """Return the terms that fit the bins best, with the drift found at low frequencies."""
+    """Return the terms that fit the bins best, and the drift found at low frequencies."""
     selection = select_terms(bins, candidates)
     if one.low_values is None or not one.regressors:
         return NoiseModel(selection, bins)
@@ -226,7 +227,7 @@ def _solve(one: ChannelSummary, bins: Bins, candidates: tuple[str, ...]) -> Nois
 
 
 def _placed(found: NoiseModel, search: FilterSearch) -> NoiseModel | None:
-    """Return a model with a filter, or its refusal; None if it is a Gauss–Markov process."""
+    """Return a model with a filter, or its refusal; None if this is a Gauss–Markov process."""
     fit = found.selection.fit
     output = settled_filter(found.bins, fit)
     assert output is not None
@@ -247,7 +248,7 @@ def _placed(found: NoiseModel, search: FilterSearch) -> NoiseModel | None:
 
 
 def _same_spectrum(time: float) -> str:
-    """Explain that a filter and a Gauss–Markov process with T, s, have the same spectrum."""
+    """Explain that a filter and a Gauss–Markov process (T, s) have the same spectrum."""
     return (
         f"white noise behind a low-pass filter at {1 / (2 * np.pi * time):.2g} Hz has the same "
         f"spectrum as a Gauss–Markov process with a time constant of {time:.2g} s"
@@ -255,17 +256,17 @@ def _same_spectrum(time: float) -> str:
 
 
 def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
-    """Return the model, or its refusal if a low-pass filter could also explain it.
+    """Return the model, or its refusal if a low-pass filter could also explain the spectrum.
 
     White noise behind a filter looks like a short Gauss–Markov process or, above the cut-off, like
-    a random walk. Only additional white noise distinguishes them.
+    a random walk. Only additional white noise shows which of these is present.
 
     Parameters
     ----------
     model : NoiseModel
         Model without a filter.
     rounding : float
-        White noise due to rounding of the readings, N² in SI.
+        White noise caused by rounding of the readings, N² in SI.
     """
     fit = model.selection.fit
     white = max(fit.variance("N") - _ROUNDING * rounding, 0.0)
@@ -286,7 +287,7 @@ def _refused_without_white(model: NoiseModel, rounding: float) -> NoiseModel:
 
 
 def _is_contradictory(model: NoiseModel) -> bool:
-    """Return whether N is far below the density of all samples although B, K or G is present."""
+    """Return whether N is far below the density of all samples, although B, K or G is present."""
     bins, found = model.bins, model.selection
     density = float(bins.weight @ bins.power / bins.weight.sum()) * bins.dt
     sure = any(one in found.significance and found.significance[one].is_present for one in "BKG")
@@ -294,7 +295,7 @@ def _is_contradictory(model: NoiseModel) -> bool:
 
 
 def _falls(bins: Bins, rounding: float) -> bool:
-    """Return whether the spectrum falls up to half the rate, or ends in rounding noise only."""
+    """Return whether the spectrum falls up to half the rate, or to a floor of rounding noise."""
     upper, below = _white(bins, _UPPER), _white(bins, _BELOW)
     top = bins.frequency.max()
     count = bins.weight[bins.frequency > _UPPER[0] * top].sum()
@@ -337,7 +338,7 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
         remarks = undetermined(selection, bins, one.longest * one.dt)
     output, band = settled_filter(bins, selection.fit), bins.limit
     if band < np.inf:
-        # Test the whole spectrum against the model that was fitted to its lower part.
+        # Compare the whole spectrum with the model that was fitted to its lower part.
         bins = make_bins(one.spectra, one.dt, fine=bins.fine)
         selection = replace(selection, fit=extended(selection.fit, bins))
     return ChannelNoise(

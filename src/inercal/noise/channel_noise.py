@@ -32,18 +32,21 @@ class NoiseCoefficient:
         "Q", "N", "B", "K", "G" (σ of a Gauss–Markov process) or "T" (its time constant, s).
     name : str
     value : float
-        Value of the coefficient; 0 if only an upper limit is known.
+        Value; 0 if only an upper limit is known.
     u : float
-        Standard uncertainty; infinite if only a limit is known.
+        Standard uncertainty; infinite if only an upper limit is known.
     low, high : float
-        Ends of the ±2u interval from the profile likelihood, or 0 and the upper limit (95 %).
+        Ends of the ±2u interval from the profile likelihood; if only an upper limit is known, 0 and
+        the limit (95 %).
     unit : str
-        Unit for display.
+        Display unit.
     ratio, limit : float
-        2 ΔL relative to the best model without the term, and its limit; both are 0 for N and T.
+        2 ΔL relative to the best model without the term, and the limit for significance; both are 0
+        for N and T.
     is_open : bool
-        Whether its significance is undecided, because a Gauss–Markov process fits better in its
-        place, or because it was requested but the test does not find it.
+        Whether it is undecided if the term is significant. This is so if a Gauss–Markov process
+        fits better in place of the term, or if the user requested the term but the test does not
+        find it.
     """
 
     symbol: str
@@ -64,7 +67,7 @@ class NoiseCoefficient:
 
     @property
     def is_significant(self) -> bool | None:
-        """Whether the term is significant; None for T, and if this is undecided."""
+        """Whether the term is significant; None if this is undecided, and for T."""
         if self.symbol == "N":
             return not self.is_limit
         if self.symbol == "T" or (not self.is_limit and self.is_open):
@@ -73,7 +76,7 @@ class NoiseCoefficient:
 
     @property
     def size(self) -> float:
-        """SI size of the unit for display."""
+        """Size of the display unit in SI."""
         return si_factor(self.unit)
 
 
@@ -128,17 +131,18 @@ class ChannelNoise:
     disturbances : tuple of Disturbance
     drift : tuple of DriftTerm
     remarks : tuple of str
-        Remarks on quantities that the recording cannot determine, and on how it was treated.
+        Remarks on quantities that the recording cannot determine, and on how the recording was
+        treated.
     comparison : dict of method to coefficients by symbol
         Cross-checks with other methods, SI.
     method : str
         "likelihood", "gmwm" or "wls_log".
     output : OutputFilter or None
-        The sensor's own low-pass filter; N is then its plateau.
+        The sensor's own low-pass filter. If there is a filter, N is the density in its pass band.
     band : float
-        Highest frequency that the fit uses, Hz; infinite if it uses all.
+        Highest frequency that the fit uses, Hz; infinite if the fit uses all frequencies.
     refusal : NoiseRefusal or None
-        If set, there are no coefficients.
+        Reason why the channel has no coefficients; None if it has coefficients.
     """
 
     channel: str
@@ -176,14 +180,14 @@ class ChannelNoise:
         return next((one for one in self.coefficients if one.symbol == symbol), None)
 
     def value_or_limit(self, symbol: str) -> float:
-        """Return a coefficient, or its upper limit if only that is known, SI; 0 without both."""
+        """Return a coefficient, or its upper limit if only the limit is known, SI; else 0."""
         found = self.coefficient(symbol)
         if found is None:
             return 0.0
         return found.high if found.is_limit else found.value
 
     def value(self, symbol: str) -> float:
-        """Return a coefficient, SI; 0 if it is not in the model or only an upper limit is known."""
+        """Return a coefficient, SI; 0 if the model does not contain it or only a limit is known."""
         found = self.coefficient(symbol)
         return 0.0 if found is None else found.value
 
@@ -195,7 +199,7 @@ class NoiseAnalysis:
     Parameters
     ----------
     source : str
-        Name of the file; empty if there is none.
+        Name of the file; empty if there is no file.
     duration : float
         Duration of the recording, s.
     channels : tuple of ChannelNoise
@@ -236,12 +240,12 @@ class NoiseAnalysis:
 
 
 def quantity_of(unit: str, channel: str) -> SensorKind:
-    """Return whether a unit belongs to angular rate or to acceleration.
+    """Return "gyro" for a unit of angular rate, and "accelerometer" for a unit of acceleration.
 
     Raises
     ------
     InputError
-        The unit belongs to neither quantity.
+        The unit is neither a unit of angular rate nor of acceleration.
     """
     for quantity, like in SI_UNIT.items():
         try:

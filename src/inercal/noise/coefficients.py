@@ -1,10 +1,10 @@
-"""Convert a fit to coefficients with uncertainties, and find what a recording cannot determine.
+"""Convert a fit to coefficients with uncertainties, and say what a recording cannot show.
 
-The recording time needed for a required uncertainty follows from the information in the spectrum.
-With the frequencies k/2T of a recording of length T, the covariance of the variances θ is [½ Σ_k e
-eᵀ/S²]⁻¹, and u of a coefficient is u(θ)/2√θ. All coefficients k up to the Nyquist frequency are
-used. A term whose own uncertainty exceeds its value is not visible in such a recording. It is not
-fitted, which reduces the uncertainty of the others.
+The recording time needed for a required uncertainty follows from the information in the spectrum. A
+recording of length T has the frequencies k/2T. The covariance of the variances θ is [½ Σ_k e
+eᵀ/S²]⁻¹, with all k up to the Nyquist frequency, and u of a coefficient is u(θ)/2√θ. If the
+uncertainty of a term exceeds its value, such a recording does not show the term. The term is then
+not fitted, which reduces the uncertainty of the other terms.
 """
 
 from dataclasses import replace
@@ -35,8 +35,8 @@ from inercal.physics.quantities import SensorKind
 
 Method = Literal["likelihood", "gmwm", "wls_log"]
 METHODS: tuple[str, ...] = get_args(Method)
-_RUNNERS_UP = 4.0  # largest AIC difference of other models that are named
-_GMWM_LONGEST = 1 << 18  # block means; limited by the covariance of all pairs of averaging times
+_RUNNERS_UP = 4.0  # other models up to this AIC difference are named
+_GMWM_LONGEST = 1 << 18  # block means; the covariance of all pairs of averaging times limits it
 _BINS = 200
 _SINGLE = 32
 _LONGEST = 1e9  # s
@@ -46,7 +46,7 @@ _SEEN = 1.0  # largest relative uncertainty of a term that is fitted
 def possible_method(
     method: Method, n: int, *, single: bool, bins: Bins
 ) -> tuple[Method, tuple[str, ...]]:
-    """Return the method, or the likelihood if GMWM is not possible, with remarks.
+    """Return the method, or the likelihood if GMWM is not possible, and remarks about this.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ def possible_method(
     n : int
         Number of samples in the longest piece.
     single : bool
-        Whether it is the only piece; GMWM cannot join pieces.
+        Whether there is only one piece; GMWM cannot join pieces.
     bins : Bins
-        Bins of the fit. GMWM cannot model a sensor's filter and needs all averaging times.
+        Bins of the fit. GMWM cannot model a sensor's filter, and it needs all averaging times.
     """
     if method != "gmwm":
         return method, ()
@@ -81,7 +81,7 @@ def estimate_coefficients(
 ) -> tuple[tuple[NoiseCoefficient, ...], dict[str, Estimates]]:
     """Return the coefficients from one method, and the estimates of the other methods, SI.
 
-    For B and K, only an upper limit is given if they are not in the model or not significant.
+    If B or K is not significant or not in the model, only its upper limit is returned.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def _longer(oadev: Deviations, shortest: float) -> Deviations:
 
 
 def _time_constant(fit: NoiseFit, bins: Bins) -> NoiseCoefficient:
-    """Return T; at the ends of its grid it is only a limit without uncertainty."""
+    """Return T; at an end of the grid of tried values, T is only a limit without uncertainty."""
     time, name = fit.markov_time, "time constant"
     if is_time_limit(bins, fit):
         short = time < float(np.sqrt(bins.times[0] * bins.times[-1]))
@@ -195,7 +195,7 @@ def _coefficient(
 
 
 def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
-    """Return remarks about models that fit equally well, and about terms hidden by white noise.
+    """Return remarks on models that fit equally well, and on terms hidden by white noise.
 
     Parameters
     ----------
@@ -227,19 +227,19 @@ def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
 
 
 def hidden_terms(selection: Selection, seconds: float) -> tuple[str, ...]:
-    """Return which of B and K are hidden because white noise is larger at all averaging times.
+    """Return which of B and K cannot be seen, because white noise always exceeds their effect.
 
     Parameters
     ----------
     selection : Selection
     seconds : float
-        Length of the longest piece, s; the longest averaging time is half of it.
+        Length of the longest piece, s. The longest averaging time is half of this length.
     """
     fit = selection.fit
     white, flicker, walk = (fit.variance(one) for one in "NBK")
     longest = seconds / 2
-    # A term is hidden if its Allan variance reaches that of white noise only beyond the longest
-    # averaging time.
+    # A term is hidden if its Allan variance only reaches the Allan variance of white noise beyond
+    # the longest averaging time.
     if flicker > 0 and white / (FLICKER_FLOOR * flicker) > longest:
         return tuple(one for one in fit.symbols if one in "BK")
     if flicker == 0 and walk > 0 and np.sqrt(3 * white / walk) > longest:
@@ -250,7 +250,7 @@ def hidden_terms(selection: Selection, seconds: float) -> tuple[str, ...]:
 def relative_uncertainties(
     variances: dict[str, float], dt: float, length: float, markov_time: float = 1.0
 ) -> dict[str, float]:
-    """Return u/value of each nonzero coefficient for a recording of `length`, s.
+    """Return u/value of each nonzero coefficient for a recording with a given length.
 
     Parameters
     ----------
@@ -297,7 +297,7 @@ def length_for(
     relative: float,
     markov_time: float = 1.0,
 ) -> float:
-    """Return the recording length, s, needed for u/value = `relative`; infinite above 30 years."""
+    """Return the recording length, s, needed for a relative u; infinite above 30 years."""
     low, high = 16 * dt, _LONGEST
     if relative_uncertainties(variances, dt, high, markov_time).get(symbol, np.inf) > relative:
         return np.inf

@@ -1,9 +1,10 @@
-"""Equivalent degrees of freedom of deviations, their 95 % intervals, and the noise type.
+"""Equivalent degrees of freedom (edf) of deviations, 95 % intervals, and the noise type.
 
-The combined algorithm of Greenhall and Riley (PTTI 2003) is used, with S(f) ∝ f^α of y: α = 2
-quantisation, 0 white, −1 flicker, −2 random walk. For total deviations see SP 1065, tables 7 to 11.
-The noise type is identified from the lag-1 autocorrelation (Riley and Greenhall 2004); it is only a
-label and not an estimate.
+The edf come from the combined algorithm of Greenhall and Riley (PTTI 2003). The noise type is the
+exponent α in the spectrum S(f) ∝ f^α of y: 2 for quantisation, 0 for white noise, −1 for flicker
+and −2 for random walk. For total deviations, see SP 1065, tables 7 to 11. The noise type is
+identified from the lag-1 autocorrelation (Riley and Greenhall 2004). It is only a label and not an
+estimate.
 """
 
 from functools import lru_cache
@@ -16,7 +17,7 @@ from inercal.noise.numerics import chi_squared_quantiles
 LABELS = {2: "quantisation", 1: "flicker of phase", 0: "white", -1: "flicker", -2: "random walk",
           -3: "flicker walk", -4: "random run"}  # fmt: skip
 _TAILS = (0.025, 0.975)
-_FEWEST, _MOST = 30, 1 << 16  # numbers of block means used to identify a noise type
+_FEWEST, _MOST = 30, 1 << 16  # smallest and largest number of block means for a noise type
 _J_MAX = 100
 _FLICKER_EXCESS = 1.7
 _TOTAL_EDF = {0: (1.5, 0.0), -1: (1.16832, 0.222), -2: (0.92715, 0.358)}
@@ -28,7 +29,7 @@ _HTOT_BIAS = {0: -0.005, -1: -0.149, -2: -0.229, -3: -0.283, -4: -0.321}
 
 
 def identify_noise(x: Array, m: int) -> int:
-    """Return α of the noise at an averaging factor, from the lag-1 autocorrelation of block means.
+    """Identify the exponent α of the noise at an averaging factor, from block means.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def identify_noise(x: Array, m: int) -> int:
         Cumulative sums.
     m : int
         Averaging factor. If fewer than 30 block means would remain, a smaller factor is used. If
-        there are more than 65 536, only the first ones are used.
+        there are more than 65 536 block means, only the first 65 536 are used.
     """
     m = max(1, min(m, (x.size - 1) // _FEWEST))
     z = np.diff(x[: _MOST * m + 1 : m])
@@ -86,7 +87,7 @@ def _basic_sum(j: int, m: float, s: int, f: float, alpha: int, d: int) -> float:
 
 @lru_cache(maxsize=65536)
 def _greenhall_riley(alpha: int, d: int, m: int, s: int, f: float, n: int) -> float:
-    """Return the edf for differences of order d of n phases at factor m, with s steps in m."""
+    """Return the edf for order-d differences of n phases, at factor m with s steps in m."""
     length = m / f + m * d
     count = 1 + int(s * (n - length) / m)
     if count < 1:
@@ -106,11 +107,11 @@ def _greenhall_riley(alpha: int, d: int, m: int, s: int, f: float, n: int) -> fl
 
 
 def _phase_noise_edf(alpha: int, m: int, n: int) -> float:
-    """Return the edf of the overlapping Allan variance for white or flicker phase noise, n phases.
+    """Return the edf of the overlapping Allan variance of n phases with phase noise (α = 2, 1).
 
-    These are the approximate formulas of SP 1065, table 5, because the sums of `_basic_sum` have as
-    many terms as m. For flicker noise the formula gives up to 1.7 times those sums, so it is
-    divided by this factor.
+    The approximate formulas of SP 1065, table 5, are used, because the sums in `_basic_sum` would
+    have m terms. For flicker noise, the result of the formula is up to 1.7 times the exact sum, so
+    it is divided by 1.7.
     """
     if alpha == 2:
         return max((n + 1) * (n - 2 * m) / (2 * (n - m)), 1.0)
@@ -132,7 +133,7 @@ def degrees_of_freedom(kind: str, alpha: int, m: int, n: int, overlap: int | Non
     n : int
         Number of block means.
     overlap : int, optional
-        Number of differences within an averaging time, for kinds that overlap; by default m.
+        Number of differences within an averaging time, for overlapping deviations; m by default.
     """
     overlap = m if overlap is None else overlap
     if kind == "totdev":
@@ -164,6 +165,6 @@ def bias_ratio(kind: str, alpha: int, m: int, n: int) -> float:
 
 
 def interval(value: Array, edf: Array) -> tuple[Array, Array]:
-    """Return the ends of the 95 % interval of deviations, from χ² with these degrees of freedom."""
+    """Return the ends of the 95 % interval of deviations, from χ² with edf degrees of freedom."""
     low, high = (value * np.sqrt(edf / chi_squared_quantiles(edf, tail)) for tail in _TAILS)
     return low, high

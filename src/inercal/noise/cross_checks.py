@@ -1,12 +1,12 @@
-"""Other estimators of the same coefficients, for comparison with the likelihood.
+"""Other methods that estimate the same coefficients, for comparison with the likelihood.
 
-- `slopes`: the straight lines that are read off the Allan plot. B is too large by a factor of √(1 +
-  2NK/(√3·0.4413 B²)), and N at 1 s by √(1 + 0.4413 B²/N² + K²/3N²).
-- `wls_log`: least squares of ln σ with weights edf/2, as if averaging times were independent.
-  Neighbouring octaves have correlations of 0.5 to 0.9, so its stated u is only 0.58 to 0.75 of the
-  true value.
+- `slopes`: the coefficients are read off the Allan plot from straight lines. B is too large by a
+  factor of √(1 + 2NK/(√3·0.4413 B²)), and N at 1 s is too large by √(1 + 0.4413 B²/N² + K²/3N²).
+- `wls_log`: least squares of ln σ with weights edf/2, as if averaging times were independent. In
+  fact, neighbouring octaves have correlations of 0.5 to 0.9, so the stated u is only 0.58 to 0.75
+  of the true value.
 - `gmwm`: generalised least squares of the Allan variances with their exact covariance, iterated
-  (Guerrier et al. 2013). It is as efficient as the likelihood.
+  (Guerrier et al. 2013). This method is as efficient as the likelihood.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ def _columns(
 
 
 def _nonnegative(columns: Array, target: Array, root: Array) -> Array:
-    """Return θ ≥ 0 that minimises the squares of root (columns θ − target)."""
+    """Return θ ≥ 0 that minimises the sum of squares of root (columns θ − target)."""
     return nonnegative_least_squares(root @ columns, root @ target)
 
 
@@ -55,7 +55,7 @@ def wls_log(
     markov_time: float,
     output: OutputFilter | None = None,
 ) -> Estimates:
-    """Return coefficients and their u, which is too small, by weighted least squares of ln σ.
+    """Estimate coefficients and u by weighted least squares of ln σ; the u is too small.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def allan_covariance(gamma: Array, factors: Sequence[int], n: int) -> Array:
 
 
 def _pairs(lag: Array, first: int, second: int) -> Array:
-    """Return the number of pairs of differences with each lag; t < first, t − lag < second."""
+    """Count the pairs of differences (t, t − lag) for each lag; t < first and t − lag < second."""
     return np.clip(np.minimum(first, second + lag) - np.maximum(0, lag), 0, None).astype(float)
 
 
@@ -127,7 +127,7 @@ def gmwm(
     start: Array,
     n: int,
 ) -> Estimates:
-    """Return coefficients and u by iterated least squares with the model's exact covariance.
+    """Estimate coefficients and u by iterated least squares with the model's exact covariance.
 
     Parameters
     ----------
@@ -158,10 +158,10 @@ def gmwm(
 
 
 def slopes(oadev: Deviations) -> Estimates:
-    """Read N, B and K off the Allan plot at slopes −½, 0 and +½; they have no u.
+    """Read N, B and K off the Allan plot at slopes −½, 0 and +½, without uncertainties.
 
-    N and K are the lines with these slopes through the averaging times at which the local slope is
-    closest.
+    For N and K, a line with slope −½ or +½ is drawn through the point at which the local slope is
+    closest to this value.
     """
     log_tau, log_value = np.log(oadev.tau), np.log(oadev.value)
     local = np.diff(log_value) / np.diff(log_tau)
@@ -177,12 +177,12 @@ def slopes(oadev: Deviations) -> Estimates:
 
 
 def slope_bias(white: float, flicker: float, walk: float) -> dict[str, float]:
-    """Return the factors by which B, and N at 1 s, are too large when read off the plot.
+    """Return the factors by which B, and N at 1 s, are too large if read off the Allan plot.
 
     Parameters
     ----------
     white, flicker, walk : float
-        N, B and K of the fit, SI; N and B must be above 0.
+        N, B and K from the fit, SI; N and B must be above 0.
     """
     floor = FLICKER_FLOOR * flicker**2
     return {

@@ -1,6 +1,6 @@
 """Convert the noise stated on a data sheet to the coefficients N, B and K.
 
-A noise density in the form rms/√bandwidth is one-sided, whereas N is the root of the two-sided
+A noise density stated as rms/√bandwidth is one-sided, whereas N is the root of the two-sided
 density::
 
     D² B_n = rms²,  D² = 2 N²          D one-sided density, B_n equivalent noise bandwidth
@@ -41,7 +41,7 @@ class SheetCoefficient:
     ----------
     symbol : "N", "B" or "K"
     values : tuple of float
-        A single value for all axes, or one value for each axis.
+        One value for all axes, or one value for each axis.
     stated : str
         The value on the data sheet, with its kind, such as "0.008 °/s/√Hz (density)".
     """
@@ -51,7 +51,7 @@ class SheetCoefficient:
     stated: str
 
     def of_axis(self, k: int) -> float:
-        """Return the value for axis k, 0 to 2."""
+        """Return the value for axis k, which is 0, 1 or 2."""
         return self.values[0] if len(self.values) == 1 else self.values[k]
 
     @property
@@ -82,7 +82,7 @@ class DataSheetNoise:
 
     @property
     def sensor_noise(self) -> SensorNoise:
-        """The noise in the form that other programs use."""
+        """The noise in the form that files for other programs need."""
         triads: dict[SensorKind, TriadNoise] = {
             quantity: _triad(quantity, self.coefficients[quantity], self.rate_hz)
             for quantity in QUANTITIES
@@ -92,7 +92,7 @@ class DataSheetNoise:
 
     @property
     def all_remarks(self) -> tuple[str, ...]:
-        """All remarks, including the statement that there is no uncertainty."""
+        """All remarks, including the remark that a data sheet states no uncertainty."""
         return (_NO_UNCERTAINTY, *self.remarks)
 
     def coefficient(self, quantity: SensorKind, symbol: str) -> SheetCoefficient | None:
@@ -109,7 +109,7 @@ def _triad(quantity: SensorKind, found: Sequence[SheetCoefficient], rate_hz: flo
 
 
 def white_noise(value: float, kind: WhiteKind) -> float:
-    """Convert a one-sided noise density, or a random walk, which equals N, to N in SI.
+    """Convert a one-sided noise density, or a random walk (which equals N), to N in SI.
 
     >>> round(white_noise(0.008, "density"), 6), white_noise(0.008, "random walk")
     (0.005657, 0.008)
@@ -118,9 +118,9 @@ def white_noise(value: float, kind: WhiteKind) -> float:
 
 
 def white_noise_of_rms(rms: float, bandwidth: float, kind: BandwidthKind) -> float:
-    """Convert an rms value within a bandwidth in Hz to N in SI.
+    """Convert an rms value in a bandwidth, Hz, to N in SI.
 
-    The noise is assumed to be white up to that bandwidth.
+    The noise is assumed to be white within this bandwidth.
 
     >>> round(white_noise_of_rms(1.0, 50.0, "noise"), 4)
     0.1
@@ -129,7 +129,7 @@ def white_noise_of_rms(rms: float, bandwidth: float, kind: BandwidthKind) -> flo
 
 
 def noise_bandwidth(bandwidth: float, kind: BandwidthKind) -> float:
-    """Convert a filter's −3 dB frequency to its noise bandwidth, Hz; keep a noise bandwidth.
+    """Convert a filter's −3 dB frequency to its noise bandwidth, Hz, unless it already is one.
 
     >>> [round(noise_bandwidth(1.0, kind), 4) for kind in ("first order", "second order")]
     [1.5708, 1.1107]
@@ -143,7 +143,7 @@ def noise_bandwidth(bandwidth: float, kind: BandwidthKind) -> float:
 def bias_instability(value: float, kind: BiasKind, others: float = 0.0) -> float:
     """Convert the minimum of an Allan deviation, or the coefficient itself, to B in SI.
 
-    The result is NaN if the minimum due to the other terms is already larger.
+    The result is NaN if the other terms would already give a larger minimum.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Compare measured noise with that of a data sheet, channel by channel."""
+"""Compare measured noise with the noise stated on a data sheet, channel by channel."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from inercal.noise.channel_noise import (
 from inercal.noise.data_sheet import DataSheetNoise, SheetCoefficient, shown
 from inercal.noise.sensor_noise import axis_coefficient, root_mean_of_squares
 
-_NEAR = 0.1  # relative distance from √2 at which a ratio suggests the other kind of white noise
+_NEAR = 0.1  # relative distance from √2 within which a ratio suggests the other kind
 _AXES = 3
 
 HEADS = ("channel", "term", "measured", "U (k = 2)", "data sheet", "unit", "measured / data sheet")
@@ -26,7 +26,7 @@ HEADS = ("channel", "term", "measured", "U (k = 2)", "data sheet", "unit", "meas
 
 @dataclass(frozen=True)
 class SheetComparison:
-    """A measured coefficient compared with that of a data sheet, SI.
+    """A measured coefficient compared with the value on a data sheet, SI.
 
     Parameters
     ----------
@@ -34,10 +34,10 @@ class SheetComparison:
     quantity : "gyro" or "accelerometer"
     symbol : "N", "B" or "K"
     value, u : float
-        Measured value and its standard uncertainty; 0 and infinite if only a limit or nothing is
-        known.
+        Measured value and its standard uncertainty. If at most a limit is known, the value is 0 and
+        the uncertainty is infinite.
     limit : float or None
-        Upper limit (95 %), if only that is known.
+        Upper limit (95 %), if only a limit is known.
     sheet : float
     """
 
@@ -51,7 +51,7 @@ class SheetComparison:
 
     @property
     def ratio(self) -> float | None:
-        """Measured value divided by stated value; None without a measured value."""
+        """Measured value divided by stated value; None if there is no measured value."""
         return self.value / self.sheet if self.value else None
 
     @property
@@ -86,13 +86,14 @@ class SheetComparison:
 def compare_with_sheet(
     analysis: NoiseAnalysis, sheet: DataSheetNoise
 ) -> tuple[SheetComparison, ...]:
-    """Compare those coefficients of each channel that the data sheet states.
+    """Compare the coefficients of each channel with the values that the data sheet states.
 
     Raises
     ------
     InputError
-        The recording has no channel of a kind that the data sheet states. Or the data sheet has
-        values for three axes, but the recording has a different number of axes.
+        The data sheet states noise for a kind of sensor that is not in the recording. The error is
+        also raised if the data sheet has values for three axes, but the recording has a different
+        number of axes.
     """
     found: list[SheetComparison] = []
     for quantity in QUANTITIES:
@@ -127,7 +128,7 @@ def _comparison(channel: ChannelNoise, sheet: SheetCoefficient, k: int) -> Sheet
 
 
 def kind_remarks(rows: Sequence[SheetComparison], sheet: DataSheetNoise) -> tuple[str, ...]:
-    """Return remarks on ratios of √2 or 1/√2, which suggest that the other kind was meant."""
+    """Return remarks on ratios near √2 or 1/√2; they suggest a confused kind of white noise."""
     found: list[str] = []
     for quantity in QUANTITIES:
         ratios = [

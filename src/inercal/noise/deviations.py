@@ -4,15 +4,15 @@ Let x be the cumulative sum (x[0] = 0, x in units of y Δ) of y, (n,). For an av
 averaging time is τ = m Δ. Each variance is a mean of squared differences (Riley, NIST SP 1065)::
 
     oadev   (x[i+2m] − 2 x[i+m] + x[i])²/(2 τ²)
-    hdev    (x[i+3m] − 3 x[i+2m] + 3 x[i+m] − x[i])²/(6 τ²)          overlapping, blind to a ramp
+    hdev    (x[i+3m] − 3 x[i+2m] + 3 x[i+m] − x[i])²/(6 τ²)          overlapping; ignores a ramp
     mdev    like oadev, from the means of m sums;  tdev = τ mdev/√3
     totdev  like oadev, from the series reflected at both ends
 
-Above m = 1024 only every (m/16)-th difference is used, because neighbouring ones are nearly equal.
-The equivalent degrees of freedom take this into account. They decrease by 0.5 % for white and
-slower noise. For quantisation noise, whose neighbouring differences are independent, they decrease
-to those of the differences used. With spacing "all" the overlapping Allan variance uses all n²/4
-differences.
+Above m = 1024, only every (m/16)-th difference is used, because neighbouring differences are nearly
+equal. The equivalent degrees of freedom (edf) take this into account. The edf decrease by 0.5 % for
+white and slower noise. For quantisation noise, neighbouring differences are independent, so the edf
+decrease in proportion to the number of differences. With spacing "all", the overlapping Allan
+variance uses all n²/4 differences.
 """
 
 from collections.abc import Sequence
@@ -36,13 +36,13 @@ from inercal.noise.confidence import (
 # The trend of each subsequence of three averaging times is removed. The subsequence is then
 # extended by reflection at both ends to three times its length, and averaged. No bias correction is
 # applied.
-_MOST = 1 << 22  # numbers in one block of subsequences
+_MOST = 1 << 22  # largest number of values in one block of subsequences
 
 
 def total_hadamard_variance(y: Array, m: int) -> tuple[float, int]:
     """Return the Hadamard total variance of y, (n,), at factor m, and the number of subsequences.
 
-    At m = 1 it is the overlapping Hadamard variance, as defined in SP 1065.
+    At m = 1, the result is the overlapping Hadamard variance, as SP 1065 defines.
     """
     if m == 1:
         d = y[2:] - 2 * y[1:-1] + y[:-2]
@@ -85,10 +85,10 @@ Spacing = Literal["octave", "decade", "all"]
 KINDS: tuple[str, ...] = get_args(DeviationKind)
 SPACINGS: tuple[str, ...] = get_args(Spacing)
 FULL_OVERLAP = 1024  # largest averaging factor at which every difference is used
-_OVERLAP = 16  # number of differences within an averaging time above it
-_MANY = 100  # averaging factors; with more, noise types and edf are interpolated
-_COMPILED_FROM, _COMPILED_FACTORS = 2e7, 1000  # samples times factors
-_PIECE = 1 << 15  # samples that stay in the processor's cache
+_OVERLAP = 16  # number of differences within an averaging time above `FULL_OVERLAP`
+_MANY = 100  # with more averaging factors, noise types and edf are interpolated
+_COMPILED_FROM, _COMPILED_FACTORS = 2e7, 1000  # samples times factors; number of factors
+_PIECE = 1 << 15  # number of samples that stay in the processor's cache
 ALLAN, _HADAMARD = (1.0, -2.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
 _PHASES = {"adev": 2, "oadev": 2, "mdev": 3, "tdev": 3, "hdev": 3, "ohdev": 3,
            "totdev": 1, "htot": 3, "mtot": 3}  # fmt: skip
@@ -112,7 +112,7 @@ class Deviations:
     edf : (k,) array
         Equivalent degrees of freedom.
     label : tuple of str
-        Noise type from the lag-1 autocorrelation at each averaging time; only a label.
+        Noise type at each averaging time, from the lag-1 autocorrelation. It is only a label.
     count : (k,) array of int
         Number of differences that were used.
     """
@@ -128,23 +128,24 @@ class Deviations:
 
     @property
     def lowest(self) -> int:
-        """Index of the smallest value among those that the recording determines well enough."""
+        """Index of the smallest value, among the values with enough degrees of freedom."""
         usable = max(int(np.count_nonzero(self.edf >= _FEWEST_EDF)), 1)
         return int(np.argmin(self.value[:usable]))
 
 
 def averaging_factors(n: int, spacing: Spacing, phases: int = 2) -> np.ndarray:
-    """Return the averaging factors m with at least one difference: n ≥ phases · m.
+    """Return the averaging factors m for which there is at least one difference: n ≥ phases · m.
 
     Parameters
     ----------
     n : int
         Number of block means.
     spacing : "octave", "decade" or "all"
-        Powers of 2; 1, 2 and 4 in each decade; or all factors.
+        "octave" gives powers of 2, "decade" gives 1, 2 and 4 in each decade, and "all" gives all
+        factors.
     phases : int
-        Number of averaging times in a difference: 3 for Hadamard and modified deviations, otherwise
-        2.
+        Number of averaging times in a difference: 3 for Hadamard and modified deviations, and 2 for
+        the others.
     """
     last = max(n // phases, 1)
     if spacing == "all":
@@ -156,7 +157,7 @@ def averaging_factors(n: int, spacing: Spacing, phases: int = 2) -> np.ndarray:
 
 
 def cumulative_sum(y: Array) -> Array:
-    """Return the cumulative sum x, (n + 1,), of y minus its mean, which cancels in differences."""
+    """Return the cumulative sum x, (n + 1,), of y without its mean, which has no effect later."""
     x = np.empty(y.size + 1)
     x[0] = 0.0
     np.cumsum(y - y.mean(), out=x[1:])
@@ -184,7 +185,7 @@ def sum_of_squared_differences(
                 d += part
             else:
                 d += np.multiply(part, c, out=product[:size])
-        # Do not use d @ d: its threads wait for one another if the processor is busy.
+        # Do not use d @ d, because its threads wait for one another if the processor is busy.
         total += float(np.add.reduce(np.multiply(d, d, out=product[:size])))
     return total, count
 
@@ -217,7 +218,7 @@ def _modified_variance(doubled: Array, m: int) -> tuple[float, int]:
 
 
 def _total_variance(x: Array, m: int) -> tuple[float, int]:
-    """Return the total variance, from x reflected at both of its ends."""
+    """Return the total variance, computed from x reflected at both ends, and its count."""
     head, tail = 2 * x[0] - x[1:m][::-1], 2 * x[-1] - x[-m:-1][::-1]
     extended = np.concatenate([head, x, tail])
     total, count = sum_of_squared_differences(extended, m, ALLAN, stride_of(m))
@@ -225,7 +226,7 @@ def _total_variance(x: Array, m: int) -> tuple[float, int]:
 
 
 def variance(x: Array, m: int, kind: str) -> tuple[float, int]:
-    """Return a variance of cumulative sums at an averaging factor, with Δ = 1, and its count.
+    """Return a variance at an averaging factor, with Δ = 1, and the number of differences.
 
     Parameters
     ----------
@@ -255,7 +256,7 @@ def deviations(
 ) -> Deviations:
     """Return a deviation of y, (n,), with 95 % intervals.
 
-    The total deviations include the bias corrections from SP 1065 for the noise type that follows
+    Total deviations include the bias corrections from SP 1065 for the noise type that is identified
     from the lag-1 autocorrelation.
 
     Parameters
@@ -267,14 +268,14 @@ def deviations(
     kind : str
         One of `KINDS`.
     spacing : "octave", "decade" or "all"
-        Averaging times; with "all", the overlapping Allan deviation uses every difference.
+        Averaging times. With "all", the overlapping Allan deviation also uses every difference.
     factors : sequence of int, optional
         Averaging factors to use instead of `spacing`.
 
     Raises
     ------
     InputError
-        The kind is unknown, the series is too short, or a factor is too large for it.
+        The kind is unknown, the series is too short, or a factor is too large for the series.
     """
     if kind not in KINDS:
         raise InputError(
@@ -300,9 +301,9 @@ def deviations(
 def _variances(
     x: Array, factors: np.ndarray, kind: str, strides: np.ndarray
 ) -> tuple[Array, list[int]]:
-    """Return the variances at all factors, with Δ = 1, and their counts.
+    """Return the variances at all factors, with Δ = 1, and the numbers of differences.
 
-    Only the overlapping Allan variance can have strides other than those of `stride_of`.
+    Only the overlapping Allan variance can have other strides than `stride_of`.
     """
     if kind != "oadev" or x.size * min(factors.size, _COMPILED_FACTORS) < _COMPILED_FROM:
         if kind == "oadev":
@@ -325,7 +326,7 @@ def _variances(
 
 
 def _names(x: Array, factors: np.ndarray) -> list[int]:
-    """Return α at each factor; if there are many factors, at the nearest of about a hundred."""
+    """Return α at each factor; if there are many factors, α of the nearest of about a hundred."""
     nodes = _nodes(factors)
     alphas = [identify_noise(x, int(m)) for m in nodes]
     nearest = np.searchsorted(np.sqrt(nodes[1:] * nodes[:-1].astype(np.float64)), factors)
@@ -365,7 +366,7 @@ def with_intervals(
     dt: float,
     strides: np.ndarray | None = None,
 ) -> Deviations:
-    """Convert variances with Δ = 1 to deviations in the unit of y, with their intervals.
+    """Convert variances with Δ = 1 to deviations in the unit of y, with 95 % intervals.
 
     Parameters
     ----------
@@ -380,7 +381,7 @@ def with_intervals(
     dt : float
         Sampling interval Δ, s.
     strides : (k,) array of int, optional
-        Steps between these differences; by default `stride_of` for each factor.
+        Steps between the differences; by default, `stride_of` each factor.
     """
     strides = default_strides(factors) if strides is None else strides
     tau = factors * dt

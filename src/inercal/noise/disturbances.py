@@ -1,10 +1,10 @@
 """Find steps, knocks and bursts in a recording at rest, with their time, size and duration.
 
 (a) A step at time t changes the mean. The difference |mean after − mean before| over averaging
-times of 1 to 128 s is compared with its scatter √2 σ(τ), whose robust estimate is the median of all
-differences. (b) A burst increases the variance of the differences between neighbouring samples in
-windows of 10 s. Both limits were set by simulating undisturbed recordings with white noise, flicker
-and random walk.
+times of 1 to 128 s is compared with its scatter √2 σ(τ). This scatter is estimated robustly from
+the median of all differences. (b) A burst increases the variance of the differences between
+neighbouring samples in windows of 10 s. Both limits were chosen from simulations of undisturbed
+recordings with white noise, flicker and random walk.
 """
 
 from dataclasses import dataclass, replace
@@ -17,20 +17,20 @@ from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import block_means
 
 CHANGE_LIMIT = 6.0  # √2 σ(τ), for steps and knocks
-BURST_LEVEL = 0.00003  # nominal, per channel; squared differences have a heavier tail than χ²
+BURST_LEVEL = 0.00003  # nominal probability per channel; the actual tail is heavier than χ²
 WINDOW = 10.0  # s, for bursts
 _LONGEST = 128.0  # s, over which means are compared
 _SHORTEST = 1.0  # s
-_MOST = 20  # disturbances of one channel
+_MOST = 20  # largest number of disturbances in one channel
 _CHI_SQUARED_MEDIAN = 0.455
-_LARGEST_DIFFERENCE = 20.0  # times the usual square; larger ones are clipped in a window
+_LARGEST_DIFFERENCE = 20.0  # times the usual square; larger squares are clipped in a window
 _MEDIAN = 0.67449  # median absolute value of a normal deviate
-_NO_SIZE = 0.1  # of the change of means that reveals it; smaller ones are remains of a removal
-_FEWEST = 8  # averaging times in a recording, below which its scatter is not known
+_NO_SIZE = 0.1  # fraction of the detected change; smaller sizes are left over from a removal
+_FEWEST = 8  # a scatter is only known if the recording is this many averaging times long
 _MOST_SAMPLES = 1 << 20
 _CORRELATED_SAMPLES, _CORRELATED_LAGS = 1 << 15, 64
-_CORRELATED = 1.2  # times the samples per degree for white noise, above which correlation counts
-_WHITE_DIFFERENCES = 1.5  # samples per degree of freedom for the differences of white noise
+_CORRELATED = 1.2  # times the white-noise samples per degree, above which samples are correlated
+_WHITE_DIFFERENCES = 1.5  # samples per degree of freedom, for differences of white noise
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Disturbance:
         Duration, s; infinite for a step.
     size : float
         For a step or knock, the change of the mean in the unit of the series. For a burst, the
-        standard deviation of its samples divided by that of the recording.
+        standard deviation of its samples divided by the standard deviation of the recording.
     score : float
         Test statistic divided by its limit.
     """
@@ -78,7 +78,7 @@ def find_disturbances(y: Array, dt: float) -> tuple[Disturbance, ...]:
 
 
 def _without_bursts(y: Array, dt: float, bursts: list[Disturbance]) -> Array:
-    """Replace each burst by a straight line, because its means would look like knocks."""
+    """Replace each burst by a straight line, because a burst would also look like knocks."""
     if not bursts:
         return y
     work = y.astype(np.float64, copy=True)
@@ -94,10 +94,10 @@ def _without_bursts(y: Array, dt: float, bursts: list[Disturbance]) -> Array:
 
 
 def mean_changes(y: Array, dt: float) -> tuple[list[int], list[Array], list[float]]:
-    """Return factors m, the difference of means at each sample for each m, and its scatter.
+    """Return factors m, the differences of means at each sample for each m, and their scatters.
 
-    The difference at i is mean(y[i : i+m]) − mean(y[i−m : i]); it is 0 within m of both ends. If
-    there is no scatter, infinity is returned for it.
+    The difference at i is mean(y[i : i+m]) − mean(y[i−m : i]), and 0 within m of both ends. If
+    there is no scatter, it is returned as infinity.
     """
     low = max(1, round(_SHORTEST / dt))
     factors = [low]
@@ -128,7 +128,8 @@ def find_changes(y: Array, dt: float) -> list[Disturbance]:
         factors, changes, scatters = mean_changes(work, dt)
         if not factors:
             break
-        # Use extremes instead of arrays of scores, which would be as large as all changes.
+        # Extremes are compared first, because arrays of scores would need as much memory as all
+        # changes.
         scores = [
             max(float(one.max()), -float(one.min())) / scatter
             for one, scatter in zip(changes, scatters, strict=True)
@@ -137,7 +138,7 @@ def find_changes(y: Array, dt: float) -> list[Disturbance]:
         if scores[best] <= CHANGE_LIMIT:
             break
         one, start, stop, size = _describe(work, dt, factors[best], changes[best], scatters[best])
-        if (start, stop) in removed:  # what remains after a removal cannot be removed
+        if (start, stop) in removed:  # this change was already removed, and a rest remains
             break
         work[start:stop] -= size
         removed.add((start, stop))
@@ -149,15 +150,15 @@ def find_changes(y: Array, dt: float) -> list[Disturbance]:
 def _describe(
     y: Array, dt: float, m: int, change: Array, scatter: float
 ) -> tuple[Disturbance, int, int, float]:
-    """Return the largest change, and what to subtract between which samples to remove it.
+    """Describe the largest change, and return the samples and the value to subtract from them.
 
-    The change is a knock if the mean returns, which means that the opposite change within 128 s is
-    at least half as large. Both are compared at the averaging time m that shows them best.
+    The change is a knock if the mean returns: within 128 s, there is an opposite change that is at
+    least half as large. The two changes are compared at the averaging time m that shows them best.
     """
     peak = int(np.argmax(np.abs(change)))
     k = _change_place(y, peak, m)
     score = abs(float(change[peak])) / scatter / CHANGE_LIMIT
-    # Near an end of the recording, the means have fewer samples than the change at k.
+    # Near an end of the recording, fewer than m samples are available for a mean.
     size = float(y[k : k + m].mean() - y[max(k - m, 0) : k].mean())
     reach = round(_LONGEST / dt)
     low, high = max(k - reach, 0), min(k + reach + 1, y.size)
@@ -172,17 +173,17 @@ def _describe(
     inside = y[start:stop]
     around = np.concatenate([y[max(start - reach, 0) : start], y[stop : stop + reach]])
     level = float(inside.mean() - around.mean()) if around.size else level
-    if abs(level) < 0.1 * abs(size):  # the two changes are not the ends of one knock
+    if abs(level) < 0.1 * abs(size):  # the two changes do not belong to one knock
         return Disturbance("step", k * dt, np.inf, size, score), k, y.size, size
     one = Disturbance("knock", start * dt, (stop - start) * dt, level, score)
     return one, start, stop, level
 
 
 def _change_place(y: Array, k: int, m: int) -> int:
-    """Return the sample near k ± m/2 that best splits samples k − m … k + m into two levels.
+    """Return the sample near k ± m/2 that best divides samples k − m … k + m into two levels.
 
-    A change within m of an end of the recording appears largest at a distance m from that end.
-    Therefore the search extends up to that end.
+    A change that is less than m from an end of the recording appears largest at the distance m from
+    this end. The search therefore extends to the end.
     """
     start, stop = max(k - m, 0), min(k + m, y.size)
     z = y[start:stop] - y[start:stop].mean()
@@ -211,15 +212,16 @@ def window_variances(y: Array, dt: float) -> tuple[Array, int]:
 
 
 def clipping_level(d: Array) -> float:
-    """Return the largest squared difference between neighbours that is used in a window.
+    """Return the limit at which squared differences between neighbours are clipped.
 
-    A step or a knock produces only one or two larger ones and must not look like a burst.
+    A step or a knock produces only one or two larger differences. Clipping prevents them from
+    looking like a burst.
     """
     return _LARGEST_DIFFERENCE * float(np.median(d)) / _CHI_SQUARED_MEDIAN
 
 
 def find_bursts(y: Array, dt: float) -> list[Disturbance]:
-    """Return the bursts in a channel: groups of windows with too large a variance."""
+    """Return the bursts in a channel, which are groups of windows with too large a variance."""
     variances, size = window_variances(y, dt)
     step = size // 2
     found: list[Disturbance] = []
@@ -230,10 +232,10 @@ def find_bursts(y: Array, dt: float) -> list[Disturbance]:
 
 
 def samples_per_degree(y: Array) -> float:
-    """Return the number of samples per degree of freedom of the variance of their differences.
+    """Return the number of samples for each degree of freedom of a variance of differences.
 
-    It is 1 + 2 Σ r², where r is the autocorrelation of the differences. White noise gives 1.5, and
-    a low-pass filter increases it.
+    The number is 1 + 2 Σ r², where r is the autocorrelation of the differences. White noise gives
+    1.5, and a low-pass filter increases it.
     """
     d = np.diff(y[:_CORRELATED_SAMPLES])
     largest = np.sqrt(clipping_level(d**2))
@@ -250,12 +252,12 @@ def samples_per_degree(y: Array) -> float:
 def bursts_of_windows(
     halves: Array, half: int, dt: float, per_degree: float = _WHITE_DIFFERENCES
 ) -> list[Disturbance]:
-    """Return the bursts in a channel without its samples; each is as long as its windows.
+    """Return the bursts in a channel from sums of squares; a burst is as long as its windows.
 
     Parameters
     ----------
     halves : (w,) array
-        Sums of `half` squared differences between neighbours, none above `clipping_level`.
+        Sums of `half` squared differences between neighbours, clipped at `clipping_level`.
     half : int
     dt : float
         Sampling interval, s.
@@ -276,7 +278,7 @@ def _burst(start: int, stop: int, dt: float, ratio: float, limit: float) -> Dist
 
 
 def _loud_windows(variances: Array, dof: float) -> list[tuple[int, int, float, float]]:
-    """Return the first and last window of each loud group, its largest ratio, and the limit."""
+    """Return each loud group of windows as first, last and largest ratio, and the limit."""
     median = float(np.median(variances)) if variances.size >= _FEWEST else 0.0
     if median == 0:
         return []
@@ -291,10 +293,10 @@ def _loud_windows(variances: Array, dof: float) -> list[tuple[int, int, float, f
 
 
 def _extent(y: Array, start: int, stop: int, size: int, ratio: float) -> tuple[int, int]:
-    """Return the part of samples start … stop whose squared differences most likely have `ratio`.
+    """Return the part of samples start … stop that is most likely the burst with this ratio.
 
-    The likelihood ratio for a variance that is r times as large increases if d² exceeds r ln r/(r −
-    1).
+    A sample makes a variance that is r times as large more likely if its squared difference d²
+    exceeds r ln r/(r − 1).
     """
     start, stop = max(start - size // 2, 0), min(stop + size // 2, y.size - 1)
     d = np.diff(y[start : stop + 1]) ** 2

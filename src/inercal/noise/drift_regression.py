@@ -2,8 +2,9 @@
 
     c = X β + e,   E e² = S        L = ½ Σ [ln S + (c − Xβ)²/S] + ½ ln|Xᵀ S⁻¹ X|   (REML)
 
-The regressors X are transformed like the data. If a line were fitted and removed first, random walk
-would also be removed: the median of K would be 0.91 of the true value, whereas REML gives 0.994.
+The regressors X are transformed like the data. If a straight line were fitted and removed first,
+part of the random walk would also be removed. The median of K would then be 0.91 of the true value;
+with REML, it is 0.994.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ from inercal.noise.numerics import dct2, pseudo_inverse
 from inercal.noise.selection import CANDIDATES, Selection, select_terms
 from inercal.noise.spectrum import Bins, Spectrum, expected_periodogram
 
-DRIFT_RATIO = 10.83  # drop of 2 L that is required to include a regressor: 0.1 %
+DRIFT_RATIO = 10.83  # required drop of 2 L to include a regressor (0.1 %)
 _ROUNDS = 4
 
 
@@ -29,7 +30,7 @@ class DriftTerm:
     ----------
     name : "ramp", "temperature" or "temperature rate"
     value, u : float
-        Coefficient and its standard uncertainty, SI: per s, per K, or per K/s.
+        Coefficient and its standard uncertainty in SI, per s, per K or per K/s.
     """
 
     name: str
@@ -45,7 +46,7 @@ class DriftFit:
     ----------
     selection : Selection
     bins : Bins
-        Bins of the data without the drift, with the REML correction.
+        Bins of the data after removal of the drift, with the REML correction.
     terms : tuple of DriftTerm
     loss : float
         L at the minimum, without the REML correction.
@@ -77,7 +78,7 @@ def _model(fit: NoiseFit, low: Spectrum, bins: Bins) -> Array:
 def _generalised(
     c: Array, x: Array, model: Array, kept: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array]:
-    """Return β, its covariance, and the share of each coefficient that β absorbs."""
+    """Return β, its covariance, and the share of each coefficient that β explains."""
     weight = kept / model
     size = np.sqrt((x**2).sum(axis=0))
     scaled = x / size
@@ -97,7 +98,8 @@ def drift_regressors(count: int, dt: float, temperature: Array | None) -> dict[s
     dt : float
         Time between block means, s.
     temperature : array, optional
-        Block means of the temperature, K; ignored if constant or of a different length.
+        Block means of the temperature, K. They are ignored if they are constant or their number
+        differs from `count`.
     """
     found: dict[str, Array] = {"ramp": np.arange(count, dtype=np.float64) * dt}
     if temperature is not None and temperature.size == count and np.ptp(temperature) > 0:
@@ -118,9 +120,9 @@ def fit_drift(
     Parameters
     ----------
     y : (n,) array
-        Means whose transform is spectra[0].
+        Block means whose transform is spectra[0].
     spectra : tuple of Spectrum
-        Spectra, with the low frequencies first.
+        Spectra; the low frequencies come first.
     regressors : mapping of name to (n,) array
     bins : Bins
         Bins of the spectra, without a drift.
@@ -170,12 +172,12 @@ def find_drift(
     selection: Selection,
     candidates: tuple[str, ...] = CANDIDATES,
 ) -> DriftFit | None:
-    """Return the drift in the data; None if 2 L drops by less than 10.83 for each term.
+    """Return the drift in the data; None if each term reduces 2 L by less than 10.83.
 
     Parameters
     ----------
     y, spectra, regressors, bins, candidates
-        As in `fit_drift`.
+        See `fit_drift`.
     selection : Selection
         Selection without a drift.
     """

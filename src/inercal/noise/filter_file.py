@@ -1,12 +1,12 @@
-"""Write sensor noise as states of a filter with steps of Δ and their Q, in YAML.
+"""Write sensor noise as states of a navigation filter with steps of Δ, as YAML.
 
-A random walk of the bias has q = K² Δ. A Gauss–Markov state has φ = e^(−Δ/T) and q = σ² (1 − φ²).
-Flicker is approximated by a chain of such states (`flicker_states`). White noise N has no state:
-N² Δ is the variance of the angle or velocity that it adds in one step.
+The process noise q of a bias random walk is K² Δ in one step. A Gauss–Markov state has φ = e^(−Δ/T)
+and q = σ² (1 − φ²). A sum of such states approximates flicker (`flicker_states`). White noise N has
+no state; it adds the variance N² Δ to the angle or velocity in one step.
 
-Between two averaging times, the Allan variance of a chain of processes with times T_k and variances
-v_k approximates that of flicker with B = 1, which is 2 ln 2/π. The T_k, evenly spaced in ln T, and
-the v_k ≥ 0 minimise the largest misfit of the deviation.
+Flicker with B = 1 has the Allan variance 2 ln 2/π. Between two averaging times, the Allan variance
+of the processes with time constants T_k and variances v_k approximates this value. The T_k are
+evenly spaced in ln T. T_k and v_k ≥ 0 minimise the largest error of the Allan deviation.
 """
 
 from dataclasses import dataclass
@@ -27,10 +27,10 @@ from inercal.noise.sensor_noise import (
 from inercal.noise.terms import FLICKER_FLOOR, TERMS
 
 _POINTS = 24  # averaging times per decade
-_ENDS = np.geomspace(0.2, 1.6, 19)  # ratio of T at the ends to the averaging times at the ends
-_ROUNDS = 6  # number of reweightings that even out the misfit
-_CONTINUOUS = 1e-6  # of the averaging times; Δ used for the continuous-time variance
-_SHORTEST = 1.0  # s, shortest averaging time of a chain; for slow sensors, ten samples
+_ENDS = np.geomspace(0.2, 1.6, 19)  # tried ratios of T to the averaging time, at each end
+_ROUNDS = 6  # number of reweightings that make the errors even
+_CONTINUOUS = 1e-6  # Δ for the continuous-time variance, as a fraction of averaging times
+_SHORTEST = 1.0  # s, shortest averaging time; for slow sensors, it is ten samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class FlickerStates:
 
 
 def flicker_states(shortest: float, longest: float, states: int) -> FlickerStates:
-    """Return the chain for averaging times from `shortest` to `longest`, s.
+    """Return the processes for averaging times between a shortest and a longest time, s.
 
     Parameters
     ----------
@@ -90,14 +90,14 @@ def _chain(tau: Array, times: Array) -> FlickerStates:
 
 
 def filter_text(noise: SensorNoise, horizon: float) -> str:
-    """Return filter states that describe the noise, SI, as text; a triad has a single value.
+    """Return a text with filter states that describe the noise, SI; all axes share their values.
 
     Parameters
     ----------
     noise : SensorNoise
     horizon : float
-        Longest averaging time of the chain, s; half of the recording's duration is used if it is
-        longer.
+        Longest averaging time at which flicker is described, s. Half of the recording's duration is
+        used if this is longer.
 
     Raises
     ------

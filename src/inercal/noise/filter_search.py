@@ -1,15 +1,15 @@
 """Find the sensor's own low-pass filter in the spectrum of a recording at rest.
 
-Each shape of `inercal.noise.output_filter` is fitted with the terms N, B and K, with and without
-read-out white noise added after the filter. The fit uses Fisher scoring as in
-`inercal.noise.likelihood`, where dS/d ln f_c is an additional column. The shape with the smallest
-Bayesian criterion is chosen. A penalty of 4 is added for a shape other than one pole, and 4 for the
-floor.
+Each filter shape in `inercal.noise.output_filter` is fitted together with the terms N, B and K.
+Each fit is made with and without a floor, which is white noise that the read-out adds after the
+filter. The fit uses Fisher scoring as in `inercal.noise.likelihood`, with dS/d ln f_c as an
+additional column. The shape with the smallest Bayesian criterion is chosen. A penalty of 4 is added
+for a shape other than one pole, and another 4 for the floor.
 
-A filter is accepted if the criterion is more than 10 better than without a filter and its floor is
-at most a tenth of the white noise. With a larger floor it is white noise with a Gauss–Markov
-process, which has the same spectrum. The caller must test whether the fit then describes the
-recording.
+A filter is accepted if it improves the criterion by more than 10 and the floor is at most a tenth
+of the white noise. If the floor is larger, the spectrum is attributed to white noise and a
+Gauss–Markov process, which has the same spectrum. The caller must test whether the fit with the
+filter describes the recording.
 """
 
 from collections.abc import Sequence
@@ -35,18 +35,18 @@ from inercal.noise.output_filter import (
 )
 from inercal.noise.spectrum import Bins, FilterEffect
 
-NEEDED_GAIN = 10.0  # of the criterion, compared with no filter
-LARGEST_FLOOR = 0.1  # F² over the white noise before the filter
-_PENALTY = 4.0  # for a shape other than one pole, and for a floor
+NEEDED_GAIN = 10.0  # improvement of the criterion, compared with no filter
+LARGEST_FLOOR = 0.1  # largest F² over the white noise before the filter
+_PENALTY = 4.0  # penalty for a shape other than one pole, and for a floor
 _STARTS = (0.02, 0.05, 0.12, 0.25, 0.42)  # f_c Δ
-_LOW_STARTS = (0.0008, 0.004)  # f_c Δ, for one pole
+_LOW_STARTS = (0.0008, 0.004)  # additional f_c Δ for one pole
 _START_ROUNDS, _ROUNDS, _HALVINGS = 3, 40, 12
 _POLISHED = 5
 _STEP = 0.7  # largest step of ln f_c
 _SLOPE_STEP = 0.01  # step of ln f_c for its derivative
 _LOWEST = 1e-5  # f_c Δ
-_HOPELESS = 1.0  # gain in L from the starts, below which nothing is refined
-_OFFSET = 0.2  # of ln f_c, because the coefficients of its column must be ≥ 0
+_HOPELESS = 1.0  # gain in L at the start values, below which no fit is refined
+_OFFSET = 0.2  # shift of ln f_c, because the coefficient of its column must be ≥ 0
 _CONVERGED = 1e-4  # of L
 _AT_LIMIT = 0.99
 
@@ -59,7 +59,7 @@ class FilterFit:
     ----------
     shape : FilterShape
     log_cutoff : float
-        Logarithm of the cut-off, ln f_c Δ.
+        Logarithm of the cut-off, ln (f_c Δ).
     theta : (p,) array
         Squared coefficients of the terms, followed by F².
     has_floor : bool
@@ -68,7 +68,7 @@ class FilterFit:
         Known part of F², SI².
     loss : float
     criterion : float
-        Bayesian criterion, including penalties.
+        Bayesian criterion, including the penalties.
     """
 
     shape: FilterShape
@@ -111,8 +111,8 @@ class FilterSearch:
     best : FilterFit
     gain : float
     white_shift, white_spread : float
-        Mean of N over the shapes, weighted by the criterion, relative to that of the best shape,
-        minus 1; and the relative standard deviation between the shapes.
+        Relative difference between the mean N of all shapes, weighted by the criterion, and N of
+        the best shape; and the relative standard deviation of N between the shapes.
     """
 
     best: FilterFit
@@ -122,7 +122,7 @@ class FilterSearch:
 
     @property
     def is_better(self) -> bool:
-        """Whether a filter improves the description of the recording sufficiently."""
+        """Whether a filter describes the recording sufficiently better than no filter."""
         return self.gain > NEEDED_GAIN
 
 
@@ -151,7 +151,7 @@ class _Problem:
         return change / (2 * _SLOPE_STEP) * terms
 
     def fit(self, shape: FilterShape, x: float, rounds: int, *, floor: bool) -> FilterFit:
-        """Fit a shape with some rounds of scoring that start from ln f_c Δ = x."""
+        """Fit a shape with some rounds of scoring, starting from ln (f_c Δ) = x."""
         top, bottom = float(np.log(shape.highest)), float(np.log(_LOWEST))
         terms = self.base.shape[1]
         response = self.response(shape, x)
@@ -197,14 +197,14 @@ class _Problem:
 
 
 def _starts(shape: FilterShape) -> tuple[float, ...]:
-    """Return the values of f_c Δ to start from; an average has no f_c and gets an arbitrary one."""
+    """Return the start values of f_c Δ; an average has no f_c and gets an arbitrary value."""
     if not shape.has_cutoff:
         return _STARTS[-1:]
     return (*_LOW_STARTS, *_STARTS) if shape is SHAPES[0] else _STARTS
 
 
 def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> FilterSearch | None:
-    """Return the best filter for a recording; None if every filter is clearly worse than none.
+    """Return the best filter for a recording; None if no shape improves the fit noticeably.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> Filte
     symbols : sequence of str
         Terms before the filter, starting with N.
     known_floor : float
-        F² due to rounding of the readings, N² in SI; 0 if no step is known.
+        F² due to rounding of the readings, in the SI unit of N²; 0 if no rounding step is known.
     """
     problem = _Problem(bins, symbols, known_floor)
     _, plain = scored_fit(bins.power, bins.weight, problem.base)
@@ -234,7 +234,7 @@ def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> Filte
     best = polished[0]
     without = 2 * plain + len(symbols) * problem.scale
     weight = np.exp(-0.5 * np.array([one.criterion - best.criterion for one in polished]))
-    # Starts with the same shape that converge to the same place are one candidate.
+    # Fits of the same shape that converge to the same cut-off are one candidate.
     seen: list[FilterFit] = []
     for k, one in enumerate(polished):
         if any(
@@ -252,14 +252,14 @@ def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> Filte
 
 
 def apply_filter(bins: Bins, symbols: Sequence[str], search: FilterSearch) -> Bins:
-    """Return bins with the best filter of a search; its cut-off and floor remain free parameters.
+    """Return bins with the best filter of a search; its cut-off and floor are still fitted.
 
     Parameters
     ----------
     bins : Bins
         Fine bins.
     symbols : sequence of str
-        Terms as in `find_filter`.
+        Terms before the filter, as in `find_filter`.
     search : FilterSearch
     """
     fit = search.best

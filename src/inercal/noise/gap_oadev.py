@@ -1,12 +1,12 @@
-"""Allan deviation of a recording in pieces, either across the gaps or joined from the pieces.
+"""Allan deviation of a recording with gaps, across the gaps or joined from its pieces.
 
-The samples lie on one grid with the sampling interval. A difference of means over m grid places is
-used if both means are at least half full::
+All samples are placed on one time grid with the sampling interval. A difference between two means
+over m grid places is used if at least half of the places of each mean have a sample::
 
     σ²(m Δ) = ½ mean of (mean of the later m − mean of the earlier m)²
 
-The gaps are not filled. Means of fewer samples contain more white noise, but with 20 gaps of 60 s
-the variance is correct to 2 %. The equivalent degrees of freedom are those of the whole grid,
+The gaps are not filled. A mean over fewer samples contains more white noise, but with 20 gaps of 60
+s the variance is still correct to 2 %. The equivalent degrees of freedom of the whole grid are
 multiplied by the share of the differences that are used.
 """
 
@@ -29,7 +29,7 @@ from inercal.noise.deviations import (
 from inercal.noise.pieces import Part
 
 _FULL = 0.5  # share of a mean's grid places that must have a sample
-_LARGEST_GRID = 4  # times the number of samples
+_LARGEST_GRID = 4  # largest number of grid places per sample
 _BLOCK = 1 << 18  # differences that are processed at a time
 _PHASES = 2
 
@@ -40,7 +40,7 @@ def fits_grid(parts: Sequence[Part], dt: float) -> bool:
 
 
 def _offsets(parts: Sequence[Part], dt: float) -> list[int]:
-    """Return the grid place of each piece's first sample; pieces do not overlap."""
+    """Return the grid place of the first sample of each piece; pieces do not overlap."""
     found: list[int] = []
     free = 0
     for one in parts:
@@ -83,7 +83,7 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
             squares.append(total / (2.0 * count))
             counts.append(count)
             shares.append(count / possible)
-    # The noise type, which is only a label, is identified from the samples without the gaps.
+    # The noise type is only a label and is identified from the samples as if there were no gaps.
     closed = cumulative_sum(np.concatenate([one.values for one in parts]))
     alphas = [identify_noise(closed, m) for m in factors]
     found = with_intervals(
@@ -102,7 +102,7 @@ def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
 
 
 def _masked_sum(x: Array, filled: Array, m: int, stride: int) -> tuple[float, int, int]:
-    """Return Σ (mean − mean)² over half-full pairs, their number, and that of all pairs."""
+    """Return Σ (mean − mean)² over the usable pairs, their number, and the number of all pairs."""
     starts: NDArray[np.int64] = np.arange(0, x.size - 2 * m, stride)
     total, count = 0.0, 0
     for first in range(0, starts.size, _BLOCK):
@@ -117,7 +117,7 @@ def _masked_sum(x: Array, filled: Array, m: int, stride: int) -> tuple[float, in
 
 
 def join_deviations(tables: Sequence[Deviations]) -> Deviations:
-    """Join the deviations of several pieces, weighted by their numbers of differences."""
+    """Join the deviations of several pieces; each is weighted by its number of differences."""
     if len(tables) == 1:
         return tables[0]
     longest = max(tables, key=lambda one: one.tau.size)

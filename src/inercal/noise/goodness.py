@@ -1,11 +1,13 @@
 """Test, by frequency and by averaging time, whether the fitted terms describe a recording.
 
-The squared coefficients in a bin of w of them are distributed as χ². The residual of a bin is z =
-Φ⁻¹(F_w(w I/S)), a standard normal deviate if the model is correct. For large w, I/S − 1 could be
-used instead. For a single coefficient, however, its square has such long tails that one bin in a
-thousand would fail a decade. Over a decade of frequency, the mean square of z must not exceed 1.5,
-or a higher limit if few bins may exceed 1.5 by chance (3.5 standard deviations). The overlapping
-Allan deviation must be within its 95 % band at four in five averaging times.
+A bin contains w squared coefficients with the mean I. If the model S is correct, w I/S is
+distributed as χ² with w degrees of freedom. The residual of a bin is z = Φ⁻¹(F_w(w I/S)), which is
+then a standard normal deviate. For large w, I/S − 1 could be used instead. For a single
+coefficient, however, the square of I/S − 1 has such long tails that one bin in a thousand would
+make a decade fail. Over a decade of frequency, the mean square of z must not exceed 1.5. If a
+decade has few bins, the limit is higher (3.5 standard deviations), because they may exceed 1.5 by
+chance. The overlapping Allan deviation must be within its 95 % band at four of five averaging
+times.
 """
 
 from dataclasses import dataclass
@@ -21,10 +23,10 @@ from inercal.noise.spectrum import Bins
 from inercal.noise.terms import model_avar
 
 _LARGEST = 1.5  # limit of the mean square in a decade
-_QUANTILE = 3.5  # standard deviations of a decade's mean square
-_OUTSIDE = 0.2  # share of averaging times outside the band
-_IN_BAND = 2.0  # residual of neighbouring bins that belong to the band of the worst bin
-_PASSED = 0.5  # share of the Allan variance that a filter must pass at a tested averaging time
+_QUANTILE = 3.5  # allowed standard deviations of a decade's mean square
+_OUTSIDE = 0.2  # largest share of averaging times outside the band
+_IN_BAND = 2.0  # neighbours of the worst bin above this residual belong to its band
+_PASSED = 0.5  # an averaging time is tested if a filter passes this share
 _CERTAIN = 3.0  # smallest edf of a tested averaging time
 
 
@@ -98,7 +100,7 @@ class Goodness:
 
     @property
     def worst_band(self) -> tuple[float, float] | None:
-        """Ends of the band with the worst fit, Hz; None for a single frequency."""
+        """Ends of the band with the worst fit, Hz; None if it is a single frequency."""
         one = self.worst
         if one is None or one.worst_low == one.worst_high:
             return None
@@ -106,7 +108,7 @@ class Goodness:
 
     @property
     def verdict(self) -> str:
-        """One sentence that says whether the terms describe the recording, and if not, where."""
+        """A sentence that says whether the terms describe the recording, or where they do not."""
         worst = self.worst
         if worst is None and self.within_band:
             return "the model describes the recording"
@@ -150,7 +152,7 @@ def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
     judged = oadev.edf >= _CERTAIN
     known = fit.as_variances, oadev.tau, bins.dt, fit.markov_time
     variance = filtered_model_avar(*known, bins.output)
-    # Averaging times that are shorter than the response of a filter all show the same.
+    # Averaging times that are shorter than the response of a filter all show the same noise.
     judged &= variance >= _PASSED * model_avar(*known)
     expected = np.sqrt(variance)
     outside = (expected < oadev.low) | (expected > oadev.high)

@@ -1,14 +1,14 @@
 """Maximum-likelihood fit of a sum of noise terms to binned squares of DCT-II coefficients.
 
 The coefficients c_k are nearly independent with variances S_k = Σ_j θ_j e_jk, where θ_j ≥ 0 are the
-squared noise coefficients. With the mean I of w squares in a bin, minus the log-likelihood is
+squared noise coefficients. With the mean I of w squares in a bin, the negative log-likelihood is
 
     L = ½ Σ w [ln S + I/S]
 
-Fisher scoring is used: each step is a non-negative least-squares fit with weights w/2S², and it is
-halved as long as L increases. The covariance of θ is [½ Σ w e eᵀ/S²]⁻¹. k = 0 is omitted, so that
-the unknown bias has no effect (REML). A quasi-Newton search in ln θ does not converge here, because
-B goes to zero.
+L is minimised by Fisher scoring: each step is a non-negative least-squares fit with weights w/2S².
+A step is halved as long as L increases. The covariance of θ is [½ Σ w e eᵀ/S²]⁻¹. Coefficient k = 0
+is omitted, so the unknown bias has no effect (REML). A quasi-Newton search in ln θ would not
+converge, because B goes to zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,8 +21,8 @@ from inercal.estimation.singular_values import column_lengths
 from inercal.noise.numerics import nonnegative_least_squares, pseudo_inverse, root_between
 from inercal.noise.spectrum import Bins
 
-PROFILE_TWO_SIDED = 4.0  # rise of 2 L at the ends of an interval of ±2u
-PROFILE_ONE_SIDED = 2.706  # rise of 2 L at an upper limit of 95 %
+PROFILE_TWO_SIDED = 4.0  # increase of 2 L at the ends of an interval of ±2u
+PROFILE_ONE_SIDED = 2.706  # increase of 2 L at an upper limit of 95 %
 _STEPS, _HALVINGS = 60, 20
 _CONVERGED = 1e-7  # of L
 _START_GROUPS = 25
@@ -39,13 +39,14 @@ class NoiseFit:
     variances : (p,) array
         Squared coefficients θ, SI².
     markov_time : float
-        Time constant T, s; 1 without a Gauss–Markov term.
+        Time constant T, s; 1 if there is no Gauss–Markov term.
     loss : float
         L at the minimum.
     model : (b,) array
         S in each bin.
     covariance : (p, p) array
-        Covariance of θ. With a Gauss–Markov term it is (p + 1, p + 1), with ln T last.
+        Covariance of θ. If there is a Gauss–Markov term, the shape is (p + 1, p + 1), and ln T is
+        last.
     nuisance, nuisance_u : (k,) array
         Coefficients of the columns for the sensor's own filter, and their standard uncertainties.
     """
@@ -70,7 +71,7 @@ class NoiseFit:
         return 2 * self.loss + 2 * self.parameters
 
     def variance(self, symbol: str) -> float:
-        """Return θ of a term; 0 if it is not in the model."""
+        """Return θ of a term; 0 if the model does not contain this term."""
         if symbol not in self.symbols:
             return 0.0
         return float(self.variances[self.symbols.index(symbol)])
@@ -93,7 +94,7 @@ def scored_fit(
     fixed: Array | None = None,
     start: Array | None = None,
 ) -> tuple[Array, float]:
-    """Fit θ, (p,), by Fisher scoring, and return it with L at the minimum.
+    """Fit θ by Fisher scoring; return θ, (p,), and L at the minimum.
 
     Parameters
     ----------
@@ -135,9 +136,9 @@ def _weighted_nnls(columns: Array, target: Array, weight: Array) -> Array:
 
 
 def coarse_fit(power: Array, weight: Array, columns: Array, fixed: Array) -> Array:
-    """Estimate θ from about 25 groups of bins, each weighted by its content."""
+    """Estimate θ from about 25 groups of bins, weighted by their numbers of coefficients."""
     count = min(_START_GROUPS, power.size)
-    size, longer = divmod(power.size, count)  # the first groups have one more
+    size, longer = divmod(power.size, count)  # the first groups have one bin more
     group = np.arange(count)
     starts = group * size + np.minimum(group, longer)
     total = np.add.reduceat(weight, starts)
@@ -153,7 +154,7 @@ def coarse_fit(power: Array, weight: Array, columns: Array, fixed: Array) -> Arr
 def information_inverse(weight: Array, columns: Array, model: Array) -> Array:
     """Return the covariance of the coefficients of columns of S, [½ Σ w e eᵀ/S²]⁻¹."""
     scaled = columns * (np.sqrt(weight / 2) / model)[:, None]
-    size = column_lengths(scaled)  # 1 for ln T of a term that is zero
+    size = column_lengths(scaled)  # 1 for ln T if the term is zero
     scaled = scaled / size
     return pseudo_inverse(scaled.T @ scaled) / np.outer(size, size)
 
@@ -170,7 +171,7 @@ def _fit_columns(bins: Bins, basis: Array, start: Array | None = None) -> tuple[
     if effect is None:
         return scored_fit(bins.power, bins.weight, basis, start=start)
     if start is None:
-        # First fit without the filter's columns, because dS/d ln f_c may make S negative.
+        # The first fit omits the filter's columns, because dS/d ln f_c may make S negative.
         held = effect.known + effect.nuisance @ effect.start
         terms, _ = scored_fit(bins.power, bins.weight, basis, held)
         start = np.concatenate([terms, effect.start])
@@ -186,7 +187,7 @@ def _model(bins: Bins, basis: Array, theta: Array) -> Array:
 
 
 def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = None) -> NoiseFit:
-    """Fit these terms; T of a Gauss–Markov term is also fitted if it is not given.
+    """Fit some noise terms; T of a Gauss–Markov term is also fitted unless it is given.
 
     Parameters
     ----------
@@ -222,7 +223,7 @@ def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = No
 
 
 def extended(fit: NoiseFit, bins: Bins) -> NoiseFit:
-    """Return a fit whose spectrum is evaluated at other bins."""
+    """Return a fit with its spectrum evaluated at other bins."""
     return replace(fit, model=basis_matrix(bins, fit.symbols, fit.markov_time) @ fit.variances)
 
 
@@ -243,7 +244,7 @@ def fit_again(bins: Bins, fit: NoiseFit) -> NoiseFit:
 
 
 def _best_time(bins: Bins, symbols: tuple[str, ...]) -> float:
-    """Return the T with the smallest L: the best in a grid, refined by parabolas in ln T."""
+    """Return the T with the smallest L: the best of a grid, refined by parabolas in ln T."""
 
     def at(log_time: float) -> float:
         return _fit_columns(bins, basis_matrix(bins, symbols, float(np.exp(log_time))))[1]
@@ -255,7 +256,7 @@ def _best_time(bins: Bins, symbols: tuple[str, ...]) -> float:
 
 
 def _parabola(at: Callable[[float], float], centre: float, values: Array, step: float) -> float:
-    """Return the position of the minimum, starting from three values around `centre`."""
+    """Return the position of a minimum, found by parabolas from three values around a centre."""
     low, mid, high = map(float, values)
     for _ in range(3):
         curvature = low - 2 * mid + high
@@ -272,9 +273,10 @@ def _parabola(at: Callable[[float], float], centre: float, values: Array, step: 
 def profile_limits(
     bins: Bins, fit: NoiseFit, symbol: str, rise: float = PROFILE_TWO_SIDED
 ) -> tuple[float, float]:
-    """Return the coefficients at which 2 L has risen by `rise`, with the other terms refitted.
+    """Return the values of a coefficient at which 2 L has increased by `rise`.
 
-    The lower end is 0 if L does not rise that far. T is kept constant.
+    The other terms are fitted again at each value, but T is kept constant. The lower end is 0 if L
+    does not increase enough.
     """
     j = fit.symbols.index(symbol)
     basis = basis_matrix(bins, fit.symbols, fit.markov_time)
@@ -283,7 +285,7 @@ def profile_limits(
     if bins.effect is not None:
         others = np.column_stack([others, bins.effect.nuisance])
         known = bins.effect.known
-        tail = bins.effect.start  # with it, S is positive for any terms
+        tail = bins.effect.start  # with this start value, S is positive for any terms
     start = np.concatenate([np.delete(fit.variances, j), tail])
 
     def risen(variance: float) -> float:

@@ -1,10 +1,12 @@
 """Find and remove spectral lines (vibration, mains hum) before the terms are fitted.
 
-A coefficient belongs to a line if c_k² divided by the running median exceeds the χ²₁ quantile for
-.0001/n. The median of χ²₁ is 0.455. The window of the median becomes wider with k, because a narrow
-window scatters and a wide one would not follow the spectrum of drift. A line includes two
-neighbours on each side; a strong line includes all coefficients that its leakage reaches. If the
-squares of several segments are averaged, χ² has as many degrees of freedom as there are segments.
+The level of the spectrum at k is the running median of c_k² divided by 0.455, the median of χ²₁. A
+coefficient belongs to a line if c_k² divided by this level exceeds the χ²₁ quantile for the
+probability .0001/n. The window of the median becomes wider with k: at high k, a narrow window would
+scatter, and at low k, a wide window would not follow the spectrum of drift. A line includes two
+neighbours on each side, and a strong line includes all coefficients that its leakage reaches. If
+the squares of several segments are averaged, χ² has as many degrees of freedom as there are
+segments.
 """
 
 from dataclasses import dataclass, replace
@@ -16,16 +18,16 @@ from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import Spectrum
 
 _FALSE = 0.0001  # expected number of false lines in a spectrum
-_NARROWEST, _WIDEST = 101, 2001  # coefficients in the running median
-_LOWEST = 128  # coefficient below which the spectrum of drift is too steep for a median
+_NARROWEST, _WIDEST = 101, 2001  # number of coefficients in the running median
+_LOWEST = 128  # below this k, the spectrum of drift is too steep for a median
 _NEIGHBOURS = 2
-_LEAKAGE = 0.2  # a line P leaves P/(π d)² at a distance d; removed up to half the level
-_JOINED = 32  # coefficients between two parts of one line, which a short vibration widens
+_LEAKAGE = 0.2  # of the level; a line with power P leaks P/(π d)² to a distance d
+_JOINED = 32  # largest gap within a line; a short vibration widens a line
 
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """A line: its frequency, Hz, and the amplitude of the sinusoid in the unit of the series."""
+    """A line: the frequency of a sinusoid, Hz, and its amplitude in the unit of the series."""
 
     frequency: float
     amplitude: float
@@ -65,7 +67,8 @@ def running_median(power: Array, first: int) -> Array:
     power : (m,) array
         Squared coefficients first, first + 1, ….
     first : int
-        Number of the first coefficient k; a window is half as wide as its k, between 101 and 2001.
+        Number k of the first coefficient. A window contains k/2 coefficients, but at least 101 and
+        at most 2001.
     """
     centres: list[int] = []
     medians: list[float] = []

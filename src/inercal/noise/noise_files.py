@@ -1,7 +1,7 @@
-"""Write sensor noise for other programs: run-file sections, Kalibr, ROS covariances.
+"""Write sensor noise to files: run-file sections, Kalibr's imu.yaml and ROS covariances.
 
-A triad has one value for all axes, the root mean square over its axes. Kalibr's values are
-continuous-time: N in rad/s/√Hz and m/s²/√Hz, K in rad/s²/√Hz and m/s³/√Hz.
+All axes of a triad share one value, which is the root mean square over the axes. Kalibr needs
+values in continuous time: N in rad/s/√Hz and m/s²/√Hz, and K in rad/s²/√Hz and m/s³/√Hz.
 """
 
 from collections.abc import Callable, Collection
@@ -16,7 +16,7 @@ from inercal.noise.sensor_noise import SensorNoise, TriadNoise, require_rate
 from inercal.noise.terms import FLICKER_FLOOR
 from inercal.physics.quantities import SensorKind
 
-HORIZON = 100.0  # s, over which a filter without B should be correct
+HORIZON = 100.0  # s, time over which a filter without B should be correct
 _KEYS = {"N": "white", "B": "bias_instability", "K": "random_walk"}
 NOISE_KEYS = tuple(_KEYS.values())
 _MARK = "# inercal noise"
@@ -48,7 +48,7 @@ def run_file_sections(noise: SensorNoise) -> dict[str, list[str]]:
 def merge_sections(
     text: str, sections: dict[str, list[str]], replaced: Collection[str] = ()
 ) -> str:
-    """Merge these lines into the text of a run file, replacing the same keys in its sections.
+    """Insert noise keys into the text of a run file; the same keys in its sections are replaced.
 
     Parameters
     ----------
@@ -89,10 +89,11 @@ def merge_sections(
 def walk_for_filter(
     noise: TriadNoise, horizon: float, *, is_data_sheet: bool = False
 ) -> tuple[float, str]:
-    """Return K, SI, and a text that states its origin.
+    """Return K, SI, and a text that states where this value comes from.
 
-    K is the value that was found. If only a limit is known, K is 0.664 B √(3/τ_h) with a horizon
-    τ_h, s, or the upper limit if there is no B. K is 0 if a data sheet states neither.
+    If K was measured or stated, this value is returned. Otherwise the function returns 0.664 B
+    √(3/τ_h) with a horizon τ_h, s, or the upper limit of K if B is unknown. K is 0 if a data sheet
+    states neither B nor K.
     """
     origin, done = ("data sheet", "stated") if is_data_sheet else ("fit", "detected")
     if "K" in noise.values and "K" not in noise.limits:
@@ -108,7 +109,7 @@ def walk_for_filter(
 
 
 def _require_walk(noise: TriadNoise, horizon: float, *, is_data_sheet: bool) -> tuple[float, str]:
-    """Return K and its origin; refuse zero, which filters do not accept."""
+    """Return K and its origin; raise an error if K is zero, because filters do not accept this."""
     walk, why = walk_for_filter(noise, horizon, is_data_sheet=is_data_sheet)
     if not walk:
         raise InputError(
@@ -140,12 +141,12 @@ def _absence(noise: SensorNoise) -> str:
 
 
 def kalibr_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
-    """Return Kalibr's imu.yaml with the densities as they are, without any safety factor.
+    """Return Kalibr's imu.yaml; the densities are written as they are, without a safety factor.
 
     Raises
     ------
     InputError
-        There is no axis to write, an axis has no white noise, or there is no sampling rate.
+        There are no axes, an axis has no white noise, or there is no sampling rate.
     """
     lines = [f"{_MARK}: Kalibr, continuous-time, of {noise.source}"]
     rate = 0.0
@@ -169,12 +170,12 @@ def kalibr_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
 
 
 def ros_text(noise: SensorNoise, horizon: float = HORIZON) -> str:
-    """Return covariances for sensor_msgs/Imu, N² Δ⁻¹ per axis, and continuous-time densities.
+    """Return covariances for sensor_msgs/Imu, N²/Δ for each axis, and continuous-time densities.
 
     Raises
     ------
     InputError
-        The axes of one kind have no white noise, or there is no sampling rate.
+        The axes of one kind of sensor have no white noise, or there is no sampling rate.
     """
     lines = [f"{_MARK}: ROS sensor_msgs/Imu, of {noise.source}"]
     names: dict[SensorKind, tuple[str, str]] = {

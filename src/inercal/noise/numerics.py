@@ -1,4 +1,4 @@
-"""Typed wrappers of the SciPy functions used by the estimators, each imported on first use.
+"""Typed wrappers for the SciPy functions that the estimators use; imported on first use.
 
 SciPy has no stubs, and importing its parts takes up to a second.
 """
@@ -36,7 +36,7 @@ def sine_sums(values: Array) -> Array:
 
 
 def nonnegative_least_squares(a: Array, b: Array) -> Array:
-    """Return x ≥ 0 that minimises |a x − b|; columns are scaled for accuracy."""
+    """Return x ≥ 0 that minimises |a x − b|; the columns are scaled to improve the accuracy."""
     from scipy.optimize import nnls
 
     size = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
@@ -51,7 +51,7 @@ def root_between(function: Callable[[float], float], low: float, high: float, xt
 
 
 def chi_squared_above(dof: float, probability: float) -> float:
-    """Return the value that χ² with `dof` degrees of freedom exceeds with this probability.
+    """Return the value that χ² with `dof` degrees of freedom exceeds with a given probability.
 
     >>> round(chi_squared_above(1, 0.05), 3)
     3.841
@@ -62,14 +62,14 @@ def chi_squared_above(dof: float, probability: float) -> float:
 
 
 def chi_squared_quantiles(dof: Array, probability: float) -> Array:
-    """Return the values that χ² exceeds with this probability, for each `dof`."""
+    """Return the values that χ² exceeds with a given probability, for each `dof`."""
     from scipy.special import chdtri
 
     return np.asarray(chdtri(dof, probability), dtype=np.float64)
 
 
 def pseudo_inverse(a: Array, rcond: float = 1e-12) -> Array:
-    """Return the pseudo-inverse of a symmetric matrix, scaled to unit diagonal."""
+    """Return the pseudo-inverse of a symmetric matrix, computed with a unit diagonal."""
     size = np.sqrt(np.diag(a))
     size = np.where(size > 0, size, 1.0)
     inverse = np.linalg.pinv(a / np.outer(size, size), rcond=rcond)

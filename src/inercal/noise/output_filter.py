@@ -1,4 +1,4 @@
-"""A sensor's own low-pass filter: its possible shapes and their effect on noise.
+"""A sensor's own low-pass filter: the possible shapes and their effect on noise.
 
 With w = 2π f Δ, the power that the filter passes is::
 
@@ -10,12 +10,13 @@ With w = 2π f Δ, the power that the filter passes is::
     average of m samples      (sin(m w/2)/(m sin(w/2)))²
     two averages of 2         the square of an average of 2
 
-A sampled analog pole aliases noise and then has exactly the form of a digital pole. The spectrum
-after the filter, with the plateau N² and the white noise F² added by the read-out, is::
+The noise of a sampled analog pole is aliased, which gives exactly the form of a digital pole. After
+the filter, the spectrum has the plateau N², and the read-out adds the white noise F²::
 
     S = |H|² (N² e_N + B² e_B + K² e_K) + F² (1 − |H|²) e_N
 
-N² is therefore the white noise of the angle, and the part N² − F² is added before the filter.
+N² therefore determines the random walk of the angle, and the part N² − F² is added before the
+filter.
 """
 
 from collections.abc import Callable
@@ -30,7 +31,7 @@ LEAST_RELATIVE_U = 0.01
 """Smallest relative u of a cut-off; an unnoticed shape error of 5 % shifts it by almost 1 %."""
 _ALIASES = np.arange(-2.0, 3.0)
 _BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90
-_GRID = 8192  # frequencies used for the filter's effect on an Allan variance
+_GRID = 8192  # number of frequencies for a filter's effect on an Allan variance
 _EXACT_UP_TO = 512  # averaging factor; above it, sin⁴ is replaced by its mean
 
 
@@ -42,11 +43,11 @@ class FilterShape:
     ----------
     name : str
     like : str
-        Description for use in a sentence: "one pole".
+        Description for use in a sentence, such as "one pole".
     poles : int
         Number of poles; 0 for an average.
     power : function of (w, c)
-        |H|² at w = 2π f Δ, with c = f_c Δ; an average does not use c.
+        Function that returns |H|² at w = 2π f Δ, with c = f_c Δ; an average does not use c.
     highest : float
         Largest f_c Δ in the search.
     """
@@ -65,14 +66,14 @@ class FilterShape:
 
 def _one_pole(w: Array, c: float) -> Array:
     p = np.exp(-2 * np.pi * c)
-    # Use 1 − cos w = 2 sin²(w/2), which is precise at low frequencies.
+    # This uses 1 − cos w = 2 sin²(w/2), which is precise at low frequencies.
     return (1 - p) ** 2 / ((1 - p) ** 2 + 4 * p * np.sin(w / 2) ** 2)
 
 
 def _bilinear(order: int) -> Callable[[Array, float], Array]:
     def power(w: Array, c: float) -> Array:
-        # Use products of sines and cosines, because tan(w/2) is infinite at half the rate.
-        # A square of squares: a power of 4 is many times slower.
+        # This uses products of sines and cosines, because tan(w/2) is infinite at half the rate. It
+        # squares twice, because a power of 4 is many times slower.
         own = ((np.sin(w / 2) * np.cos(np.pi * c)) ** 2) ** order
         cut = ((np.cos(w / 2) * np.sin(np.pi * c)) ** 2) ** order
         return cut / (cut + own)
@@ -125,9 +126,9 @@ class OutputFilter:
     dt : float
         Sampling interval Δ, s.
     floor : float
-        White noise F², SI², added after the filter, including the known rounding noise.
+        White noise F² added after the filter, SI²; it includes the known rounding noise.
     known_floor : float
-        The part of `floor` that is due to rounding of the readings.
+        The part of `floor` that is caused by rounding of the readings.
     white_spread : float
         Relative standard deviation of N between the shapes that fit equally well.
     gain : float
@@ -154,7 +155,7 @@ class OutputFilter:
 
 
 def mean_power(shape: FilterShape, low: Array, high: Array, c: float) -> Array:
-    """Return |H|² averaged over bands, with Boole's five-point rule.
+    """Return |H|² averaged over frequency bands, computed with Boole's five-point rule.
 
     Parameters
     ----------
@@ -173,10 +174,10 @@ def filtered_avar(
 ) -> Array:
     """Return the Allan variance of a term with a coefficient of 1 after a filter.
 
-    The filter's effect is only included for f ≤ 1/2Δ, without the aliases of B and K.
+    The effect of the filter is only included for f ≤ 1/2Δ, so the aliases of B and K are omitted.
     """
     whole = TERMS[symbol].avar(tau, dt, markov_time)
-    if output is None or symbol == "Q":  # increments are rounded after the filter
+    if output is None or symbol == "Q":  # quantisation happens after the filter
         return whole
     f = (np.arange(_GRID, dtype=np.float64) + 0.5) / (2 * _GRID * dt)
     taken = (1 - output.power(f)) * TERMS[symbol].psd(f, dt, markov_time)
@@ -193,7 +194,7 @@ def filtered_model_avar(
     markov_time: float,
     output: OutputFilter | None,
 ) -> Array:
-    """Return the Allan variance of terms with squared coefficients after a filter, SI."""
+    """Return the Allan variance of several terms after a filter, SI, from squared coefficients."""
     tau = np.asarray(tau)
     if output is None:
         return model_avar(variances, tau, dt, markov_time)

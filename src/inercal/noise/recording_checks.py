@@ -1,20 +1,22 @@
-"""Check units, motion and rounding in a recording that should be from a sensor at rest.
+"""Check the units, motion and rounding in a recording of a sensor that should be at rest.
 
-Units are checked as in a calibration. Three accelerometers together read gravity. Fewer
-accelerometers may be perpendicular to gravity, and more than three have other directions, so in
-these cases only readings that are too large are detected.
+Units are checked as in a calibration: three accelerometers together must read gravity. One or two
+accelerometers may be perpendicular to gravity, and more than three are not at right angles. In
+these cases, only readings that are too large are detected.
 
-Motion is a change that no disturbance at rest can explain. (a) Accelerometers: gravity turns in the
-case. The median of each window is compared with the median of all windows. The limit is a change of
-0.17 g, which occurs if gravity turns by 10°. It exceeds the drift of any bias and the slow tilt of
-a bench. (b) Gyros: the sensor turns by 10° within a window of 5 s, or the median rate changes by as
-much (2 °/s) within two windows. A bias drifts more slowly, so a temperature ramp of any size
-passes. Medians and integrals are insensitive to knocks and bursts, because a vibration has a large
-rate but a small angle, unless sampling aliases it to a slow swing.
+Motion is a change that no disturbance at rest can explain. (a) Accelerometers: the direction of
+gravity in the sensor's case changes. The median of each window is compared with the median of all
+windows. The limit is a change of 0.17 g, which occurs if the sensor tilts by 10°. This limit
+exceeds the drift of any bias and the slow tilt of a bench. (b) Gyros: the sensor turns by 10°
+within a window of 5 s, or the median rate changes by the corresponding 2 °/s within two windows. A
+bias drifts more slowly, so a temperature ramp of any size passes. Knocks and bursts hardly affect
+medians and integrals: a vibration has a large rate but a small angle, unless sampling aliases the
+vibration to a slow swing.
 
 If rounding to steps hides the noise, N cannot be determined. If the noise is below half a step, the
-scatter of the readings depends on the position of the mean between two steps. At 0.4 of a step, the
-reported N is 1.15 to 1.31 times too large; at 0.2 it is wrong by a factor of 0.56 to 2.5.
+scatter of the readings depends on where the mean lies between two steps. If the noise is 0.4 of a
+step, the reported N is 1.15 to 1.31 times too large. At 0.2 of a step, the reported N is 0.56 to
+2.5 times the true value.
 """
 
 from collections.abc import Sequence
@@ -38,13 +40,13 @@ from inercal.recordings.io.rest_norm import (
 )
 
 _TRIAD = 3
-LARGEST_TURN = np.radians(10.0)  # of gravity in the case, or of the sensor within a window
+LARGEST_TURN = np.radians(10.0)  # tilt against gravity, or turn within a window
 WINDOW = 5.0  # s
 _LARGEST_CHANGE = G0 * np.sin(LARGEST_TURN)  # m/s²
 _FEWEST = 8  # windows
-_DEVIATIONS = 8.0  # a change must exceed this many sd of a median due to white noise
+_DEVIATIONS = 8.0  # a change must exceed this many sd (white noise) of a median
 _MEDIAN_ABS = 0.67449  # median absolute value of a normal deviate
-_MEDIAN_SD = 1.2533  # ratio of the sd of a median to that of a mean, for normal deviates
+_MEDIAN_SD = 1.2533  # sd of a median over the sd of a mean, for normal deviates
 REFUSED, WARNED = 0.4, 0.5  # sd of the noise divided by the step
 _LOOKED_AT = 100_000  # samples
 _EVEN = 1e-3  # of a step
@@ -52,7 +54,7 @@ _LAGS = (1, 4, 16, 64)
 
 
 def check_rest_units(recording: Recording, gravity: float | None) -> tuple[str, ...]:
-    """Return remarks on readings at rest that do not fit a sensor with these units.
+    """Return remarks on readings that are not plausible for a sensor at rest with these units.
 
     Parameters
     ----------
@@ -105,7 +107,7 @@ def _in_si(recording: Recording, rows: slice, columns: list[int]) -> Array:
 
 
 def movement(recording: Recording) -> str:
-    """Describe how the sensor moved in a recording that should be at rest; empty if it did not.
+    """Describe how a sensor moved in a recording that should be at rest; empty if it did not.
 
     Parameters
     ----------
@@ -140,7 +142,7 @@ def _windows(y: Array, step: float) -> _Windows:
     size = y.shape[1]
     differences = float(np.median(np.abs(np.diff(y.ravel()))))
     sd = _MEDIAN_SD * differences / (np.sqrt(2) * _MEDIAN_ABS) / np.sqrt(size)
-    # Subtract each window's own mean, because a bias does not turn anything.
+    # Subtract the mean of each window, because a bias is not a rotation.
     angles = np.cumsum(y - y.mean(axis=1, keepdims=True), axis=1) * step
     extent: Array = angles.max(axis=1) - angles.min(axis=1)
     medians: Array = np.median(y, axis=1)
@@ -148,7 +150,7 @@ def _windows(y: Array, step: float) -> _Windows:
 
 
 def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
-    """Describe how far the accelerometers depart from their median; empty if they do not."""
+    """Describe how far the accelerometers depart from their medians; empty if they do not."""
     if not channels:
         return ""
     medians = np.stack([one.medians for one in channels], axis=1)
@@ -165,7 +167,7 @@ def _turned_gravity(channels: list[_Windows], starts: Array) -> str:
 
 
 def _turn(channels: list[_Windows], starts: Array) -> str:
-    """Describe how far the gyros turn or change within 5 s; empty if they do neither."""
+    """Describe a rotation or a change of rate within 5 s; empty if there is none."""
     if not channels:
         return ""
     sd = float(np.hypot.reduce([one.sd for one in channels]))
@@ -188,7 +190,7 @@ def _turn(channels: list[_Windows], starts: Array) -> str:
 
 
 def rounding_step(y: Array) -> float:
-    """Return the step to which readings are rounded, in their unit; 0 if none is detected."""
+    """Return the step to which readings are rounded, in their unit; 0 if no step is detected."""
     values = np.unique(y[:_LOOKED_AT])
     if values.size < 2 or values.size > 0.5 * min(y.size, _LOOKED_AT):
         return 0.0
@@ -203,10 +205,10 @@ def rounding_step(y: Array) -> float:
 
 
 def noise_over_step(y: Array, step: float) -> float:
-    """Return the sd of the noise divided by the step, without the rounding noise, step²/12.
+    """Return the sd of the noise divided by the step; the rounding noise (step²/12) is excluded.
 
-    It uses differences at several lags, because those between neighbours are small after a low-pass
-    filter.
+    Differences at several lags are used, because differences between neighbours are small after a
+    low-pass filter.
     """
     lags = [lag for lag in _LAGS if 2 * lag <= y.size]
     variance = max(float(np.mean((y[lag:] - y[:-lag]) ** 2)) for lag in lags) / 2

@@ -1,18 +1,20 @@
 """Select the terms that a recording supports, by Akaike's criterion, and test their significance.
 
-The candidates are N, NB, NK, NBK, NG, NGK and NBG. Each of them is also tried with quantisation if
-the best of these is significantly better. A Gauss–Markov process counts as three parameters: σ, T
-and the search over T. If counted as two, it was added to 8 to 15 % of simulated recordings without
-it. A candidate whose T is at an end of the tried values is discarded, because in the recording it
-looks like white noise or a random walk. A process that is not significant is also discarded.
+The candidates are N, NB, NK, NBK, NG, NGK and NBG. If quantisation makes the fit significantly
+better, each candidate is also tried with quantisation. A Gauss–Markov process counts as three
+parameters: σ, T and the search over T. If it counted as two, it would be found in 8 to 15 % of
+simulated recordings that do not contain it. A candidate with T at an end of the tried values is
+discarded, because such a process looks like white noise or a random walk in the recording. A
+process that is not significant is also discarded.
 
-If a term is absent, its variance is on the boundary of its range, so the likelihood ratio 2 ΔL of
-one term is ½χ²₀ + ½χ²₁ (Self and Liang 1987). A term is present if the loss of every candidate
-without it is larger by at least half the limit below. For a model without a Gauss–Markov process,
+If a term is absent, its variance is on the boundary of its range. The likelihood ratio 2 ΔL of one
+term is then distributed as ½χ²₀ + ½χ²₁ (Self and Liang 1987). A term is present if, for every
+candidate without the term, 2 ΔL is above a limit. For a model without a Gauss–Markov process,
 candidates with such a process are not considered in this test. However, the process sometimes
-describes flicker or a random walk equally well. Therefore B or K is significant only if the process
-does not describe the recording better. B and K each have the limit of `LEVEL`. Q and G share it
-between the tested terms, and G also between the values of T that were searched.
+describes flicker or a random walk equally well. B or K is therefore significant only if the process
+does not describe the recording better. The probability of a false detection is `LEVEL` for B and
+for K. For Q and G, `LEVEL` is divided by the number of tested terms, and for G also by the number
+of searched values of T.
 """
 
 from collections.abc import Iterable
@@ -26,8 +28,8 @@ from inercal.noise.spectrum import Bins
 
 CANDIDATES = ("N", "NB", "NK", "NBK", "NG", "NGK", "NBG")
 LEVEL = 0.01  # probability that a term is wrongly found significant
-_TESTED = 4  # number of terms besides N that share the level of Q and G
-_EDGE = 1.1  # margin at the shortest and the longest T
+_TESTED = 4  # number of terms, except N, that share `LEVEL` for Q and G
+_EDGE = 1.1  # factor around the shortest and the longest T
 
 
 @dataclass(frozen=True)
@@ -41,8 +43,8 @@ class Significance:
     limit : float
         Limit that the ratio must exceed.
     is_replaced : bool
-        Whether a Gauss–Markov process fits better in its place, although it has two additional
-        parameters.
+        Whether a Gauss–Markov process in place of the term fits better, although the process has
+        two additional parameters.
     """
 
     ratio: float
@@ -56,7 +58,7 @@ class Significance:
 
     @property
     def is_significant(self) -> bool:
-        """Whether it is present and no Gauss–Markov process describes it better."""
+        """Whether the term is present and no Gauss–Markov process fits better in its place."""
         return self.is_present and not self.is_replaced
 
 
@@ -68,7 +70,7 @@ class Selection:
     ----------
     fit : NoiseFit
     rivals : tuple of NoiseFit
-        The other candidates, best first.
+        The other candidates, in order; the best comes first.
     significance : dict of str to Significance
         Significance of each term of the model except N.
     is_asked : bool
@@ -82,7 +84,7 @@ class Selection:
 
 
 def ratio_limit(tests: int) -> float:
-    """Return the limit of 2 ΔL for a variance on its boundary if `tests` tests share `LEVEL`.
+    """Return the limit of 2 ΔL for a variance on its boundary, if several tests share `LEVEL`.
 
     Examples
     --------
@@ -105,7 +107,7 @@ def select_terms(bins: Bins, candidates: Iterable[str] = CANDIDATES) -> Selectio
     fits = [fit_terms(bins, one) for one in names]
     if names == CANDIDATES:
         fits = [one for one in fits if not is_time_limit(bins, one)]
-        if bins.output is None:  # with a filter, the read-out floor takes its place
+        if bins.output is None:  # with a filter, the read-out floor includes quantisation
             fits += _with_quantisation(bins, fits)
     best = min(fits, key=lambda one: one.aic)
     significance = _significance(bins, best, fits)
@@ -117,7 +119,7 @@ def select_terms(bins: Bins, candidates: Iterable[str] = CANDIDATES) -> Selectio
 
 
 def is_time_limit(bins: Bins, fit: NoiseFit) -> bool:
-    """Return whether T is at an end of the tried values (white noise or random walk)."""
+    """Return whether T is at an end of the tried values (like white noise or a random walk)."""
     if "G" not in fit.symbols:
         return False
     shortest, longest = bins.times[[0, -1]]
@@ -127,9 +129,9 @@ def is_time_limit(bins: Bins, fit: NoiseFit) -> bool:
 def _with_quantisation(bins: Bins, fits: list[NoiseFit]) -> list[NoiseFit]:
     """Return the candidates with quantisation, if the best of them is significantly better.
 
-    They are tried in addition to all others, because the best model without Q has too many or too
-    few terms if Q is present. Adding Q to the fullest and to the best model shows whether it is
-    worth trying with the others.
+    If Q is present, the best model without Q has too many or too few terms, so all candidates are
+    tried again with Q. To save time, Q is first added only to the largest and to the best model.
+    The others are tried if one of these two improves.
     """
     best = min(fits, key=lambda one: one.aic)
     limit = min(one.loss for one in fits) - ratio_limit(_TESTED) / 2
@@ -140,7 +142,7 @@ def _with_quantisation(bins: Bins, fits: list[NoiseFit]) -> list[NoiseFit]:
     for one in fits:
         if one.symbols not in found:
             found[one.symbols] = _add_quantisation(bins, one)
-    # No model without Q may be preferred only because it has fewer terms.
+    # A model without Q must not be preferred only because it has fewer terms.
     return [one for one in found.values() if one.loss <= limit]
 
 

@@ -1,6 +1,6 @@
 """Sensor noise in the form that other programs use: one N, B and K for all axes of a kind.
 
-It is taken from an analysis (`sensor_noise`) or a data sheet (`inercal.noise.data_sheet`).
+The values come from an analysis (`sensor_noise`) or a data sheet (`inercal.noise.data_sheet`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from inercal.noise.terms import FLICKER_FLOOR
 from inercal.noise.texts import filter_notes
 from inercal.physics.quantities import SensorKind
 
-MARKOV_PEAK = 0.617  # of σ; largest Allan deviation of a Gauss–Markov process
+MARKOV_PEAK = 0.617  # largest Allan deviation of a Gauss–Markov process, over σ
 
 
 @dataclass(frozen=True)
@@ -25,19 +25,20 @@ class TriadNoise:
     ----------
     quantity : "gyro" or "accelerometer"
     axes : tuple of mapping of symbol to value
-        Coefficients of each axis, or their upper limits; 0 or absent if neither is known.
+        Coefficients of each axis, or their upper limits; 0 or absent if neither value nor limit is
+        known.
     values : dict of symbol to (value, u)
-        N, B and K as root mean squares over the axes, without B if no axis has it. For an axis with
-        only an upper limit, that limit is used. A Gauss–Markov process is stated as the bias
-        instability with the same peak. u is None if none is stated.
+        N, B and K as root mean squares over the axes; B is omitted if no axis has B. If an axis has
+        only an upper limit, the limit is used. A Gauss–Markov process is stated as the bias
+        instability with the same peak of the Allan deviation. u is None if it is not stated.
     limits : tuple of str
-        Symbols of `values` for which all axes have only an upper limit.
+        Symbols for which all axes have only an upper limit.
     notes : tuple of str
-        Notes on the origin of values that are not coefficients of an axis.
+        Notes that explain values that are not the coefficient of an axis.
     rate_hz : float
         Sampling rate, Hz; 0 if unknown.
     origins : mapping of symbol to str
-        The statements on a data sheet, for comments.
+        The values as written on a data sheet, used in comments.
     """
 
     quantity: SensorKind
@@ -56,7 +57,7 @@ class SensorNoise:
     Parameters
     ----------
     source : str
-        The recording's file or the data sheet, as named in the written files.
+        Name of the recording or of the data sheet, which written files state.
     duration : float
         Duration of the recording, s; 0 for a data sheet.
     triads : dict of quantity to TriadNoise
@@ -75,7 +76,7 @@ def sensor_noise(analysis: NoiseAnalysis) -> SensorNoise:
     Raises
     ------
     InputError
-        The coefficients of a channel are refused.
+        A channel has no coefficients.
     """
     require_stated(analysis)
     triads: dict[SensorKind, TriadNoise] = {
@@ -87,7 +88,7 @@ def sensor_noise(analysis: NoiseAnalysis) -> SensorNoise:
 
 
 def require_stated(analysis: NoiseAnalysis) -> None:
-    """Refuse an analysis if one of its channels has no coefficients.
+    """Raise an error if a channel in an analysis has no coefficients.
 
     Raises
     ------
@@ -122,9 +123,10 @@ def require_rate(noise: TriadNoise) -> float:
 
 
 def axis_coefficient(channel: ChannelNoise, symbol: str) -> tuple[float, float]:
-    """Return N, B or K of a channel and its u, SI; 0 and 0 if it was not found.
+    """Return N, B or K of a channel and its u, SI; both are 0 if the term was not found.
 
-    A Gauss–Markov process is stated as the bias instability with the same peak, B = 0.617 σ/0.664.
+    A Gauss–Markov process is stated as the bias instability whose Allan deviation has the same
+    peak, B = 0.617 σ/0.664.
     """
     found = channel.coefficient(symbol)
     if symbol == "B" and (markov := channel.coefficient("G")) is not None and markov.value:
@@ -149,7 +151,7 @@ def _triad(axes: Sequence[ChannelNoise], quantity: SensorKind) -> TriadNoise:
         pairs = [axis_coefficient(one, symbol) for one in axes]
         known = any(value for value, _ in pairs)
         if not known and symbol == "B":
-            continue  # the limit of K also covers any drift that is not detected
+            continue  # the limit of K also includes any drift that was not detected
         pairs = [
             pair if pair[0] else (one.value_or_limit(symbol), 0.0)
             for one, pair in zip(axes, pairs, strict=True)

@@ -1,13 +1,14 @@
-"""Binned squares of DCT-II coefficients of a recording with any length and gaps.
+"""Squared DCT-II coefficients of a recording, in bins; for any length, and with gaps.
 
-A series of up to 2¹⁷ block means is transformed at once. For a longer series, block means give the
-low frequencies. Segments of at most as many samples, whose squares are averaged, give the higher
-ones. Pieces between gaps are transformed separately and their likelihoods are added; gaps are not
-bridged. For the orthonormal DCT-II c_k, k = 1 … n−1, of block means with the variogram γ, exactly::
+A series of up to 2¹⁷ values is transformed at once. For a longer series, block means give the low
+frequencies. The higher frequencies come from segments of at most 2¹⁷ samples; the squares of all
+segments are averaged. Pieces between gaps are transformed separately, and their likelihoods are
+added; gaps are not bridged. The orthonormal DCT-II coefficients c_k, k = 1 … n−1, of block means
+with the variogram γ have exactly the expectation::
 
     E c_k² = −(2/n) [Σ_h (n−h) γ(h) cos(πkh/n) − Σ_h γ(h) sin(πkh/n)/sin(πk/n)],  h = 1 … n−1
 
-The first sum is a DCT-I, the second a DST-I. Coefficient k = 0, the bias, is omitted.
+The first sum is a DCT-I, and the second is a DST-I. Coefficient k = 0 is the bias and is omitted.
 """
 
 from collections.abc import Sequence
@@ -24,19 +25,19 @@ from inercal.noise.terms import TERMS
 
 Band = tuple[float, float]
 """Lowest and highest frequency of a band, Hz."""
-LONGEST = 1 << 17  # values in one transform
+LONGEST = 1 << 17  # largest number of values in one transform
 SHORTEST_PIECE = 16
-_SINGLE = 64  # coefficients that each form their own bin
-_LOGARITHMIC = 160  # bins above these
-_LEAKAGE, _STRONGEST = 1e-5, 0.9  # of the level that a tenth of the bins exceed
-_FINE = 300  # smallest number of bins in a band where a filter bends the spectrum
+_SINGLE = 64  # the first coefficients each have a separate bin
+_LOGARITHMIC = 160  # number of bins above them, with logarithmic spacing
+_LEAKAGE, _STRONGEST = 1e-5, 0.9  # fractions of the level that a tenth of the bins exceed
+_FINE = 300  # fine bins contain at most 1/300 of the coefficients
 _TIMES = 24  # values of T for a Gauss–Markov process
-_BLOCK_SHARE = 0.1  # share of the block means' frequencies that are used if there are segments
+_BLOCK_SHARE = 0.1  # share of the block means' frequencies used next to segments
 
 
-@lru_cache(maxsize=64)  # up to 1 MB each
+@lru_cache(maxsize=64)  # each entry takes up to 1 MB
 def expected_periodogram(symbol: str, n: int, dt: float, markov_time: float = 1.0) -> Array:
-    """Return E c_k² of a term with a coefficient of 1, (n−1,), k = 1 … n−1.
+    """Return the expected c_k² of a term with a coefficient of 1, (n−1,), for k = 1 … n−1.
 
     Parameters
     ----------
@@ -51,7 +52,8 @@ def expected_periodogram(symbol: str, n: int, dt: float, markov_time: float = 1.
     """
     h = np.arange(1, n, dtype=np.float64)
     gamma = TERMS[symbol].variogram(h, dt, markov_time)
-    # A line a + b h has closed-form sums; without it the transforms are more precise.
+    # A line a + b h has closed-form sums. It is subtracted because the transforms are then more
+    # precise.
     slope = (gamma[-1] - gamma[0]) / max(n - 2, 1)
     constant = gamma[0] - slope
     gamma = gamma - (constant + slope * h)
@@ -72,21 +74,21 @@ def squared_coefficients(y: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Squared coefficients k = first … last−1 of block means.
+    """Squared coefficients of block means, of which k = first … last − 1 are used.
 
     Parameters
     ----------
     n : int
         Number of values in each transform.
     dt : float
-        Time Δ between the values, s.
+        Time Δ between successive values, s.
     power : (n−1,) array
         Squares c_k², k = 1 … n−1, averaged over the segments.
     segments : int
     first, last : int
         Half-open range of the coefficients that are used.
     kept : (n−1,) array of bool
-        False at the lines that were removed.
+        Mask that is false at the lines that were removed.
     """
 
     n: int
@@ -100,7 +102,7 @@ class Spectrum:
 
 @lru_cache(maxsize=256)
 def bin_edges(first: int, last: int, *, fine: bool = False) -> tuple[int, ...]:
-    """Return the first coefficient of each bin from `first` to `last`, followed by `last`.
+    """Return the first coefficient of each bin between two coefficients, followed by the last.
 
     Fine bins contain at most 1/300 of the coefficients.
     """
@@ -119,7 +121,7 @@ def bin_edges(first: int, last: int, *, fine: bool = False) -> tuple[int, ...]:
 def binned_basis(
     symbol: str, n: int, dt: float, first: int, last: int, markov_time: float, *, fine: bool = False
 ) -> Array:
-    """Return E c_k² of a term, averaged over each bin."""
+    """Return the expected c_k² of a term, averaged over each bin."""
     edges = np.array(bin_edges(first, last, fine=fine))
     expected = expected_periodogram(symbol, n, dt, markov_time)[first - 1 : last - 1]
     means = np.add.reduceat(expected, edges[:-1] - first) / np.diff(edges)
@@ -137,11 +139,11 @@ class FilterEffect:
     response : (b,) array
         Power response |H|² averaged over each bin.
     known : (b,) array
-        Part of S that is not fitted.
+        Known part of S, which is not fitted.
     nuisance : (b, k) array
-        Additional columns of S with coefficients ≥ 0: dS/d ln f_c, and the read-out floor.
+        Additional columns of S for dS/d ln f_c and the read-out floor; their coefficients are ≥ 0.
     start : (k,) array
-        Coefficients of these columns for the filter that was found.
+        Coefficients of the additional columns for the filter that was found.
     """
 
     output: OutputFilter
@@ -158,14 +160,15 @@ class Bins:
     Parameters
     ----------
     power, weight, frequency : (b,) array
-        Mean of c_k², number of coefficients in it, and mean frequency, Hz.
+        Mean of c_k² in each bin, number of coefficients, and mean frequency, Hz.
     spectra : tuple of Spectrum
     dt : float
         Sampling interval Δ, s.
     used : array of bool
-        Mask of those bins in all spectra that contain at least one kept coefficient.
+        Mask of the bins in all spectra; true if a bin contains at least one coefficient that is
+        kept.
     fine : bool
-        Whether the bins are fine, as needed for a filter.
+        Whether the bins are fine, which is necessary for a filter.
     effect : FilterEffect or None
         Effect of the sensor's own filter.
     limit : float
@@ -214,14 +217,14 @@ class Bins:
         )
 
     def below(self, frequency: float) -> "Bins":
-        """Return the bins whose mean frequency is below the given one, Hz, without a filter."""
+        """Return the bins with a mean frequency below a given frequency, Hz, without a filter."""
         return replace(self.take(self.frequency < frequency), limit=frequency)
 
     def strong_bins(self) -> "Bins":
-        """Return the bins that are not covered by leakage from the strongest frequencies.
+        """Return the bins in which leakage from the strongest frequencies does not dominate.
 
-        If the last value of a series differs from its first, its spectrum leaks into other bins by
-        about 10⁻⁶ of the power. This is visible far above the cut-off of a filter.
+        If the last value of a series differs from the first, about 10⁻⁶ of the power leaks into
+        other bins. Far above the cut-off of a filter, this leakage is visible.
         """
         level = self.power / self.basis("N")
         return self.take(level > _LEAKAGE * np.quantile(level, _STRONGEST))
@@ -236,16 +239,17 @@ class Bins:
     def times(self) -> Array:
         """Values of T to try for a Gauss–Markov process, s: from 10 samples to 1/10 of the data.
 
-        In the recording, a shorter T looks like white noise, and a longer one like a random walk.
+        A process with a shorter T would look like white noise, and a process with a longer T like a
+        random walk.
         """
         longest = max(one.n * one.dt for one in self.spectra)
         return np.geomspace(10 * self.dt, max(longest / 10, 20 * self.dt), _TIMES)
 
     def markov_basis(self, markov_time: float) -> Array:
-        """Return E in each bin for a Gauss–Markov process with sd 1, (b,), interpolated in ln T.
+        """Return the expected c_k² in each bin, (b,), for a Gauss–Markov process with sd 1.
 
-        The interpolation is cubic through four of `times`, because a transform for each T would
-        take most of the time of a fit.
+        The values are interpolated in ln T, by a cubic through four of `times`, because a transform
+        for each T would take most of the time of a fit.
         """
         grid = np.log(self.times)
         place = (np.log(markov_time) - grid[0]) / (grid[1] - grid[0])
@@ -265,19 +269,19 @@ class Bins:
         return np.exp(logs)
 
     def basis(self, symbol: str, markov_time: float = 1.0) -> Array:
-        """Return E in each bin for a term with a coefficient of 1, (b,)."""
+        """Return the expected c_k² in each bin, (b,), for a term with a coefficient of 1."""
         parts = [
             binned_basis(symbol, one.n, one.dt, one.first, one.last, markov_time, fine=self.fine)
             for one in self.spectra
         ]
         expected = np.concatenate(parts)[self.used]
-        if self.effect is None or symbol == "Q":  # Q is added after the filter by the read-out
+        if self.effect is None or symbol == "Q":  # the read-out adds Q after the filter
             return expected
         return expected * self.effect.response
 
 
 def make_bins(spectra: Sequence[Spectrum], dt: float, *, fine: bool = False) -> Bins:
-    """Return the bins of spectra, without those that contain no kept coefficient."""
+    """Return the bins of spectra, without bins that contain no kept coefficient."""
     power: list[Array] = []
     weight: list[Array] = []
     frequency: list[Array] = []
@@ -320,7 +324,7 @@ def whole_spectrum(y: Array, dt: float) -> Spectrum:
 
 
 def block_means(y: Array, m: int) -> Array:
-    """Return the means of m values each; omit the remaining values."""
+    """Return the means of blocks of m values; values after the last full block are omitted."""
     count = y.size // m
     return y[: count * m].reshape(count, m).mean(axis=1)
 
@@ -331,7 +335,7 @@ def piece_spectra(y: Array, dt: float) -> tuple[Spectrum, ...]:
         return (whole_spectrum(y, dt),)
     m = -(-y.size // LONGEST)
     blocks = whole_spectrum(block_means(y, m), dt * m)
-    size = y.size // m  # chosen so that few samples remain unused
+    size = y.size // m  # with this size, few samples remain unused
     power = np.zeros(size - 1)
     for one in y[: m * size].reshape(m, size):
         power += squared_coefficients(one)
@@ -339,7 +343,7 @@ def piece_spectra(y: Array, dt: float) -> tuple[Spectrum, ...]:
 
 
 def join_long(blocks: Spectrum, power: Array, segments: int, dt: float) -> tuple[Spectrum, ...]:
-    """Combine two spectra: block means for low frequencies, and segments for the others.
+    """Combine two spectra: block means for low frequencies, and segments for high frequencies.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Analyse the noise of a recording that arrives in blocks, with gaps, in bounded memory.
+"""Analyse the noise of a recording that is read in blocks, with gaps and limited memory.
 
-Each piece between gaps has a `StreamedChannel` for each channel, and the likelihoods of the pieces
-are added, as for a recording in memory. Block means of the temperature are kept, so that drift can
-be fitted if there is only one piece.
+Each piece between gaps has a `StreamedChannel` for each channel. The likelihoods of the pieces are
+added, as for a recording in memory. Block means of the temperature are also stored, because they
+are needed to fit drift if there is only one piece.
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,7 +27,7 @@ from inercal.physics.quantities import SensorKind
 from inercal.physics.sensors import G0
 from inercal.recordings import Recording
 
-_MOST_STREAMS = 48  # channels times pieces; each keeps at least 3 MB
+_MOST_STREAMS = 48  # channels times pieces; each stores at least 3 MB
 
 
 @with_one_thread
@@ -41,28 +41,29 @@ def analyse_noise_stream(
     source: str = "",
     gravity: float | None = G0,
 ) -> NoiseAnalysis:
-    """Determine the noise of a recording without gaps that arrives in pieces, in bounded memory.
+    """Determine the noise of a recording without gaps that is read in pieces.
 
-    For 10⁸ samples, each channel needs about 30 MB (`inercal.noise.streaming`).
+    The memory is limited: for 10⁸ samples, each channel needs about 30 MB
+    (`inercal.noise.streaming`).
 
     Parameters
     ----------
     pieces : iterable of (k, m) array
-        The pieces in order; k may differ from piece to piece.
+        The pieces in time order; k may differ from piece to piece.
     dt : float
         Sampling interval Δ, s.
     channels, units : sequence of m str
     terms : str, optional
-        As in `analyse_noise`.
+        See `analyse_noise`.
     source : str
-        Name of the recording, for messages.
+        Name of the recording, used in messages.
     gravity : float or None
-        As in `analyse_noise`.
+        See `analyse_noise`.
 
     Raises
     ------
     InputError
-        As in `analyse_noise`.
+        See `analyse_noise`.
     """
     candidates = candidate_models(terms)
     stream = NoiseStream(dt, channels, units, source)
@@ -80,7 +81,7 @@ class NoiseStream:
         Sampling interval Δ, s.
     channels, units : sequence of m str
     source : str
-        Name of the recording, for messages.
+        Name of the recording, used in messages.
 
     Raises
     ------
@@ -115,7 +116,7 @@ class NoiseStream:
         Raises
         ------
         InputError
-            There are more pieces than fit into the memory.
+            There are more pieces than the memory can store.
         """
         if self._pieces and self._pieces[-1][0].count < FEWEST:
             self._left_out += self._pieces.pop()[0].count
@@ -138,7 +139,7 @@ class NoiseStream:
         ----------
         values : (k, m) array
         temperature : (k,) array, optional
-            Temperatures, K; given either for all samples or for none.
+            Temperatures, K; they must be given for all samples or for none.
         """
         if not len(values):
             return
@@ -165,7 +166,7 @@ class NoiseStream:
         sha256 : str
             Hash of the recording.
         gravity : float or None
-            As in `analyse_noise`.
+            See `analyse_noise`.
 
         Raises
         ------

@@ -1,13 +1,13 @@
-"""Collect what a noise analysis needs from a channel that arrives in pieces, in bounded memory.
+"""Collect the data for the noise analysis of a channel that is read piece by piece.
 
-The following data are kept: the sums of squared differences at averaging factors up to 1024, every
-64th cumulative sum, one segment of 2¹⁷ samples with the averaged spectrum of the earlier ones, and
-the squared differences between neighbours in half windows of 10 s. Longer averaging times, block
-means for the low frequencies, and changes of the mean are calculated from the kept cumulative sums.
-For 10⁸ samples, this takes about 30 MB.
+The memory is limited: for 10⁸ samples, it is about 30 MB. The following data are stored: the sums
+of squared differences at averaging factors up to 1024, every 64th cumulative sum, the current
+segment of 2¹⁷ samples, the averaged spectrum of the earlier segments, and sums of squared
+differences between neighbours over 5 s (half a window). The stored cumulative sums give the longer
+averaging times, the block means for the low frequencies, and changes of the mean.
 
-For another series besides the samples, such as the temperature, `StreamedMeans` keeps block means
-on the same grid as those of the channel for the low frequencies.
+For an accompanying series such as the temperature, `StreamedMeans` stores block means at the same
+times as the block means of the channel.
 """
 
 import numpy as np
@@ -41,17 +41,17 @@ from inercal.noise.spectrum import (
 )
 
 KEPT_EVERY = 64
-_MANY = 4  # with this many segments, samples that do not fill another one are omitted
-_FIRST = 4096  # squared differences whose median determines the clipping level
+_MANY = 4  # with this many segments, samples that do not fill a segment are omitted
+_FIRST = 4096  # number of squared differences that determine the clipping level
 _SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1, dtype=np.int64)
 
 
 class StreamedMeans:
-    """Collect a series piece by piece, and then return its block means."""
+    """Collect a series piece by piece; at the end, it returns the block means."""
 
     def __init__(self) -> None:
         self.count = 0
-        self._origin = 0.0  # mean of the first piece, so that cumulative sums stay small
+        self._origin = 0.0  # mean of the first piece; subtracted to keep cumulative sums small
         self._last = 0.0  # cumulative sum
         self._kept: list[Array] = [np.zeros(1)]
         self._first: list[Array] = []
@@ -78,7 +78,7 @@ class StreamedMeans:
 
 
 class StreamedChannel:
-    """Collect one channel piece by piece; then return its deviations, spectra and disturbances.
+    """Collect one channel piece by piece; at the end, return deviations, spectra, disturbances.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class StreamedChannel:
     def __init__(self, dt: float):
         self.dt = dt
         self.count = 0
-        self.origin = 0.0  # mean of the first piece, so that cumulative sums stay small
+        self.origin = 0.0  # mean of the first piece; subtracted to keep cumulative sums small
         self.total = 0.0
         self._tail = np.zeros(1)  # the last cumulative sums
         self._squares = np.zeros(_SHORT.size)
@@ -131,7 +131,7 @@ class StreamedChannel:
         return rounding_step(self._samples())
 
     def _samples(self) -> Array:
-        """Return samples of the series; if it is long, 2¹⁷ of them."""
+        """Return all samples of the series, or 2¹⁷ samples if the series is longer."""
         kept = LONGEST if self._segments else self._filled
         return self._segment[:kept] + self.origin
 
@@ -141,7 +141,7 @@ class StreamedChannel:
         return self.origin + self.total / max(self.count, 1)
 
     def _add_sums(self, y: Array) -> None:
-        # Numba takes a second to load, which only long work repays.
+        # Numba takes a second to load, which is only worthwhile for a long series.
         from inercal.noise._kernels import squared_second_differences
 
         x = np.concatenate([self._tail, self._tail[-1] + np.cumsum(y)])
@@ -183,7 +183,7 @@ class StreamedChannel:
         self._differences = d[used:].copy()
 
     def cumulative_sums(self) -> Array:
-        """Return every 64th cumulative sum, from the first one on."""
+        """Return every 64th cumulative sum, beginning with the first."""
         self._kept = [np.concatenate(self._kept)]
         return self._kept[0]
 
@@ -223,12 +223,13 @@ class StreamedChannel:
         found = join_long(low, self._power / self._segments, self._segments, self.dt)
         if self._segments >= _MANY or self._filled < LONGEST // 8:
             return found
-        # If there are few segments, the remaining samples are a large share of all samples.
+        # If there are few segments, the samples after the last segment are a large share of all
+        # samples.
         rest = squared_coefficients(self._segment[: self._filled])
         return *found, join_long(low, rest, 1, self.dt)[1]
 
     def disturbances(self) -> tuple[Disturbance, ...]:
-        """Return steps, knocks and bursts; the times of changes have a resolution of 64 samples."""
+        """Return steps, knocks and bursts; times of steps and knocks are rounded to 64 samples."""
         self._sum_differences()
         means = np.diff(self.cumulative_sums()) / KEPT_EVERY
         halves = np.concatenate(self._half_sums)

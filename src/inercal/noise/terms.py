@@ -10,8 +10,9 @@ SI::
     K random walk     1/(2π f)²              τ/3                ½ Δ (h − ⅓)
     G Gauss–Markov    2T/(1 + (2π f T)²)     (2T/τ)[1 − (T/2τ)(3 − 4e^(−τ/T) + e^(−2τ/T))]
 
-with the second difference δ²g(h) = g(h+1) − 2 g(h) + g(h−1). K is defined for block means; a
-sampled random walk has 1.5 times K²τ/3 at τ = Δ. Sources: IEEE Std 952, annex B; IEEE Std 1293.
+The second difference is δ²g(h) = g(h+1) − 2 g(h) + g(h−1). K is defined for block means; the Allan
+variance of a sampled random walk is 1.5 times K²τ/3 at τ = Δ. Sources: IEEE Std 952, annex B; IEEE
+Std 1293.
 """
 
 from collections.abc import Callable
@@ -30,7 +31,7 @@ _SMALL_STEP = 0.1  # Δ/T below which the variogram of G is computed as a series
 
 @dataclass(frozen=True)
 class NoiseTerm:
-    """One noise term; its functions are for a coefficient of 1 in SI.
+    """One noise term; its functions apply to a coefficient of 1 in SI.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ class NoiseTerm:
 
 
 def _flicker_variogram(h: Array, dt: float, _: float) -> Array:
-    """Return δ²(h² ln h)/2π; a series is used at large h, where the difference loses digits."""
+    """Return δ²(h² ln h)/2π, by a series at large h, where the difference would lose digits."""
     h = np.asarray(h, dtype=np.float64)
     near = np.minimum(h, _SERIES_FROM)
     below = near - 1
@@ -139,7 +140,7 @@ TERMS = {
 def model_avar(
     variances: dict[str, float], tau: Array, dt: float, markov_time: float = 1.0
 ) -> Array:
-    """Return the Allan variance of terms with squared coefficients at averaging times, SI."""
+    """Return the Allan variance of several terms at averaging times, SI."""
     total = np.zeros(np.shape(tau))
     for symbol, variance in variances.items():
         total = total + variance * TERMS[symbol].avar(np.asarray(tau), dt, markov_time)
@@ -147,7 +148,7 @@ def model_avar(
 
 
 def model_psd(variances: dict[str, float], f: Array, dt: float, markov_time: float = 1.0) -> Array:
-    """Return the two-sided spectral density of terms at frequencies, Hz, SI²/Hz."""
+    """Return the two-sided spectral density of several terms at frequencies in Hz, SI²/Hz."""
     total = np.zeros(np.shape(f))
     for symbol, variance in variances.items():
         total = total + variance * TERMS[symbol].psd(np.asarray(f), dt, markov_time)

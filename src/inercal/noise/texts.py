@@ -16,9 +16,9 @@ from inercal.noise.disturbances import Disturbance
 from inercal.noise.output_filter import OutputFilter
 from inercal.physics.quantities import QUANTITIES, SensorKind
 
-_WANTED = {"N": 0.01, "B": 0.1, "K": 0.2, "G": 0.2}  # relative u, for the required recording time
+_WANTED = {"N": 0.01, "B": 0.1, "K": 0.2, "G": 0.2}  # target relative u for the recording time
 SHOWN_UNIT: dict[SensorKind, str] = {one.sensor: one.bias_unit for one in QUANTITIES.values()}
-"""Unit in which changes, lines and deviations are stated."""
+"""Units in which changes, lines and deviations are stated."""
 FILTER_HEADS = ("channel", "shape", "cut-off, Hz", "U (k = 2)", "power at half the rate",
                 "gain of the criterion")  # fmt: skip
 _HALF_POWER = 0.5  # power at the cut-off
@@ -74,7 +74,7 @@ def channel_remarks(channel: ChannelNoise) -> list[str]:
 
 
 def allan_minimum_text(channel: ChannelNoise) -> str:
-    """Return the smallest Allan deviation with its averaging time."""
+    """State the smallest Allan deviation and its averaging time."""
     one = channel.oadev
     k = one.lowest
     shown = SHOWN_UNIT[channel.quantity]
@@ -92,7 +92,7 @@ def movement_text(movement: str, source: str) -> str:
 
 
 def recording_lengths(channel: ChannelNoise) -> list[str]:
-    """Return the recording time needed for the target u/value of each coefficient."""
+    """State the recording time that each coefficient needs to reach its target u/value."""
     found: list[str] = []
     for symbol, relative in _WANTED.items():
         if channel.value(symbol):
@@ -136,7 +136,7 @@ def filter_remarks(channel: ChannelNoise) -> list[str]:
 
 
 def filter_rows(channel: ChannelNoise) -> list[tuple[str, ...]]:
-    """Return the row of a channel in a table with `FILTER_HEADS`; empty without a filter."""
+    """Return the row of a channel in a table with `FILTER_HEADS`; empty if it has no filter."""
     output = channel.output
     if output is None:
         return []
@@ -150,7 +150,7 @@ def filter_rows(channel: ChannelNoise) -> list[tuple[str, ...]]:
 
 
 def filter_notes(channel: ChannelNoise) -> list[str]:
-    """Return a short note for a file on the filter, or on the band that was used."""
+    """Return a short note on the filter, or on the band that was used, for a written file."""
     if channel.band < inf:
         return [
             f"from frequencies below {channel.band:.3g} Hz, because an unknown filter changes "

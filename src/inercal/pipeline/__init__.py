@@ -40,23 +40,22 @@ def calibrate(
     ----------
     data : Run or path, or with `method`: path, Recording, DataFrame, Arrow table, mapping or array
         A run file, whose name ends in ".toml"; a recording, for which a run file is drafted as by
-        `inercal init`; or, with `method`, the data themselves, as a file or as a table whose
-        columns have names. The columns of an array are named "1", "2", ….
+        `inercal init`; or, with `method`, the data, as a file or as a table with named columns. The
+        columns of an array are named "1", "2", ….
     progress : callable, optional
-        Called after each generation of a search with its number, smallest sum of squares and
-        largest error.
+        Function called after each generation of a search, with the number of the generation, the
+        smallest sum of squares and the largest error.
     method : str or mapping
         Name of the method, or the keys of [method]. Without it, only a path is accepted, and the
         sections of a recording's run file contain the values that cannot be found from the data.
     sensor, bench, environment, specification, job : mapping
-        The keys of these run-file sections. Paths of files that they name are relative to the
-        working folder.
+        The keys of these run-file sections. Paths of files are relative to the working folder.
     also : "auto" or sequence of str, optional
-        Replaces [method] also: coefficients to estimate in addition to the method's own; "auto"
-        adds those that the score tests point to.
+        Replaces [method] also: coefficients to estimate in addition to the method's default
+        coefficients. "auto" adds the coefficients that the score tests find.
     **data_keys
         The keys of the run-file section [data], such as `rate`, `accelerometer`, `kind`. `marks`
-        may be a mapping from each label to the samples of its section, (start, end).
+        may be a mapping from the label of each section to its samples, (start, end).
 
     Raises
     ------

@@ -1,11 +1,11 @@
-"""`[method] also = "auto"`: a run adds the coefficients that its score tests point to.
+"""`[method] also = "auto"`: a run adds the coefficients that its score tests find.
 
-The run follows the advice of the verdict as long as the tests reject the model and the best tested
-cause is a group of coefficients that the advice lets the method estimate. An addition must be
-confirmed by the new fit: χ² must fall as the score predicted (`RunAdvisor.on_cause`), and the
-coefficients x with covariance C must differ from zero, W = xᵀC⁻¹x, at the level of all tests
-together. The score tests share that level among all candidates, so a correct model is extended in
-less than 1 % of runs.
+The run follows the advice of the verdict as long as two conditions are met: the tests reject the
+model, and the best tested cause is a group of coefficients that the method can estimate. The new
+fit must confirm an addition: χ² must decrease as the score predicted (`RunAdvisor.on_cause`), and
+the coefficients x with covariance C must differ significantly from zero. The statistic for this is
+W = xᵀC⁻¹x, at the significance level of all tests together. The score tests divide this level among
+all candidates, so a correct model is extended in less than 1 % of runs.
 
 At most `MOST_ADDITIONS` groups are added, and at most half of the degrees of freedom are used.
 Temperature coefficients are never added; [method] temperature_order chooses them.
@@ -30,7 +30,7 @@ MOST_ADDITIONS = 5
 def with_added_coefficients(
     fitted: FittedRun, advise: Callable[[FittedRun], RunAdvisor]
 ) -> tuple[FittedRun, RunAdvisor, tuple[Addition, ...]]:
-    """Return the fit with all added coefficients, its advisor, and the additions.
+    """Return the fit with all added coefficients, the advisor of this fit, and the additions.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def with_added_coefficients(
 
 
 def _larger_fit(fitted: FittedRun, advisor: RunAdvisor) -> tuple[FittedRun, Addition] | None:
-    """Return the fit with the coefficients that explain the residuals best; None if none do."""
+    """Return the fit with the coefficients that explain the residuals best, or None."""
     sensor, estimate = fitted.run.sensor, fitted.estimate
     possible = fitted.run.method.possible(sensor)
     cause = assess(estimate, len(sensor.coefficients), possible).best
@@ -81,10 +81,10 @@ def _larger_fit(fitted: FittedRun, advisor: RunAdvisor) -> tuple[FittedRun, Addi
 def _groups(
     cause: SuspectedCause, fitted: FittedRun, possible: Sequence[str]
 ) -> Iterator[SuspectedCause]:
-    """Yield the cause extended by the same coefficients of other axes, then the cause only.
+    """Yield the cause with the same coefficients of other axes, and then only the cause.
 
-    If the tests point to one axis, the coefficients of the others may still differ from zero. Left
-    out, they would bias the result by more than its U.
+    If the tests find the coefficient of one axis, the coefficients of other axes may also differ
+    from zero. If they were omitted, the result could be biased by more than its U.
     """
     tests = fitted.estimate.score_tests
     for score in tests.scores:

@@ -1,8 +1,8 @@
-"""Advice that is tried before it is given: the run with changed keys is calibrated again.
+"""Advice that is tried before it is given: a run with changed keys is calibrated again.
 
-A change is not advised if the run file, the plan or the data refuse it, or if χ² falls by far less
-than the cause explains. Advice on undetectable coefficients is not tried on a recording, because
-that would take as long as the calibration itself.
+A change is not advised if it causes an error in the run file, the plan or the data, or if χ²
+decreases by far less than the cause should explain. Advice on undetectable coefficients is not
+tried on a recording, because this would take as long as the calibration itself.
 """
 
 import re
@@ -23,8 +23,8 @@ from inercal.estimation import Estimate
 from inercal.pipeline.outcome import FittedRun
 from inercal.runfile import Run, from_sections
 
-_ENOUGH = 0.9  # least fraction of the decrease of χ² that a cause explains
-_SAME = 1.0  # difference of χ² that counts as equal
+_ENOUGH = 0.9  # least fraction of the expected decrease of χ²
+_SAME = 1.0  # values of χ² with a smaller difference count as equal
 _PRIOR = "prior of "  # start of the name of a coefficient's prior
 _HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
 # Keys of parameters that the bench does not declare.
@@ -47,7 +47,7 @@ class RunAdvisor:
     ----------
     fitted : FittedRun
     row_word : str
-        Word for a row of the data.
+        Word for a row of the data, used in sentences.
     fit : callable
         Function that returns the fit of a run.
     """
@@ -59,14 +59,14 @@ class RunAdvisor:
         self._tried: dict[str, FittedRun | None] = {}
 
     def on_cause(self, cause: SuspectedCause) -> Advice:
-        """Return the keys that include or estimate a cause, or an action if there are none."""
+        """Return keys that make the model include a cause, or else an action at the bench."""
         before, best = self._estimate.score_tests.chi2, None
         for changes in self._alternatives(cause):
             completed = self._completed(changes)
             after = self._chi2_after(completed)
             if after is None or before - after < _ENOUGH * cause.chi2 - cause.dof:
                 continue
-            # Prefer fewer keys unless more keys explain more.
+            # Fewer keys are preferred, unless more keys explain more.
             if best is None or best.chi2 is None or after < best.chi2 - _SAME:
                 best = Advice(cause.name, completed, chi2=after)
             if after < cause.remaining_chi2 + _SAME:
@@ -74,7 +74,7 @@ class RunAdvisor:
         return best or Advice(cause.name, action=action_on(cause, self.row_word))
 
     def on_coefficients(self, names: Sequence[str]) -> Advice | None:
-        """Return the key that estimates these undetectable coefficients, if there is one."""
+        """Return the key that makes the method estimate undetectable coefficients, if it can."""
         shown = {
             name
             for score in self._estimate.score_tests.scores
@@ -91,7 +91,7 @@ class RunAdvisor:
         return Advice(", ".join(accepted), self._completed((also(accepted),)))
 
     def on_changes(self, advice: Advice) -> Advice | None:
-        """Return the advice of a method with complete keys, or None if it cannot be followed."""
+        """Complete the keys in the advice of a method; None if the advice cannot be followed."""
         completed = self._completed(advice.changes)
         after = self._chi2_after(completed)
         if after is None or after > self._estimate.score_tests.chi2:
@@ -99,7 +99,7 @@ class RunAdvisor:
         return replace(advice, changes=completed, chi2=after)
 
     def followed(self, advice: Advice) -> FittedRun:
-        """Return the fit with the changed keys of an advice that this advisor gave."""
+        """Return the fit with the changed keys from advice that this advisor gave."""
         fitted = self._tried[repr(advice.changes)]
         assert fitted is not None
         return fitted
@@ -161,14 +161,14 @@ class RunAdvisor:
         return [changes] if cause.kind == "bench" and (changes := self._of_bench(cause)) else []
 
     def _of_bench(self, cause: SuspectedCause) -> tuple[Change, ...]:
-        """Return the [bench] keys with deviations as large as the departures of the parameters."""
+        """Return [bench] keys with deviations that are as large as the observed departures."""
         sizes: dict[str, tuple[str, float]] = {}
         stated = self._run.sections.get("bench", {})
         harmonics = list(stated.get("harmonics", ("1 ″", "1 ″")))
         if cause.components[0].startswith(_PRIOR):
             return self._of_priors(cause)
-        # The data may not determine all components, for example a sum over sections. Then the
-        # smallest sizes of k components with equal deviation have only d directions.
+        # The data may not determine all components, but only, for example, a sum over sections. The
+        # smallest sizes of k components with equal deviation then have only d directions.
         departures = np.array(cause.least_sizes or cause.sizes)
         open_ = cause.dof < len(cause.components)
         typical = float(np.sqrt(np.nansum(departures**2) / max(cause.dof, 1)))
@@ -198,7 +198,7 @@ class RunAdvisor:
         )
 
     def _of_priors(self, cause: SuspectedCause) -> tuple[Change, ...]:
-        """Return coefficient priors with deviations as large as the departures of the data."""
+        """Return priors with deviations that are as large as the departures in the data."""
         sensor, means = self._run.sensor, dict[str, float]()
         for prior in self._run.priors:
             means |= dict(zip(prior.names, prior.mean.tolist(), strict=True))
@@ -220,9 +220,9 @@ class RunAdvisor:
         return _KEYS.get(name, _KEYS.get(stem, stem))
 
     def _text(self, stated: str | None, full: str, size: float, departure: float) -> str:
-        """Return a deviation, or a measured constant with ±, as it is written in a run file.
+        """Return a deviation, or a measured constant with ±, as text for a run file.
 
-        For a constant that the bench takes as exact, return the value that the data suggest.
+        If the bench treats the constant as exact, return the value that the data suggest.
         """
         parameter = self._expected.get(full)
         name = ErrorName(full).name
@@ -252,12 +252,12 @@ class RunAdvisor:
 
 
 def changed_run(run: Run, changes: tuple[Change, ...]) -> Run:
-    """Return a run with changed keys; it keeps its data unless a key of [data] changes.
+    """Return a run with changed keys; the data are only read again if a key of [data] changes.
 
     Raises
     ------
     InputError
-        As `from_sections`.
+        See `from_sections`.
     """
     changed = from_sections(run.path, with_changes(run.sections, changes), run.sha256)
     same = not any(one.section.startswith("data") for one in changes)

@@ -1,7 +1,7 @@
 """Calibrate many sensors of one type together, from tables of means with the same plan.
 
-All sensors share bench, plan, deviations and priors. Together they form one problem with a trial
-axis, which the estimators solve in compiled code, block by block.
+All sensors share the bench, the plan, the deviations and the priors. They form one problem with a
+trial axis, which the estimators solve in compiled code, block by block.
 """
 # pyright: reportMissingTypeStubs=false
 
@@ -24,7 +24,7 @@ from inercal.recordings import Observations
 from inercal.recordings.data.recording_loader import reader_columns
 from inercal.runfile import Run
 
-_BLOCK = 2000  # number of sensors whose estimates, with all nuisances, are in memory at once
+_BLOCK = 2000  # number of sensors whose estimates and nuisances are in memory at once
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,18 +34,18 @@ class BatchCalibration:
     Parameters
     ----------
     sensor : Sensor
-        Sensor type with the p coefficients that were estimated.
+        Sensor type, with the p coefficients that were estimated.
     method, estimator : str
     values : (n, p) array
         Coefficients in SI units.
     covariance : (n, p, p) array
-        Covariance to state; it includes the Birge ratio of each sensor whose χ² exceeds its 95 %
+        Covariance to report. It includes the Birge ratio for each sensor whose χ² exceeds the 95 %
         bound.
     chi2 : (n,) array
     dof : int
         Degrees of freedom of each χ².
     converged : (n,) array of bool
-        False where no minimum was found; such values must not be used.
+        False if no minimum was found for a sensor; its values must not be used.
     """
 
     sensor: Sensor
@@ -69,12 +69,12 @@ class BatchCalibration:
 
     @property
     def std(self) -> Array:
-        """Standard uncertainties to state, (n, p), in SI units."""
+        """Standard uncertainties to report, (n, p), in SI units."""
         return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
 
     @property
     def p_value(self) -> Array:
-        """Probability of a χ² at least this large if noise and model are as stated, (n,)."""
+        """Probability of a χ² at least this large if noise and model are correct, (n,)."""
         return scipy.special.chdtrc(self.dof, self.chi2) if self.dof else np.ones(len(self.chi2))
 
 
@@ -89,23 +89,23 @@ def calibrate_batch(
 ) -> BatchCalibration:
     """Calibrate many sensors of one type from their means in one call.
 
-    Values and covariances are the same as from `calibrate` for each sensor, but they are computed
-    in compiled code. There is no verdict: plan, bench and the first sensor are checked as in
-    `calibrate`; use `p_value` and `converged` to check the other sensors.
+    Values and covariances are the same as if `calibrate` were called for each sensor, but they are
+    computed in compiled code. There is no verdict. Plan, bench and the first sensor are checked as
+    in `calibrate`; use `p_value` and `converged` to check the other sensors.
 
     Parameters
     ----------
     data : mapping of str to array
-        A table of means. Each column of readings is (n, r) for n sensors and r rows; the other
-        columns are (r,).
+        A table of means. Each column of readings has the shape (n, r) for n sensors and r rows. The
+        other columns have the shape (r,).
     method, sensor, bench, **data_keys
-        As in `calibrate`; `kind` is "means".
+        See `calibrate`; `kind` is always "means".
 
     Raises
     ------
     InercalError
-        As `calibrate`; also if the shape of a column does not fit, or if the estimator accepts only
-        one recording at a time.
+        See `calibrate`. The error is also raised if the shape of a column is wrong, or if the
+        estimator accepts only one recording at a time.
 
     Examples
     --------

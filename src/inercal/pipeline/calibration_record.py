@@ -1,14 +1,13 @@
-"""Facts about a run that its calibration records, such as conditions and data ranges.
+"""Facts about a run that its calibration states, such as conditions and ranges of the data.
 
-They also include the provenance and the errors shared with other calibrations. The ranges are those
-of means if a method uses means of rests or of constant rates. They are those of samples if rates
-change or a method follows samples: for gyros during turns, on a turntable or between rests, and for
-accelerometers while a turntable holds its position.
+The facts also include the provenance and the errors that other calibrations share. If a method uses
+means of rests or of constant rates, the ranges are computed from the means. If rates change or a
+method follows samples, they are computed from samples: gyro readings during turns, on a turntable
+or between rests, and accelerometer readings while a turntable holds its position.
 
-Only errors that the run file states are shared with other calibrations on the same bench
-(`SharedError`). An error that a run estimates from its own data, such as the clock offset of a
-separate readback file, belongs to that run only. Errors shared through a prior calibration are not
-propagated.
+Calibrations on the same bench share only errors that the run file states (`SharedError`). An error
+that a run estimates from its own data, such as the clock offset of a separate readback file,
+belongs only to this run. Errors shared through a prior calibration are not propagated.
 """
 
 from collections.abc import Iterator, Mapping
@@ -37,15 +36,15 @@ from inercal.recordings.io.column_table import file_sha256
 from inercal.recordings.io.simulation_mark import read_simulation_mark
 from inercal.runfile import Run
 
-_LEAST_KNOWN = 0.1  # fraction of the stated variance by which the data must reduce it
-_LEAST_OWN = 1e-4  # least independent fraction of a bench estimate's variance
-_GRAVITY = "g"  # the parameter that every bench has
+_LEAST_KNOWN = 0.1  # the data must reduce the stated variance by this fraction
+_LEAST_OWN = 1e-4  # least independent fraction of the variance of a bench estimate
+_GRAVITY = "g"  # a parameter of every bench
 _BLOCK = 1 << 16  # samples
 KEPT_CORRECTIONS = "corrections that the readings hold"
 
 
 def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
-    """Return the conditions of the measurement, and of a search, as readable text."""
+    """Return the conditions of the measurement and, if any, of the search, as text."""
     conditions = dict(inputs.conditions)
     recording = inputs.recording
     t = inputs.observations.temperature if recording is None else recording.temperature
@@ -68,7 +67,7 @@ def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
 
 
 def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
-    """Return the names and SHA-256 of a run's files, the time, and the version of inercal."""
+    """Return names and SHA-256 hashes of a run's files, the time, and the version of inercal."""
     further: dict[str, str] = {}
     if run.data.gyro_file is not None and (gyros := gyro_file(run)) is not None:
         further["gyro recording"] = str(run.data.gyro_file)
@@ -95,7 +94,7 @@ def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
 
 
 def _simulation(run: Run, inputs: EstimatorInput) -> str:
-    """Return the evidence that the data are simulated; empty if there is none."""
+    """Say how we know that the data are simulated; empty if there is no evidence for this."""
     if inputs.recording is None:
         mark = read_simulation_mark(run.file(run.data.file))
     else:
@@ -104,7 +103,7 @@ def _simulation(run: Run, inputs: EstimatorInput) -> str:
 
 
 def validity(sensor: Sensor, inputs: EstimatorInput) -> Validity:
-    """Return the ranges of the data that were used; None for quantities that were not measured."""
+    """Return the ranges of the data that were used; None if a quantity was not measured."""
     return Validity(
         rate=_finite_range(_readings(sensor, inputs, "w")),
         force=_finite_range(_readings(sensor, inputs, "f")),
@@ -114,7 +113,7 @@ def validity(sensor: Sensor, inputs: EstimatorInput) -> Validity:
 
 def _finite_range(parts: Iterator[Array]) -> Range | None:
     low, high = np.inf, -np.inf
-    for values in parts:  # one by one, because all together are as large as the recording
+    for values in parts:  # one part at a time, because all are as large as the recording
         finite = values[np.isfinite(values)]
         low = min(low, float(finite.min(initial=np.inf)))
         high = max(high, float(finite.max(initial=-np.inf)))
@@ -141,7 +140,7 @@ def _readings(sensor: Sensor, inputs: EstimatorInput, kind: str) -> Iterator[Arr
 
 
 def _turning(sensor: Sensor, inputs: EstimatorInput, at: list[int]) -> Iterator[Array]:
-    """Yield the gyro readings during turns, SI, because the mean of a turn hides its rate."""
+    """Yield gyro readings during turns, SI, because the mean of a turn hides its rate."""
     recording = inputs.recording
     turns = {step.label for step in inputs.steps if isinstance(step, Turn)}
     if recording is None or not turns:
@@ -174,13 +173,13 @@ def _temperatures(inputs: EstimatorInput) -> Iterator[Array]:
 def shared_errors(
     run: Run, estimate: Estimate, expected: Mapping[str, Parameter], count: int
 ) -> tuple[SharedError, ...]:
-    """Return the bench errors that last longer than the run and contribute to the covariance.
+    """Return bench errors that last longer than the run and contribute to the covariance.
 
     Parameters
     ----------
     run : Run
     estimate : Estimate
-        Estimate whose first `count` parameters are the sensor's coefficients.
+        Estimate; its first `count` parameters are the sensor's coefficients.
     expected : mapping of str to Parameter
         Bench parameters that have an effect, by full name.
     count : int
@@ -188,7 +187,8 @@ def shared_errors(
     declared = {q.name: q for q in run.bench.parameters}
     shared = list(qualified_errors(run, estimate, expected, count))
     for name, q in expected.items():
-        # A reader may declare more than the run's bench, such as a latitude with its uncertainty.
+        # A reader may declare more parameters than the bench of the run, such as a latitude with
+        # its uncertainty.
         if q.scope != "run" or q.sd <= 0 or declared.get(q.name, q) != q:
             continue
         if q.name in run.qualified.parameters.names:
@@ -204,12 +204,12 @@ def shared_errors(
 def bench_estimates(
     estimate: Estimate, expected: Mapping[str, Parameter], count: int
 ) -> tuple[BenchEstimate, ...]:
-    """Return the bench parameters as estimated from the data of the run only.
+    """Return estimates of the bench parameters that come only from the data of the run.
 
     Parameters
     ----------
     estimate : Estimate
-        Estimate whose first `count` parameters are the sensor's coefficients.
+        Estimate; its first `count` parameters are the sensor's coefficients.
     expected : mapping of str to Parameter
         Bench parameters that have an effect, by full name.
     count : int
@@ -217,8 +217,9 @@ def bench_estimates(
     Returns
     -------
     tuple of BenchEstimate
-        Estimates, except for parameters for which the data give more than about three times the
-        stated uncertainty, and for parameters whose stated values are correlated.
+        Estimates. Two kinds of parameters are omitted: parameters for which the uncertainty from
+        the data is more than about three times the stated uncertainty, and parameters with
+        correlated stated values.
     """
     known = {
         name: (k, expected[name])
@@ -249,10 +250,10 @@ def bench_estimates(
 
 
 def _determination(run: Run, q: Parameter, std: float) -> str:
-    """Return a SHA-256 that is equal for equal stated errors of the same object.
+    """Return a SHA-256 hash that identifies a stated error of a place or of a bench.
 
-    Local gravity belongs to the place and is the same for all benches there; every other error
-    belongs to the bench of this kind and name.
+    Local gravity belongs to the place and is the same for all benches in this place. Every other
+    error belongs to the bench with this kind and name.
     """
     bench = [] if q.name == _GRAVITY else [run.kind.name, run.bench_name]
     stated = [*bench, q.name, q.unit, q.value, std]
@@ -260,5 +261,5 @@ def _determination(run: Run, q: Parameter, std: float) -> str:
 
 
 def _stated_deviation(bench: Bench, q: Parameter) -> float:
-    """Return the stated deviation, because a bench may add its own to that of gravity."""
+    """Return the stated deviation, because a bench may increase the deviation of gravity."""
     return bench.gravity.sd if q.name == _GRAVITY else q.sd

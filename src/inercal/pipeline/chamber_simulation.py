@@ -1,13 +1,13 @@
 """Simulate a plan in a temperature chamber, with true and recorded temperatures.
 
-The chamber goes from one set temperature to the next at a given rate. The sensing element follows
-the chamber with the time constant of the case, and the temperature sensor follows the element with
-its own lag::
+The chamber changes from one set temperature to the next at a given rate. The temperature T of the
+sensing element follows the chamber with the time constant of the case. The recorded temperature R
+follows T with the lag τ of the temperature sensor::
 
     τ_case dT/dt = T_chamber − T,     τ dR/dt = T − R
 
-With soaks, the plan is carried out at each temperature after a wait at rest. With a ramp, the
-chamber temperature changes while the plan is carried out.
+If there are soaks, the plan is carried out at each temperature after a wait at rest. If there is a
+ramp, the chamber temperature changes while the plan is carried out.
 """
 
 from collections.abc import Sequence
@@ -33,11 +33,11 @@ class ChamberRun:
     Parameters
     ----------
     simulated_motion : SimulatedMotion
-        Motion including the waits at rest, with ΔT and dT/dt of the sensing element.
+        Motion, including the waits at rest, with ΔT and dT/dt of the sensing element.
     recorded : (trials, n) array
         Recorded temperature, K.
     order : (n,) array of int
-        Index of each sample in the plan without waits.
+        Index that each sample has in the plan without waits.
     """
 
     simulated_motion: SimulatedMotion
@@ -46,7 +46,7 @@ class ChamberRun:
 
 
 def steps_of_soaks(steps: Sequence[Any], environment: Environment) -> list[Any]:
-    """Return the steps of all soaks in sequence, with labels that count the visits."""
+    """Return the steps of all soaks in order; the labels include the number of the visit."""
     count = len(environment.profile.temperatures) if environment.kind == "soaks" else 1
     every = [step for _ in range(count) for step in steps]
     names = number_repeated_names([step.label for step in every])
@@ -54,7 +54,7 @@ def steps_of_soaks(steps: Sequence[Any], environment: Environment) -> list[Any]:
 
 
 def require_profile(environment: Environment) -> ChamberProfile:
-    """Return the chamber profile, and refuse one without temperatures or a rate of change.
+    """Return the chamber profile; raise an error if temperatures or a rate are missing.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def in_chamber(
     reference: float,
     rng: np.random.Generator,
 ) -> ChamberRun:
-    """Return a plan in a chamber, including the waits and the temperatures.
+    """Simulate a plan in a chamber, including the waits and the temperatures.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def in_chamber(
     lag = 0.0 if environment.lag is None else environment.lag.value
     recorded = _follow(element, lag, 1 / rate_hz)
     trials = moved.motion.f.shape[0]
-    # Between soaks the error is that of the previous soak.
+    # Between soaks, the error is the same as in the previous soak.
     errors = environment.temperature_sd * rng.standard_normal((trials, soak.max() + 1))
     motion = replace(moved.motion, dT=element - reference, dTdt=np.gradient(element, 1 / rate_hz))
     return ChamberRun(replace(moved, motion=motion), recorded + errors[:, soak], order)
@@ -116,7 +116,7 @@ def in_chamber(
 def repeatability_errors(
     environment: Environment, sensor: Any, labels: NDArray[np.str_], trials: int, rng: Any
 ) -> Array:
-    """Return the random bias changes from soak to soak, (trials, n, m) SI."""
+    """Return random bias changes from soak to soak, (trials, n, m), SI."""
     sizes = {"f": environment.force_repeatability, "w": environment.rate_repeatability}
     soak = _visit_of_samples(labels)
     drawn = rng.standard_normal((trials, soak.max() + 1, len(sensor.axes)))
@@ -124,7 +124,7 @@ def repeatability_errors(
 
 
 def _visit_of_samples(labels: NDArray[np.str_]) -> NDArray[np.int64]:
-    """Return the soak number of each sample, from 0, taken from the visit in its label."""
+    """Return the soak of each sample, counted from 0, from the visit number in its label."""
     names, place = np.unique(labels, return_inverse=True)
     visit = np.array([visit_number(name) - 1 for name in names.tolist()])
     number = np.where(labels == "", 0, visit[place.reshape(labels.shape)])
@@ -134,7 +134,7 @@ def _visit_of_samples(labels: NDArray[np.str_]) -> NDArray[np.int64]:
 def _soak_course(
     done: SimulatedMotion, profile: ChamberProfile, rate_hz: float
 ) -> tuple[SimulatedMotion, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the motion with waits, and each sample's chamber temperature, soak and index."""
+    """Return the motion with waits, and the chamber temperature, soak and index of each sample."""
     visit = _visit_of_samples(done.labels)
     order: list[NDArray[np.int64]] = []
     set_points: list[Array] = []
@@ -165,7 +165,7 @@ def _soak_course(
 def _ramp_course(
     done: SimulatedMotion, profile: ChamberProfile, rate_hz: float
 ) -> tuple[SimulatedMotion, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the motion, whose first sample is held while the chamber waits, and temperatures."""
+    """Return the motion and temperatures; the first sample is held while the chamber waits."""
     wait, n = round(profile.wait * rate_hz), done.labels.size
     turning = np.array(profile.temperatures)
     reached = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(turning)) / profile.rate)])
@@ -183,7 +183,7 @@ def _ramp_course(
 def _rearranged(
     done: SimulatedMotion, order: NDArray[np.int64], held: NDArray[np.bool_], rate_hz: float
 ) -> SimulatedMotion:
-    """Return the samples in a new order in which some are held; held samples have no label."""
+    """Return the samples in a new order, with some repeated; repeated samples have no label."""
     f, w = (np.broadcast_to(v, done.motion.f.shape) for v in (done.motion.f, done.motion.w))
     return replace(
         done,
@@ -195,14 +195,15 @@ def _rearranged(
 
 
 def _follow(driving: Array, time_constant: float, step: float) -> Array:
-    """Return the first-order response to an input (n,), starting from its first value."""
+    """Return the first-order response to an input, (n,), that starts at its first value."""
     if time_constant <= 0:
         return driving
-    # The import takes long, and few simulations need it.
+    # This module takes long to import, and few simulations need it.
     from scipy.signal import lfilter  # pyright: ignore
 
     keep = float(np.exp(-step / time_constant))
-    # The input is linear between samples; weight its values after and before each step.
+    # The input is linear between samples, so each step is a weighted sum of the values before and
+    # after it.
     after = 1 - (1 - keep) * time_constant / step
     before = 1 - keep - after
     start = [(1 - after) * driving[0]]

@@ -19,10 +19,10 @@ from inercal.recordings.data import recording_loader
 from inercal.recordings.data.recording_loader import readback_columns, reader_columns
 from inercal.runfile import Run, read
 
-_ALL = 3  # number of axes that measure every component
+_ALL = 3  # with this number of axes, every component is measured
 _MARGIN = 0.01  # fraction of the range of the rates
 _DIGITS = 9  # significant digits of numbers in a text file
-_LARGEST_EXACT = 1e22  # larger powers of ten are rounded
+_LARGEST_EXACT = 1e22  # larger powers of ten are not exact
 _TEMPERATURE_DECIMALS = 6
 
 
@@ -32,13 +32,13 @@ def load_recording(run: Run) -> Recording:
     Raises
     ------
     InputError
-        If it cannot be read, or the audit refuses it.
+        If the recording cannot be read, or the audit refuses it.
     """
     return run.kind.audit(recording_loader.load_recording(run), run.sensor, run.bench)
 
 
 def _require_same_corrections(calibration: Calibration, recording: Recording, run: Run) -> None:
-    """Refuse readings with other corrections than the readings of the calibration had."""
+    """Raise an error if the readings were corrected differently from the calibration's."""
     made_from = calibration.conditions.get(KEPT_CORRECTIONS, "")
     if recording.kept_corrections == made_from:
         return
@@ -53,7 +53,7 @@ def _require_same_corrections(calibration: Calibration, recording: Recording, ru
 
 
 def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Finding, ...]:
-    """Return a warning if gyros read rates outside the range of the calibration."""
+    """Return a warning if gyro readings are outside the range of the calibration."""
     one = METHODS.get(calibration.method)
     limits = None if calibration.validity is None else calibration.validity.rate
     if one is None or not one.constant_rates or limits is None:
@@ -78,7 +78,7 @@ def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Findi
 def _temperatures_beyond(
     calibration: Calibration, recording: Recording, outside: NDArray[np.bool_]
 ) -> tuple[Finding, ...]:
-    """Return a warning with the number of samples outside the calibration's temperatures."""
+    """Return a warning with the number of samples outside the calibrated temperatures."""
     if not outside.any() or recording.temperature is None:
         return ()
     assert calibration.validity is not None
@@ -104,22 +104,23 @@ def apply(
     calibration : Calibration
     run : Run or path
     extrapolate : bool
-        Whether samples outside the temperatures of the calibration are corrected too. They are
-        then counted and marked in the column `extrapolated`: 1 outside and 0 elsewhere.
+        Whether samples outside the temperature range of the calibration are also corrected. They
+        are then counted, and a column `extrapolated` is 1 for these samples and 0 for all others.
 
     Returns
     -------
     Recording
-        Recording with the channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), as far as the sensor
-        has them. With one or two accelerometers, the specific force across them is taken as zero.
-        Labels and readback columns keep their names and units. A finding tells if the rate is
-        outside the range of a calibration at constant rates.
+        Recording with the channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), if the sensor measures
+        them. If there are only one or two accelerometers, the specific force across their axes is
+        assumed to be zero. Labels and readback columns keep their names and units. If the
+        calibration was made at constant rates and a rate is outside their range, the recording has
+        a finding about this.
 
     Raises
     ------
     InercalError
-        If the recording cannot be used, has another readout than the calibration, or was taken
-        outside the calibration's temperatures.
+        If the recording cannot be used, its readout differs from the calibration, or its
+        temperatures are outside the range of the calibration.
     """
     run = run if isinstance(run, Run) else read(run)
     if run.data.kind == "means":
@@ -161,7 +162,8 @@ def apply(
         )
     axes = calibration.sensor.axes
     count = {kind: sum(axis.measures == kind for axis in axes) for kind in ("f", "w")}
-    # With only one or two sensor axes, the motion across them is unknown and taken as zero.
+    # If there are only one or two sensor axes, the motion across them is unknown and assumed to be
+    # zero.
     zero = np.zeros((1, 3))
     motion = calibration.correct(
         recording,
@@ -188,9 +190,9 @@ def apply(
 
 
 def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
-    """Return a corrected recording in the form in which `inercal apply` writes it.
+    """Convert a corrected recording to the form that `inercal apply` writes.
 
-    The temperature is in the unit of the run file, which its column name states, such as
+    The temperature is in the unit of the run file. The name of its column states this unit, such as
     "temperature [°C]".
 
     Parameters
@@ -199,13 +201,13 @@ def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
         Recording returned by `apply`.
     run : Run
     text : bool
-        Whether the file contains numbers as text. They then have nine significant digits, and times
-        have at least four digits more than the time step.
+        Whether the file contains numbers as text. If so, they have nine significant digits, and
+        times have at least four digits more than the time step.
     """
     if corrected.temperature is not None:
         unit: str = run.data.temperature_unit
         own = run.data.thermometer.values(corrected.temperature)
-        # Adding 273.15 leaves more digits than any sensor has.
+        # The sum with 273.15 has more digits than any sensor.
         own: Array = np.round(own, _TEMPERATURE_DECIMALS)
         readback = {f"temperature [{unit}]": own, **corrected.readback}
         corrected = replace(corrected, temperature=None, readback=readback)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class FittedRun(NamedTuple):
-    """A run with chosen temperature orders, its data and its estimate.
+    """A run after its temperature orders were chosen, with its data and its estimate.
 
     `stated` is the run before its temperature orders were chosen.
     """
@@ -49,7 +49,7 @@ class FittedRun(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Outcome(ReportInput):
-    """All results of a calibration run, including the `ReportInput` of its bench.
+    """All results of a calibration run, including the data that the report of its bench needs.
 
     Parameters
     ----------
@@ -59,13 +59,13 @@ class Outcome(ReportInput):
     findings : tuple of Finding
         Findings of the audit and of the checks against the plan.
     verdict : Verdict
-        The grade, its reasons, a few lines in plain words, and their explanation.
+        The grade, the reasons, a few lines in plain words, and an explanation.
     rests : RestDetection or None
-        Thresholds and marks if rests were detected without a plan.
+        Thresholds and marks, if rests were detected without a plan.
     search : SearchHistory or None
-        History of the search if the estimator searches.
+        History of the search, if the estimator searches.
     temperature_fit : TemperatureFit or None
-        Soaks, orders and prediction errors if temperatures were stated or tested.
+        Soaks, orders and prediction errors, if temperatures were stated or tested.
     plots : tuple of Plot
         Figures that the method adds to the report.
     """
@@ -97,7 +97,7 @@ class Outcome(ReportInput):
         return self.calibration.sensor
 
     def sensed_motion(self, w: Array | None = None) -> Motion:
-        """Return the motion of the sensor, as `ReportInput.sensed_motion` does."""
+        """Return the motion that the sensor measures; see `ReportInput.sensed_motion`."""
         seen = self.observations
         dT = seen.temperature_offset(self.sensor.reference_temperature)
         output = self.sensor.to_output(seen.mean)

@@ -1,8 +1,9 @@
-"""The errors of qualified bench parameters, which calibrations share.
+"""Errors of qualified bench parameters, which several calibrations share.
 
-Calibrations with the same qualification share the covariance J Σ Jᵀ with J = ∂c/∂b₀. It is stored
-as the columns of J L, where Σ = L Lᵀ. Column j is the part of parameter j that the parameters
-before it do not explain, so the columns of different parameters are independent.
+Calibrations with the same qualification share the covariance J Σ Jᵀ, where Σ is the covariance of
+the bench parameters b₀ and J = ∂c/∂b₀. It is stored as the columns of J L, where Σ = L Lᵀ. Column j
+is the part of parameter j that the previous parameters do not explain, so the columns are
+independent.
 """
 
 from collections.abc import Mapping
@@ -40,7 +41,8 @@ def qualified_errors(
             slopes[:, k] = slope[:count]
     if not slopes.any():
         return ()
-    # Use all of them: a parameter without an effect may act through another that builds on it.
+    # All are used, because a parameter without an effect may act through another parameter that
+    # depends on it.
     root = np.linalg.cholesky(joint_prior(known)[1])
     parts = slopes @ root
     return tuple(
@@ -60,10 +62,10 @@ def qualified_errors(
 def uncounted_notes(
     run: Run, estimate: Estimate, expected: Mapping[str, Parameter]
 ) -> tuple[str, ...]:
-    """Return notes on qualifications that are not included in the uncertainty, with reasons.
+    """Return notes on qualifications that the uncertainty does not include, with reasons.
 
-    An estimator that takes the bench as exact has no sensitivity to a bench parameter and does not
-    estimate it. Other parameters have no effect in the steps of the run.
+    There are two reasons: an estimator that treats the bench as exact does not use bench
+    parameters, and some parameters have no effect in the steps of the run.
     """
     lines: list[str] = []
     for file, one in zip(run.qualified.files, run.qualified.each, strict=True):
@@ -87,7 +89,7 @@ def _is_counted(name: str, estimate: Estimate, expected: Mapping[str, Parameter]
     found = [full for full, q in expected.items() if q.name == name and q.sd > 0]
     if any(estimate.sensitivity(full, expected[full].sd) is not None for full in found):
         return True
-    # Parameters of each position or dwell may be eliminated together with the noise of its row.
+    # Parameters of a position or dwell may be eliminated together with the noise of its row.
     lasting = [full for full, q in expected.items() if q.scope == "run" and q.sd > 0]
     return any(expected[full].scope != "run" for full in found) and any(
         estimate.sensitivity(full, expected[full].sd) is not None for full in lasting
@@ -95,7 +97,7 @@ def _is_counted(name: str, estimate: Estimate, expected: Mapping[str, Parameter]
 
 
 def qualification_conditions(run: Run) -> dict[str, str]:
-    """Return the qualifications of a run as readable text."""
+    """Describe the qualifications of a run."""
     return {
         f"qualification {file}": (
             f"{one.kind} of {one.date}"
@@ -107,7 +109,7 @@ def qualification_conditions(run: Run) -> dict[str, str]:
 
 
 def _acting(known: QualifiedParameters, expected: Mapping[str, Parameter]) -> list[int]:
-    """Return the indices of qualified run parameters that have an effect and are not exact."""
+    """Return indices of qualified run parameters that have an effect and are not exact."""
     return [
         k
         for k, name in enumerate(known.names)

@@ -1,4 +1,4 @@
-"""Show the rests and thresholds in a recording that a calibration refused."""
+"""Detect the rests in a recording that could not be calibrated, for a report."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,13 @@ from inercal.runfile import Run
 
 @dataclass(frozen=True, eq=False)
 class InspectedRecording:
-    """A recording with the rests that were detected in it.
+    """A recording, with the rests that were detected in it.
 
     Parameters
     ----------
     recording : Recording
     rests : RestDetection
-        Detected rests; it has no marks if no rest was detected.
+        Detected rests; there are no marks if no rest was detected.
     """
 
     recording: Recording
@@ -25,9 +25,9 @@ class InspectedRecording:
 
 
 def inspect_refused_recording(run: Run) -> InspectedRecording | None:
-    """Return the recording and the rests of a run that was refused.
+    """Return the recording and the rests of a run that could not be calibrated.
 
-    Return None if there is no recording, if it cannot be read, or if its bench has no rests.
+    Return None if there is no recording, if it cannot be read, or if the bench has no rests.
     """
     if run.data.kind == "means" or run.kind.rests is None:
         return None

@@ -1,4 +1,4 @@
-"""Build a run from sections and data given as arguments, with the same checks as a run file."""
+"""Build a run from sections and data in arguments, with the same checks as a run file."""
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -28,14 +28,14 @@ _TIME, _LABEL, _TEMPERATURE = "time", "label", "temperature"
 
 
 def columns_in_memory(data: object) -> dict[str, NDArray[Any]]:
-    """Return the columns by name; the columns of an array without names are "1", "2", ….
+    """Return the columns of data by name; columns without names are named "1", "2", ….
 
     Raises
     ------
     TypeError
-        If the data are not a table; the message lists the accepted types.
+        If the data are not a table. The message lists the accepted types.
     InputError
-        If a column contains neither numbers, dates nor text.
+        If a column does not contain numbers, dates or text.
     """
     if isinstance(data, Recording):
         return _recording_columns(data)
@@ -73,7 +73,7 @@ def recording_keys(recording: Recording) -> dict[str, object]:
     return keys
 
 
-_CALL = "inercal.calibrate"  # name that messages use in place of a run file
+_CALL = "inercal.calibrate"  # name that messages use instead of a run file
 _TABLE, _MARKS = "data.npz", "marks.json"
 
 
@@ -81,26 +81,28 @@ _TABLE, _MARKS = "data.npz", "marks.json"
 def stated_run(
     data: object, sections: Mapping[str, object], data_keys: Mapping[str, object]
 ) -> Generator[Run]:
-    """Yield the run for sections given as arguments, with data in memory or in a file.
+    """Yield a run built from sections in arguments, with data in memory or in a file.
 
-    Data in memory are handled like a file, so that they pass through the same checks.
+    Data in memory are treated like a file, so the same checks apply.
 
     Parameters
     ----------
     data : object
-        As in `inercal.calibrate`.
+        See `inercal.calibrate`.
     sections : mapping of str to mapping
-        The sections of a run file except [data], by name; a section that is None is not stated.
-        Paths of files are relative to the working folder. [method] may be just the method's name.
+        The sections of a run file except [data], by name; None means that a section is not stated.
+        Paths of files are relative to the working folder. [method] may be only the name of the
+        method.
     data_keys : mapping
-        Keys of [data] except `file`; `marks` may be a mapping from labels to samples.
+        Keys of [data], except `file`; `marks` may be a mapping from labels to samples.
 
     Raises
     ------
     TypeError
         If the data have an unsupported type.
     InercalError
-        If the sections or the data cannot be used; it is also raised from within the context.
+        If the sections or the data cannot be used. Errors of this type in the block are raised
+        again.
     """
     with TemporaryDirectory(prefix="inercal-") as name:
         folder = Path(name)
@@ -174,7 +176,7 @@ def _dotted(place: str, content: Mapping[str, object]) -> Iterator[tuple[str, st
 
 
 def _marks_as_json(marks: Mapping[str, object]) -> str:
-    """Return marks as text for a marks file; samples may be a pair or `start` and `end`."""
+    """Return marks as text for a file; samples may be a pair, or have `start` and `end`."""
     return dumps(
         {
             str(label): dict(zip(("start", "end"), map(int, cast(Any, bounds)), strict=True))
@@ -186,7 +188,7 @@ def _marks_as_json(marks: Mapping[str, object]) -> str:
 
 
 def _plain(value: object) -> Any:
-    """Return a value as a TOML parser would: lists instead of tuples, text instead of paths."""
+    """Convert a value as if a TOML parser had read it: tuples to lists, and paths to text."""
     if isinstance(value, Mapping):
         return {str(key): _plain(one) for key, one in cast(Mapping[object, object], value).items()}
     if isinstance(value, list | tuple):

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) -> FittedRun:
-    """Run the estimator of a run that was read and checked."""
+    """Run the estimator for a run that was read and checked."""
     stated = run
     inputs = run.kind.observe(run)
     try:
@@ -137,7 +137,8 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
             *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
-        # Estimators that follow a track weight samples by the stated noise, or set these values.
+        # Estimators that follow a track weight samples by the stated noise, or set these fields
+        # themselves.
         noise_dof=estimate.noise_dof if observations.track is not None else observations.dof,
         noise_channels=len(sensor.axes),
     )
@@ -167,7 +168,7 @@ def calibrate_run(
     progress: "Callable[[Generation], None] | None" = None,
     also: str | Sequence[str] | None = None,
 ) -> Outcome:
-    """Calibrate from a run that was read and checked, and try the advice before it is given.
+    """Calibrate a run that was read and checked; advice is tried before it is given.
 
     The arguments and the errors are those of `inercal.calibrate`.
     """
@@ -247,7 +248,7 @@ def _search_history(run: Run, generations: "Sequence[Generation]") -> "SearchHis
 def _possible_causes(
     inputs: EstimatorInput, sensor: Sensor, zero_rates: Sequence[Finding], error: InercalError
 ) -> str:
-    """Return possible reasons why the estimator refused the data: units, temperatures, rests."""
+    """Suggest why the estimator refused the data: wrong units, temperatures or rests."""
     causes = [finding.message for finding in inputs.findings if finding.what == "missing"]
     if inputs.rests is not None:
         causes.append(inputs.rests.finding.message)

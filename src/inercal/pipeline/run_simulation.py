@@ -1,4 +1,4 @@
-"""Simulate a run: its plan on a simulated bench, in the columns that the run file reads."""
+"""Simulate the plan of a run on a simulated bench, and name columns as in the run file."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,33 +31,33 @@ from inercal.recordings.io.simulation_mark import SIMULATION_OF
 from inercal.runfile import Run, read
 
 _ROUNDING = 1e-9
-_MOST_SAMPLES = 1e8  # in a simulation with all its trials: 5 GB for an IMU
+_MOST_SAMPLES = 1e8  # of all trials together; this is 5 GB for an IMU
 
 
 def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) -> Recording:
-    """Simulate the plan of a run on its bench, with the true coefficients and noise of its sensor.
+    """Simulate the plan of a run on its bench, with true coefficients and noise of its sensor.
 
     Parameters
     ----------
     run : Run or path
-        Run whose [sensor.truth] states the true coefficients (all others are zero) and whose [data]
-        rate is the sampling rate.
+        Run to simulate. [sensor.truth] states the true coefficients (all others are zero), and
+        [data] rate is the sampling rate.
     seed : int
     trials : int, optional
-        Number of independent repetitions, on a leading axis; None gives one recording without that
+        Number of independent repetitions, on a leading axis. None gives one recording without this
         axis.
 
     Raises
     ------
     InputError
-        If the sampling rate is missing, or the truth contains an unknown coefficient.
+        If the sampling rate is missing, or [sensor.truth] contains an unknown coefficient.
     """
     run = run if isinstance(run, Run) else read(run)
     return _simulate_run(run, np.random.default_rng(seed), seed, trials)[0]
 
 
 def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]:
-    """Simulate the files that a run file names: the recording and further files of the bench.
+    """Simulate the files that a run file names: the recording, and other files of the bench.
 
     Parameters
     ----------
@@ -67,13 +67,13 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
     Returns
     -------
     dict of str to Recording
-        Recordings by their names in [data], with the recording of the sensor first. Columns and
-        times are as [data] states them, ready to be written.
+        Recordings by their names in [data]; the recording of the sensor comes first. They have the
+        columns and times that [data] states and can be written to files.
 
     Raises
     ------
     InputError
-        As `simulate`.
+        See `simulate`.
     """
     run = run if isinstance(run, Run) else read(run)
     if run.data.file in run.data.further_files().values():
@@ -152,7 +152,7 @@ def _simulate_run(
 
 
 def _require_chamber(run: Run) -> None:
-    """Refuse missing temperatures, or soaks on a bench whose positions cannot be repeated."""
+    """Raise an error for missing temperatures, or soaks with positions that cannot be repeated."""
     assert run.environment is not None
     try:
         require_profile(run.environment)
@@ -168,7 +168,7 @@ def _require_chamber(run: Run) -> None:
 
 
 def _stated_labels(run: Run, labels: NDArray[np.str_]) -> NDArray[np.str_]:
-    """Return the labels as in a recording: the labels of the positions at each visit."""
+    """Return the labels as in a recording: the labels of the positions, without the visit."""
     if run.environment is None or run.kind.name != "hand" or run.method.unknown_attitudes:
         return labels
     names, place = np.unique(labels, return_inverse=True)
@@ -177,7 +177,7 @@ def _stated_labels(run: Run, labels: NDArray[np.str_]) -> NDArray[np.str_]:
 
 
 def apply_data_columns(run: Run, recording: Recording) -> Recording:
-    """Return the recording with columns and times as [data] states them, ready to be written."""
+    """Convert a recording to the columns and times that [data] states, for writing to a file."""
     if is_pattern(run.file(run.data.file)):
         raise InputError(
             f"{run.path}: [data] file: a simulation writes one file; give its name without a star",
@@ -209,14 +209,14 @@ def apply_data_columns(run: Run, recording: Recording) -> Recording:
 
 
 def _apply_data_times(run: Run, recording: Recording) -> Recording:
-    """Return the recording with times in the unit of their column, or as sample counts."""
+    """Convert the times of a recording to the unit of their column, or to sample counts."""
     data, time = run.data, recording.time
     if data.time is None:
         return recording
     if data.time_unit != "sample":
         time = time / si_factor(data.time_unit, "s")
     else:
-        assert run.rate_hz is not None  # a simulation needs it
+        assert run.rate_hz is not None  # a simulation needs a rate
         time = np.round(time * run.rate_hz)
     if data.counter_modulus is not None:
         time = time % data.counter_modulus
@@ -231,7 +231,7 @@ def read_out(
     rng: np.random.Generator,
     drift: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return the sensor output, (..., n, m) in output units, with noise and saturation.
+    """Return the sensor output in output units, (..., n, m), with noise and saturation.
 
     Parameters
     ----------
@@ -261,7 +261,7 @@ def read_out(
 
 
 def _round_to_codes(axis: Axis, output: np.ndarray) -> np.ndarray:
-    """Round the output to whole codes, without the rounding errors of the scale factor."""
+    """Round the output to whole codes, without rounding errors from the scale factor."""
     step = axis.noise.quantisation * abs(axis.readout.scale)
     codes = round(step)
     if codes < 1 or abs(step / codes - 1) > _ROUNDING:

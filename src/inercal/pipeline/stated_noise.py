@@ -1,20 +1,22 @@
 """Compare the noise that a run file states with the noise in the data.
 
-For a recording, the noise density of the means is compared with [sensor] white. Besides white noise
-N, a mean over T contains bias instability B, random walk K and the quantisation step q. Their
-variance is at most B² + K² T/3 + q²/12, and the comparison allows for it. In motion and in a hand,
-readings contain more than the sensor's noise, so only a stated white noise that is too large can be
-detected there.
+For a recording, the noise density of the means is compared with [sensor] white. In addition to
+white noise N, a mean over T contains the effects of bias instability B, random walk K and the
+quantisation step q. The variance of these effects is at most B² + K² T/3 + q²/12, and the
+comparison takes it into account. If the sensor moves or is held by hand, readings contain more than
+its noise. In these cases, only a stated white noise that is too large can be detected.
 
-For a table of means the noise is only known from statements, and the residuals show whether it is
-right (`inercal.estimation.noise_scale`). The residuals also show if noise and bench together were
-stated too large. This is only a remark, because a bench may be better than one can state.
+For a table of means, the noise is only known from the run file, and the residuals show whether it
+is correct (`inercal.estimation.noise_scale`). The residuals also show if noise and bench errors
+together were stated too large. This is only a remark, because a bench may be better than its user
+can prove.
 
 Noise that was stated too large is reported if the factor is at least 1.3 and chance does not
-explain it. The report is a warning if the uncertainties depend on the stated noise: for a table of
-means, and for a method that weights its readings by the stated noise, if the residuals are also too
-small. If the uncertainties depend on the noise in the recording, the report is only a remark for a
-factor below 2. A larger factor makes unit or scale doubtful.
+explain this. The report is a warning if the uncertainties depend on the stated noise. This is the
+case for a table of means. It is also the case for a method that weights its readings by the stated
+noise, if the residuals are too small. If the uncertainties depend on the noise in the recording,
+the report is only a remark for a factor below 2. With a larger factor, the unit or the scale is
+doubtful.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -35,18 +37,18 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations, Severity
 
-_LARGE_RATIO = 2.0  # ratio of noise above which unit or scale are doubtful
-_SEEN = 0.5  # steps: smaller noise is hidden by the rounding of the readings
-_LEAST_RATIO = 1.3  # stated over observed; less does not matter, and a stated 1.5 always exceeds it
-_LEVEL = 1e-3  # significance level of all comparisons of a run together
+_LARGE_RATIO = 2.0  # ratio of noise above which unit or scale is doubtful
+_SEEN = 0.5  # of a rounding step; rounding hides smaller noise
+_LEAST_RATIO = 1.3  # stated over observed; less is harmless, and 1.5 times always exceeds it
+_LEVEL = 1e-3  # significance level for all comparisons of a run together
 
 
 class _Comparison(NamedTuple):
-    """Ratio of the stated to the observed standard deviation, for one axis or a kind of axes."""
+    """Ratio of stated to observed standard deviation, for one axis or for a kind of axes."""
 
     ratio: float
     axis: int  # index in the sensor
-    p_value: float  # probability that the observed noise is this small by chance
+    p_value: float  # probability that the observed noise would be this small by chance
 
 
 def stated_noise_findings(
@@ -58,19 +60,19 @@ def stated_noise_findings(
     recorded: bool,
     by_hand: bool,
 ) -> tuple[Finding, ...]:
-    """Return findings about noise that differs from the stated noise, each with its factor.
+    """Return findings about noise that differs from the stated noise, with the factors.
 
     Parameters
     ----------
     estimate : Estimate
-        Object without a trial axis.
+        It must not have a trial axis.
     observations : Observations
-        Object without a trial axis.
+        It must not have a trial axis.
     sensor : Sensor
     steps : sequence of r Step
         Step of each row.
     recorded : bool
-        Whether the rows are means from a recording; otherwise their deviations are stated.
+        Whether the rows are means from a recording. If not, the deviations are stated.
     by_hand : bool
         Whether the sensor is held by hand.
     """
@@ -106,7 +108,7 @@ def stated_noise_findings(
 def _recorded_noise(
     observations: Observations, sensor: Sensor, steps: Sequence[Step], by_hand: bool, severe: bool
 ) -> Iterator[Finding]:
-    """Yield a finding for each kind of axes whose noise in a recording differs from stated."""
+    """Yield a finding for each kind of axes whose noise differs from the stated noise."""
     variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
     rounding, hidden = observations.rounding, np.zeros(len(sensor.axes), dtype=np.bool_)
     if rounding is not None:
@@ -127,7 +129,7 @@ def _recorded_noise(
         low = np.median(density / stated, axis=0)
         high = np.median((density / most)[resting], axis=0) if resting.any() else np.ones(len(own))
         too_small = int(np.argmax(high))
-        # By hand, one number is used for all accelerometers together.
+        # If the sensor is held by hand, all accelerometers share one number.
         each = observations.dof / (len(own) if by_hand and kind == "f" else 1)
         compared = _most_significant(low, each)
         unit, section = quantity.noise_unit, quantity.sensor
@@ -155,7 +157,7 @@ def _recorded_noise(
 
 
 def _most_significant(low: Array, dof: float) -> _Comparison | None:
-    """Return the comparison, of one axis or all, whose noise is too small to be chance.
+    """Return the comparison, of one axis or of all, in which the noise is significantly small.
 
     Parameters
     ----------
@@ -179,14 +181,14 @@ def _most_significant(low: Array, dof: float) -> _Comparison | None:
 
 
 def _smaller(ratio: float, dof: float) -> float:
-    """Return the probability that the ratio of observed to stated variance is this small."""
+    """Return the probability of a ratio of observed to stated variance that is this small."""
     if np.isinf(dof):
         return 0.0 if ratio < 1 else 1.0
     return float(scipy.special.chdtr(dof, dof * ratio))
 
 
 def _noise_of_means(estimate: Estimate, sensor: Sensor) -> Iterator[Finding]:
-    """Yield a finding for each kind of axes whose means have too large a stated deviation."""
+    """Yield a finding for each kind of axes if the stated deviation of means is too large."""
     rows = estimate.rows()
     if rows is None or len(estimate.observations) != len(rows.residual):
         return
@@ -211,7 +213,7 @@ def _means_finding(section: str, ratio: float) -> Finding:
 
 
 def _times(ratio: float) -> str:
-    """Return a text on how much too large or too small a stated noise is."""
+    """Say by what factor a stated noise is too large or too small."""
     return (
         f"{format_number(max(ratio, 1 / ratio), 2)} times too {'large' if ratio > 1 else 'small'}"
     )

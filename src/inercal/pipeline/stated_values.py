@@ -1,13 +1,13 @@
-"""Bench constants that a run file states without "±", and their contribution to a result.
+"""Bench constants that a run file states without "±", and their effect on the result.
 
-Their uncertainty is taken as half a unit of the last digit
-(`inercal.basics.units.parse_quantity`). Their contribution to u of a coefficient is the decrease of
-u when the constant is taken as exact::
+Their uncertainty is assumed to be half a unit of the last digit
+(`inercal.basics.units.parse_quantity`). The contribution of a constant to u of a coefficient is
+found by assuming that the constant is exact::
 
     part² = u² − u²(exact)
 
-If this part is larger than the rest, the assumption would dominate the result, and the run is
-refused.
+If this part is larger than the rest, the run is refused, because the assumption would dominate the
+result.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,8 +27,8 @@ from inercal.physics.earth import COMPUTED_GRAVITY_SD
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_words import coefficient_words
 
-_MIN_IMPROVEMENT = 1.5  # ratio of U without and with a better gravity that is worth a note
-_CONSTANT_UNITS = {  # units in messages, by key of [bench]
+_MIN_IMPROVEMENT = 1.5  # a note is written if better gravity reduces U by this factor
+_CONSTANT_UNITS = {  # units used in messages, by key of [bench]
     "gravity": "m/s²",
     "latitude": "°",
     "radius": "m",
@@ -39,7 +39,7 @@ _CONSTANT_UNITS = {  # units in messages, by key of [bench]
 
 
 def find_assumed_constants(expected: Mapping[str, Parameter]) -> dict[str, tuple[str, ...]]:
-    """Return the keys of constants stated without "±", each with the names of its parameters.
+    """Return the keys of constants without "±", each with the names of its parameters.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def find_assumed_constants(expected: Mapping[str, Parameter]) -> dict[str, tuple
 
 
 def constant_notes(bench: Bench, assumed: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Return a line for each constant without "±", with the uncertainty that was used."""
+    """Return a line for each constant without "±"; it states the assumed uncertainty."""
     return tuple(f"{_describe_constant(bench, key)}. State ± to replace it." for key in assumed)
 
 
@@ -77,7 +77,7 @@ def require_small_assumed_share(
     bench: Bench,
     solve: Callable[[Bench], Estimate],
 ) -> None:
-    """Refuse an assumed uncertainty that dominates u of a coefficient.
+    """Raise an error if an assumed uncertainty dominates u of a coefficient.
 
     Parameters
     ----------
@@ -88,13 +88,14 @@ def require_small_assumed_share(
     count : int
     bench : Bench
     solve : callable
-        Function that returns the estimate for another bench; used if a constant is not a parameter
-        of the estimate.
+        Function that returns the estimate for another bench. It is used if a constant is not a
+        parameter of the estimate.
 
     Raises
     ------
     InputError
-        If there is such a constant; the message names the key, the coefficient and the share.
+        If an assumed uncertainty dominates. The message names the key, the coefficient and the
+        share.
     """
     variance = np.diagonal(estimate.covariance)[:count]
     for key, names in assumed.items():
@@ -117,7 +118,7 @@ def require_small_assumed_share(
 
 
 def _variance_part(estimate: Estimate, count: int, names: Sequence[str]) -> Array:
-    """Return the decrease of each variance when these parameters are exact, (count,)."""
+    """Return the decrease of each variance, (count,), if some parameters were exact."""
     at = [estimate.names.index(name) for name in names]
     own = estimate.covariance[np.ix_(at, at)]
     cross = estimate.covariance[:count, at]
@@ -125,7 +126,7 @@ def _variance_part(estimate: Estimate, count: int, names: Sequence[str]) -> Arra
 
 
 def _with_exact_constant(bench: Bench, key: str) -> Bench:
-    """Return the bench with the constants of a key taken as exact."""
+    """Return the bench with exact values of the constants of a key."""
     constant: Measured | tuple[Measured, ...] = getattr(bench, key)
     exact: Any = (
         replace(constant, sd=0.0)
@@ -136,16 +137,16 @@ def _with_exact_constant(bench: Bench, key: str) -> Bench:
 
 
 def gravity_notes(bench: Bench, sensor: Sensor, estimate: Estimate) -> tuple[str, ...]:
-    """Return a note if gravity dominates the U of coefficients, which no more readings can reduce.
+    """Return a note if gravity dominates the U of coefficients; more readings do not help.
 
-    The note also gives the U that would remain with gravity computed from latitude and height.
+    The note also states the U that would result if gravity were computed from latitude and height.
 
     Parameters
     ----------
     bench : Bench
     sensor : Sensor
     estimate : Estimate
-        Without a trial axis. Its first parameters are the coefficients.
+        Estimate without a trial axis; its first parameters are the coefficients.
     """
     gravity, p = getattr(bench, "gravity", None), len(sensor.coefficients)
     if not isinstance(gravity, Measured) or not gravity.sd > COMPUTED_GRAVITY_SD:

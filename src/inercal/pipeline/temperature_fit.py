@@ -1,11 +1,11 @@
-"""Fit over temperatures, with errors shared within a soak and a choice of orders.
+"""Fit over several temperatures, with errors common to a soak, and choice of orders.
 
 1. A first fit with the highest orders gives the slopes ∂y/∂T, which convert an error of a soak's
    temperature into an error of the readings (`inercal.recordings.environment.soaks`).
-2. The orders of bias, scale factor and misalignment are those with the least AIC
+2. The orders of bias, scale factor and misalignment with the smallest AIC are chosen
    (`inercal.pipeline.temperature_orders`).
-3. Each soak is left out once. Its rows increase χ² by χ²(all) − χ²(without it), which is the square
-   of their prediction error in units of its uncertainty, with n components.
+3. Each soak is omitted once. The rows of a soak increase χ² by χ²(all) − χ²(without this soak).
+   This difference is the squared prediction error of the n readings, in units of its uncertainty.
 """
 
 from collections.abc import Mapping
@@ -55,18 +55,18 @@ _NO_SOAKS = np.zeros(0)
 
 @dataclass(frozen=True)
 class SoakLeftOut:
-    """The prediction of a soak's rows from the other soaks.
+    """The prediction of the rows of a soak from the other soaks.
 
     Parameters
     ----------
     temperature : float
         Temperature of the soak, K.
     ratio : float
-        Prediction error divided by its standard uncertainty, rms over the readings.
+        Prediction error divided by its standard uncertainty, as rms over the readings.
     components : int
         Number of readings.
     inside : bool
-        Whether there are other soaks on both sides of it.
+        Whether there are both colder and warmer soaks.
     """
 
     temperature: float
@@ -82,20 +82,20 @@ class TemperatureFit:
     Parameters
     ----------
     soaks : (s,) array
-        Temperatures of the soaks in their order, K; empty for a ramp.
+        Temperatures of the soaks in order, K; empty for a ramp.
     orders : mapping of "f" or "w" to Orders
-        Orders that were used; empty if they were not stated or tested.
+        Orders that were used; empty if no orders were stated or tested.
     tests : tuple of OrderTest
         All orders that were compared.
     left_out : tuple of SoakLeftOut
     ratio : float
         χ²/ν of the fit.
     loops : tuple of SoakLoop
-        Loops at temperatures that were reached from below and from above.
+        Differences between soaks whose temperature was reached from below and from above.
     axes : tuple of m Axis
-        Axes of the loops.
+        Axes to which the loops refer.
     drift : float
-        Largest change of the recorded temperature within a section, K; NaN for means.
+        Largest change of the recorded temperature within a section, K; NaN for tables of means.
     """
 
     soaks: NDArray[np.float64]
@@ -109,7 +109,7 @@ class TemperatureFit:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Warnings about orders that are too low and soaks that the others do not predict."""
+        """Warnings about orders that are too low, and soaks that the other soaks do not predict."""
         if self.orders and self.ratio > _TOO_LOW:
             text = (
                 f"χ²/ν is {self.ratio:.3g}: the orders in temperature are too low for these "
@@ -153,7 +153,7 @@ class TemperatureFit:
         return tuple(lines)
 
     def _largest_loop(self) -> str:
-        """Return a text on the largest loop of each kind of axes."""
+        """Describe the largest loop of each kind of axes."""
         texts: list[str] = []
         for kind, (_, unit) in BIAS_UNITS.items():
             own = [k for k, axis in enumerate(self.axes) if axis.measures == kind]
@@ -173,28 +173,28 @@ class TemperatureFit:
 
 
 def _bound(one: SoakLeftOut) -> float:
-    """Return the bound on the ratio by chance for few readings: two standard deviations of χ²/n."""
+    """Return the largest ratio that chance may cause: two standard deviations of χ²/n."""
     return float(np.sqrt(1 + 2 * np.sqrt(2 / one.components)))
 
 
 def fit_over_temperatures(
     run: Run, inputs: EstimatorInput
 ) -> tuple[Run, EstimatorInput, TemperatureFit | None]:
-    """Return the run and observations for the final estimate, and the tests that were made.
+    """Choose the orders; return run and observations for the final estimate, and the tests.
 
-    Without [environment] and [method] temperature_order, run and observations are unchanged and the
-    tests are None.
+    If the run file states neither [environment] nor [method] temperature_order, run and
+    observations are unchanged, and the tests are None.
 
     Parameters
     ----------
     run : Run
-        Run that includes the terms of the highest orders if orders are to be tested.
+        Run that includes the terms of the highest orders, if orders are to be tested.
     inputs : EstimatorInput
 
     Raises
     ------
     InputError
-        If the temperatures do not support the orders.
+        If the temperatures do not determine the terms of these orders.
     """
     environment, stated = run.environment, run.temperature_order
     if environment is None and stated is None:
@@ -243,18 +243,18 @@ def fit_over_temperatures(
 
 
 def _orders_of(run: Run) -> dict[Measures, Orders]:
-    """Return the orders in use by kind of axes; empty if they were not stated or tested."""
+    """Return the orders in use, by kind of axes; empty if no orders were stated or tested."""
     return {} if run.temperature_order is None else used_orders(run.sensor)
 
 
 def with_common_errors(run: Run, inputs: EstimatorInput, estimate: Estimate) -> Estimate:
-    """Add the common errors in [environment] that the estimate does not yet include.
+    """Add common errors from [environment] that the estimate does not yet include.
 
     Parameters
     ----------
     run : Run
     inputs : EstimatorInput
-        Observations as used for the estimate.
+        Observations that were used for the estimate.
     estimate : Estimate
     """
     environment = run.environment
@@ -272,7 +272,7 @@ def with_common_errors(run: Run, inputs: EstimatorInput, estimate: Estimate) -> 
 
 
 def _ordered_ramp(run: Run, inputs: EstimatorInput) -> tuple[Run, EstimatorInput, TemperatureFit]:
-    """Return the run of a ramp with the orders of least AIC, if they are tested."""
+    """Return the run of a ramp with the orders of smallest AIC, if orders are tested."""
     tests: tuple[OrderTest, ...] = ()
     if run.temperature_order == "auto":
         fit = _Solver(run, inputs).solve(inputs.observations, run.sensor)
@@ -282,9 +282,10 @@ def _ordered_ramp(run: Run, inputs: EstimatorInput) -> tuple[Run, EstimatorInput
 
 
 def _row_rates(inputs: EstimatorInput) -> Array | None:
-    """Return the slope of the temperature within each section, (r,) K/s; None for means.
+    """Return the slope of the temperature in each section, (r,), K/s; None for tables of means.
 
-    Each slope uses only the samples of its section, because another soak may follow in the file.
+    A slope is computed only from the samples of its section, because the next section may belong to
+    another soak.
     """
     recording = inputs.recording
     if recording is None or recording.temperature is None or not inputs.marks:
@@ -300,7 +301,7 @@ def _row_rates(inputs: EstimatorInput) -> Array | None:
 
 
 def _require_temperatures(run: Run, observations: Observations) -> None:
-    """Refuse a temperature that is missing, constant, or spans less than `LEAST_SPAN`."""
+    """Raise an error if temperatures are missing, constant, or span less than `LEAST_SPAN`."""
     kelvin = (
         observations.temperature if observations.track is None else observations.track.temperature
     )
@@ -321,7 +322,7 @@ def _require_temperatures(run: Run, observations: Observations) -> None:
 
 
 def _refuse_soaks_of_samples(run: Run) -> None:
-    """Refuse soaks for filters that follow the samples."""
+    """Raise an error for soaks if the method is a filter that follows samples."""
     if run.environment is not None and run.environment.kind == "soaks":
         raise key_error(
             "[environment] kind",
@@ -331,7 +332,7 @@ def _refuse_soaks_of_samples(run: Run) -> None:
 
 
 def _within_levels(run: Run, levels: int) -> Run:
-    """Limit the terms to those that this many temperatures determine; refuse higher orders."""
+    """Limit terms to the orders that the number of temperatures determines, or raise an error."""
     stated = run.temperature_order
     if isinstance(stated, tuple):
         for quantity, order in zip(ORDERED, stated, strict=True):
@@ -349,7 +350,7 @@ def _within_levels(run: Run, levels: int) -> Run:
 
 @dataclass(frozen=True, eq=False)
 class _Solver:
-    """The estimator of a run."""
+    """The estimator of a run, for repeated fits."""
 
     run: Run
     inputs: EstimatorInput
@@ -365,7 +366,7 @@ class _Solver:
     def leave_out(
         self, observations: Observations, sensor: Sensor, whole: Estimate
     ) -> tuple[SoakLeftOut, ...]:
-        """Return the prediction errors of the soaks that the fit can do without."""
+        """Omit each soak that is not essential, and return the prediction errors."""
         number, temperatures = soak_numbers(observations), soak_temperatures(observations)
         if not whole.dof:
             return ()

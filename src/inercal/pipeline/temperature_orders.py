@@ -1,4 +1,4 @@
-"""Temperature orders of a model: the terms they include, and their choice by AIC.
+"""Temperature orders of a model: the terms that they include, and their choice by AIC.
 
 AIC = χ² + 2 p. If the terms d are removed from a fit with estimate θ and covariance C, χ² increases
 by θ_d' C_dd⁻¹ θ_d. This is exact for a model that is linear in its coefficients, so one fit is
@@ -23,7 +23,7 @@ Orders = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class OrderTest:
-    """A set of orders for a kind of axes, with its AIC relative to the best."""
+    """A set of orders for a kind of axes, with the AIC relative to the smallest AIC."""
 
     kind: str
     orders: Orders
@@ -32,7 +32,7 @@ class OrderTest:
 
 
 def with_orders(sensor: Sensor, orders: Mapping[Measures, Sequence[int]]) -> Sensor:
-    """Return the sensor with only those of its terms that belong to these orders."""
+    """Return the sensor with only the terms that belong to some orders."""
     ordered = {kind: set(order_terms(kind, MAX_ORDERS)) for kind in orders}
     wanted = {kind: set(order_terms(kind, most)) for kind, most in orders.items()}
     measures = {axis.name: axis.measures for axis in sensor.axes}
@@ -46,7 +46,7 @@ def with_orders(sensor: Sensor, orders: Mapping[Measures, Sequence[int]]) -> Sen
 
 
 def used_orders(sensor: Sensor) -> dict[Measures, Orders]:
-    """Return the highest orders of bias, scale factor and misalignment for each kind of axes."""
+    """Return the highest orders of bias, scale factor and misalignment by kind of axes."""
     result: dict[Measures, Orders] = {}
     kinds: tuple[Measures, ...] = ("f", "w")
     for kind in kinds:
@@ -58,14 +58,14 @@ def used_orders(sensor: Sensor) -> dict[Measures, Orders]:
 
 
 def choose_orders(estimate: Estimate, sensor: Sensor) -> tuple[Sensor, tuple[OrderTest, ...]]:
-    """Return the sensor with the terms of least AIC for each kind of axes, and all tests.
+    """Return the sensor with the terms of smallest AIC for each kind of axes, and all tests.
 
     Parameters
     ----------
     estimate : Estimate
         Estimate from one trial, with the highest orders.
     sensor : Sensor
-        Sensor with the coefficients of this estimate.
+        Sensor with the coefficients of the estimate.
     """
     names, chosen, tests = sensor.coefficients, sensor, list[OrderTest]()
     for kind, most in used_orders(sensor).items():
@@ -84,7 +84,7 @@ def choose_orders(estimate: Estimate, sensor: Sensor) -> tuple[Sensor, tuple[Ord
 
 
 def _solve(estimate: Estimate, at: Sequence[int], theta: Array) -> Array:
-    """Return C⁻¹ θ for some parameters whose units differ by orders of magnitude."""
+    """Return C⁻¹ θ for some parameters, whose units may differ by orders of magnitude."""
     covariance = estimate.covariance[np.ix_(at, at)]
     sd = np.sqrt(np.diag(covariance))
     return np.linalg.solve(covariance / sd[:, None] / sd, theta / sd) / sd

@@ -1,7 +1,7 @@
 """True coefficients of a simulated sensor, in the frame of its calibration.
 
-[sensor.truth] is stated in the mounting frame. In the symmetric frame the same sensor has different
-misalignments, and slightly different scale factors and biases.
+[sensor.truth] states coefficients in the mounting frame. In the symmetric frame, the same sensor
+has different misalignments, and slightly different scale factors and biases.
 """
 
 from collections.abc import Mapping
@@ -16,14 +16,14 @@ from inercal.calibration import Calibration
 def true_coefficients(calibration: Calibration, truth: Mapping[str, float]) -> Mapping[str, float]:
     """Return the true coefficients in the frame of the calibration, SI, by full name.
 
-    Terms beyond bias, scale factor and misalignment cannot be rotated; if there are any, the true
+    Only bias, scale factor and misalignment can be rotated. If there are other terms, the true
     coefficients are returned as stated.
 
     Parameters
     ----------
     calibration : Calibration
     truth : mapping of str to float
-        True coefficients as stated, SI; missing ones are zero.
+        Stated true coefficients, SI; missing coefficients are zero.
     """
     names = calibration.sensor.coefficients
     stated: dict[str, float] = {name: truth.get(name, 0.0) for name in names}

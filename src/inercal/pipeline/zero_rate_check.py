@@ -34,10 +34,10 @@ def check_zero_rates(
     steps : sequence of r Step
         Step of each row; rests are steps of the classes `Hold` and `Position`.
     priors : sequence of Gaussian
-        Priors on biases; the difference from the mean of a prior may be 20 °/s, or its expanded
-        uncertainty if that is larger.
+        Priors of biases. The difference from the mean of a prior may be 20 °/s, or the expanded
+        uncertainty of the prior if this is larger.
     columns : sequence of str or int
-        Columns in [data] gyro, in the order of the sensor's gyros.
+        Columns that [data] gyro names, in the order of the sensor's gyros.
     """
     resting = [isinstance(step, Hold | Position) for step in steps]
     if observations.track is not None or not any(resting):

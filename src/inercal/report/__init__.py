@@ -21,7 +21,7 @@ from inercal.pipeline.drafts import Draft
 from inercal.pipeline.refused_recording import InspectedRecording
 from inercal.recordings import Recording
 
-if TYPE_CHECKING:  # imported later: reports need no register, and most need no noise analysis
+if TYPE_CHECKING:  # imported when needed: reports need no register, and few need noise
     from matplotlib.axes import Axes
 
     from inercal.laboratory.check_standard import ControlCharts
@@ -49,9 +49,9 @@ def write_report(
     outcome : Outcome
     path : path
     truth : mapping of str to float, optional
-        True coefficients of a simulation, in SI by full name; missing ones are zero.
+        True coefficients of a simulation, in SI, by full name; missing coefficients are zero.
     history : SensorHistory, optional
-        Earlier calibrations of the sensor, shown in a section of their own.
+        Earlier calibrations of the sensor, shown in a separate section.
     for_customer : bool
         Whether to omit run-file keys and recommended next steps.
 
@@ -72,13 +72,12 @@ def plot_residuals(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
     ----------
     outcome : Outcome
     axes : matplotlib.axes.Axes, optional
-        Axes to draw on; new ones by default. `axes.figure.savefig` writes SVG or PDF.
+        Axes to draw on; by default, new axes are created. `axes.figure.savefig` writes SVG or PDF.
 
     Raises
     ------
     InputError
-        matplotlib is missing, or the method's residuals belong to the whole recording instead of
-        rows.
+        matplotlib is missing, or the method has residuals for the whole recording and not for rows.
     """
     with _extras():
         from inercal.report.figures import residual_axes
@@ -86,18 +85,18 @@ def plot_residuals(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
 
 
 def plot_coverage(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
-    """Draw the measured attitudes as directions in the case, and return the axes.
+    """Draw the measured attitudes as directions in the sensor's case, and return the axes.
 
     Parameters
     ----------
     outcome : Outcome
     axes : matplotlib.axes.Axes, optional
-        Axes to draw on; new ones by default.
+        Axes to draw on; by default, new axes are created.
 
     Raises
     ------
     InputError
-        matplotlib is missing, or the method states no attitudes.
+        matplotlib is missing, or the method does not determine attitudes.
     """
     with _extras():
         from inercal.report.figures import coverage_axes
@@ -142,8 +141,8 @@ def write_history(
     history : SensorHistory
     path : path
     next_one : Recalibration, optional
-        Date of the next calibration, from the user's limits. By default, the limits of the newest
-        calibration are used.
+        Date of the next calibration, computed with the user's limits. By default, it is computed
+        with the limits of the newest calibration.
     noise : sequence of NoiseEntry
         Noise analyses of the sensor, also shown on the page.
 
@@ -292,7 +291,7 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
     budget : Budget
     path : path
     under : str, optional
-        Text under the sensor's name: the method and its estimator.
+        Text printed under the sensor's name: the method and its estimator.
 
     Raises
     ------
@@ -314,7 +313,7 @@ def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
     sheet : Worksheet
     path : path
     table : str
-        Name of the file that the readings are typed into.
+        Name of the file into which the user types the readings.
 
     Raises
     ------
@@ -352,7 +351,7 @@ def _extras() -> AbstractContextManager[None]:
 
 
 def require_report_packages() -> None:
-    """Raise an error if the packages for reports are missing, so that no work is lost.
+    """Raise an error if the packages for reports are missing, before a long computation starts.
 
     Raises
     ------

@@ -24,7 +24,7 @@ from inercal.report.templates import render
 _COLOURS = {"line": MINUS, "others": FAINT, "total": MUTED}
 _WIDTH, _COLUMNS = 9.0, 2
 _BAR_HEIGHT, _TITLE_HEIGHT = 0.17, 0.34  # inches
-_MIN_SHARE = 1e-4  # share of the variance: one hundredth of the length
+_MIN_SHARE = 1e-4  # smallest share of the variance, a bar of 1/100 of the length
 _NAME_WIDTH, _NUMBER_WIDTH = 1.5, 0.55  # inches, margins left and right of the bars
 
 
@@ -46,7 +46,7 @@ def budget_page(budget: Budget, under: str) -> str:
 
 
 def _coefficient_budget(budget: Budget, k: int, name: str) -> dict[str, Any]:
-    """Return the values shown for one coefficient; the last row of the table is the total."""
+    """Return the values to show for one coefficient; the last row of the table is the total."""
     line, rows = budget.experiment.sensor.coefficient(name), contribution_rows(budget, k)
     stated, bias, error = uncertainty_and_bias_cells(budget, k)
     return {
@@ -86,7 +86,7 @@ def contribution_bars(panels: Sequence[tuple[str, Sequence[BudgetRow]]]) -> Mark
 
 
 def _is_visible(row: BudgetRow) -> bool:
-    """Return whether a row has a bar: the combined small contributions may be negligible."""
+    """Return whether a row gets a bar; the row of small contributions may be negligible."""
     return row.kind != "others" or row.share > _MIN_SHARE
 
 
@@ -95,7 +95,8 @@ def _draw_panel(axes: Axes, title: str, rows: Sequence[BudgetRow]) -> None:
     largest = max(max(row.size, row.linear) for row in rows) or 1.0
     sizes = [row.size / largest for row in rows]
     axes.barh(places, sizes, height=0.7, color=[_COLOURS[row.kind] for row in rows])
-    # The edge has the colour of the paper, so that a dot within its bar is visible.
+    # The edge has the colour of the paper, because a dot inside its bar would otherwise be
+    # invisible.
     axes.plot([row.linear / largest for row in rows], places, "o", ms=3.6, mfc=INK, mec=PAPER,
               mew=0.6, clip_on=False, zorder=3)  # fmt: skip
     axes.set_xlim(0, 1)

@@ -1,4 +1,4 @@
-"""HTML page for a calibration report: computes the contents of each section."""
+"""HTML page of a calibration report; this module computes the contents of each section."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -147,7 +147,7 @@ def calibration_page(
 
 
 def specification_rows(outcome: Outcome) -> tuple[list[str], list[LimitRow]] | None:
-    """Return sentences about the limits and one row for each limit, or None without limits."""
+    """Return sentences about the limits and a row for each, or None if no limits are stated."""
     calibration = outcome.calibration
     if calibration.conformity is None:
         return None
@@ -191,14 +191,14 @@ def _filter_figures(
 
 
 def has_norm_residuals(outcome: Outcome) -> bool:
-    """Return whether each row has only one residual, from the norm of its readings."""
+    """Return whether each row has only one residual, which comes from the norm of its readings."""
     rows, axes = len(outcome.observations.labels), len(outcome.observations.channels)
     named = all(name.startswith("|f|") for name in outcome.estimate.observations)
     return axes > 1 and (named or outcome.estimate.whitened.size == rows)
 
 
 def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
-    """Return the key facts, each as a name and a text of one or two lines."""
+    """Return the key facts; each fact has a name and a text of one or two lines."""
     provenance, recording = outcome.calibration.provenance, outcome.recording
     turns = sum(isinstance(step, Turn | Rotation) for step in outcome.steps)
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
@@ -277,7 +277,7 @@ class TemperatureSection:
 
 
 def temperature_section(outcome: Outcome) -> TemperatureSection | None:
-    """Return the section, or None if no coefficient depends on a temperature that varied."""
+    """Return the section, or None if no coefficient depends on temperature or it hardly varied."""
     calibration, found = outcome.calibration, outcome.temperature_fit
     limits = None if calibration.validity is None else calibration.validity.temperature
     if limits is None or not calibration.sensor.uses("dT") or limits[1] - limits[0] < 1.0:
@@ -313,7 +313,7 @@ def _temperature_rows(
 
 @drawing.style
 def curve_figure(curves: Sequence[TemperatureCurve], kelvin: Array) -> Markup:
-    """Return the curves with bands of ±2 u; each coefficient has one panel for all axes."""
+    """Return a figure of curves with bands of ±2 u; a coefficient has one panel for all axes."""
     named: dict[str, list[TemperatureCurve]] = {}
     for one in curves:
         axis, term = CoefficientName(one.name).parts

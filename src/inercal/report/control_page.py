@@ -1,4 +1,4 @@
-"""HTML pages with control charts, for a check standard or for a bench from its own runs."""
+"""HTML pages with control charts of a check standard, or of a bench judged by its own runs."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -176,10 +176,10 @@ def _draw_chart(
     times : (n,) array
         Days since 1970.
     values : three arrays
-        Values on the reference days, values on the other days, and the statistic for a lasting
-        change.
+        Values on the reference days, values on the other days, and the statistic that detects a
+        lasting change.
     beyond : array of bool
-        Days with a signal.
+        Whether each day has a signal.
     limits : (float, float)
         Limits for a single day and for a lasting change.
     """
@@ -198,7 +198,7 @@ def _draw_chart(
 def _draw_points(axes: Axes, at: Array, values: Array, beyond: NDArray[np.bool_]) -> None:
     """Draw the points of a chart; points beyond a limit are diamonds."""
     axes.plot(at[~beyond], values[~beyond], "o", ms=3.0, mfc=INK, mec=INK, mew=0)
-    # A different shape, open and larger, so that it can be recognised without colour.
+    # These points are open and larger diamonds, which can be recognised without colour.
     axes.plot(at[beyond], values[beyond], "D", ms=5.0, mfc=PAPER, mec=WARN, mew=1.4, zorder=3)
     axes.grid(axis="y", color=FAINT, lw=0.3)
     axes.set_axisbelow(True)

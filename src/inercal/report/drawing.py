@@ -1,7 +1,7 @@
-"""Tools to draw figures as SVG in the colours of the page, such as `var(--ink)`.
+"""Tools that draw figures as SVG in the colours of the page, such as `var(--ink)`.
 
-matplotlib does not support CSS variables, so figures are first drawn in the placeholder colours
-below, which are not used elsewhere. The colours are then replaced in the SVG text.
+matplotlib does not support CSS variables, so figures are first drawn in placeholder colours, which
+are only used for this purpose. In the SVG text, the placeholders are then replaced.
 """
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
@@ -35,7 +35,7 @@ SHAPES = (
     "^",
 )  # for readers who cannot distinguish the colours, and for black and white prints
 _WIDTH = 9.0  # inches, width of a figure on a page
-_LEFT, _RIGHT, _ABOVE = 0.75, 0.05, 0.25  # inches, margins around each of its axes
+_LEFT, _RIGHT, _ABOVE = 0.75, 0.05, 0.25  # inches, margins around the axes
 LETTER_WIDTH = 0.062  # inches, width of a digit at 7 points
 _VARIABLES = {
     INK: "ink", MUTED: "muted", FAINT: "faint", BAND: "band", X: "x", Y: "y", Z: "z",
@@ -55,9 +55,9 @@ _STYLE: dict[Any, Any] = {  # the stubs list the keys as literals
     "axes.spines.right": False,
     "axes.titlesize": 8.5,
     "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # there is nothing above the axes, so skip the search for it
+    "axes.titley": 1.0,  # nothing is above the axes, so do not search for it
     "axes.unicode_minus": True,
-    "axes.formatter.limits": (-3, 5),  # longer numbers would not fit beside the axes
+    "axes.formatter.limits": (-3, 5),  # longer numbers would not fit next to the axes
     "xtick.color": MUTED,
     "ytick.color": MUTED,
     "xtick.labelcolor": INK,
@@ -72,7 +72,7 @@ _STYLE: dict[Any, Any] = {  # the stubs list the keys as literals
 }
 style = matplotlib.rc_context(_STYLE)
 """Decorator for functions that make a figure."""
-_X_MARGIN = 12.0  # fraction of the tick unit, at both ends
+_X_MARGIN = 12.0  # margin in tick units, at both ends
 
 
 def svg(figure: Figure, name: str, description: str) -> Markup:
@@ -82,14 +82,14 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     ----------
     figure : Figure
     name : str
-        Prefix of the ids in the SVG; each figure on a page needs a different one.
+        Prefix of the ids in the SVG; each figure on a page needs a different prefix.
     description : str
         Text that describes the figure for readers who cannot see it.
     """
     text = StringIO()
     unnamed = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with matplotlib.rc_context({**_STYLE, "svg.hashsalt": name}), warnings.catch_warnings():
-        # The font used for measuring may lack glyphs, but the reader's browser has them.
+        # The font that matplotlib measures with may lack glyphs, but the reader's browser has them.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         figure.savefig(text, format="svg", metadata=unnamed)
     body = text.getvalue()
@@ -98,7 +98,7 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     box = re.search(r'viewBox="[^"]*"', head)
     assert box
     body = re.sub(r' d="[^"]*"', _round_coordinates, body)
-    body = re.sub(r"\n +", "\n", body)  # indentation is one byte in twenty
+    body = re.sub(r"\n +", "\n", body)  # indentation takes 5 % of the bytes
     for old, new in (
         ('id="', f'id="{name}-'),
         ("url(#", f"url(#{name}-"),
@@ -121,7 +121,7 @@ def panels(
 ) -> tuple[Figure, list[list[Axes]]]:
     """Return a figure and its rows of axes.
 
-    All sizes are given explicitly, because matplotlib's automatic layouts draw everything two more
+    All sizes are stated explicitly, because matplotlib's automatic layouts draw everything two more
     times to measure it.
 
     Parameters
@@ -132,7 +132,7 @@ def panels(
         Space below each row, inches.
     columns : int
     half : bool
-        Whether the figure has half the width, for `halves`.
+        Whether the figure has half the width, as `halves` needs.
     """
     width = _WIDTH / 2 if half else _WIDTH
     total = sum(below) + len(below) * (_ABOVE + height)
@@ -156,7 +156,7 @@ def halves(figures: Sequence[Markup]) -> Markup:
 
 
 def label_room(labels: Sequence[str]) -> float:
-    """Return the space that the names of positions need below the axes, inches."""
+    """Return the space that the names of positions need below the axes, in inches."""
     if not labels:
         return 0.05
     return (
@@ -174,7 +174,7 @@ def _needs_upright_labels(labels: Sequence[str]) -> bool:
 def name_positions(
     axes: Axes, labels: Sequence[str], *, named: bool = True, worst: Sequence[int] = ()
 ) -> None:
-    """Put a name under each whole number on the x axis, and faint lines between them.
+    """Write a name under each whole number on the x axis, and draw faint lines between them.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def name_positions(
     under, top, centre = axes.get_xaxis_text1_transform(4)
     angle = 90 if _needs_upright_labels(labels) else 0
     every = -(-len(labels) // MAX_NAMES)
-    # Drawn as texts, because matplotlib's ticks take several times as long.
+    # The names are drawn as texts, because matplotlib's ticks take several times as long.
     chosen: list[int] = []
     for k in (*worst, *range(0, len(labels), every)):
         if all(2 * abs(k - other) >= every for other in chosen if other != k):
@@ -206,7 +206,7 @@ def name_positions(
 
 
 def grid(height: float, below: float, count: int, columns: int) -> tuple[Figure, list[Axes]]:
-    """Return a figure with `count` axes in rows; the remaining places stay empty."""
+    """Return a figure with some axes in rows; unused places in the last row stay empty."""
     figure, rows = panels(height, [below] * -(-count // columns), columns)
     places = [axes for row in rows for axes in row]
     for axes in places[count:]:
@@ -222,8 +222,8 @@ def days(time: str) -> float:
 def date_ticks() -> AutoDateLocator:
     """Return a locator for at most six dates along an axis.
 
-    The minimum is two, because with a minimum of three matplotlib finds no interval for ten weeks
-    or 31 months.
+    The minimum is two dates. With a minimum of three, matplotlib finds no interval for a range of
+    ten weeks or 31 months.
     """
     return AutoDateLocator(minticks=2, maxticks=6)
 

@@ -60,17 +60,17 @@ _FINE_ANGLE = ("″", np.pi / 648_000)  # for angles below 1 mrad
 _COMPONENTS = {1: ("norm",), 2: ("across 1", "across 2"), 3: ("x", "y", "z")}
 _LEVEL_AXES = ("east", "north", "up")
 _MARKERS = (*SHAPES, "D", "v", "<", ">")
-_MAX_NUMBERED = 14  # with at most this many coefficients, the cells have room for numbers
+_MAX_NUMBERED = 14  # largest number of coefficients for which cells have room for numbers
 
 
 @drawing.style
 def residuals(outcome: Outcome) -> Markup:
-    """Return the residuals by position and turn: whitened above, and in units below."""
+    """Return a figure of the residuals by position and turn: whitened above, in units below."""
     if outcome.estimate.groups:
         return _group_residual_figure(outcome)
     seen = _residual_table(outcome)
     kinds = list(dict.fromkeys(kind for kind in seen.kinds))
-    # Turns are in a separate figure below that of the means.
+    # Turns are in a separate figure below the figure of the means.
     groups = {"residuals": SENSOR_KINDS, "residuals_of_turns": _ROW_KINDS}
     figures = [
         _residual_figures(seen, shown, name)
@@ -81,7 +81,7 @@ def residuals(outcome: Outcome) -> Markup:
 
 
 def _residual_figures(seen: "_ResidualTable", kinds: Sequence[str], name: str) -> Markup:
-    """Return the figures for some kinds of residuals, at half width if there are several."""
+    """Return the figures for some kinds of residuals; several figures have half the width."""
     if len(kinds) == 1:
         return _residual_panels(seen, kinds[0], name, half=False)
     return drawing.halves(
@@ -111,7 +111,7 @@ def _residual_panels(seen: "_ResidualTable", kind: str, name: str, *, half: bool
 
 
 class _ResidualTable(NamedTuple):
-    """Residuals as a table, (rows, parts), with NaN where a row lacks a part."""
+    """Residuals as a table, (rows, parts), with NaN where a row has no such part."""
 
     rows: Sequence[str]
     parts: Sequence[str]
@@ -121,7 +121,7 @@ class _ResidualTable(NamedTuple):
 
 
 def _residual_table(outcome: Outcome) -> _ResidualTable:
-    """Arrange the residuals in a table, by the observation names such as "ax[z_p]" or by shape."""
+    """Arrange the residuals in a table, by their names, such as "ax[z_p]", or by their shape."""
     estimate, sensor = outcome.estimate, outcome.calibration.sensor
     measures = {axis.name: axis.measures for axis in sensor.axes}
     named = [_OBSERVATION_NAME.fullmatch(name) for name in estimate.observations]
@@ -144,7 +144,7 @@ def _residual_table(outcome: Outcome) -> _ResidualTable:
 
 
 def _row_kind(part: str) -> str:
-    """Return the kind of a part that is not an axis: "velocity" for "velocity east", or "f"."""
+    """Return the kind of a part that is no axis: "velocity" for "velocity east"; otherwise "f"."""
     word = part.partition(" ")[0]
     return word if word in _ROW_KINDS else "f"
 
@@ -195,12 +195,13 @@ def _group_residual_figure(outcome: Outcome) -> Markup:
 
 @drawing.style
 def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
-    """Return the figure of estimated minus stated bench errors, in stated standard deviations.
+    """Return a figure of the estimated minus stated bench errors, in stated standard deviations.
 
     Parameters
     ----------
     pulls : mapping of str to sequence of (str, float)
-        Names of parameters and their deviations from the stated value, by position, turn or "run".
+        For each position, each turn and "run": the names of parameters and their deviations from
+        the stated values.
     """
     names = list(dict.fromkeys(name for found in pulls.values() for name, _ in found))
     table = np.full((len(pulls), len(names)), np.nan)
@@ -248,7 +249,7 @@ def draw_dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) ->
 
 
 def _draw_band(axes: Axes, values: Array) -> None:
-    """Draw the ±2 band, and scale the axes to show the band and the values."""
+    """Draw the ±2 band, and choose a scale that shows both the band and the values."""
     reach = 1.25 * max(BAND_LIMIT * 1.25, float(np.nanmax(np.abs(values), initial=0.0)))
     axes.axhspan(-BAND_LIMIT, BAND_LIMIT, color=BAND, lw=0, zorder=0)
     axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
@@ -300,7 +301,7 @@ def _draw_colour_scale(axes: Axes) -> None:
 
 
 def _draw_squares(axes: Axes, cells: Sequence[tuple[int, int]], strengths: Sequence[float]) -> None:
-    """Fill the cells according to their correlations; cells without one stay transparent."""
+    """Colour the cells by their correlations; cells without a correlation stay transparent."""
     square = 0.46 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     shades = [(PLUS if r > 0 else MINUS, min(abs(r), 1.0)) for r in strengths]
     corners = [square + cell for cell in cells]

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 MAX_POINTS = 290
 """Largest number of points in a line."""
 _STYLES = ("-", "--", ":")
-_PAUSE_STEPS = 4.0  # in usual time steps
-_LEGEND_SHARE = 0.13  # fraction of the width
+_PAUSE_STEPS = 4.0  # in median time steps
+_LEGEND_SHARE = 0.13  # fraction of the figure's width
 _MEAN_FRACTION = 40  # the running mean covers this fraction of the epochs
 
 
@@ -47,7 +47,7 @@ class _CoefficientGroup(NamedTuple):
 
 @drawing.style
 def convergence_figure(outcome: Outcome, truth: Mapping[str, float] | None) -> Markup:
-    """Return the figure of estimates minus the truth or the final result over time, with ±2σ."""
+    """Return a figure of estimates over time, minus the truth or the final result, with ±2σ."""
     sensor, courses = outcome.calibration.sensor, outcome.estimate.courses
     kinds = [kind for course in courses for kind in _coefficient_groups(course, sensor)]
     figure, panels = drawing.panels(2.1, [0.45] * len(kinds))
@@ -124,7 +124,7 @@ class _StateGroup(NamedTuple):
 
 @drawing.style
 def smoothed_figure(courses: Sequence[FilterHistory], sensor: Sensor) -> Markup | None:
-    """Return the smoothed states over time with ±2σ, or None without smoothed states."""
+    """Return a figure of the smoothed states with ±2σ, or None if there are none."""
     found = [(one, one.smoothed) for one in courses if one.smoothed is not None]
     if not found:
         return None
@@ -178,7 +178,7 @@ def _state_label(state: str) -> str:
 
 @drawing.style
 def innovation_figure(courses: Sequence[FilterHistory]) -> Markup:
-    """Return the figure of each filter's NIS per component, as a running mean."""
+    """Return a figure of each filter's NIS per component over time, as a running mean."""
     figure, ((axes,),) = drawing.panels(1.7, [0.45])
     axes.axhline(1, color=WARN, lw=0.9, ls="--", label="as stated")
     for k, course in enumerate(courses):
@@ -194,7 +194,7 @@ def innovation_figure(courses: Sequence[FilterHistory]) -> Markup:
 
 
 def _break_at_pauses(time: Array, values: Array) -> tuple[Array, Array]:
-    """Insert NaN into a line at each pause of the filter, so that the line is interrupted."""
+    """Insert NaN into a line at each pause of the filter, which interrupts the drawn line."""
     steps = np.diff(time)
     if not steps.size:
         return time, values
@@ -203,7 +203,7 @@ def _break_at_pauses(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def running_nis(course: FilterHistory) -> tuple[Array, Array]:
-    """Return the time and the running mean of NIS per component, over 1/40 of the epochs.
+    """Return times and the running mean of NIS per component; a mean covers 1/40 of the epochs.
 
     Epochs at which the attitude was reset have no innovation, so they are omitted.
     """

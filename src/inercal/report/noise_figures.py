@@ -36,7 +36,7 @@ def _log_axes(axes: Axes, x: str, y: str) -> None:
 
 
 def _plain_decades(axes: Axes) -> None:
-    """Label the decades with plain numbers, because text in the SVG cannot have exponents."""
+    """Label the decades with plain numbers, because text in the SVG cannot show exponents."""
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() == "log":
             axis.set_major_formatter("{x:g}")
@@ -83,8 +83,8 @@ def _draw_spectrum(axes: Axes, channel: ChannelNoise) -> None:
     expected = passed * model_psd(
         fit.as_variances, bins.frequency, channel.dt, fit.markov_time
     ) + floor * (1 - passed)
-    # Power divided by the model includes the aliases of blocks; multiplied by the density, it lies
-    # on the model line.
+    # The power divided by the model includes the aliases of blocks. Multiplied by the density, this
+    # ratio lies on the model line.
     density = np.sqrt(bins.power / fit.model * expected) / size
     axes.plot(bins.frequency, density, ".", ms=2.5, color=MUTED, label="measured")
     order = np.argsort(bins.frequency)
@@ -107,7 +107,7 @@ def _draw_spectrum(axes: Axes, channel: ChannelNoise) -> None:
 
 
 def _passed(channel: ChannelNoise) -> tuple[Array, float]:
-    """Return the fraction of power that the sensor's filter passes, and the floor behind it."""
+    """Return the fraction of power that the filter passes, and the noise floor after the filter."""
     frequency = channel.bins.frequency
     if channel.output is None:
         return np.ones_like(frequency), 0.0
@@ -134,7 +134,7 @@ def residual_figure(channel: ChannelNoise) -> Markup:
 
 @drawing.style
 def time_figure(channel: ChannelNoise, time: Array, y: Array) -> Markup:
-    """Return the figure of means over time and of the Allan deviation in ten windows."""
+    """Return a figure of the means over time and of the Allan deviation in ten windows."""
     figure, ((top,), (low,)) = drawing.panels(1.4, [0.1, 0.45])
     unit = SHOWN_UNIT[channel.quantity]
     m = max(1, y.size // _POINTS)
@@ -158,8 +158,8 @@ def _draw_ratios(axes: Axes, time: Array, y: Array) -> None:
     size = y.size // _WINDOWS
     longest = int(np.log2(max(size // 8, 1)))
     factors = np.unique(2 ** np.linspace(0, longest, _RATIO_TAUS).astype(int))
-    # The analysis interval is not used here, because with jittering stamps it is the block
-    # interval.
+    # The interval of the analysis is not used here, because it is the block interval if time stamps
+    # jitter.
     dt = float(np.median(np.diff(time)))
     overall = deviations(y, dt, factors=factors.tolist())
     parts = [

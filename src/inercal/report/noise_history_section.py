@@ -20,11 +20,11 @@ from inercal.report.templates import render
 
 _COLUMNS = 2
 _COLOURS = (X, Y, Z, INK, MUTED, WARN)
-_SHIFT = 0.006  # fraction of the time shown, offset between channels
+_SHIFT = 0.006  # offset between channels, as a fraction of the time shown
 
 
 def noise_history_section(entries: Sequence[NoiseEntry]) -> Markup:
-    """Return the section as HTML, which is empty without analyses."""
+    """Return the section as HTML; it is empty if there are no analyses."""
     if not entries:
         return Markup("")
     trends = noise_trends(tuple(entries))

@@ -72,7 +72,7 @@ def _view(channel: ChannelNoise, recording: Recording) -> dict[str, Any]:
     k = recording.channels.index(channel.channel)
     y = recording.data[:, k] * si_factor(recording.units[k])
     time = recording.time - recording.time[0]
-    step = recording.median_step  # larger than Δ if a long recording was decimated
+    step = recording.median_step  # larger than Δ if the recording was decimated
     has_lines = channel.lines and step < 1.5 * channel.dt
     return {
         "name": channel.channel,
@@ -89,7 +89,7 @@ def _view(channel: ChannelNoise, recording: Recording) -> dict[str, Any]:
 
 
 def _slope_bias(channel: ChannelNoise) -> str:
-    """Describe the differences between slope readings and coefficients; empty without any."""
+    """Describe how values read from slopes differ from the coefficients; empty if they do not."""
     texts: list[str] = []
     for symbol, (value, _) in channel.comparison.get("slopes", {}).items():
         if reported := channel.value(symbol):

@@ -1,4 +1,4 @@
-"""HTML pages for recordings without a calibration: a drafted run file, or a refusal."""
+"""HTML pages about recordings that have no calibration: a drafted run file, or a refusal."""
 
 import numpy as np
 from markupsafe import Markup

@@ -23,7 +23,7 @@ from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, svg
 from inercal.report.figures import BAND_LIMIT, draw_dots, rows_beyond_band
 
-_MOVES_LABEL = "moves"  # label of the time between the steps
+_MOVES_LABEL = "moves"  # label for the time between steps
 
 
 class StepResiduals(NamedTuple):
@@ -76,7 +76,7 @@ def _split_by_step(
 ) -> StepResiduals:
     seen = outcome.observations
     within: dict[str, NDArray[np.bool_]] = {}
-    left = np.ones(time.size, dtype=bool)  # steps may touch; an epoch belongs to the first of them
+    left = np.ones(time.size, dtype=bool)  # an epoch shared by two steps belongs to the first
     for label, middle, seconds in zip(seen.labels, seen.time, seen.duration, strict=True):
         within[label] = left & (np.abs(time - middle) <= seconds / 2)
         left &= ~within[label]

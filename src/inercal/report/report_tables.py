@@ -32,7 +32,7 @@ _KIND_TEXTS = {
 
 @dataclass(frozen=True)
 class CoefficientRow:
-    """One coefficient as printed; `error` is in standard uncertainties, if known."""
+    """One coefficient as printed; `error`, if known, is in standard uncertainties."""
 
     name: str
     symbol: str
@@ -124,15 +124,15 @@ def _coefficient_row(
 
 
 def bench_tables(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float]]]]:
-    """Return the estimated errors of the bench, and their deviations from the stated values.
+    """Return tables of the estimated bench errors, and their deviations from the stated values.
 
     Returns
     -------
     list of Grid
         Tables for the run, the positions and the turns.
     dict of str to list of (str, float)
-        Parameters with their (estimated − stated) values in stated standard deviations, by
-        position, turn or "run".
+        For each position, each turn and "run": the parameters, and their estimated minus stated
+        values in stated standard deviations.
     """
     estimate, expected = outcome.estimate, outcome.expected
     found = [name for name in estimate.names if name not in estimate.wanted]
@@ -235,7 +235,7 @@ def correction_matrix(outcome: Outcome) -> Grid | None:
     slope, offset = calibration.affine_correction()
     rounding = 1e-14 * float(np.abs(slope).max())
     kinds = [kind for kind in "fw" if any(axis.measures == kind for axis in sensor.axes)]
-    # Plain minus signs, because these numbers are meant to be copied.
+    # Minus signs are plain hyphens here, because users copy these numbers.
     components = [f"{kind}_{a}" for kind in kinds for a in "xyz"]
     rows = [
         (name, tuple(f"{x:.7g}" if abs(x) > rounding else "0" for x in row))
@@ -246,7 +246,7 @@ def correction_matrix(outcome: Outcome) -> Grid | None:
 
 
 def candidate_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """Return the table rows of the candidates with the smallest p-values, smallest first."""
+    """Return the table rows of the candidates with the smallest p-values, in ascending order."""
     score_tests, suspect = outcome.estimate.score_tests, outcome.verdict.suspect
     seen = [one for one in score_tests.scores if one.dof]
     first = sorted(seen, key=lambda one: (one.p_value, -one.chi2))[:_MAX_LISTED]

@@ -56,9 +56,7 @@ _VERDICT_WORDS: dict[TrendVerdict, str] = {
 _HEIGHT, _LABEL_ROOM = 1.3, 0.4  # inches
 _COLUMNS = 2
 _TIME_MARGIN = 0.04  # fraction of the time shown
-_LARGEST_MARGIN = (
-    30.0  # days added on both sides if the time is short, so that its points stay apart
-)
+_LARGEST_MARGIN = 30.0  # days added on both sides of a short time, which keep points apart
 # Formats for ticks one year, one month, … apart, and for ticks at the start of a longer unit.
 _FORMATS = ["%Y", "%Y-%m", "%d", "%H:%M", "%H:%M", "%S"]
 _ZERO_FORMATS = ["", "%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M"]
@@ -81,7 +79,7 @@ def sensor_history_page(
     next_one: Recalibration | None = None,
     noise: Sequence[NoiseEntry] = (),
 ) -> str:
-    """Return the page as HTML; the default limits are those of the newest calibration."""
+    """Return the page as HTML; by default, the newest calibration states the limits."""
     groups, lines = _axis_histories(history), summary_lines(history)
     return render(
         "over_time.html",
@@ -120,7 +118,7 @@ def summary_lines(history: SensorHistory) -> list[Markup]:
 def _render_section(groups: list[AxisHistory]) -> Markup:
     return Markup(
         render("over_time_section.html", groups=groups)
-    )  # escaped, because it is for a template
+    )  # escaped, because the text goes into a template
 
 
 def _verdict_counts(history: SensorHistory) -> str:
@@ -213,7 +211,7 @@ def trend_figure(history: SensorHistory, found: Sequence[CoefficientTrend], name
     history : SensorHistory
     found : sequence of CoefficientTrend
     name : str
-        Name of the figure; each figure on a page needs a different one.
+        Name of the figure; each figure on a page needs a different name.
     """
     figure, panels = drawing.grid(_HEIGHT, _LABEL_ROOM, len(found), _COLUMNS)
     first, last = (drawing.days(history.entries[k].measured) for k in (0, -1))
@@ -240,7 +238,7 @@ def _draw_trend(axes: Axes, trend: CoefficientTrend, first: float) -> None:
     axes.errorbar(time, value, reach, fmt="none", ecolor=MUTED, elinewidth=0.9, capsize=2.2)
     beyond = np.abs(trend.normalised_errors) > 1
     axes.plot(time[~beyond], value[~beyond], "o", ms=4.2, mfc=INK, mec=PAPER, mew=0.6)
-    # A different shape, open and larger, so that it can be recognised without colour.
+    # This mark is open, larger and of a different shape, so it can be recognised without colour.
     axes.plot(time[beyond], value[beyond], "D", ms=6.0, mfc=PAPER, mec=WARN, mew=1.5, zorder=3)
     axes.grid(axis="y", color=FAINT, lw=0.3)
     axes.set_axisbelow(True)

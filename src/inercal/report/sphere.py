@@ -18,17 +18,17 @@ from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 
 FACES = tuple(tuple(sign * row) for row in np.eye(3) for sign in (1.0, -1.0))
-_COVERED_COSINE = cos(25 * pi / 180)  # degrees; a hold within this angle covers the face
+_COVERED_COSINE = cos(25 * pi / 180)  # degrees; a hold within this angle of a face covers the face
 _NOMINAL_COSINE = cos(
     10 * pi / 180
 )  # a nominal attitude farther than this from every face is not a face position
-_MAX_NAMED = 14  # most attitudes with names; with more, the names would overlap
+_MAX_NAMED = 14  # largest number of attitudes whose names do not overlap
 _RING_RADIUS = 17 * pi / 180  # angular radius of the arrow that represents a turn
 _VIEW = np.array([1.0, 0.78, 0.66]) / np.linalg.norm([1.0, 0.78, 0.66])
 
 
 def missing_faces(found: Sequence[MeasuredDirection]) -> list[str]:
-    """Return the faces that never pointed up, such as "−z"; empty if attitudes were free."""
+    """Return the faces that never pointed up, such as "−z"; empty if attitudes were arbitrary."""
     holds = [(a, a.step) for a in found if isinstance(a.step, Hold)]
     if not holds or any(max(map(abs, step.up)) < _NOMINAL_COSINE for _, step in holds):
         return []

@@ -1,4 +1,4 @@
-"""Renderer for page templates, which all extend `base.html` with its head and style."""
+"""Renderer for page templates; they all extend `base.html`, which contains head and style."""
 
 from functools import cache
 from typing import Any
@@ -20,9 +20,9 @@ def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
         Name of a file in `package`. It may extend or include files in this package.
     package : str
     **values
-        Variables of the template. In addition, `term` is a function that links a word to its
-        definition, and `terms` contains the terms linked so far, which `base.html` lists at the
-        end.
+        Variables of the template. In addition, the template can call `term`, which links a word to
+        its definition. `terms` contains the terms linked so far, and `base.html` lists them at the
+        end of the page.
     """
     terms: dict[str, Term] = {}
 
@@ -37,7 +37,7 @@ def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
 
 
 def glossary_page() -> str:
-    """Return the glossary as an HTML page, to which the live page links."""
+    """Return the glossary as an HTML page; the live page links to this page."""
     return render("glossary.html", groups=glossary())
 
 

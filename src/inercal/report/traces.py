@@ -1,6 +1,6 @@
-"""Figures of recorded signals with their sections; envelopes keep long recordings small.
+"""Figures of recorded signals with their sections, drawn as envelopes to keep files small.
 
-Each stretch of samples is drawn as its smallest and largest value, so no spike is lost.
+Of each stretch of samples, the smallest and the largest value are drawn, so every spike is visible.
 """
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
@@ -25,10 +25,10 @@ MAX_POINTS = 2400  # largest number of points in each channel
 
 
 def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
-    """Return times from the first sample, s, and readings, both (k,), with NaN at gaps.
+    """Return times since the first sample, s, and readings, both (k,), with NaN at gaps.
 
-    If there are more than `MAX_POINTS` samples, only the extremes of about `MAX_POINTS`/2 stretches
-    are kept.
+    If there are more than `MAX_POINTS` samples, the function divides them into about `MAX_POINTS`/2
+    stretches and keeps only the extremes of each.
     """
     y = np.ascontiguousarray(recording.data[:, column])
     stretch = -(-y.size // (MAX_POINTS // 2))
@@ -133,9 +133,7 @@ def _name_sections(axes: Axes, outcome: Outcome, recording: Recording) -> None:
     marks = _used_marks(outcome)
     if not marks:
         return
-    marks = marks[
-        :: -(-len(marks) // drawing.MAX_NAMES)
-    ]  # with more sections, the names would overlap
+    marks = marks[:: -(-len(marks) // drawing.MAX_NAMES)]  # more names would overlap
     spans = time_spans([(mark.start, mark.stop) for mark in marks], recording)
     where = [start + length / 2 for start, length in spans]
     inches = 8.2 * np.diff(sorted(where)) / max(recording.duration, 1e-9)

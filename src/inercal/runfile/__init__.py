@@ -65,12 +65,12 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     ----------
     path : path
     method_keys : mapping, optional
-        Keys that override those in [method].
+        Keys that override keys in [method].
 
     Raises
     ------
     InputError
-        The file does not exist or is not TOML, a key or name is unknown, a value is not possible,
+        The file does not exist or is not TOML, a key or a name is unknown, a value is not possible,
         or a unit is wrong.
     """
     path = Path(path)
@@ -120,7 +120,7 @@ def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
     Raises
     ------
     InputError
-        As in `read`.
+        See `read`.
     """
     completed, kind = dict(content), _DEFAULT_KIND
     if isinstance(content.get("bench"), dict):
@@ -180,7 +180,7 @@ def _build_run(
     truth = {
         name: _true_value(full_sensor, name, text) for name, text in schema.sensor.truth.items()
     }
-    # The true values of an IMU may be used with a method that does not calibrate its gyros.
+    # A run file may state true values for gyros even if its method does not calibrate them.
     truth = {name: c for name, c in truth.items() if CoefficientName(name).axis in sensor.channels}
     require_time_offset(schema.method, chosen, sensor)
     rate = sampling_rate(schema.data)

@@ -72,7 +72,8 @@ def terms_of_order(
     Parameters
     ----------
     section_order : "auto", sequence of 3 int, or None
-        "auto" returns all terms up to the highest orders; a test then selects among them.
+        If "auto", all terms up to the highest possible orders are returned, and a test later
+        selects some of them.
     sensor : Sensor
     possible : sequence of str
         Coefficients that the method can estimate.
@@ -80,7 +81,8 @@ def terms_of_order(
     Raises
     ------
     InputError
-        An order exceeds the highest possible order, or the highest that the method estimates.
+        An order exceeds the highest possible order, or the highest order that the method can
+        estimate.
     """
     if section_order is None:
         return []
@@ -179,7 +181,7 @@ def stated_environment(
 
 
 def _possible_temperatures(section: EnvironmentSection, *, allowed: bool) -> tuple[float, ...]:
-    """Return the temperatures for a simulation, K, and raise an error if one is not possible."""
+    """Return the temperatures for a simulation, K; raise an error for an impossible temperature."""
     key = "[environment] temperatures"
     kelvin = tuple(si_value(t, "°C", key) for t in section.temperatures)
     bad = first_impossible(np.array(kelvin), allowed=allowed)

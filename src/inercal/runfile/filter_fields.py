@@ -1,4 +1,4 @@
-"""Filter parameters of a run file, prepared for a form: defaults, values and limits."""
+"""Filter parameters of a run file, as a form needs them: defaults, values and limits."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,9 +30,9 @@ class FilterField:
     default : str
         The estimator's default value, with its unit.
     stated : str
-        Value stated in the run file; empty if there is none.
+        Value stated in the run file; empty if none is stated.
     least, largest : str
-        Limits of a quantity, with units; empty for other parameters.
+        Limits of the value, with units; empty if the parameter is not a quantity.
     choices : tuple of str
         Possible values if the parameter is not a quantity.
     """
@@ -98,16 +98,16 @@ def changed_section(path: Path, changes: Mapping[str, str]) -> dict[str, Any]:
         own = initial if place else section
         own.pop(name, None)
         if text:
-            # Other texts are passed on, so that the check of the run file rejects them.
+            # Other texts are passed on unchanged, and the check of the run file then rejects them.
             own[name] = {"true": True, "false": False}.get(text, text)
     return section | ({_INITIAL: initial} if initial else {})
 
 
 def filter_errors(path: Path, changes: Mapping[str, str]) -> dict[str, str]:
-    """Return the error message for each changed parameter that is wrong, by key.
+    """Return an error message for each changed parameter with an invalid value, by key.
 
-    The parameters are checked in the same way as in a run file. A message that belongs to no single
-    parameter has the key "".
+    The parameters are checked in the same way as in a run file. A message that does not concern a
+    single parameter has the key "".
     """
     if (wrong := _error(path, changes)) is None:
         return {}

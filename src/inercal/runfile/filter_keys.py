@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 FILTER_KEY = "[method.filter]"
 FILTER_METHOD = "turntable_kalman"
-_ROUNDING = 1e-12  # relative rounding error from converting a unit
+_ROUNDING = 1e-12  # relative rounding error of unit conversion
 
 
 class _Range(NamedTuple):
-    """The smallest and the largest value of a key, as text, and a unit of the same dimension."""
+    """The smallest and largest values of a key, as text, and a unit of the same dimension."""
 
     like: str
     least: str
@@ -27,10 +27,11 @@ class _Range(NamedTuple):
 
 
 _RANGES: Mapping[str, _Range] = {
-    # The lower limit of R covers the error from taking rates as linear between samples.
+    # The lower limit of R covers the error of assuming that rates change linearly between samples.
     "readback_sd": _Range("°", "0.1 ″", "1 °"),
     "velocity_sd": _Range("m/s", "0.1 µm/s", "1 m/s"),
-    # Φ is a first-order approximation over one epoch; a hold of one second has several epochs.
+    # Φ is a first-order approximation over one epoch; a hold of one second must have several
+    # epochs.
     "epoch": _Range("s", "0.02 s", "0.5 s"),
 }
 # The filters are linear in the coefficients.
@@ -146,7 +147,7 @@ def _value(key: str, text: str, limits: _Range) -> float:
 
 
 def _unrounded(value: float, default: float) -> float:
-    """Return the exact default if the stated value equals it apart from rounding."""
+    """Return the exact default if the stated value only differs from it by rounding."""
     return default if isclose(value, default, rel_tol=_ROUNDING) else value
 
 
@@ -162,7 +163,7 @@ def _require_unstable_biases(schema: RunSchema) -> None:
 
 
 def _require_estimated(name: str, terms: tuple[str, tuple[str, ...]], sensor: Sensor) -> None:
-    """Raise an error for a standard deviation of coefficients that are not estimated."""
+    """Raise an error if a standard deviation is stated for coefficients that are not estimated."""
     kind, wanted = terms
     estimated = sensor.select_axes("f" if kind == "f" else "w").coefficients
     if not any(CoefficientName(one).term in wanted for one in estimated):

@@ -1,4 +1,4 @@
-"""Reader for [job] in a run file and for the laboratory file: who, what, when, instruments.
+"""Reader for [job] in a run file, with the customer, the dates, the staff and the instruments.
 
 None of these keys affects a coefficient. They are stored as texts in the calibration. If the
 calibration of an instrument was due before the date of the measurement, a warning is issued.

@@ -1,6 +1,6 @@
-"""Reader for the laboratory file, lab.toml, whose entries are common to all jobs.
+"""Reader for the laboratory file, lab.toml, with the entries that all jobs share.
 
-A run file with [job] uses the names and the instruments; a certificate uses all keys.
+A run file with [job] uses only the names and the instruments; a certificate uses all keys.
 """
 
 from datetime import date

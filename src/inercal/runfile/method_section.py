@@ -27,7 +27,7 @@ _PLAN = (
     ("turns", "", "turns"),
     ("path", "", "path"),
 )
-_MOST_POSITIONS = 1000  # with a mistyped number, planning would take hours
+_MOST_POSITIONS = 1000  # planning would take hours if a number were mistyped
 _SENSE = ", or negative for a turn clockwise seen from above"
 _SEARCHING_METHOD = "ship_multi_angle"
 _SEARCH = "[method.search]"
@@ -66,7 +66,7 @@ def nominal_plan(
 
 
 def _plan_option(given: str | bool | int | tuple[str, ...], like: str, key: str) -> Any:
-    """Return an argument for a plan: a word, a boolean, a number, or quantities in SI units."""
+    """Convert a plan key to an argument: a word, a boolean, a number or quantities in SI units."""
     if isinstance(given, tuple):
         return tuple(_plan_option(each, like, key) for each in given)
     if isinstance(given, bool) or (isinstance(given, str) and not like):
@@ -85,7 +85,7 @@ def stated_also(section: MethodSection, chosen: Method[Any, Any]) -> tuple[str, 
     Raises
     ------
     InputError
-        "auto" is stated for an estimator that cannot take more coefficients.
+        "auto" is stated for an estimator that cannot estimate more coefficients.
     """
     if section.also != "auto":
         return section.also

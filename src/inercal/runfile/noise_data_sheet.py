@@ -1,8 +1,8 @@
-"""Reader for the file with a data sheet's noise, which states the meaning of each number.
+"""Reader for a file that states the noise from a data sheet and the meaning of each number.
 
-A sheet states "0.008 °/s/√Hz" or "0.34 °/√h", and both may be right: a noise density is one-sided,
-√2 times the random walk N. The file states which one is meant, and does the same for the bias
-instability.
+A data sheet may state "0.008 °/s/√Hz" or "0.34 °/√h" for the same sensor, because a one-sided noise
+density is √2 times the random walk N. The file therefore states whether a number is a density or a
+random walk. It also states how the bias instability is defined.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,7 +38,7 @@ _Axes = str | tuple[str, str, str]
 
 
 class SheetNoiseSection(Section):
-    """Keys of [datasheet.accelerometer] and [datasheet.gyro]: one value per axis or for all."""
+    """Keys of [datasheet.accelerometer] and [datasheet.gyro]: one value per axis or one for all."""
 
     white: _Axes | None = Field(None, examples=["0.008 °/s/√Hz", "60 µg/√Hz"])
     white_kind: WhiteKind | None = Field(None, examples=["density"])
@@ -123,7 +123,7 @@ class _Reader:
         self._name = f"[datasheet.{quantity}]"
 
     def coefficients(self) -> tuple[SheetCoefficient, ...]:
-        """Return those of N, B and K that are stated."""
+        """Return the coefficients N, B and K that the data sheet states."""
         section = self._section
         self._require_partners()
         found: list[SheetCoefficient] = []
@@ -143,7 +143,7 @@ class _Reader:
         return tuple(sorted(found, key=lambda one: "NBK".index(one.symbol)))
 
     def _require_partners(self) -> None:
-        """Raise an error for a kind or bandwidth without a value, or white noise given twice."""
+        """Raise an error if a kind or a bandwidth has no value, or white noise is stated twice."""
         section = self._section
         for key, of in (
             ("white_kind", "white"),
@@ -221,7 +221,7 @@ class _Reader:
         )
 
     def _bias_instability(self, others: Sequence[SheetCoefficient]) -> SheetCoefficient:
-        """Return B; subtract white noise and random walk if a minimum is stated."""
+        """Return B; if the sheet states a minimum, subtract white noise and random walk from it."""
         values, text = self._values("bias_instability", self._unit)
         kind = self._section.bias_instability_kind
         if kind is None:
@@ -260,7 +260,7 @@ class _Reader:
     def _meanings(
         self, symbol: str, kinds: Sequence[_Kind], value: Callable[[_Kind], float]
     ) -> str:
-        """Return the meaning of a number for each kind: '"density": N = 0.34 °/√h, …'."""
+        """Describe what a number would mean for each kind: '"density": N = 0.34 °/√h, …'."""
         return ", ".join(
             f'{symbol} = {shown(value(one), symbol, self._quantity)} as "{one}"' for one in kinds
         )

@@ -1,4 +1,4 @@
-"""Reader for a run file's priors: stated values, or calibration files with covariance."""
+"""Reader for the priors in a run file: stated values, or values from calibration files."""
 
 from collections.abc import Mapping
 from math import isclose, pi
@@ -33,7 +33,7 @@ def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple
     ------
     InputError
         A prior has no uncertainty, a calibration file cannot be used, or a coefficient has several
-        sources, which may be the same measurement.
+        sources. Several sources are not allowed because they may come from the same measurement.
     """
     priors: list[Gaussian] = []
     for name, text in section.prior.items():
@@ -64,7 +64,7 @@ def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple
 def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
     """Return bias and scale factor from a static calibration as a prior.
 
-    IEEE Std 836 recommends taking both from a static multi-position test.
+    IEEE Std 836 recommends determining bias and scale factor in a static multi-position test.
     """
     from inercal.calibration.files import load
     from inercal.methods.centrifuge_norm import METHOD as CENTRIFUGE
@@ -82,7 +82,7 @@ def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
             f"{sensor.name!r}; give a calibration of this sensor",
             key=key,
         )
-    # With misalignments, k1 has a different meaning in each of the two forms.
+    # If there are misalignments, k1 does not mean the same in the two forms.
     known = known.in_form(sensor.form)
     names = tuple(
         name
@@ -110,13 +110,14 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
         Path of the calibration file. Its sensor may have other axes, for example if the same
         accelerometer was calibrated on another bench.
     taken : mapping of str to str
-        Coefficient in this run and its name in the file, such as {"a.k3": "ax.k3"}.
+        Name of each coefficient in the file, keyed by its name in this run, such as {"a.k3":
+        "ax.k3"}.
     sensor : Sensor
 
     Raises
     ------
     InputError
-        A coefficient is missing from the run or the file, the two coefficients are different terms,
+        A coefficient is missing from the run or the file, its two names refer to different terms,
         or the nominal readouts differ.
     """
     from inercal.calibration.files import load
@@ -177,13 +178,13 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
 
 
 def _gaussian(names: tuple[str, ...], known: "Calibration", sources: tuple[str, ...]) -> Gaussian:
-    """Return values and covariance of a calibration's coefficients under the new `names`."""
+    """Return the values and covariance of a calibration's coefficients, with new names."""
     index = [known.sensor.coefficients.index(name) for name in sources]
     return Gaussian(names, known.values[index], known.covariance[np.ix_(index, index)])
 
 
 def _require_same_readout(key: str, path: Path, axis: Axis, other: Axis) -> None:
-    """Raise an error if an axis's coefficients refer to another nominal readout."""
+    """Raise an error if the coefficients of an axis refer to a different nominal readout."""
     mine, theirs = axis.readout, other.readout
     if not (isclose(theirs.scale, mine.scale) and isclose(theirs.offset, mine.offset)):
         raise InputError(

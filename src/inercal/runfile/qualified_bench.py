@@ -1,4 +1,4 @@
-"""Reader for [bench] qualification: values from qualification files replace typed keys."""
+"""Reader for [bench] qualification, which takes values of keys from qualification files."""
 
 from collections.abc import Mapping
 from dataclasses import fields, replace

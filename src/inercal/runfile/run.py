@@ -53,13 +53,13 @@ class Run(RunBase[Any]):
     bench_name : str
         The laboratory's name for its bench; empty if none is stated.
     findings : tuple of Finding
-        Findings from comparing stated values with one another.
+        Findings from the comparison of stated values with one another.
     job : mapping of str to str
         Texts from [job] and from the laboratory file, by name.
     specification : Specification or None
         Limits for the coefficients.
     temperature_order : "auto", tuple of 3 int, or None
-        Orders of bias, scale factor and misalignment in temperature.
+        Polynomial orders of bias, scale factor and misalignment in temperature.
     qualified : UsedQualifications
         Qualifications of the bench.
     check_standard : str
@@ -94,7 +94,7 @@ class Run(RunBase[Any]):
 
     @property
     def table_steps(self) -> list[TableStep]:
-        """Return the positions and rotations of the nominal plan; a turntable has no others."""
+        """Return the steps of a turntable's nominal plan, which are positions and rotations."""
         return table_steps(self.steps)
 
     @property

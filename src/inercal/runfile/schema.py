@@ -1,7 +1,7 @@
 """Schema of a run file, with the keys of each section.
 
-Values with units are text, such as "60 µg/√Hz". A key whose default is not a typical value has an
-example, which error messages show.
+Values with units are text, such as "60 µg/√Hz". If the default of a key is not a typical value, the
+key has an example, which error messages show.
 """
 
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ class ReadoutSection(Section):
     )
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that have no effect in this use, with the reason and the remedy."""
+        """Return the keys that have no effect with this method, with the reason and the remedy."""
         if not use.means:
             return {}
         reason = "averaged readings contain no samples; state noise and instability in [data.sd]"
@@ -69,7 +69,7 @@ class SensorSection(Section):
 
 
 class SearchSection(Section):
-    """Keys of [method.search]: options for the estimator global of ship_multi_angle."""
+    """Keys of [method.search]: options for the estimator `global` of `ship_multi_angle`."""
 
     seed: int = Field(0, ge=0)
     time_limit: str = "20 s"
@@ -307,7 +307,7 @@ def schema_for_kind(kind: str) -> type[RunSchema]:
 def reader_options(
     data: Mapping[str, Any], section: type[DataSection]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Split the keys of [data] into keys of the section and options of file readers.
+    """Split [data] into the keys of the section itself and the options of file readers.
 
     The reader is chosen when a file is read. It then raises an error for options that it does not
     know.
@@ -319,7 +319,7 @@ def reader_options(
     """
     own = section.model_fields
     if all(key in own for key in data):
-        return dict(data), {}  # without searching the installed packages
+        return dict(data), {}  # returned early: no search through the installed packages
     options = tuple(known_options())
     for key in options:
         if key in own:

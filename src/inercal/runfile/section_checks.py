@@ -1,4 +1,4 @@
-"""Consistency checks between the sections of a run file, and against external values.
+"""Check that the sections of a run file agree with each other and with external values.
 
 Gravity is compared with normal gravity at the site, and the check standard shows whether the bench
 was in control.
@@ -35,7 +35,7 @@ from inercal.runfile.schema import (
 )
 
 _ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalies
-_HIGHEST = 3000.0  # m, range for a laboratory whose height is not stated
+_HIGHEST = 3000.0  # m, largest height if a laboratory states none
 _BY_LATITUDE = 0.0517  # m/s² per radian at 45°; multiply by the sine of twice the latitude
 _COVERAGE = 3.0
 
@@ -116,7 +116,7 @@ def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
     Parameters
     ----------
     section : section of [bench]
-        The section, whose values have already been checked.
+        The section; its values have already been checked.
     """
     if section.latitude is None:
         return ()
@@ -158,12 +158,12 @@ def _without_height(section: BenchSection) -> Finding:
 
 
 def sampling_rate(data: DataSection) -> float | None:
-    """Return the sampling rate stated in [data], Hz, and check its time and temperature units.
+    """Return the sampling rate stated in [data], Hz, and check the units of time and temperature.
 
     Raises
     ------
     InputError
-        A unit belongs to another quantity, or the rate is not positive.
+        A unit has the wrong dimension, or the rate is not positive.
     """
     if data.time_unit != "sample":
         si_value(f"1 {data.time_unit}", "s", "[data] time_unit")
@@ -211,7 +211,7 @@ def stated_check_standard(
     ------
     InputError
         The file was not written by `inercal control`, the age is not positive, or an age is stated
-        without a check standard or without a date of the run.
+        but no check standard or no date of the run.
     """
     if section.check_standard is None:
         if section.check_standard_age is not None:

@@ -10,7 +10,7 @@ from inercal.runfile.schema import ReadoutSection, SensorSection
 
 READING_UNITS = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
-_COUNTS = ("LSB", "V")  # an output that is neither an acceleration nor a rate needs a scale
+_COUNTS = ("LSB", "V")  # these outputs are neither acceleration nor rate: they need a scale
 Output = tuple[Readout, Noise]
 Parts = Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor]
 
@@ -43,7 +43,7 @@ def build_sensor(section: SensorSection, columns: tuple[str | int, ...], parts: 
 
 
 def _require_same_axes(section: SensorSection, columns: tuple[str | int, ...]) -> None:
-    """Raise an error if only one of [sensor] and [data] states accelerometers."""
+    """Raise an error if only [sensor] or only [data] states accelerometers."""
     key = "[sensor.accelerometer]"
     if columns and section.accelerometer is None:
         raise InputError(f"{key} is missing", key=key)

@@ -1,4 +1,4 @@
-"""Reader for [specification] in a run file, which converts limits from text to SI units."""
+"""Reader for [specification] in a run file: converts the limits from text to SI units."""
 
 import re
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ _Limits = tuple[float, float]
 def stated_specification(
     section: SpecificationSection | None, sensor: Sensor, frame: str, folder: Path
 ) -> "Specification | None":
-    """Return the specification stated in a run file, or None without the section.
+    """Return the specification stated in a run file, or None if the section is missing.
 
     If several keys name a coefficient, the most specific one is used: "ax.k0" before "ax.bias"
     before "k0" before "bias". Limits for a group apply to the coefficients with a suitable unit, so
@@ -70,7 +70,7 @@ def stated_specification(
 def _stated_next_use(
     section: SpecificationSection, terms: tuple[str, str], names: tuple[str, ...], folder: Path
 ) -> "NextUseScatter | None":
-    """Return the scatter between uses from the stated repeatability file, if there is one."""
+    """Return the scatter between uses from the repeatability file, if the run file names one."""
     from inercal.calibration.next_use import load_next_use
 
     file, key = section.repeatability, "[specification] repeatability"
@@ -126,7 +126,7 @@ def _rank(word: str, name: str) -> tuple[bool, bool]:
 
 
 def _limits_of_word(word: str, text: str | tuple[str, str], sensor: Sensor) -> dict[str, _Limits]:
-    """Return the limits for the coefficients that a key names and whose unit is suitable."""
+    """Return the limits for all coefficients that a key names and that have a suitable unit."""
     key = f"{_KEY} {word}"
     try:
         named = select_coefficients(sensor.axes, [word])

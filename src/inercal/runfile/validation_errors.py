@@ -53,7 +53,7 @@ def unknown_kind_error(kind: object) -> InputError:
 def schema_error(
     error: ValidationError, content: Mapping[str, Any], schema: type[BaseModel]
 ) -> InputError:
-    """Return the first validation error as one line, and suggest a similar name if there is one.
+    """Return the first validation error as one line, with a similar name as a suggestion.
 
     Parameters
     ----------
@@ -64,7 +64,8 @@ def schema_error(
     schema : type
         Schema that was used for the validation, such as `RunSchema`.
     """
-    # A missing column that only this kind of bench needs comes last, because the kind may be wrong.
+    # A missing column that only this kind of bench needs is reported last, because the stated kind
+    # may be wrong.
     first, *others = sorted(error.errors(include_url=False), key=_is_missing_column)
     kind, loc, value = first["type"], first["loc"], first["input"]
     if kind == "extra_forbidden":
@@ -115,7 +116,8 @@ def _unknown_key_error(
     possible = tuple(model.model_fields)
     if place.names == ("data",):
         possible += tuple(known_options())
-    # Loading the other kinds of bench takes 80 ms, so they are not searched for a misspelt key.
+    # The other kinds of bench are not searched for a misspelt key, because loading them takes 80
+    # ms.
     is_misspelt = bool(get_close_matches(name, possible, n=1, cutoff=_MISSPELT))
     owners = [] if is_misspelt else _kinds_with_key(names)
     default = "; [bench] kind is missing, so kind is hand" * (
@@ -200,7 +202,7 @@ def _example_clause(place: _SchemaLocation, before: str = "") -> str:
 
 
 def _locate(loc: tuple[int | str, ...], schema: type[BaseModel]) -> _SchemaLocation:
-    """Return the place in the schema for a location reported by pydantic."""
+    """Convert a location that pydantic reports to a place in the schema."""
     names: list[str] = []
     annotation: Any = schema
     example: Any = None
@@ -268,7 +270,7 @@ def _format_toml(value: Any) -> str:
 
 
 def _format_value(value: object) -> str:
-    """Return a value as written in the file, or only its type for a section or list."""
+    """Return a value as written in the file; for a section or a list, return only its type."""
     if isinstance(value, bool):
         return str(value).lower()
     if not isinstance(value, str | int | float):

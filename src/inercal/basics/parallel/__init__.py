@@ -1,11 +1,11 @@
 """Independent tasks, run in one process or several with the same results.
 
 A task is a function call with its arguments. An executor decides only where and when a task runs.
-The random stream of a task comes from its arguments, and the work is divided in the same way for
-any number of workers, so results do not depend on that number.
+Results do not depend on the number of workers, because a task gets its random stream from its
+arguments, and the work is always divided into the same tasks.
 
-Tasks whose function and arguments can be pickled may run in another process; others run in this
-one.
+A task may run in another process if its function and arguments can be pickled. Otherwise it runs in
+this process.
 """
 
 import os
@@ -25,7 +25,7 @@ from inercal.basics.parallel.executor import (
 
 LOCAL = "local"
 """The word that selects this machine instead of a scheduler's address."""
-_MOST = {"win32": 61}  # number of processes that Windows can wait for at once
+_MOST = {"win32": 61}  # largest number of processes that Windows can wait for at once
 
 
 def available_cores() -> int:
@@ -38,22 +38,22 @@ def available_cores() -> int:
 
 
 def open_executor(workers: int | None = None, scheduler: str | None = None) -> Executor:
-    """Return an executor with local workers, including this process, or on a Dask cluster.
+    """Return an executor that runs tasks on this machine or on a Dask cluster.
 
     Parameters
     ----------
     workers : int, optional
-        Number of workers; by default one for each core that this process may use, if the work is
-        long enough.
+        Number of workers, including this process. By default, there is one worker for each core
+        that this process may use, if the work is long enough.
     scheduler : str, optional
-        Address of a Dask scheduler, "tcp://host:8786" or "tls://host:8786". "local" means this
-        machine, with as many processes as without this argument, and opens no port.
+        Address of a Dask scheduler, "tcp://host:8786" or "tls://host:8786". "local" means the same
+        as no argument: the tasks run on this machine, and no port is opened.
 
     Raises
     ------
     InputError
-        The number of workers is below 1, it is given for a scheduler that has its own workers, or
-        there is no scheduler at the address.
+        The number of workers is below 1, a number is given although the scheduler has its own
+        workers, or there is no scheduler at the address.
     MissingExtra
         Dask is not installed.
     """
@@ -70,7 +70,7 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> E
 def open_tolerant_executor(
     workers: int | None = None, scheduler: str | None = None
 ) -> TolerantExecutor:
-    """Return an executor that runs tasks in other processes, so that it survives their loss.
+    """Return an executor that continues if a worker process ends; all tasks run in workers.
 
     Parameters
     ----------

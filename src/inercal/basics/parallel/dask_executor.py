@@ -42,7 +42,7 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
     address : str
         Address, "tcp://host:8786" or "tls://host:8786".
     workers : int, optional
-        Rejected, because the cluster has its own workers.
+        Must be None, because the cluster has its own workers.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
         There is no scheduler at the address, certificates for "tls://" are missing, the cluster has
         no worker or workers with a different version of inercal, or a number of workers was given.
     SchedulerLost
-        The scheduler has stopped in the meantime.
+        The scheduler has stopped since then.
     MissingExtra
         Dask is not installed.
     """
@@ -101,7 +101,7 @@ def _connected_client(distributed: Any, address: str) -> Any:
     if address.startswith("tls://"):
         _require_certificates(security, address)
     found: SimpleQueue[Any] = SimpleQueue()
-    # A client that could not connect would wait for its own end on deletion and log an error.
+    # If a client could not connect, deleting it would wait for its end and log an error.
     kind: Any = type("Client", (distributed.Client,), {"__del__": lambda _self: None})  # pyright: ignore[reportUnknownLambdaType]
 
     def connect() -> None:
@@ -111,8 +111,8 @@ def _connected_client(distributed: Any, address: str) -> Any:
         except Exception as error:  # wrong certificates raise several types
             found.put(error)
 
-    # In a thread, because Dask waits forever for a scheduler that accepts a connection but is
-    # silent.
+    # This runs in a thread, because Dask waits forever for a scheduler that accepts a connection
+    # but does not answer.
     Thread(target=connect, daemon=True).start()
     try:
         client = found.get(timeout=2 * _TIMEOUT)
@@ -145,7 +145,7 @@ class SchedulerLost(InercalError):
 
 @dataclass(frozen=True)
 class _Step:
-    """A step that has started, and the worker that computes it."""
+    """A step that has started, with the worker that computes it."""
 
     task: int
     number: int
@@ -178,7 +178,7 @@ class DaskExecutor(TolerantExecutor):
 
     @property
     def workers(self) -> int:
-        """Number of workers that the cluster has now, at least one."""
+        """Current number of workers in the cluster, but at least one."""
         with self._lost_scheduler_named():
             known: dict[str, Any] | None = self._client.scheduler_info().get("workers")
         if known is None:
@@ -210,7 +210,7 @@ class DaskExecutor(TolerantExecutor):
         InputError
             The message states the versions.
         SchedulerLost
-            The scheduler has stopped in the meantime.
+            The scheduler has stopped since then.
         """
         own, address = version("inercal"), self._address
         with self._lost_scheduler_named():
@@ -221,7 +221,7 @@ class DaskExecutor(TolerantExecutor):
                 f"{address}`",
                 key="--scheduler",
             )
-        # A worker that ends right now is treated like one that ends later.
+        # A worker that ends during this check is treated like a worker that ends later.
         answers = [one for one in found.values() if not isinstance(one, OSError)]
         texts = {one if isinstance(one, str) else "none" for one in answers}
         if other := sorted(texts - {own}):
@@ -264,7 +264,8 @@ class DaskExecutor(TolerantExecutor):
         """Yield each task as it ends."""
         self._send()
         while self._open:
-            # Finished tasks are fetched together: short tasks cost less than a request.
+            # The results of all finished tasks are fetched together, because a request may take
+            # longer than a short task.
             ended = self._ended_futures()
             results = self._fetch([one for one in ended if one.status == "finished"])
             for future in ended:
@@ -275,7 +276,7 @@ class DaskExecutor(TolerantExecutor):
             self._send()
 
     def _ended_futures(self) -> list[Any]:
-        """Return finished futures, after a limited wait, and record the steps that begin."""
+        """Return the futures that finish within a short wait, and record the steps that begin."""
         ended: list[Any] = []
         wait = LOOK
         while True:
@@ -292,15 +293,15 @@ class DaskExecutor(TolerantExecutor):
         return [one for one in ended if self._indices.get(one.key) in self._open]
 
     def _settle(self, future: Any, results: dict[str, Any]) -> Settled | None:
-        """Return the outcome of a finished future, or None for a task that is sent again."""
+        """Return the outcome of a finished future, or None if its task was sent again."""
         index = self._indices[future.key]
         if index not in self._open:
-            return None  # forgotten since
+            return None  # dropped in the meantime
         if future.status in ("cancelled", "lost") and self._client.status != "running":
             raise self._scheduler_lost()
         error = None if future.key in results else self._error_of(future)
         task = self._tasks[index]
-        # A future that is kept is computed again when its worker dies.
+        # Dask would compute a future again if its worker died while we keep the future.
         self._forget(index).release()
         if error is _NOT_ITS_FAULT:
             self._waiting.append(task)
@@ -332,7 +333,7 @@ class DaskExecutor(TolerantExecutor):
         with suppress(Exception):  # several types of errors: the worker is already gone
             try:
                 self._client.restart_workers([worker], _RESTART, raise_for_error=False)
-            except ValueError:  # nothing restarts it
+            except ValueError:  # the worker has no nanny process that would restart it
                 self._client.retire_workers([worker], close_workers=True)
 
     def _fetch(self, finished: list[Any]) -> dict[str, Any]:
@@ -378,8 +379,8 @@ def _run_reporting(task: Task, topic: str) -> Any:
     sync: Any = distributed.utils.sync
 
     def report(step: int) -> None:
-        # The step begins when the scheduler knows of it, because a task that hangs may stop all
-        # threads here.
+        # The step only begins after the scheduler has received the report, because a task that
+        # hangs may block all threads of this process.
         message = [task.index, step, worker.address]
         sync(worker.loop, worker.scheduler.log_event, topic=topic, msg=message)
 

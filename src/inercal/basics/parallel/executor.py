@@ -65,16 +65,17 @@ class Executor(ABC):
 
     @abstractmethod
     def completed(self) -> Iterator[tuple[int, Any]]:
-        """Yield index and result of each task as it finishes, until no task is left.
+        """Yield the index and result of each task as it finishes, until all have finished.
 
-        More tasks may be submitted meanwhile.
+        More tasks may be submitted in the meantime.
 
         Raises
         ------
         WorkerLost
             A process ended without a result.
         Exception
-            The exception raised by a task; if several failed, by the one with the lowest index.
+            The exception that a task raised; if several tasks failed, the exception of the task
+            with the lowest index.
         """
 
     @abstractmethod
@@ -89,11 +90,11 @@ class Executor(ABC):
 
 
 class TolerantExecutor(Executor):
-    """An executor that continues after a task has failed or a process was lost."""
+    """An executor that continues after a task has failed or a worker process has ended."""
 
     dashboard = ""  # address of a page that shows the progress, if any
     limit: Callable[[int, int], float] | None = None
-    """Time limit of a step, s, by index of the task and number of the step; None means no limit."""
+    """Function of task index and step number that returns the step's time limit, s; or None."""
 
     @property
     @abstractmethod
@@ -102,10 +103,10 @@ class TolerantExecutor(Executor):
 
     @abstractmethod
     def settled(self) -> Iterator[Settled]:
-        """Yield each task as it ends; a lost process gives `WorkerLost`.
+        """Yield each task as it ends; if its process ended, the outcome is `WorkerLost`.
 
-        A process that exceeds the time `limit` of a step is terminated, and its task ends with
-        `TimeExceeded`. More tasks may be submitted meanwhile.
+        If a step takes longer than `limit`, its process is terminated, and the task ends with
+        `TimeExceeded`. More tasks may be submitted in the meantime.
         """
 
     def forget_after(self, index: int) -> None:
@@ -113,7 +114,7 @@ class TolerantExecutor(Executor):
         self._waiting = deque(task for task in self._waiting if task.index <= index)
 
     def completed(self) -> Iterator[tuple[int, Any]]:
-        """Yield index and result of each task as it finishes."""
+        """Yield the index and result of each task as it finishes."""
         failed: Settled | None = None
         for one in self.settled():
             if failed is not None and one.index > failed.index:
@@ -128,11 +129,11 @@ class TolerantExecutor(Executor):
 
 
 class SerialExecutor(TolerantExecutor):
-    """Executor that runs each task in this process on demand, without time limits."""
+    """Executor that runs each task in this process when it is asked for; no time limits."""
 
     @property
     def workers(self) -> int:
-        """Always one."""
+        """Number of tasks computed at once, always one."""
         return 1
 
     def settled(self) -> Iterator[Settled]:

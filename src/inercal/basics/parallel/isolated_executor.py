@@ -1,4 +1,4 @@
-"""An executor that uses only other processes; one that dies loses only its current task.
+"""An executor of worker processes, in which a process that dies loses only its current task.
 
 A pool of the standard library breaks as a whole when one of its processes dies, and does not say
 which task was being computed. Here each process computes one task at a time.
@@ -20,7 +20,7 @@ from inercal.basics.parallel.executor import (
 from inercal.basics.parallel.steps import LOOK, AwakeClock, reported_steps
 from inercal.basics.parallel.worker_process import WorkerContext, WorkerProcess
 
-_STARTS = 5  # processes that may die before they start a task
+_STARTS = 5  # number of processes that may die before they start a task
 _LONGEST_START = 600.0  # s, for a process to start and import on a busy machine
 
 
@@ -102,11 +102,11 @@ class IsolatedExecutor(TolerantExecutor):
     def _send(self, worker: _Worker, task: Task) -> None:
         worker.task, worker.step, worker.since = task, None, self._clock()
         content = pickle.dumps((task.function, task.arguments))
-        with suppress(OSError):  # it has died: its connection is closed, which `_receive` notices
+        with suppress(OSError):  # it has died; `_receive` will find its connection closed
             worker.connection.send_bytes(content)
 
     def _receive(self, worker: _Worker) -> Settled | None:
-        """Return the outcome sent by a process; None for a step or a task to send again."""
+        """Return the outcome that a process sent; None for a step, or if the task is sent again."""
         assert worker.task is not None
         try:
             message = pickle.loads(worker.connection.recv_bytes())
@@ -120,7 +120,7 @@ class IsolatedExecutor(TolerantExecutor):
         return Settled(index, result, error)
 
     def _answer_death(self, worker: _Worker) -> Settled | None:
-        """Drop a process that has died; send a task that had not started to another one."""
+        """Drop a process that has died; if its task had not started, send it to another process."""
         task = self._remove(worker)
         code = worker.process.exitcode
         how = f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
@@ -171,5 +171,5 @@ def _outcome(content: bytes) -> bytes:
     except Exception as error:
         try:
             return pickle.dumps((None, error))
-        except Exception:  # for an error that cannot be pickled
+        except Exception:  # the result or error cannot be pickled
             return pickle.dumps((None, RuntimeError(f"{type(error).__name__}: {error}")))

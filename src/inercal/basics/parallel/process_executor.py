@@ -1,4 +1,4 @@
-"""An executor with this process and others, which start if the work is long enough.
+"""An executor that uses this process, and starts other processes if the work is long enough.
 
 The first tasks run here and show how long a task takes. Other processes start if the waiting tasks
 would take long, or immediately if the user states their number. This process also computes tasks,
@@ -23,10 +23,10 @@ from inercal.basics.parallel.worker_process import WorkerContext
 # A new process spends about 1 s on imports. Two processes halve the computing time, so for less
 # than 2 s of work they would cost more than they save.
 LEAST_WORK = 2.0  # s
-# The first task may load compiled kernels for half a second, so on its own it makes the work seem
-# longer.
+# The first task may spend half a second loading compiled kernels, so its time would make the work
+# seem longer than it is.
 _FIRST_SEEMS_LONGER = 3.0
-# On Windows, an endless wait would not react to the keyboard.
+# On Windows, Ctrl-C would not interrupt a wait without a time limit.
 _WAIT = 0.2  # s
 
 
@@ -38,16 +38,16 @@ class ProcessExecutor(Executor):
     workers : int
         Number of computing processes including this one; 2 or more.
     least_work : float, optional
-        Time that the waiting tasks must need before other processes are started, s.
+        Other processes are started if the waiting tasks would take at least this time, s.
     at_once : bool, optional
         Whether the processes start when the `with` block begins, while this process prepares the
         tasks.
     """
 
     def __init__(self, workers: int, least_work: float = LEAST_WORK, at_once: bool = False):
-        super().__init__()  # the pool's thread also takes some of the waiting tasks
+        super().__init__()  # the pool's thread also takes waiting tasks from it
         self._workers, self._least_work, self._at_once = workers, least_work, at_once
-        self._bound: deque[Task] = deque()  # for this process: they cannot be pickled
+        self._bound: deque[Task] = deque()  # must run in this process: they cannot be pickled
         self._outcomes: SimpleQueue[Settled] = SimpleQueue()
         self._open: set[int] = set()  # submitted but not yet yielded
         self._task_seconds: float | None = None  # duration of one task, if known
@@ -95,8 +95,8 @@ class ProcessExecutor(Executor):
         self._bound.clear()
         self._open.clear()
         if self._pool is not None:
-            # Terminated instead of asked to stop: a task may take minutes, and idle processes lose
-            # nothing.
+            # The processes are terminated and not asked to stop, because a task may take minutes.
+            # Idle processes lose nothing by this.
             self._context.terminate()
             self._pool.shutdown(wait=True)
 
@@ -138,7 +138,7 @@ class ProcessExecutor(Executor):
         return outcome
 
     def _feed(self, pool: ProcessPoolExecutor) -> None:
-        """Hand tasks to the pool while it has room; this is also called in the pool's thread."""
+        """Hand tasks to the pool while it has room; the pool's thread also calls this."""
         while self._places.acquire(blocking=False):
             if (portable := self._next_portable()) is None:
                 self._places.release()
@@ -164,7 +164,7 @@ class ProcessExecutor(Executor):
                 self._bound.append(task)
 
     def _receive(self, pool: ProcessPoolExecutor, index: int, future: Future[Any]) -> None:
-        """Store a result and hand over the next task; called in the pool's thread."""
+        """Store a result and hand over the next task; the pool's thread calls this."""
         error = future.exception()
         if not isinstance(error, BrokenProcessPool):
             self._places.release()
@@ -190,7 +190,7 @@ class ProcessExecutor(Executor):
 
 
 def _load_compiler() -> None:
-    """Import the slowest module before a task needs it."""
+    """Import the module that takes longest to load before a task needs it."""
     import_module("numba")
 
 

@@ -1,4 +1,4 @@
-"""Steps of a task, which show the submitter its progress and allow time limits.
+"""Steps of a task: they show the submitter how far the task is, and each has a time limit.
 
 A task calls `begin_step` when a step begins; its first step begins automatically. The executor
 measures the time of each step, and terminates the process if a step exceeds its limit.
@@ -11,7 +11,7 @@ from time import monotonic
 
 LOOK = 0.5
 """Time between an executor's checks of the steps, s."""
-_MOST = 2.0  # most seconds counted from one check to the next
+_MOST = 2.0  # longest time counted between two checks, s
 
 _report: ContextVar[Callable[[int], None] | None] = ContextVar("report", default=None)
 
@@ -40,10 +40,10 @@ def reported_steps(report: Callable[[int], None]) -> Generator[None]:
 
 
 class AwakeClock:
-    """Clock that counts the time during which this process was awake, s.
+    """Clock that counts only the time during which this process was running, s.
 
-    A process that was stopped, for example with Ctrl-Z in a terminal, was often stopped together
-    with its workers, so this time must not count as a delay.
+    If this process was stopped, for example with Ctrl-Z in a terminal, its workers were usually
+    stopped too, so this time must not count as a delay of a worker.
     """
 
     def __init__(self):
@@ -51,7 +51,7 @@ class AwakeClock:
         self._awake = 0.0
 
     def __call__(self) -> float:
-        """Return the time; it must be called at least every `LOOK` seconds."""
+        """Return the time; the caller must ask for the time at least every `LOOK` seconds."""
         now = monotonic()
         self._awake += min(now - self._last, _MOST)
         self._last = now

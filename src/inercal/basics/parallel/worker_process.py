@@ -26,8 +26,8 @@ _THREAD_VARIABLES = (
 class WorkerProcess(SpawnProcess):
     """A process that ignores Ctrl-C, and ends on `terminate` or with its parent.
 
-    A terminal sends the interrupt to all processes of a command. The parent handles it. A worker
-    that also did so would print its own traceback.
+    A terminal sends the interrupt to all processes of a command. Only the parent handles it,
+    because each worker would print its own traceback.
     """
 
     def start(self) -> None:
@@ -37,7 +37,7 @@ class WorkerProcess(SpawnProcess):
 
     def run(self) -> None:
         """Compute tasks until the parent ends."""
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # where signals cannot be blocked
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # on systems where signals cannot be blocked
         prepare_process()
         Thread(target=_end_with_parent, daemon=True).start()
         super().run()
@@ -59,7 +59,7 @@ class WorkerContext(SpawnContext):
         return process
 
     def terminate(self) -> None:
-        """Kill all processes, even during a task; a stopped process would ignore a request."""
+        """Kill all processes, even during a task; a suspended process would not react to less."""
         for process in self.started:
             if process.pid is not None:
                 process.kill()
@@ -75,7 +75,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _interrupt_blocked() -> Generator[None]:
-    """Block the interrupt in the block; processes started there inherit this."""
+    """Block the interrupt signal; processes that are started meanwhile do not receive it."""
     if sys.platform == "win32":
         yield
         return
@@ -88,7 +88,7 @@ def _interrupt_blocked() -> Generator[None]:
 
 @contextmanager
 def _one_thread() -> Generator[None]:
-    """Give processes started in the block one thread, unless the user has set a number."""
+    """Limit processes started in the block to one thread, unless the user set a number."""
     added = [name for name in _THREAD_VARIABLES if name not in os.environ]
     os.environ.update(dict.fromkeys(added, "1"))
     try:

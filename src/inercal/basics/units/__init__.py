@@ -1,4 +1,4 @@
-"""Units and their SI sizes, and quantities as text: "0.5 m ± 5 µm", "2″", "0.1 °/√h".
+"""Units and their SI sizes, and the reading and printing of quantities such as "0.5 m ± 5 µm".
 
 All values inside the package are in SI (m, s, rad, K, V, A, and counts); only this subpackage reads
 text with units. Three choices differ from a general units library:
@@ -7,7 +7,7 @@ text with units. Three choices differ from a general units library:
   is no gram, and a unit accepts only the prefixes that are commonly used with it (no "kg", no
   "Mg").
 - Angle is a dimension: rad/s is not 1/s and a tilt is not a plain number.
-- A stated uncertainty is a standard uncertainty (k = 1) unless "(k=2)" or the like follows.
+- A stated uncertainty is a standard uncertainty (k = 1) unless a factor such as "(k=2)" follows.
 """
 
 from inercal.basics.units.expression import ZERO_CELSIUS, si_factor, to_si

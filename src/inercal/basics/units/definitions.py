@@ -1,7 +1,8 @@
 """The definitions of units: prefixes, SI sizes and dimensions.
 
-A unit is a size times a product of powers of other units. A product of units is expanded into base
-units, one for each dimension, in the written order::
+A unit is a size times a product of powers of other units. To find the size and dimension of a
+product of units, each unit is expanded into base units, one for each dimension, in the written
+order::
 
     size = Π size_i^power_i,   dimension = Σ power_i dimension_i
 """
@@ -17,7 +18,7 @@ class UnitDefinition(NamedTuple):
     names: tuple[str, ...]  # in the order in which messages list them; the first is canonical
     prefixes: str
     size: float
-    powers: Mapping[str, float]  # powers of other units by canonical name
+    powers: Mapping[str, float]  # power of each other unit, by canonical name
     dimension: str = ""  # dimension of a base unit
 
 
@@ -85,15 +86,16 @@ def canonical_name(name: str) -> str | None:
 
 
 def known_names() -> list[str]:
-    """Return all names of units, and the canonical names with each of their prefixes."""
+    """Return all names of units, and each canonical name with each of its prefixes."""
     names = [name for unit in UNITS.values() for name in unit.names]
     return names + [prefix + unit for unit, one in UNITS.items() for prefix in one.prefixes]
 
 
 def size_and_dimension(powers: Mapping[str, float]) -> tuple[float, dict[str, float]]:
-    """Return the SI size and dimension of a product of unit powers, given by canonical name.
+    """Return the SI size and dimension of a product of powers of units.
 
-    A size outside the floating-point range becomes infinite or zero.
+    Units are given by canonical name. A size outside the floating-point range becomes infinite or
+    zero.
     """
     factors: dict[float, float] = {}
     dimension: dict[str, float] = {}
@@ -113,7 +115,7 @@ def _expand(
     factors: dict[float, float],
     dimension: dict[str, float],
 ) -> None:
-    """Add the powers of sizes and dimensions; equal sizes in numerator and denominator cancel."""
+    """Add up the powers of sizes and dimensions, so equal sizes above and below cancel."""
     for name, own in powers.items():
         total = power * own
         if name in UNITS:

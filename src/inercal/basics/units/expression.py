@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from inercal.basics.errors import InputError
 from inercal.basics.units.definitions import UNITS, canonical_name, known_names, size_and_dimension
 
-if TYPE_CHECKING:  # the help of the verbs formats counts, and starts without NumPy
+if TYPE_CHECKING:  # the help of the verbs formats counts and must start without NumPy
     from inercal.basics.arrays import Array
 
 _KINDS = {
@@ -42,10 +42,10 @@ _KINDS = {
 }
 ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
 
-# Look-alike characters, and characters missing on keyboards; µ and μ are different in Unicode.
+# Characters that look alike or that keyboards lack; µ and μ are different characters in Unicode.
 _LOOK_ALIKE = str.maketrans("μ−–º˚⋅×\u00a0\u2009\u202f\t", "µ--°°··    ")
 _SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
-_LONGEST = 100  # characters; longer text is invalid, and the limit bounds the work spent on it
+_LONGEST = 100  # characters; longer text is rejected without spending time on it
 _TOKEN = re.compile(
     r" *(?:(?P<name>[A-Za-zµ]*(?:°C|[°′″%])|[A-Za-zµ]+)"
     r"|(?:\^|\*\*) *(?:(?P<power>-?[0-9](?:\.5)?)|\( *(?P<halves>-?[1-9]) */ *2 *\))"
@@ -80,8 +80,8 @@ def si_factor(unit: str, like: str | None = None) -> float:
     Raises
     ------
     InputError
-        The text is not a unit, its dimension differs from that of `like`, or it is "°C", which has
-        an offset (see `to_si`).
+        The text is not a unit, its dimension differs from the dimension of `like`, or it is "°C",
+        which has an offset (see `to_si`).
 
     Examples
     --------
@@ -100,12 +100,12 @@ def si_factor(unit: str, like: str | None = None) -> float:
 
 
 def to_si(values: "Array", unit: str, like: str) -> "Array":
-    """Convert `values`, any shape, from `unit` to SI; "°C" is converted to K with its offset.
+    """Convert values of any shape from a unit to SI; "°C" is converted to K with its offset.
 
     Raises
     ------
     InputError
-        The text is not a unit, or its dimension differs from that of `like`.
+        The text is not a unit, or its dimension differs from the dimension of `like`.
     """
     with error_context(unit):
         read = require_dimension(unit, like)
@@ -114,7 +114,7 @@ def to_si(values: "Array", unit: str, like: str) -> "Array":
 
 @contextmanager
 def error_context(text: object) -> Generator[None]:
-    """Convert a `NotationError` to an `InputError` whose message starts with `text`."""
+    """Convert a `NotationError` in the block to an `InputError`; its message starts with `text`."""
     try:
         yield
     except NotationError as what:
@@ -138,7 +138,7 @@ def plain_text(text: str) -> str:
 
 
 def require_dimension(unit: str, like: str | None) -> Unit:
-    """Read a unit, and raise an error if its dimension differs from that of `like`."""
+    """Read a unit; raise an error if it does not have the dimension of `like`."""
     read = read_unit(unit)
     if like is not None and read.dimension != read_unit(like).dimension:
         raise NotationError(f"is {_dimension_name(read)}; expected {dimension_text(like, like)}")
@@ -146,7 +146,7 @@ def require_dimension(unit: str, like: str | None) -> Unit:
 
 
 def dimension_text(like: str, example: str) -> str:
-    """Return the name of the quantity with the dimension of `like`, with an example."""
+    """Return the name of the dimension of `like`, such as "an angle", with an example."""
     return f"{_dimension_name(read_unit(like))}, such as {example!r}"
 
 
@@ -220,7 +220,7 @@ def _parse_factor(tokens: deque[str | float]) -> dict[str, float]:
 
 
 def _canonical_unit(name: str) -> str:
-    """Return the canonical name of a unit; the error for an unknown name suggests similar ones.
+    """Return the canonical name of a unit, or raise an error that suggests similar names.
 
     A prefix is allowed, and a plural "s" after names with two or more letters.
     """

@@ -1,8 +1,8 @@
 """Formatting of numbers for people: quantities, intervals, durations and counts.
 
-If there is an uncertainty, it determines the number of digits. If the number would need an
-exponent, or more zeros than it has digits, the unit gets a different prefix; an exponent is used
-only if no prefix fits.
+If a quantity has an uncertainty, the uncertainty determines the number of digits. If the number
+would need an exponent, or more zeros than it has digits, the unit gets a different prefix. An
+exponent is used only if no prefix fits.
 """
 
 import re
@@ -24,11 +24,11 @@ _PREFIXED = tuple(
         "ppm %",
     )
 )
-"""Units that can replace each other as the first factor of a unit, in order of size."""
+"""Lists of units that can replace each other as the first factor of a unit, ordered by size."""
 _WHOLE = (("nm", "µm", "mm", "m", "km"), ("″", "°"), ("°/h", "°/s"))
 _FIRST_FACTOR = re.compile("°C|[A-Za-zµ]+|%")
-_PLAIN_FROM, _PLAIN_TO = -4, 7  # powers of ten between which a number has no exponent
-_SMALL, _LARGE_ENOUGH = 0.01, 0.1  # limits of numbers, beyond which another unit is used
+_PLAIN_FROM, _PLAIN_TO = -4, 7  # powers of ten for which a number has no exponent
+_SMALL, _LARGE_ENOUGH = 0.01, 0.1  # smaller numbers are printed in another unit
 _DURATIONS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"))  # s
 
 
@@ -38,8 +38,8 @@ def format_quantity(value: float, sd: float, unit: str, digits: int = 7) -> str:
     Parameters
     ----------
     value, sd : float
-        Value and standard uncertainty, SI. An `sd` of 0 is not printed; an `sd` that is not finite
-        is printed unrounded.
+        Value and standard uncertainty, SI. An `sd` of 0 is not printed. If `sd` is not finite, the
+        value is printed unrounded.
     unit : str
         The unit to print; "1" prints none. Its prefix changes if the number would be too large or
         too small.
@@ -73,7 +73,7 @@ def format_quantity(value: float, sd: float, unit: str, digits: int = 7) -> str:
 def format_value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
     """Return both numbers as text, rounded to two significant digits of the uncertainty.
 
-    This is for columns with a common unit; `format_quantity` chooses the unit.
+    This function is for columns with a common unit; `format_quantity` chooses the unit itself.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def format_value_and_uncertainty(value: float, uncertainty: float) -> tuple[str,
 
 
 def format_interval(value: float, low: float, high: float) -> str:
-    """Return the ends of an interval with enough digits to differ from the value inside it.
+    """Return both ends of an interval, with enough digits to differ from the value inside.
 
     Examples
     --------
@@ -109,7 +109,7 @@ def format_interval(value: float, low: float, high: float) -> str:
 
 
 def format_number(value: float, digits: int) -> str:
-    """Return a number with `digits` significant digits, like "g", but "310" for "3.1e+02".
+    """Return a number with some significant digits, like format "g", but "310" for "3.1e+02".
 
     Examples
     --------
@@ -138,7 +138,7 @@ def format_duration(seconds: float, digits: int = 3) -> str:
 
 
 def format_count(count: int, noun: str, plural: str = "") -> str:
-    """Return a count with its noun in the singular or plural, by default with "s".
+    """Return a count with its noun in the singular or plural; the plural is noun + "s" by default.
 
     Examples
     --------
@@ -168,7 +168,7 @@ def _fitting_unit(value: float, sd: float, unit: str, digits: int) -> str:
 
 
 def _ladder(unit: str) -> tuple[tuple[str, ...], int]:
-    """Return the units that may replace a unit, ordered by size, and its index among them."""
+    """Return the units that may replace a unit, ordered by size, and the index of this unit."""
     for whole in _WHOLE:
         if unit in whole:
             return whole, whole.index(unit)

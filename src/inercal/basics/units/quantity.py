@@ -57,8 +57,8 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
         A unit of the expected dimension.
     last_digit : bool
         Whether a value without "±" gets the uncertainty of its last digit: a rectangular
-        distribution of ± half a unit (GUM 4.3.7), so that u is half a unit divided by √3. Otherwise
-        such a value is exact, like "± 0".
+        distribution with a half-width of half a digit (GUM 4.3.7), so u is half a digit divided by
+        √3. If false, such a value is exact, like "± 0".
 
     Raises
     ------
@@ -147,10 +147,10 @@ def _last_digit_uncertainty(text: str) -> float:
 
 
 def _shared_unit(number: float, sd_unit: str, like: str) -> str:
-    """Return the unit of a value written without one: in "12 ± 3 µg" the unit applies to both."""
+    """Return the unit of a value without a unit, as in "12 ± 3 µg", from its uncertainty."""
     if read_unit(sd_unit or "1").dimension:
         return sd_unit
-    # "1 ± 40 ppm" may mean 1 or 1 ppm; the two agree only at zero.
+    # The value in "1 ± 40 ppm" may be 1 or 1 ppm. The two meanings only agree if the value is 0.
     if sd_unit and number and not read_unit(like).dimension:
         raise NotationError(
             f"can mean {number:g} or {number:g} {sd_unit}; write both as in '(5 ± 3) {sd_unit}'"
@@ -171,7 +171,7 @@ def _value(number: float, unit: str, like: str) -> float:
 def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
     """Return the standard uncertainty in SI, before division by k."""
     if unit and not sd_unit and sd == 0:
-        return 0.0  # "9.81 m/s² ± 0": exact in any unit
+        return 0.0  # "9.81 m/s² ± 0": the value is exact, whatever the unit
     if unit and not sd_unit:
         raise NotationError(f"states an uncertainty without a unit; write '± {sd:g} {unit}'")
     unit, sd_unit = unit or "1", sd_unit or "1"

@@ -1,6 +1,6 @@
 """Compare two calibrations, coefficient by coefficient and all together.
 
-Both are first converted to the same axes, nominal readout, form of the model and body frame.
+Both calibrations are first converted to the same axes, nominal readout, model form and body frame.
 """
 
 from dataclasses import dataclass, replace
@@ -16,22 +16,22 @@ from inercal.calibration import Calibration
 from inercal.calibration.comparison import changes
 from inercal.calibration.shared_errors import shared_covariance
 
-ROUNDING = 1e-6  # in u: the rounding error where shared errors cancel completely
-_FIXED_STD = 1e-12  # of a coefficient's natural size; below, a frame or a user fixed it
-_MIXED = {"k1", "scale", "delta_o", "delta_p"}  # mixed by a change of the frame or the form
+ROUNDING = 1e-6  # in u: rounding error that remains if shared errors cancel completely
+_FIXED_STD = 1e-12  # u over a coefficient's natural size, below which it was fixed
+_MIXED = {"k1", "scale", "delta_o", "delta_p"}  # a change of frame or form mixes these
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A later calibration minus an earlier one, in the same terms.
+    """The difference between a later and an earlier calibration, in the same frame and form.
 
     Parameters
     ----------
     first, second : Calibration
     names : tuple of str
-        Coefficients that both calibrations have, with an uncertainty.
+        Coefficients that both calibrations state with an uncertainty.
     exclusions : tuple of str
-        Descriptions of the coefficients that only one has or that were not measured.
+        Descriptions of coefficients that only one calibration has or that were not measured.
     """
 
     first: Calibration
@@ -41,19 +41,19 @@ class Comparison:
 
     @cached_property
     def difference(self) -> Array:
-        """Values of the second minus those of the first calibration, SI, (p,)."""
+        """Values of the second calibration minus values of the first calibration, SI, (p,)."""
         first, second = (np.array([one.value(n) for n in self.names]) for one in self._both)
         return second - first
 
     @cached_property
     def std(self) -> tuple[Array, Array]:
-        """Standard uncertainties (k = 1) of the first and the second, SI, (p,) each."""
+        """Standard uncertainties (k = 1) of the first and second calibrations, SI, (p,) each."""
         first, second = (np.array([one.uncertainty(n) for n in self.names]) for one in self._both)
         return first, second
 
     @cached_property
     def difference_covariance(self) -> Array:
-        """Covariance of the difference, SI, (p, p); errors that both share cancel."""
+        """Covariance of the difference, SI, (p, p); errors shared by both calibrations cancel."""
         first, second = (
             [one.sensor.coefficients.index(name) for name in self.names] for one in self._both
         )
@@ -64,19 +64,20 @@ class Comparison:
 
     @property
     def states_uncertainty(self) -> bool:
-        """Whether at least one calibration states uncertainties, so that E_n exists."""
+        """Whether at least one calibration states uncertainties, as E_n requires."""
         return any(one.states_uncertainty for one in self._both)
 
     @property
     def states_shared(self) -> bool:
-        """Whether both calibrations state the errors that they share with others."""
+        """Whether both calibrations state the errors that they share with other calibrations."""
         return all(one.shared is not None for one in self._both)
 
     @cached_property
     def difference_std(self) -> Array:
         """Standard uncertainty of the difference, SI, (p,)."""
         variance = np.diag(self.difference_covariance)
-        # If two calibrations share all errors, rounding leaves a tiny or even negative variance.
+        # If two calibrations share all errors, the remaining variance is tiny or, by rounding, even
+        # negative.
         return np.sqrt(np.maximum(variance, (ROUNDING * np.hypot(*self.std)) ** 2))
 
     @cached_property
@@ -86,14 +87,14 @@ class Comparison:
 
     @cached_property
     def joint_test(self) -> changes.JointTest | None:
-        """Joint test of all coefficients; None without common coefficients or a covariance."""
+        """Joint test of all coefficients; None if no coefficients are common, or no covariance."""
         if not self.names or not self.states_uncertainty:
             return None
         return changes.joint_test(self.difference, self.difference_covariance)
 
     @property
     def same_recording(self) -> bool:
-        """Whether both are from the same recording and therefore share its errors."""
+        """Whether both calibrations are from the same recording and therefore share its errors."""
         first, second = map(recording_sha256, self._both)
         return bool(first) and first == second
 
@@ -113,7 +114,7 @@ class Comparison:
 
 
 def compare(first: Calibration, second: Calibration) -> Comparison:
-    """Compare two calibrations in the frame and form of the second, or else of the first.
+    """Compare two calibrations in the frame and form of the second or, if impossible, the first.
 
     Raises
     ------
@@ -133,7 +134,7 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
 
 def build_comparison(first: Calibration, second: Calibration) -> Comparison:
     """Return the comparison of two calibrations that have the same frame and form."""
-    # Without a covariance we cannot know which coefficients are fixed.
+    # Without a covariance, it is unknown which coefficients are fixed.
     fixed = frozenset[str]().union(
         *(fixed_coefficients(one) for one in (first, second) if one.states_uncertainty)
     )
@@ -161,7 +162,7 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
     Raises
     ------
     InputError
-        If it cannot be converted; the message gives the reason.
+        If the calibration cannot be converted; the message states the reason.
     """
     if calibration.sensor is like.sensor and calibration.frame == like.frame:
         return calibration
@@ -178,7 +179,8 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
     if _states_no_frame(calibration):
         calibration = replace(calibration, frame=frame)
     try:
-        # Convert the frame first: this keeps the form and refuses more cases than the form does.
+        # The frame is converted first, because this does not change the form and is impossible in
+        # more cases than a conversion of the form.
         turned = _keep_unmeasured(calibration, calibration.in_frame(frame))
         return _keep_unstated(calibration, turned.in_form(like.sensor.form))
     except InercalError as error:
@@ -189,26 +191,26 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
 
 
 def _states_no_frame(calibration: Calibration) -> bool:
-    """Return whether a calibration from another program leaves the body frame open.
+    """Return whether a calibration from another program does not define a body frame.
 
-    A file without misalignments states only scale factors along the sensor's axes, and these are
-    the same in every frame.
+    A file without misalignments states only scale factors along the sensor's axes, which are the
+    same in every frame.
     """
     terms = {CoefficientName(name).term for name in calibration.sensor.coefficients}
     return not calibration.states_uncertainty and not terms & {"delta_o", "delta_p"}
 
 
 def _keep_unstated(calibration: Calibration, turned: Calibration) -> Calibration:
-    """Return a converted calibration without the coefficients that it did not state before.
+    """Return a converted calibration without coefficients that the original did not state.
 
     A conversion gives missing terms the value 0. If the calibration states uncertainties, these
-    terms have u = 0 and do not count as measured. If it comes from another program, the 0 would be
-    compared as if it had been stated.
+    terms have u = 0 and do not count as measured. If the calibration comes from another program,
+    the value 0 would be compared as if the program had stated it.
 
     Raises
     ------
     InputError
-        If a stated coefficient would depend on a missing one.
+        If a stated coefficient would depend on a missing coefficient.
     """
     stated = calibration.sensor.coefficients
     if calibration.states_uncertainty or set(turned.sensor.coefficients) <= set(stated):
@@ -224,11 +226,11 @@ def _keep_unstated(calibration: Calibration, turned: Calibration) -> Calibration
 
 
 def _keep_unmeasured(calibration: Calibration, turned: Calibration) -> Calibration:
-    """Return a calibration in another frame with u = 0 for coefficients that were not measured.
+    """Set u = 0, in a new frame, for coefficients that were not measured in the old frame.
 
-    Otherwise gyro misalignments that were not measured would get the uncertainty of the rotation
-    and count as measured. A frame that is defined by the accelerometers fixes some of their
-    misalignments by definition; in another frame these do count as measured.
+    Without this, gyro misalignments that were not measured would get the uncertainty of the
+    rotation and would count as measured. A frame that the accelerometers define fixes some of their
+    misalignments by definition. In another frame, these misalignments do count as measured.
     """
     if turned.frame == calibration.frame:
         return turned
@@ -264,12 +266,12 @@ def _require_same_axes(calibration: Calibration, like: Calibration) -> None:
 
 
 def fixed_coefficients(calibration: Calibration) -> frozenset[str]:
-    """Return the coefficients that the frame or the user fixed, so that they were not measured."""
+    """Return the coefficients that were not measured, because the frame or the user fixed them."""
     sensor = calibration.sensor
     rows = zip(sensor.coefficients, calibration.std, sensor.unit_scale, strict=True)
     return frozenset(name for name, std, unit_scale in rows if std <= _FIXED_STD * unit_scale)
 
 
 def recording_sha256(calibration: Calibration) -> str:
-    """Return the SHA-256 of the recording of a calibration; empty if it is not stated."""
+    """Return the SHA-256 hash of a calibration's recording; empty if it is not stated."""
     return calibration.provenance.get("recording sha256", "")

@@ -1,21 +1,21 @@
 """Test whether a coefficient changed between calibrations.
 
-Two calibrations are compared by the normalised error of ISO/IEC 17043:2010 (annex B) and
-ISO 13528:2022, here for the later minus the earlier value::
+Two calibrations are compared by the normalised error of ISO/IEC 17043:2010 (annex B) and ISO
+13528:2022. Here it refers to the later value minus the earlier value::
 
     E_n = (x₂ − x₁) / U,   U = 2 √(u₁² + u₂² − 2 cov)  (GUM 6.2.1, 5.2.2)
 
-A difference with |E_n| ≤ 1 is not called a change. If nothing changed, 4.55 % (one in 22) exceed 1
-by chance. All coefficients together are also tested jointly, with all covariances::
+A difference with |E_n| ≤ 1 is not called a change. If nothing changed, 4.55 % of the E_n (one in
+22) exceed 1 by chance. All coefficients are also tested together, with all covariances::
 
     χ² = dᵀ C⁺ d,   d = x₂ − x₁,   C = C₁ + C₂ − S − Sᵀ
 
-The number of degrees of freedom is the rank of C; a difference along directions that C does not
-span is left out of χ². S is the covariance of the two calibrations due to the errors that they
-state as shared (`shared_errors`), which cancel in the difference.
+The number of degrees of freedom is the rank of C. The part of d that C does not span is not
+included in χ². S is the covariance of the two calibrations due to the shared errors that both state
+(`shared_errors`). These errors cancel in the difference.
 
 If a calibration does not state its shared errors, E_n and χ² treat the calibrations as independent.
-Both are then too small, and fewer than one in 22 coefficients are called changed by chance. The
+Both are then too small, and fewer than one in 22 coefficients appear to change by chance. The
 module `courses` models how a coefficient changes over time.
 """
 
@@ -35,7 +35,7 @@ TrendVerdict = Literal["steady", "drifts", "changed", "too few"]
 CHANCE_FRACTION = erfc(COVERAGE / sqrt(2))
 """Fraction of |E_n| that exceed 1 by chance if nothing changed, 0.0455."""
 YEAR = 31_557_600.0  # s, of 365.25 days (Julian year)
-_RANK_TOLERANCE = 1e-9  # of the largest eigenvalue of the scaled covariance
+_RANK_TOLERANCE = 1e-9  # fraction of the largest eigenvalue of the scaled covariance
 
 
 def normalised_errors(difference: Array, std: Array) -> Array:
@@ -46,12 +46,13 @@ def normalised_errors(difference: Array, std: Array) -> Array:
     difference : (...,) array
         Later value minus earlier value.
     std : (...,) array
-        Standard uncertainty (k = 1) of the difference; √(u₁² + u₂²) for independent values.
+        Standard uncertainty (k = 1) of the difference, which is √(u₁² + u₂²) for independent
+        values.
 
     Returns
     -------
     (...,) array
-        E_n; NaN where there is no uncertainty.
+        E_n; NaN if there is no uncertainty.
 
     Examples
     --------
@@ -83,7 +84,7 @@ class JointTest(NamedTuple):
 
 
 def joint_test(difference: Array, covariance: Array) -> JointTest:
-    """Test a difference, (p,), jointly with its covariance, (p, p)."""
+    """Test all components of a difference, (p,), together, with its covariance, (p, p)."""
     size = difference.size
     scale = np.sqrt(np.diag(covariance))
     if not size or not (scale > 0).all():
@@ -91,7 +92,7 @@ def joint_test(difference: Array, covariance: Array) -> JointTest:
             "covariance has a variance of 0, or difference is empty; pass coefficients with an "
             "uncertainty"
         )
-    # Scale the diagonal to ones, because units of very different size would distort the rank.
+    # The diagonal is scaled to ones, because units of very different sizes would distort the rank.
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     seen = values > _RANK_TOLERANCE * values[-1]
     along = (vectors.T @ (difference / scale))[seen]
@@ -120,8 +121,7 @@ def constancy_test(values: Array, std: Array, shared: Array | None = None) -> Co
     values, std : (n,) arrays
         Values and their independent standard uncertainties.
     shared : (n, n) array, optional
-        Covariance due to shared errors; an error that all values have in common moves only their
-        mean.
+        Covariance due to shared errors. An error that all values share only shifts their mean.
     """
     covariance = np.diag(std**2) if shared is None else np.diag(std**2) + shared
     ones = np.ones(values.size)
@@ -138,8 +138,9 @@ def trend_verdict(*, drifts: bool, constant: ConstancyTest) -> TrendVerdict:
 
     "drifts" means that the slope exceeds its U (`courses.CourseComparison.drifts`). "changed" means
     that there is no such slope, but the values scatter about their mean more than in 95.45 % of
-    histories in which nothing changes; for two calibrations this means |E_n| > 1. "steady" means
-    neither. "too few" means that there is only one calibration.
+    histories in which nothing changes. For two calibrations, this means |E_n| > 1. "steady" means
+    that there is neither a slope nor such a scatter. "too few" means that there is only one
+    calibration.
     """
     if not constant.dof:
         return "too few"

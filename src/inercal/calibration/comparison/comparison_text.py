@@ -27,7 +27,7 @@ def grade_text(grade: str) -> str:
 
 
 def format_en(value: float) -> str:
-    """Return E_n as text, with a star if |E_n| exceeds 1; empty for the first calibration."""
+    """Return E_n as text, with a star if |E_n| exceeds 1; empty for a first calibration."""
     return "" if isnan(value) else f"{value:+.2f}{' *' if abs(value) > 1 else ''}"
 
 
@@ -57,7 +57,7 @@ def comparison_lines(compared: Comparison) -> list[str]:
 
 
 def _test_lines(compared: Comparison) -> list[str]:
-    """Return lines with the results of E_n and χ², and on the uncertainties that they use."""
+    """Return lines on the results of E_n and χ², and on the uncertainties that they use."""
     if not compared.states_uncertainty:
         return ["neither calibration states uncertainties, so E_n and χ² cannot be calculated"]
     lines = [
@@ -74,7 +74,7 @@ def _test_lines(compared: Comparison) -> list[str]:
 
 
 def run_to_run_lines(found: RunToRun) -> list[str]:
-    """Return lines on the differences that exceed the usual scatter from run to run."""
+    """Return lines on differences that exceed the usual scatter from run to run."""
     lines = [
         f"beyond the usual scatter from run to run ({found.source}): "
         f"{', '.join(found.beyond) or 'none'} of {len(found.names)}. About "
@@ -88,7 +88,7 @@ def run_to_run_lines(found: RunToRun) -> list[str]:
 
 
 def repeatability_lines(exceedances: int, joint: JointTest | None) -> list[str]:
-    """Return a note on the scatter from run to run if a change may be due to it only."""
+    """Return a note if the usual scatter from run to run may explain a change."""
     is_changed = exceedances > 0 or (joint is not None and joint.p_value < _CHANCE)
     return [RUN_TO_RUN_NOTE] if is_changed else []
 

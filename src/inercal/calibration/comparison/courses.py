@@ -1,7 +1,7 @@
-"""Model how a coefficient changes over time: as a level, a straight line, or a random walk.
+"""Model how a coefficient changes over time: as a constant level, a line or a random walk.
 
 Calibrations at times t_i have values with independent variances s_i² and a shared covariance S. In
-addition, they scatter from one to the next by τ::
+addition, each calibration scatters with the standard deviation τ::
 
     y = X β + e,   cov(e) = V + S,   V = diag(s_i²) + τ² I [+ q W],   W_ij = min(t_i, t_j)
 
@@ -17,16 +17,16 @@ Errors that all calibrations share shift the level, but not the slope. Level, li
 compared by the likelihood of the same contrasts, which are the deviations of the values from their
 mean. Line and walk have one parameter more than the level.
 
-A random walk can look like a line: if a slope is fitted as well, the estimate of q is too small.
-Therefore the slope is also judged with τ² and q of the walk, which were fitted without a slope. Let
-T = b/u(b) be computed with these. T² of n values cannot exceed n − 1, because a slope that is not
-fitted enlarges τ² and q. Then ::
+A random walk can look like a line: if a slope is also fitted, the estimate of q is too small. The
+slope b is therefore also judged with τ² and q of the walk, which were fitted without a slope. Let T
+= b/u(b) be computed with these values. T² of n values cannot exceed n − 1, because a slope that is
+not fitted increases τ² and q. Then ::
 
     t² = ν T²/(ν + 1 − T²),   ν = n − 2
 
-follows Student's distribution if the whole variance is estimated, which is so for a level with
-scatter and for a pure walk. A drift must reach a fraction of t_ν. The fraction, 0.7 to 0.8, was
-found by simulation, and with it 8 % of walks are called drifts.
+follows Student's distribution if the whole variance is estimated, which is true for a level with
+scatter and for a pure walk. To be called a drift, |t| must reach a fraction of t_ν. This fraction,
+0.7 to 0.8, was determined by simulation; with it, 8 % of random walks are called drifts.
 
 Sources: JCGM 100:2008, H.3 and G.4; Patterson and Thompson, Biometrika 58 (1971), 545–554.
 """
@@ -46,13 +46,13 @@ from inercal.estimation.uncertainty.repeated_measurements import (
 
 Course = Literal["level", "line", "walk"]
 NEWEST = 100
-"""A fit uses at most this many calibrations, the newest ones."""
+"""Largest number of calibrations in a fit; they are the newest calibrations."""
 LEAST_FOR_DRIFT = 5
-"""With fewer calibrations, no drift is reported: their scatter is not known well enough."""
+"""With fewer calibrations, no drift is reported, because their scatter is not well known."""
 _LEAST_FOR_LINE = 3
 _BESIDE_WALK, _BESIDE_WALK_OF_FEW = 0.8, {5: 0.7, 6: 0.75}
-"""Fraction of t_ν that a slope must reach beside a random walk, in general and for few values."""
-_AHEAD = 2.0  # gain of 2 ln(likelihood) that justifies one more parameter (Akaike 1974)
+"""Fraction of t_ν that |t| of a slope must reach, in general and for few values."""
+_AHEAD = 2.0  # gain of 2 ln(likelihood) that justifies another parameter (Akaike 1974)
 
 
 class SlopeStatement(NamedTuple):
@@ -70,9 +70,9 @@ class CourseFit:
     Parameters
     ----------
     time : float
-        Time to which the value in `beta` refers, in years on the time scale of the data.
+        Time for which `beta` states the value, in years on the time scale of the data.
     beta : (p,) array
-        Value at that time and, for a line, the slope per year.
+        Value at `time` and, for a line, the slope per year.
     scatter, shared : (p, p) arrays
         Covariances cov_A due to scatter and cov_B due to shared errors.
     tau : float
@@ -84,7 +84,7 @@ class CourseFit:
     count : int
         Number n of calibrations.
     factor : float
-        Coverage factor t_ν with the coverage of 2u.
+        Coverage factor t_ν that gives the same coverage as 2u.
     """
 
     time: float
@@ -99,11 +99,11 @@ class CourseFit:
     factor: float
 
     def evaluate(self, time: Array) -> Array:
-        """Return the fitted values at these times in years."""
+        """Return the fitted values at some times in years."""
         return self._columns(time) @ self.beta
 
     def expanded(self, time: Array, *, next_use: bool = False) -> Array:
-        """Return U of the mean, or of the next use, at these times in years."""
+        """Return U of the mean, or of the next use, at some times in years."""
         x = self._columns(time)
         by_scatter = np.einsum("ni,ij,nj->n", x, self.scatter, x)
         if next_use:
@@ -117,7 +117,7 @@ class CourseFit:
 
     @property
     def slope(self) -> SlopeStatement:
-        """The drift per year; it is 0 for a level."""
+        """The drift per year, which is 0 for a level."""
         if len(self.beta) == 1:
             return SlopeStatement(0.0, 0.0, 0.0)
         by_scatter, shared = self.scatter[1, 1], max(float(self.shared[1, 1]), 0.0)
@@ -126,7 +126,7 @@ class CourseFit:
 
     @property
     def is_significant(self) -> bool:
-        """Whether there are enough calibrations and the slope exceeds its U."""
+        """Whether the slope exceeds its U and there are enough calibrations."""
         return self.count >= LEAST_FOR_DRIFT and abs(self.slope.slope) > self.slope.expanded
 
 
@@ -137,11 +137,12 @@ class CourseComparison:
     Parameters
     ----------
     level, line, walk : CourseFit
-        The three fits; the walk is fitted as a level with q.
+        The three fits; the walk is fitted as a level plus a random walk with q.
     wandering_line : CourseFit
-        A line with q; the uncertainty of its slope includes that of a walk.
+        A line plus a random walk with q. The uncertainty of its slope includes the effect of the
+        walk.
     likelihood : mapping of "level", "line", "walk" to float
-        Logarithm of the restricted likelihood minus that of the level.
+        Logarithm of the restricted likelihood, minus the value for the level.
     beside_walk : float
         |t| of the slope, computed with the variances of the walk.
     """
@@ -155,7 +156,7 @@ class CourseComparison:
 
     @property
     def best(self) -> Course:
-        """The best model: the level, unless line or walk gain enough for one more parameter."""
+        """The best model: the level, unless a gain by line or walk justifies another parameter."""
         best: Course = "line" if self.likelihood["line"] >= self.likelihood["walk"] else "walk"
         return best if 2 * self.likelihood[best] > _AHEAD else "level"
 
@@ -178,7 +179,7 @@ class CourseComparison:
 def compare_courses(
     time: Array, values: Array, own: Array, shared: Array
 ) -> CourseComparison | None:
-    """Fit level, line and walk; None for fewer than three values or if all times are equal.
+    """Fit level, line and walk; None if there are fewer than three values or all times are equal.
 
     Parameters
     ----------
@@ -212,7 +213,7 @@ def compare_courses(
 
 
 def _slope_beside_walk(time: Array, values: Array, covariance: Array) -> float:
-    """Return |t| of a slope, using a covariance that was estimated without the slope."""
+    """Return |t| of a slope, with a covariance that was estimated without the slope."""
     x = _columns(time, float(time.mean()), 2)
     weighted = np.linalg.solve(covariance, x)
     inverse = np.linalg.inv(x.T @ weighted)
@@ -226,12 +227,13 @@ def fit_course(
     time: Array, values: Array, own: Array, shared: Array, *, slope: bool = False,
     walks: bool = False,
 ) -> CourseFit:  # fmt: skip
-    """Fit a level, or a line if `slope` is true; if `walks` is true, also the q of a random walk.
+    """Fit a level, or a line if `slope` is true; also fit a random walk if `walks` is true.
 
-    The parameters are those of `compare_courses`, with n ≥ 2, and n ≥ 3 if `slope` is true.
+    The parameters are the same as in `compare_courses`. n must be at least 2, and at least 3 if
+    `slope` is true.
     """
     n = values.size
-    # Use units in which values and times are near 1.
+    # The units are chosen so values and times are near 1.
     unit = float(np.sqrt(np.var(values, ddof=1) + np.mean(own + np.diag(shared))))
     span = float(np.ptp(time)) or 1.0
     y, own, shared = (values - values.mean()) / unit, own / unit**2, shared / unit**2
@@ -240,7 +242,7 @@ def fit_course(
     scattered = _covariance(at, own, np.sqrt(tau2), q)
     total = np.linalg.inv(scattered + shared)
     middle = float(at.mean())
-    if slope:  # choose the time at which value and slope are uncorrelated
+    if slope:  # at this time, value and slope are uncorrelated
         information = _columns(at, middle, 2).T @ total @ _columns(at, middle, 2)
         middle += information[0, 1] / information[0, 0]
     x = _columns(at, middle, 1 + slope)

@@ -1,4 +1,4 @@
-"""Compare a calibration with stored values for the same data, which may differ by rounding."""
+"""Compare a calibration with stored values from the same data, except for rounding errors."""
 
 from collections.abc import Sequence
 
@@ -11,13 +11,13 @@ from inercal.calibration import Calibration
 def largest_change(
     calibration: Calibration, names: Sequence[str], values: Array, u: Array
 ) -> float:
-    """Return the largest difference of a value, or of its u, from the stored one, in stored u.
+    """Return the largest difference of a value or its u from the stored numbers, in stored u.
 
     Parameters
     ----------
     calibration : Calibration
     names : sequence of str
-        Names of the stored coefficients; the result is inf if the calibration has others.
+        Names of the stored coefficients. If the calibration has other names, the result is inf.
     values, u : (p,) array
         Stored values and standard uncertainties, SI.
     """

@@ -1,13 +1,14 @@
 """Test whether the difference of two calibrations exceeds the usual scatter from run to run.
 
-E_n and χ² test whether a sensor changed by more than the stated uncertainties allow. A sensor also
-scatters from one turn-on, day and mounting to the next, with standard deviation σ for each use, so
-two calibrations differ even without a fault. If σ has ν degrees of freedom::
+E_n and χ² test whether a sensor changed by more than the stated uncertainties allow. The
+coefficients of a sensor also scatter from one turn-on, day and mounting to the next, with standard
+deviation σ for each use. Two calibrations therefore differ even without a fault. If σ has ν degrees
+of freedom, the difference is judged by::
 
     E_run = d/(t_ν √(u_d² + 2σ²))
 
-u_d² is the variance of the difference d without shared errors, and t_ν has the coverage of 2u. The
-joint test uses the covariance C_d + 2Σ.
+u_d² is the variance of the difference d without shared errors, and t_ν gives the same coverage as
+2u. The joint test uses the covariance C_d + 2Σ, where Σ is the covariance of the scatter.
 """
 
 from dataclasses import dataclass
@@ -31,10 +32,10 @@ class RunScatter:
     Parameters
     ----------
     source : str
-        Name of the source for printing, such as "TRIAD-7.repeatability.json".
+        Printed name of the source, such as "TRIAD-7.repeatability.json".
     names : tuple of p str
     covariance : (p, p) array
-        Covariance of one calibration about the mean, without its own uncertainty, SI.
+        Covariance of one calibration about the mean, SI, without the calibration's own uncertainty.
     dof : (p,) array
         Degrees of freedom of each coefficient.
     """
@@ -53,7 +54,7 @@ class RunToRun:
     ----------
     source : str
     names : tuple of p str
-        Coefficients whose scatter is known.
+        Coefficients with a known scatter.
     normalised_errors : (p,) array
         Normalised errors E_run.
     changed : (p,) array of bool
@@ -81,7 +82,7 @@ class RunToRun:
 
     @property
     def expected_exceedances(self) -> float:
-        """Number of coefficients that would exceed the scatter by chance."""
+        """Number of coefficients that are expected to exceed the scatter by chance."""
         return CHANCE_FRACTION * len(self.names)
 
 
@@ -91,7 +92,7 @@ def scatter_of_file(path: Path, compared: Comparison) -> RunScatter:
     Raises
     ------
     InputError
-        If the file does not exist, has another frame or form, or has other coefficients.
+        If the file does not exist, or its frame, form or coefficients are different.
     """
     found = load_next_use(path)
     terms = compared.second.frame, compared.second.sensor.form
@@ -114,7 +115,7 @@ def scatter_of_file(path: Path, compared: Comparison) -> RunScatter:
 
 
 def against_scatter(compared: Comparison, scatter: RunScatter) -> RunToRun | None:
-    """Compare the differences with the scatter; None if no coefficient has a known scatter."""
+    """Compare differences with the scatter; None if no coefficient has a known scatter."""
     names = tuple(name for name in compared.names if name in scatter.names)
     if not names or not compared.states_uncertainty:
         return None

@@ -1,1 +1,1 @@
-"""The export targets, one module for each; the registry is `inercal.export.TARGETS`."""
+"""The export targets, with one module for each; `inercal.export.TARGETS` registers them."""

@@ -3,8 +3,9 @@
     scale, then bias   out = (1 + n_s u_s) raw + n_b u_b
     bias, then scale   out = (1 + n_s u_s) (raw + n_b u_b)
 
-u_s and u_b are the sizes of one register step. The part's data sheet states the order and the
-sizes. So 1 + s = 1/M_ii, and B = −b/M_ii or −b.
+u_s and u_b are the sizes of one register step. The data sheet of the part states these sizes and
+the order. With s = n_s u_s and B = n_b u_b, 1 + s = 1/M_ii, and B = −b/M_ii (first formula) or −b
+(second formula).
 """
 
 from collections.abc import Sequence

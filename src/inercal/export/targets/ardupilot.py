@@ -4,11 +4,11 @@
     gyro            ω = raw − [P(T − 35) − P(T_cal − 35)] − OFFS
     P(t) = (c₁ t + c₂ t² + c₃ t³) 10⁻⁶, T and T_cal within TMIN … TMAX, °C
 
-OFFS is the bias at T_cal, and SCAL = 1/M_ii. The polynomial about 35 °C follows from the one about
-the reference T_r, Σ a_k (T − T_r)^k, with c_j = 10⁶ Σ_k (k over j) a_k (35 − T_r)^(k−j). This was
-written from a description of the order of operations in AP_InertialSensor (GPL-3); no code was
-copied. The reader accepts every form of `parameter_files`; the reference temperature becomes T_cal,
-limited to TMIN … TMAX.
+OFFS is the bias at T_cal, and SCAL = 1/M_ii. The polynomial about 35 °C follows from the polynomial
+about the reference T_r, Σ a_k (T − T_r)^k, with c_j = 10⁶ Σ_k (k over j) a_k (35 − T_r)^(k−j). This
+module was written from a description of the order of operations in AP_InertialSensor (GPL-3); no
+code was copied. The reader accepts every format of `parameter_files`. The reference temperature
+becomes T_cal, limited to TMIN … TMAX.
 """
 
 from collections.abc import Mapping
@@ -57,7 +57,7 @@ OPTIONS = (
 
 
 def _parameter_names(kind: str, imu: int) -> tuple[str, str, str, str]:
-    """Return the stems of an IMU's offset, scale, device id and temperature parameters."""
+    """Return the stems of the names of an IMU's offset, scale, device id and thermal parameters."""
     word = _WORDS[kind]
     n = "" if imu == 1 else str(imu)
     offsets = "INS_GYROFFS_" if kind == "w" and imu == 1 else f"INS_{word}{n}OFFS_"
@@ -140,7 +140,7 @@ def _render(request: Request) -> Rendering:
     if any(kind == "w" for kind, _ in model.triads):
         lines.append(("INS_GYR_CAL", 0))
 
-    # Device ids have more digits than single precision.
+    # Device ids have more digits than single precision can represent.
     body = "".join(
         f"{name},{value if isinstance(value, int) else number(single(value).item())}\n"
         for name, value in lines

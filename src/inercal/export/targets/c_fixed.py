@@ -2,10 +2,11 @@
 
     motion = round((Σ K x + B) / 2^s),   K = C 2^(s + p),   B = −Σ C o 2^(s + p)
 
-x are the counts; C and o apply to the sensor's own output. The result is in steps of 2^−p, where p
-is 16 for m/s² and 20 for rad/s. s is the largest value for which six products fit in 63 bits. K has
-28 bits and B has 64, so that the offset is not rounded to a count. The errors are half a step from
-rounding the result, and |x| 2^−(s + p + 1) for each product from rounding K.
+The counts are x; C and o apply to the sensor's own output. The result is in steps of 2^−p, where p
+is 16 for m/s² and 20 for rad/s. The shift s is the largest value for which six products fit in 63
+bits. K has 28 bits. B has 64 bits, so the offset is not rounded to a count. Rounding the result
+causes an error of at most half a step, and rounding K causes at most |x| 2^−(s + p + 1) for each
+product.
 """
 
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
 from inercal.physics.quantities import QUANTITIES
 
 _FRACTION = {"f": 16, "w": 20}
-_BITS = 28  # bits of K, so that six products with 32-bit counts fit in 63 bits
+_BITS = 28  # bits of K; six products with 32-bit counts then fit in 63 bits
 _MAX_SHIFT = 40
 _LARGEST_CONSTANT = 1 << 61  # the sum of the products is at most 2^61.6
 OPTIONS = (TargetOption("lsb", "output units of one count of the reading", 1.0),)
@@ -123,9 +124,9 @@ def _render(request: Request) -> Rendering:
 
 
 def _loop(n: int, first: int, shift: int) -> list[str]:
-    """Return the C code of the loop over three channels.
+    """Return the C code for the loop over three channels.
 
-    The divisor is a constant, so that a 32-bit compiler needs no 64-bit division.
+    The divisor is a constant, so a 32-bit compiler needs no 64-bit division.
     """
     one, half = f"INT64_C({1 << shift})", f"INT64_C({1 << (shift - 1)})"
     return [

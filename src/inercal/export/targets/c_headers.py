@@ -17,7 +17,7 @@ from inercal.export.target_definition import Rendering, Request
 from inercal.export.targets.code_text import code_rendering, code_target, motion_comment
 
 _TOLERANCE = 1e-5  # tolerance of the self-test, relative for results above 1
-# Written so that a NaN fails.
+# The condition is written in this way because a NaN must also fail.
 _BEYOND_TOLERANCE = (
     "!(motion[i] - expected[i] <= tolerance[i] && expected[i] - motion[i] <= tolerance[i])"
 )
@@ -126,7 +126,7 @@ def _render(language: _Language, request: Request) -> Rendering:
 
 
 def header_text(comment: Sequence[str], guard: str, lines: Sequence[str]) -> str:
-    """Return a header with its explanation and include guard."""
+    """Return the text of a header, with its explanation and include guard."""
     explanation = "".join(f" * {line}".rstrip() + "\n" for line in comment)
     parts = [f"#ifndef {guard}", f"#define {guard}", "", *lines, "", "#endif"]
     return f"/*\n{explanation} */\n" + "\n".join(parts) + "\n"
@@ -206,7 +206,7 @@ def _body_lines(code: CodeModel, real: str, number: Callable[[float], str]) -> l
 
 
 def _temperature_lines(code: CodeModel, real: str, number: Callable[[float], str]) -> list[str]:
-    """Return code for the temperature difference from the reference, limited to a stated range."""
+    """Return code for the temperature difference from the reference, clipped to a stated range."""
     at = "temperature"
     lines: list[str] = []
     if code.limits is not None:

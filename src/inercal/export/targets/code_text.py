@@ -13,7 +13,7 @@ from inercal.export.term_kinds import TermKind
 _HELD: frozenset[TermKind] = frozenset(
     {"bias", "scale", "misalignment", "g", "bias_temperature", "polynomial"}
 )
-_MAX_ORDER = 99  # power of temperature, which code does not limit
+_MAX_ORDER = 99  # highest power of temperature; code has no limit
 
 
 def code_target(
@@ -24,7 +24,7 @@ def code_target(
     *,
     named_by_function: bool = False,
 ) -> Target:
-    """Return a code target, which supports all terms except derivatives (`DERIVATIVES`)."""
+    """Return a target for code; it supports all terms except derivatives (`DERIVATIVES`)."""
     return Target(
         name,
         meaning,

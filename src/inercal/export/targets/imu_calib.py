@@ -2,8 +2,8 @@
 
     f = SM y − bias
 
-The bias is subtracted after the matrix: SM = C = M⁻¹, bias = C b. Source: accel_calib.cpp of
-dpkoch/imu_calib (BSD-3), described in words.
+The bias is subtracted after multiplication by the matrix, so SM = C = M⁻¹ and bias = C b. Source:
+accel_calib.cpp of dpkoch/imu_calib (BSD-3), described in words.
 """
 
 from inercal.export.target_definition import Rendering, Request, Target

@@ -2,9 +2,10 @@
 
     x = T K (raw − B)
 
-T has a unit diagonal and K is diagonal: K = diag(C_ii), T = C K⁻¹, B = o, for the sensor's own
-output, x = C (output − o). The program reads 21 numbers and ignores the rest of the file, which
-contains the explanation. Source: calibration.h of imu_tk (2-clause BSD), described in words.
+K is diagonal, and the diagonal of T is 1. The correction of the sensor's own output is x = C
+(output − o), so K = diag(C_ii), T = C K⁻¹ and B = o. The program reads 21 numbers and ignores the
+rest of the file, which contains the explanation. Source: calibration.h of imu_tk (2-clause BSD),
+described in words.
 """
 
 from collections.abc import Mapping, Sequence

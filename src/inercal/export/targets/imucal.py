@@ -2,9 +2,9 @@
 
     a = R_a⁻¹ K_a⁻¹ (raw − b_a),   ω = R_g⁻¹ K_g⁻¹ (raw − K_ga a − b_g)
 
-With output = offset + scale (M f + b): K_a = diag(scale), R_a = M, b_a = offset + scale b, and K_ga
-= scale A of the gyros. Source: ferraris_calibration_info.py of mad-lab-fau/imucal 2.6 (MIT). The
-reader converts results from acc_unit and gyr_unit to m/s² and rad/s.
+With output = offset + scale (M f + b), K_a = diag(scale), R_a = M, b_a = offset + scale b, and K_ga
+= scale A with the scale of the gyros. Source: ferraris_calibration_info.py of mad-lab-fau/imucal
+2.6 (MIT). The reader converts results from acc_unit and gyr_unit to m/s² and rad/s.
 """
 
 import json

@@ -3,14 +3,15 @@
     Kalibr     y = M f + b,   y_g = M_g C_gyro_i ω + A C_gyro_i f + b_g
     OpenVINS   f = R_ACCtoIMU Ta⁻¹ (y − b),   ω = R_GYROtoIMU Tw⁻¹ (y_g − b_g − Tg f)
 
-In their IMU frame, x lies along the accelerometer's x axis, and y in the plane of its x and y axes.
-With M = L Q (L lower triangular, Q a rotation) the frame is t = Q body, in which y = L f + b. The
-gyro has its own frame, G Qᵀ = L_g C_g, and y_g = L_g C_g ω + A_body Qᵀ f + b_g. So for Kalibr M =
-L, M_g = L_g, C_gyro_i = C_g and A = A_body Qᵀ C_gᵀ: A acts on the force rotated into the gyro's
-frame. For OpenVINS Ta = L, R_IMUtoACC = I, Tw = L_g, R_IMUtoGYRO = C_g and Tg = A_body Qᵀ, which
-acts on the force in the IMU frame. Sources: IccSensors.py of ethz-asl/kalibr (BSD), described in
-words; a description of ov_msckf and ov_core (GPL-3), from which no code was copied. Kalibr's files
-contain no biases. The user states the noise densities that both programs need.
+In the IMU frame of both programs, x lies along the accelerometer's x axis, and y lies in the plane
+of its x and y axes. With M = L Q (L is lower triangular, Q is a rotation), Q converts body axes to
+this frame, in which y = L f + b. The gyro has a separate frame: G Qᵀ = L_g C_g, and y_g = L_g C_g ω
++ A_body Qᵀ f + b_g. For Kalibr, this gives M = L, M_g = L_g, C_gyro_i = C_g and A = A_body Qᵀ C_gᵀ,
+because A acts on the force rotated into the gyro's frame. For OpenVINS, Ta = L, R_IMUtoACC = I, Tw
+= L_g, R_IMUtoGYRO = C_g and Tg = A_body Qᵀ, because Tg acts on the force in the IMU frame. Sources:
+IccSensors.py of ethz-asl/kalibr (BSD), described in words; a description of ov_msckf and ov_core
+(GPL-3), from which no code was copied. Kalibr's files contain no biases. The user states the noise
+densities that both programs need.
 """
 
 import re
@@ -70,7 +71,7 @@ class _TriangularModel:
     sensitivity: Array
 
     def correction(self, bias: Array, gyro_bias: Array):
-        """Return the correction in the calibration's frame, computed with the file's matrices."""
+        """Return the correction in the calibration's frame, from the matrices in the file."""
         back = np.linalg.inv(self.accelerometer)
         back_g = self.gyro_turn.T @ np.linalg.inv(self.gyro)
 
@@ -184,7 +185,7 @@ def _noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
         path = Path(options["noise"])
         text = read_small_file(path, "file of noise", _LARGEST).decode("utf-8", "replace")
         for name in _KEYS:
-            # One number per line, so PyYAML, which is an extra, is not needed.
+            # Each line has one number, so PyYAML, which is an extra, is not needed.
             if found := re.search(rf"^\s*{name}\s*:\s*([-+.\deE]+)", text, re.MULTILINE):
                 known[name] = _number(found[1], name, path)
     known |= {name: options[name] for name in _KEYS if options[name] is not None}
@@ -248,7 +249,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
 
 
 def _section(content: Any, name: str) -> dict[str, Any] | None:
-    """Return a nested mapping, or None if there is none."""
+    """Return a nested mapping by name, or None if it does not exist."""
     found = cast("dict[str, Any]", content).get(name) if isinstance(content, dict) else None
     return cast("dict[str, Any]", found) if isinstance(found, dict) else None
 
@@ -256,7 +257,8 @@ def _section(content: Any, name: str) -> dict[str, Any] | None:
 def _matrix(content: Mapping[str, Any], name: str) -> Array:
     found = content.get(name)
     rows = cast("list[Any]", found) if isinstance(found, list) else []
-    # Checked before conversion to numpy: with aliases a small file can describe a huge array.
+    # This is checked before conversion to NumPy, because a small file with aliases can describe a
+    # huge array.
     numbers = [
         float(x)
         for row in rows[:4]

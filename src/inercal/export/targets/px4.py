@@ -6,7 +6,7 @@
 
 OFF is the bias, and SCALE = 1/M_ii. Source: the classes of src/lib/sensor_calibration and
 src/modules/temperature_compensation of PX4-Autopilot (BSD-3), described in words. The reader
-accepts every form of `parameter_files`; X0 is added to the bias.
+accepts every format of `parameter_files` and adds X0 to the bias.
 """
 
 from collections.abc import Mapping
@@ -158,7 +158,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
 
 
 def _thermal_set(known: Mapping[str, float], letter: str, device: float | None) -> str | None:
-    """Return the stem of the active thermal parameters of a device."""
+    """Return the stem of the names of a device's active thermal parameters."""
     if device is None or known.get(f"TC_{letter}_ENABLE") != 1:
         return None
     stems = [f"TC_{letter}{m}_" for m in range(_SETS)]

@@ -13,7 +13,7 @@ from inercal.export.term_kinds import TermKind
 
 MATRIX: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment"})
 MATRIX_AND_G: frozenset[TermKind] = frozenset({*MATRIX, "g"})
-# Terms of flight controllers: no cross-axis terms, and no gyro scale factors.
+# Flight controllers support these terms: no cross-axis terms, and no gyro scale factors.
 PARAMETERS: dict[str, frozenset[TermKind]] = {
     "f": frozenset({"bias", "scale", "bias_temperature"}),
     "w": frozenset({"bias", "bias_temperature"}),
@@ -28,7 +28,7 @@ def number(value: float, digits: int = 9) -> str:
 
 
 def yaml_number(value: float, digits: int = 9) -> str:
-    """Return a number with a decimal point, because some YAML readers take 1e-05 for text.
+    """Return a number with a decimal point, because some YAML readers read 1e-05 as text.
 
     >>> yaml_number(1e-5), yaml_number(2.0), yaml_number(0.25)
     ('1.0e-05', '2.0', '0.25')
@@ -48,7 +48,7 @@ def row_text(values: Sequence[float] | Array, digits: int = 9) -> str:
 
 
 def written(values: Array, digits: int = 9) -> Array:
-    """Return numbers as a program would read them from text with this many digits."""
+    """Return numbers as a program reads them from text with some significant digits."""
     flat = [float(number(x, digits)) for x in np.asarray(values).ravel()]
     return np.array(flat).reshape(np.shape(values))
 
@@ -71,7 +71,7 @@ def with_comments(body: str) -> Callable[[Sequence[str]], str]:
 def needed(
     options: Mapping[str, Any], declared: Sequence[TargetOption], name: str, target: str
 ) -> Any:
-    """Return an option that this calibration needs.
+    """Return the value of an option that this calibration needs.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def needed(
 
 
 def require_aligned(model: ExportModel, target: str) -> None:
-    """Raise an error if axes are not aligned with those of a target with one number per axis.
+    """Raise an error if a target supports only aligned axes and the sensor's are not.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def require_aligned(model: ExportModel, target: str) -> None:
 
 
 def by_triad(model: ExportModel, corrections: Mapping[str, Correction]) -> Correction:
-    """Combine corrections for each kind into one; other channels stay unchanged.
+    """Combine the corrections of both kinds of triads; channels without one stay unchanged.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def parameter_correction(
     reference: float,
     centre: float,
 ) -> Correction:
-    """Return the correction of flight controllers, x = scale ∘ (y − [P(T) − P(taken)] − b).
+    """Return the correction in flight controllers, x = scale ∘ (y − [P(T) − P(taken)] − b).
 
     Parameters
     ----------
@@ -170,6 +170,6 @@ def parameter_correction(
 
 
 def output_text(*triads: Triad) -> str:
-    """Return a text that states which output a formula uses."""
+    """Describe which output a formula uses."""
     units = " and ".join(dict.fromkeys(triad.unit for triad in triads))
     return f"readings as the sensor states them, in {units}"

@@ -2,8 +2,9 @@
 
     out = C (in − B)
 
-with C = M⁻¹ and B = b, in addition to the factory calibration, in single precision. Source: VN-100
-user manual UM001 v2, 6.2.2. The checksum of a message is the XOR of the characters between $ and *.
+C = M⁻¹ and B = b, in single precision. The device applies this after its factory calibration.
+Source: VN-100 user manual UM001 v2, 6.2.2. The checksum of a message is the XOR of the characters
+between $ and *.
 """
 
 from functools import reduce

@@ -1,18 +1,18 @@
-"""Assembles the frames of the log into IMU samples with the table's angles at the same times.
+"""Converts the frames of the log to IMU samples, with the table's angles at the same times.
 
-The IMU's time comes from its own counter, and the table's time from its controller. Both are
-matched to the host's clock by the smallest difference to the arrival times in the first seconds;
-the remaining difference is the bench's latency. After that, arrival times only show how often a
+The IMU's time comes from its own counter, and the table's time comes from its controller. Both are
+related to the host's clock by the smallest difference from the arrival times in the first seconds.
+The remaining difference is the latency of the bench. Later, arrival times only show how often a
 counter has wrapped (`packet_dating`).
 
-The same frames give bitwise identical samples, however often `take` is called.
+The same frames always give exactly the same samples, however often `take` is called.
 
-Events are JSON objects that are distinguished by `what`. "session" means that a host attached:
-`next` is the first step to be done (or repeated), and `wraps` is the time in s after which the
-table's clock restarts, null or missing if never. "section" has `number`, `label`, `state` ("begun",
-"done" or "void"), `time` by the table's clock, and whether it is a `hold`. "interruption" has
-`cause`, a text on why the table is stopped (null: the run continues), and `since`, the run time in
-s when this began. Other events are ignored.
+Events are JSON objects, and `what` states their kind. "session" means that a host started: `next`
+is the first step to carry out (or repeat), and `wraps` is the time in s after which the table's
+clock restarts (null or missing if it never does). "section" states `number`, `label`, `state`
+("begun", "done" or "void"), `time` by the table's clock, and whether the section is a `hold`.
+"interruption" states `cause`, a text that says why the table was stopped (null if the run
+continues), and `since`, the run time in s when this began. Other events are ignored.
 """
 
 import json
@@ -42,35 +42,35 @@ from inercal.recordings import AngleQuality, Track
 from inercal.recordings.data.recording_loader import readback_units
 from inercal.runfile import Run
 
-_MAX_HOLD_GAP = 0.5  # s without a sample, after which a hold ends
+_MAX_HOLD_GAP = 0.5  # s; a hold ends after this time without a sample
 
 
 class SampleBlock(NamedTuple):
-    """A block of samples with the values that a recording contains.
+    """A block of samples, with all values that a recording contains.
 
     Parameters
     ----------
     time : (n,) array
-        Time since the recording's first sample by the IMU's clock, s.
+        Time since the first sample of the recording, by the IMU's clock, s.
     output : (n, m) array
         Readings in the output units of the sensor's axes.
     reading : (n, m) array
         The same readings in SI.
     angle_output : (n, k) array
-        The readback in the units of its columns: angles, or rates from a rate table. It has no
+        The readback in the units of its columns: angles, or rates of a rate table. There are no
         columns if the table's angles are not recorded.
     angles : (n, k) array
-        The readback in rad or rad/s; the driver's values if it is not recorded.
+        The readback in rad or rad/s. If it is not recorded, these are the values from the driver.
     hold : (n,) array of int
-        Number of the hold; −1 outside of holds.
+        Number of the hold to which each sample belongs; −1 outside holds.
     temperature : (n,) array
         Temperature in K; NaN if unknown.
     table : (n,) array
         Time by the table's clock, s.
     noise_gain, interpolation_sd : (n,) array
-        Quality of the angles, as in `AngleQuality`; the standard deviation is in rad.
+        Quality of the angles (see `AngleQuality`); the standard deviation is in rad.
     starts_recording : bool
-        True if the recording begins with this block, so that earlier samples are void.
+        Whether the recording begins with this block. If so, earlier samples are void.
     """
 
     time: Array
@@ -87,14 +87,14 @@ class SampleBlock(NamedTuple):
 
     @property
     def estimator_track(self) -> Track:
-        """The samples as a track for an estimator; without angles if none are recorded."""
+        """The samples as a track for an estimator; it has no angles if they are not recorded."""
         if self.angle_output.shape[-1]:
             return self.track
         return Track(self.time, self.reading, self.angle_output, self.hold)
 
     @property
     def track(self) -> Track:
-        """The samples as a track with the angles that the driver reports."""
+        """The samples as a track, with the angles that the driver reports."""
         quality = AngleQuality(self.noise_gain, self.interpolation_sd)
         return Track(self.time, self.reading, self.angles, self.hold, angle_quality=quality)
 
@@ -108,20 +108,20 @@ class SampleTally:
     samples : int
         Samples that were returned since the recording began.
     bytes : PacketCounts
-        Counts for the IMU's bytes, over all sessions.
+        Counts of packets and bytes from the IMU in all sessions.
     drops : DroppedPackets
         Packets that did not become samples.
     samples_without_angle : int
-        Samples that were left out because the table's angles are unknown.
+        Samples that were omitted because the table's angles are unknown.
     samples_with_unusable_angle : int
-        Samples with an angle that no filter uses, because the table was polled too rarely while
-        turning.
+        Samples with an angle that no filter uses, because the table was polled too rarely while it
+        turned.
     polls : int
         Polls of the table.
     poll_drops : int
-        Polls whose time is not later than that of the previous poll.
+        Polls with a time that is not later than the time of the previous poll.
     implausible_polls : int
-        Polls that were left out because they imply motion that the table cannot make.
+        Polls that were omitted because they imply motion that the table cannot make.
     """
 
     samples: int
@@ -135,7 +135,7 @@ class SampleTally:
 
 
 class SampleAssembler:
-    """Assembles the frames of a run into samples.
+    """Converts the frames of a run to samples.
 
     Parameters
     ----------
@@ -150,15 +150,15 @@ class SampleAssembler:
     ----------
     sensor : Sensor
     imu : ReceivedSamples
-        The IMU's packets.
+        The packets of the IMU.
     table : TablePolls or RatePolls
-        The table's polls.
+        The polls of the table.
 
     Raises
     ------
     InputError
-        No host can drive the bench, the rate is missing, or the packets have neither counter nor
-        time, have another rate, or lack an axis of the sensor.
+        No host can drive the bench, the rate is missing, the packets contain neither counter nor
+        time, their rate is different, or an axis of the sensor is missing in them.
     """
 
     def __init__(self, run: Run, layout: PacketLayout, poll: float = POLL_INTERVAL):
@@ -171,7 +171,7 @@ class SampleAssembler:
         )
         self._settling = control.settling(bench)
         self._sections = SectionTimeline(self._settling)
-        # SI size of a unit in each axis' column of the recording; a negative size reverses the
+        # Size in SI of the unit of each axis' column in the recording; a negative size reverses the
         # sign.
         sizes = readback_units(run)
         names = [name for name in control.readback(bench) if name in sizes]
@@ -198,36 +198,36 @@ class SampleAssembler:
 
     @property
     def interruptions(self) -> tuple[InterruptionSpan, ...]:
-        """Run times in s and causes of the interruptions."""
+        """The interruptions, with their run times in s and causes."""
         return tuple(replace(one) for one in self._interruptions.interruptions)
 
     @property
     def offset(self) -> float | None:
-        """The IMU's clock minus the table's from arrival times, s; None while unknown."""
+        """The IMU's clock minus the table's clock, from arrival times, s; None while unknown."""
         if self.imu.offset is None or self.table.offset is None:
             return None
         return self.table.offset - self.imu.offset
 
     @property
     def is_recording(self) -> bool:
-        """Whether samples are produced: both clocks are matched, and the recording has begun."""
+        """Whether samples are produced: both clocks are related, and the recording has begun."""
         return self.offset is not None and self._sections.start < np.inf
 
     @property
     def recording_start(self) -> float | None:
-        """Run time of the recording's first sample, s; None before there is one."""
+        """Run time of the first sample in the recording, s; None before this sample."""
         if self._first_tick is None or self.imu.offset is None:
             return None
         return self._first_tick / self.imu.per_second + self.imu.offset
 
     def take_received(self) -> tuple[Array, Array] | None:
-        """Return the readings that arrived since the last call, even without known table angles.
+        """Return the readings that arrived since the last call, even if angles are unknown.
 
         Returns
         -------
         time : (n,) array
-            Run time, s. During the first 5 s, in which the clocks are matched, it may be late by
-            the latency of the bytes.
+            Run time, s. During the first 5 s, while the clocks are being related, this time may be
+            too late by the latency of the bytes.
         output : (n, m) array
             Readings in the output units of the sensor's axes.
         """
@@ -244,12 +244,12 @@ class SampleAssembler:
         self._pending.append(frame)
 
     def take(self) -> SampleBlock | None:
-        """Return the samples that the frames fed so far complete; None if there are none.
+        """Return the samples that are complete with the frames so far; None if there are none.
 
         Raises
         ------
         InputError
-            A frame does not belong to a run, or the table has reset its clock.
+            A frame does not belong to this kind of log, or the table has reset its clock.
         """
         pending, self._pending = self._pending, []
         for kind, group in groupby(_sort_frames(pending), key=lambda one: one.kind):
@@ -266,9 +266,9 @@ class SampleAssembler:
         return self._block()
 
     def labels(self, table: Array) -> NDArray[np.str_]:
-        """Return the labels (n,) for the table times of samples, as in `SampleBlock.table`.
+        """Return the labels, (n,), for table times of samples, as in `SampleBlock.table`.
 
-        The label is "" outside of sections and in void ones.
+        The label is "" outside sections and in void sections.
         """
         return self._sections.labels(table)
 
@@ -289,7 +289,7 @@ class SampleAssembler:
         """Begin a new recording."""
         self._first_tick: float | None = None  # tick
         self._count, self._holds, self._no_angle, self._unusable = 0, 0, 0, 0
-        self._last_hold_sample = (-1, -np.inf)  # section and time of the last sample in a hold
+        self._last_hold_sample = (-1, -np.inf)  # section and time of the last hold sample
 
     def _block(self) -> SampleBlock | None:
         offset, imu = self.offset, self.imu
@@ -305,7 +305,7 @@ class SampleAssembler:
         late = table >= self._sections.start
         angles, quality, there = self.table.readback(table)
         self.table.discard_old(float(table[-1]))
-        if not self._records_angles:  # samples count even if the table was not polled
+        if not self._records_angles:  # samples are valid even if the table was not polled
             angles[~there], there = np.nan, np.ones_like(there)
         self._no_angle += int(np.sum(late & ~there))
         kept = late & there
@@ -336,7 +336,7 @@ class SampleAssembler:
         )
 
     def _ready_samples(self, until: float, offset: float) -> PacketRows | None:
-        """Return the samples before a table time; later ones are kept."""
+        """Return the samples before a table time, and keep the later samples."""
         waiting, imu = self.imu.waiting, self.imu
         if not waiting:
             return None
@@ -347,7 +347,7 @@ class SampleAssembler:
         return whole.where(slice(0, n)) if n else None
 
     def _hold_numbers(self, table: Array, time: Array) -> Indices:
-        """Return the number of the hold of each sample."""
+        """Return the number of the hold to which each sample belongs."""
         section = self._sections.hold_indices(table)
         held = np.flatnonzero(section >= 0)
         number = np.full(table.size, -1, np.int64)
@@ -362,7 +362,7 @@ class SampleAssembler:
 
 
 def _sort_frames(frames: list[LogFrame]) -> list[LogFrame]:
-    """Group frames by kind between events, so that frames of one kind are processed together."""
+    """Group frames by kind between events, to process all frames of a kind together."""
     result: list[LogFrame] = []
     for _, group in groupby(frames, key=lambda one: one.kind == EVENT):
         result += sorted(group, key=lambda one: one.kind)

@@ -1,4 +1,4 @@
-"""The IMU's packets in the order of its own clock."""
+"""The packets of the IMU, in the order of the IMU's clock."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import LogFrame
 from inercal.physics.sensors import Sensor
 
-_MISMATCH_TIME = 2.0  # s for which packets may wait for a date before this is reported
+_MISMATCH_TIME = 2.0  # s; if packets wait longer for a date, this is reported
 _ROUNDING = 1e-6
 _MAX_TICK = 2.0**53  # floats represent integers up to this exactly
-_MAX_RECENT = 256  # pieces; during the 5 s in which the clocks are matched, each tick adds one
+_MAX_RECENT = 256  # pieces; each tick adds one during the 5 s of relating the clocks
 _NO_NUMBER, _BAD_STATUS, _BEYOND_RANGE = 1, 2, 3
 _FLAWS = {_NO_NUMBER: "no_number", _BAD_STATUS: "bad_status", _BEYOND_RANGE: "beyond_range"}
 
@@ -32,9 +32,9 @@ class DroppedPackets:
     Parameters
     ----------
     repeated, out_of_order : int
-        Packets whose counter was used before, or is ahead of the following packets.
+        Packets with a counter that was used before, or that is ahead of the following packets.
     undated : int
-        Packets whose counter jumped, or has wrapped an unknown number of times.
+        Packets with a counter that jumped, or that has wrapped an unknown number of times.
     no_number, bad_status, beyond_range : int
         Packets without a reading, with a bad status, or with a reading beyond the sensor's full
         scale.
@@ -65,17 +65,19 @@ class ReceivedSamples:
     per_second : float
         Ticks per second.
     offset : float or None
-        Host time minus IMU time, s: the smallest difference for the first packets; None before.
+        Host time minus IMU time, s: the smallest difference among the first packets. None before it
+        is known.
     drops : DroppedPackets
     waiting : list of PacketRows
-        Samples in order that have not been taken yet.
+        Samples in order that nobody has taken yet.
     recent : deque of PacketRows
-        The latest samples for a viewer, which removes them.
+        The latest samples for a viewer, who removes them.
 
     Raises
     ------
     InputError
-        The layout has neither counter nor time, has another rate, or lacks an axis of the sensor.
+        The layout has neither counter nor time, its rate is different, or an axis of the sensor is
+        missing.
     """
 
     sensor: Sensor
@@ -128,7 +130,7 @@ class ReceivedSamples:
 
     @property
     def _roles(self) -> list[str]:
-        """The names of the sensor's axes in the packets, ax to gz."""
+        """The names that the sensor's axes have in the packets, ax to gz."""
         kinds = {"f": iter("xyz"), "w": iter("xyz")}
         return [
             ("a" if one.measures == "f" else "g") + next(kinds[one.measures])
@@ -142,19 +144,19 @@ class ReceivedSamples:
 
     @property
     def provisional_offset(self) -> float | None:
-        """The offset, or while clocks are matched the smallest difference so far; None before."""
+        """The offset or, before it is final, the smallest difference so far; None if unknown."""
         if self.offset is not None:
             return self.offset
         return self._least_difference if isfinite(self._least_difference) else None
 
     @property
     def waits_for_dates(self) -> bool:
-        """Whether packets have arrived that cannot be dated, or not yet."""
+        """Whether packets have arrived that cannot be dated, or cannot be dated yet."""
         return self._dating.doubt_since is not None
 
     @property
     def mismatch(self) -> str | None:
-        """Text on why arriving packets cannot be dated; None while they can."""
+        """Reason why arriving packets cannot be dated, as text; None while they can be dated."""
         dating = self._dating
         if dating.waiting_time < _MISMATCH_TIME:
             return None
@@ -169,7 +171,7 @@ class ReceivedSamples:
         )
 
     def begin_session(self) -> None:
-        """Restart decoding, because it is unknown what was sent in between."""
+        """Restart decoding, because it is unknown what was sent between the sessions."""
         self._before = self.counts
         zero = self._decoder.time_zero
         self._decoder = Decoder(self.layout, mid_stream=True, time_zero=zero)
@@ -197,7 +199,7 @@ class ReceivedSamples:
         self._feed_together(together)
 
     def _feed_together(self, frames: Sequence[LogFrame]) -> None:
-        """Process frames together, or one by one if a counter does not continue."""
+        """Process frames together, or one at a time if a counter does not continue."""
         if not frames:
             return
         before = self._decoder.copy()
@@ -227,7 +229,7 @@ class ReceivedSamples:
     def _match(self, arrival: float, rows: PacketRows) -> PacketRows:
         """Search for the smallest clock difference during a period without a gap or an outage.
 
-        Returns the packets in this period.
+        Returns the packets that arrived in this period.
         """
         *before, rows = self._dating.split(rows)
         if self._first_arrival != -inf and (
@@ -255,7 +257,7 @@ class ReceivedSamples:
         self.recent.clear()
 
     def _rows(self, packets: Packets) -> PacketRows:
-        """Return packets with their flaws, except those without a counter value of their own."""
+        """Return packets with their flaws, without packets that repeat a counter value."""
         output = self.sensor.to_output(packets.readings[:, self._columns])
         with np.errstate(invalid="ignore"):
             flaw = np.where(
@@ -268,18 +270,18 @@ class ReceivedSamples:
         else:
             ticks = np.zeros(len(packets)) if packets.time is None else packets.time
         rows = PacketRows(ticks, output, packets.temperature, flaw)
-        known = np.abs(ticks) < _MAX_TICK  # a clock that is a real number may be NaN or too large
+        known = np.abs(ticks) < _MAX_TICK  # a real-valued clock may be NaN or too large
         return rows if known.all() else rows.where(known)
 
     def _take(self, rows: PacketRows) -> None:
-        """Store good packets in order; the last packet waits for the next one."""
+        """Store good packets in order; the last packet waits for the next packet."""
         if self._pending_rows is not None:
             rows = self._pending_rows.join(rows)
         self._pending_rows = rows.where(slice(-1, None))
         self._keep(rows.where(self._in_order(rows.ticks)))
 
     def _keep(self, rows: PacketRows) -> None:
-        """Count the flaws, and queue the samples without flaws."""
+        """Count packets with flaws, and queue the others as samples."""
         if not rows.ticks.size:
             return
         self._last = float(rows.ticks[-1])
@@ -293,10 +295,10 @@ class ReceivedSamples:
             self.recent.append(rows)
 
     def _in_order(self, ticks: Array) -> "Bools | slice":
-        """Return which packets are later than all earlier ones, without judging the last packet.
+        """Return which packets are later than all earlier packets; the last packet is not judged.
 
-        A packet has a false counter if it is ahead of the next one, which is later than all packets
-        before.
+        The counter of a packet is false if it is ahead of the next packet, although the next packet
+        is later than all earlier packets.
         """
         if ticks[0] > self._last and (ticks[1:] > ticks[:-1]).all():
             return slice(0, -1)

@@ -1,19 +1,21 @@
-"""Dates packets by their counter; arrival times only show how often the counter has wrapped.
+"""Dates packets by their counter; arrival times only show how often the counter wrapped.
 
-Two bounds enclose the time of a packet. It follows the previous packet, which gives the smallest
-possible number of turns of the counter, and it was sent before it arrived. A host that was
-suspended reads packets long after they were sent, so an arrival time by itself dates nothing.
+Two bounds enclose the time of a packet. It is later than the previous packet, which gives the
+smallest possible number of counter turns, and it was sent before it arrived. An arrival time is not
+sufficient to date a packet, because a host that was suspended reads packets long after they were
+sent.
 
-Packets whose counter continues are dated at once. After a gap in the counter, an outage of the
-arrivals or a new session, packets wait in gap-free parts until one of these holds:
+Packets whose counter continues are dated at once. After a gap in the counter, a time without
+arrivals or a new session, packets wait in gap-free parts. They are dated in two cases:
 
-1. With the smallest numbers of turns, the newest packet is as recent as one that has just arrived.
-   Then these numbers are right for every part, because their sum allows no others.
-2. Other numbers of turns fit, and packets have arrived as fast as they are sent for 0.5 s, so that
-   no backlog remains. Then only these packets are dated, as the turns of earlier ones are unknown.
+1. With the smallest numbers of turns, the newest packet is as recent as a packet that has just
+   arrived. These numbers are then correct for every part, because their sum allows no others.
+2. Other numbers of turns fit, and packets have arrived as fast as they are sent for 0.5 s, so there
+   is no backlog. Only these recent packets are then dated, because the number of turns before them
+   is unknown.
 
-If neither happens, the counter was reset or has jumped. A part is dropped if the packets before it
-continue after it, because then the counter jumped and came back.
+If neither case occurs, the counter was reset or has jumped. A part is dropped if the packets before
+it continue after it, because the counter then jumped and came back.
 """
 
 from collections import deque
@@ -26,17 +28,17 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 
-_MAX_OUTAGE = 1.0  # s between two arrivals; after a longer time, the amount of loss is unknown
-_TURN_SHARE = 0.25  # of a counter turn; a larger step may include any number of turns
-_GAP, _GAP_PACKETS = 0.1, 5.0  # s and packets; a step up to the larger counts as continuous
-_ARRIVAL_UNCERTAINTY, _DRIFT = 0.1, 2e-4  # s, and relative to the time since the last comparison
-_SOUNDINGS = 10  # clock comparisons, one per second, whose smallest difference counts
-_NO_BACKLOG_TIME = 0.5  # s for which packets must arrive as fast as they are sent
+_MAX_OUTAGE = 1.0  # s between arrivals; after a longer time, the number of lost packets is unknown
+_TURN_SHARE = 0.25  # fraction of a counter turn; a larger step may include any number of turns
+_GAP, _GAP_PACKETS = 0.1, 5.0  # s and packets; up to the larger, a step counts as continuous
+_ARRIVAL_UNCERTAINTY, _DRIFT = 0.1, 2e-4  # s, and drift relative to the time since a comparison
+_SOUNDINGS = 10  # number of clock comparisons, one per second, of which the smallest is used
+_NO_BACKLOG_TIME = 0.5  # s during which packets must arrive as fast as they are sent
 _MAX_WAIT = 60.0  # s of arrivals for which undated packets are kept
 
 
 class PacketRows(NamedTuple):
-    """Packets, each with a flag for its flaw; 0 means none."""
+    """Packets, each with a flag for its flaw; 0 means that it has no flaw."""
 
     ticks: Array  # (n,), counter or clock of the device; integers are exact
     output: Array  # (n, m), in output units of the sensor's axes
@@ -58,7 +60,7 @@ class PacketRows(NamedTuple):
 
 @dataclass
 class _Part:
-    """Gap-free packets that wait for a date, and each arrival with its newest tick."""
+    """Gap-free packets that wait for a date, and the newest tick of each arrival."""
 
     pieces: list[PacketRows] = field(default_factory=list[PacketRows])
     arrivals: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
@@ -88,18 +90,18 @@ class PacketDating:
     per_second : float
         Ticks per second.
     turn : float
-        Ticks after which the counter restarts at 0; infinite: never.
+        Ticks after which the counter restarts at 0; infinite if it never does.
     step : float
-        Ticks from packet to packet.
+        Ticks from one packet to the next.
 
     Attributes
     ----------
     dropped : int
         Packets that could not be dated.
     doubt_since : float or None
-        Arrival time of the first packet that waits for its date, s; None while none waits.
+        Arrival time of the first packet that waits for a date, s; None if no packet waits.
     behind : float
-        Time by which the newest waiting packet is older than its arrival, s.
+        Time from the newest waiting packet to its arrival, s.
     """
 
     def __init__(self, per_second: float, turn: float, step: float):
@@ -109,7 +111,7 @@ class PacketDating:
         self._outage = min(_MAX_OUTAGE, share / per_second)
         self._comparisons: deque[tuple[float, float]] = deque(maxlen=_SOUNDINGS)
         self._last, self._last_arrival = -inf, -inf
-        self._turns = 0.0  # ticks that are added to the counter for its turns
+        self._turns = 0.0  # ticks added to the counter for its turns
         self._parts: list[_Part] = []
         self._doubts = self._after_outage = self._begins_part = False
         self.dropped, self.behind = 0, 0.0
@@ -126,29 +128,29 @@ class PacketDating:
         return self.turn_seconds / 2 > self._tolerance(self._last_arrival)
 
     def begin(self, arrival: float, difference: float, last: float) -> None:
-        """Begin to date packets, with the smallest difference of arrival and device time, s."""
+        """Begin to date packets; `difference` is the smallest arrival time minus device time, s."""
         self._comparisons.append((arrival, difference))
         self._last, self._last_arrival = last, arrival
 
     def begin_session(self) -> None:
-        """Begin a session, before which the counter may have wrapped any number of times."""
+        """Begin a session; before this, the counter may have wrapped any number of times."""
         self._drop_parts()
         self._doubts = self._after_outage = True
         self._turns = 0.0
 
     def follows_outage(self, arrival: float) -> bool:
-        """Return whether so much time has passed that any number of packets may be lost."""
+        """Return whether enough time has passed for any number of packets to be lost."""
         return arrival - self._last_arrival > self._outage
 
     def begin_arrival(self, arrival: float) -> None:
-        """Record that bytes have arrived, which may not include a complete packet yet."""
+        """Record that bytes have arrived, even if no packet is complete yet."""
         if self.follows_outage(arrival):
             self._doubts = self._after_outage = self._begins_part = True
 
     def needs_arrival(self, arrival: float) -> bool:
         """Return whether packets that arrive at this time must be fed one arrival at a time.
 
-        This depends only on the arrivals, so packets get the same dates however they are fed.
+        The answer depends only on the arrivals, so packets get the same dates however they are fed.
         """
         return self._doubts or self.follows_outage(arrival) or self._is_sounding(arrival)
 
@@ -172,11 +174,11 @@ class PacketDating:
         return [rows.where(slice(*ends)) for ends in pairwise(bounds)]
 
     def follows_dated(self, ticks: Array) -> bool:
-        """Return whether packets continue the last dated one and contain no gap."""
+        """Return whether packets continue the last dated packet and contain no gap."""
         return not (self._doubts or self.has_gap(ticks, self._last - self._turns))
 
     def date_next(self, rows: PacketRows) -> PacketRows:
-        """Date packets that continue the dated ones, and return them."""
+        """Date packets that continue the dated packets, and return them."""
         dated = rows.later_by(self._turns)
         self._last = float(dated.ticks[-1])
         return dated
@@ -187,7 +189,7 @@ class PacketDating:
         Parameters
         ----------
         rows : PacketRows
-            At least one packet; all from one arrival.
+            One or more packets from a single arrival.
         arrival : float
             Arrival time by the host's clock, s.
         """
@@ -205,14 +207,14 @@ class PacketDating:
         return floor(arrival) > self._last_arrival
 
     def _tolerance(self, arrival: float) -> float:
-        """Return the possible error of the arrival time of a packet without a backlog, s."""
+        """Return the possible error of a packet's arrival time if there is no backlog, s."""
         return _ARRIVAL_UNCERTAINTY + _DRIFT * abs(arrival - self._comparisons[-1][0])
 
     def _is_continued(self, last: float, rows: PacketRows) -> bool:
         return abs(float(rows.ticks[0]) - last) <= self._gap
 
     def _place(self, rows: PacketRows, arrival: float) -> list[PacketRows]:
-        """Add gap-free packets to a part, or date them if they continue the dated ones."""
+        """Add gap-free packets to a part, or date them if they continue the dated packets."""
         parts, dated = self._parts, self._last - self._turns
         if not self._doubts and self._is_continued(dated, rows):
             return [self.date_next(rows)]
@@ -274,7 +276,7 @@ class PacketDating:
         return dated
 
     def _first_fresh(self, part: _Part, arrival: float) -> int:
-        """Return the index of a part's first arrival that is as recent as its last one."""
+        """Return the index of the first arrival in a part that is as recent as the last arrival."""
         youngest = arrival - part.last / self._per_second + _ARRIVAL_UNCERTAINTY
         ages = (heard - tick / self._per_second for heard, tick in part.arrivals)
         return next(k for k, one in enumerate(ages) if one <= youngest)

@@ -1,9 +1,10 @@
-"""Polls of a table in the order of its clock, which is matched to the host's clock.
+"""Polls of a table in the order of its clock, which is related to the host's clock.
 
-The subclasses for turntables and rate tables (`table_polls`) differ in the values they keep from a
-poll, in the check for implausible polls, and in the interpolation between polls.
+The subclasses for turntables and rate tables (`table_polls`) store different values from a poll,
+check differently for implausible polls, and interpolate differently between polls.
 
-The clocks are matched at the start, and after an outage by `wrap_correction`.
+The clocks are related at the start. After a time without replies, `wrap_correction` relates them
+again.
 """
 
 from abc import ABC, abstractmethod
@@ -21,10 +22,10 @@ from inercal.host.run_log import LogFrame
 from inercal.host.table_state_codec import StateArrays, unpack_states
 from inercal.recordings import AngleQuality
 
-CLOCK_LOST = frozenset({"the table"})  # names in an error after which a new run is needed
-MATCHING_TIME = 5.0  # s over which the smallest difference between two clocks is sought
-_ARRIVAL_TOLERANCE, _DRIFT = 1.0, 2e-4  # s, and share of an outage: possible arrival error
-# Uncertainty of an arrival, s: clock turns can be counted if half a turn is longer than this
+CLOCK_LOST = frozenset({"the table"})  # names in an error after which the run cannot continue
+MATCHING_TIME = 5.0  # s; the smallest difference between two clocks is found in this time
+_ARRIVAL_TOLERANCE, _DRIFT = 1.0, 2e-4  # s, and fraction of an outage: possible arrival error
+# Uncertainty of an arrival, s. Clock turns can be counted if half a turn is longer than this.
 _ARRIVAL_UNCERTAINTY = 0.1
 
 
@@ -36,9 +37,9 @@ def wrap_correction(behind: float, wraps: float, outage: float) -> float:
     behind : float
         Time by which the clock is behind, according to the host's clock, s.
     wraps : float
-        Time after which the clock restarts, s; infinite: never.
+        Time after which the clock restarts, s; infinite if it never does.
     outage : float
-        Time for which nothing was received from the table, s.
+        Time during which nothing was received from the table, s.
 
     Raises
     ------
@@ -65,14 +66,15 @@ def wrap_correction(behind: float, wraps: float, outage: float) -> float:
     return added
 
 
-# Time without a poll after which the angles are unknown, because the table may have moved anywhere,
-# s. A table that was at rest before and after such a gap is assumed to have been at rest in it.
+# Time without a poll after which the angles are unknown, s, because the table may have moved
+# anywhere. If a table was at rest before and after such a gap, it is assumed to have been at rest
+# during the gap.
 MAX_UNREAD = 5.0
 _AFTER = 3  # number of polls that are needed after a time
 
 
 class PollHistory(NamedTuple):
-    """Polls in the order of time; the oldest ones are dropped."""
+    """Polls in the order of time; the oldest polls are dropped."""
 
     time: Array  # (n,) s by the table's clock, unwrapped
     value: Array  # (n, k) rad, NaN while a table searches for its zero; or rad/s
@@ -83,29 +85,30 @@ class PollHistory(NamedTuple):
         return self._make(column[rows] for column in self)
 
     def join(self, other: "PollHistory") -> "PollHistory":
-        """Return these polls followed by later ones."""
+        """Return these polls, followed by later polls."""
         return self._make(map(np.concatenate, zip(self, other, strict=True)))
 
 
 class PollRecord(ABC):
-    """The states of a table that were read in polls.
+    """The states of a table, which were read in polls.
 
     Parameters
     ----------
     plausibility : Plausibility
-        Identifies polls that imply impossible motion, and counts them.
+        Check that identifies and counts polls that imply impossible motion.
 
     Attributes
     ----------
     history : PollHistory or None
-        The polls; None before the first one.
+        The polls; None before the first poll.
     offset : float or None
-        Host time minus table time, s: the smallest difference for the first polls; None before.
+        Host time minus table time, s: the smallest difference among the first polls. None before it
+        is known.
     wrap_offset : float
-        Correction that is added to the table's times, s, as its clock may have restarted in an
-        outage.
+        Correction that is added to the table's times, s, because its clock may have restarted
+        during a time without replies.
     drops : int
-        Number of polls that were not later than the previous one.
+        Number of polls that were not later than the previous poll.
     count : int
         Number of all polls.
     """
@@ -116,14 +119,14 @@ class PollRecord(ABC):
         self.drops = self.count = 0
         self._counted = plausibility
         self._first_arrival, self._least_difference = 0.0, inf
-        # The latest host time minus table time; the clocks drift apart in a long run.
+        # The latest host time minus table time, because the clocks drift apart in a long run.
         self._difference = 0.0
         self._wraps, self._must_match = inf, False
         self.wrap_offset = 0.0
 
     @property
     def implausible(self) -> int:
-        """Number of polls that were rejected because the table cannot move that way."""
+        """Number of polls that were rejected because the table cannot move in this way."""
         return self._counted.rejected
 
     @property
@@ -135,11 +138,11 @@ class PollRecord(ABC):
 
     @property
     def last(self) -> float:
-        """Time of the last poll, s; −∞ before the first."""
+        """Time of the last poll, s; −∞ before the first poll."""
         return -inf if self.history is None else float(self.history.time[-1])
 
     def begin_session(self, wraps: float) -> None:
-        """Begin a session before which the clock may have restarted every `wraps` s (or never)."""
+        """Begin a session; the clock restarts every `wraps` s (infinite if it never does)."""
         self._wraps = wraps
         self._counted.restart()
         if self.offset is None:
@@ -204,14 +207,14 @@ class PollRecord(ABC):
 
     @abstractmethod
     def readback(self, time: Array) -> tuple[Array, AngleQuality, Bools]:
-        """Return the values (n, k) at times (n,), their uncertainty, and where they are known.
+        """Return the values, (n, k), at times, (n,), their uncertainty, and which are known.
 
         The times must be before `complete_until`.
         """
 
     @abstractmethod
     def _values(self, came: StateArrays) -> Array:
-        """Return the values to keep from the polls, (n, k)."""
+        """Return the values to store from the polls, (n, k)."""
 
     @abstractmethod
     def _plausible(self, time: Array, values: Array, came: StateArrays, later: Bools) -> Bools:

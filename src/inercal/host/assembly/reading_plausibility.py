@@ -1,22 +1,20 @@
 """Rejects table readings that imply impossible motion; a corrupted digit looks like this.
 
-The digits of a controller's reply have no checksum. Therefore each reading is compared, axis by
-axis, with the last accepted reading, which is older by Δt. Here θ is the readback, ω is the rate
-and e is the following error as the controller states them, and ω_max and α_max are the bench's
-limits::
+The digits in a controller's reply have no checksum. Each reading is therefore compared, axis by
+axis, with the last accepted reading, which is older by Δt. The controller states the readback θ,
+the rate ω and the following error e; ω_max and α_max are the limits of the bench::
 
     |Δθ| ≤ 1.2 ω_max Δt + n                                      at any time
     |Δθ − (ω₀ + ω₁) Δt/2| ≤ 2 α_max Δt (Δt/2 + τ) + |ω| Δt/20 + n  by the stated rates
     |Δθ/Δt − Δθ₀/Δt₀| ≤ 2 α_max (Δt + Δt₀)/2 + 2 n/min(Δt, Δt₀)    by the previous motion
     |Δ(θ + e)| ≤ 10″ + n                                          if all axes are settled in both
 
-n is the sum of six standard deviations of the readback's noise and the resolution of the digits,
-and τ is the possible delay of the readback. Values that the controller does not state are not
-checked.
+n is six standard deviations of the readback's noise plus the resolution of the digits, and τ is the
+possible delay of the readback. Values that the controller does not state are not checked.
 
-A servo may decelerate faster than the bench's limits. Therefore two readings in a row that agree
-with each other, and are possible after the last accepted one, are accepted again. From a stop
-command until the table is at rest, only the first inequality applies.
+A servo may decelerate faster than the limits of the bench. If two successive readings agree with
+each other and are possible after the last accepted reading, they are therefore accepted. From a
+stop command until the table is at rest, only the first inequality applies.
 
 `Plausibility` counts the rejected readings; a subclass compares them.
 """
@@ -34,14 +32,14 @@ R = TypeVar("R")  # type of a reading in comparisons
 
 
 class Plausibility(ABC, Generic[R]):
-    """Checks the readings of one table in sequence.
+    """Checks the successive readings of one table.
 
     Attributes
     ----------
     rejected : int
-        Number of readings that were rejected so far.
+        Number of rejected readings so far.
     in_a_row : int
-        Number of rejected readings since the last accepted one.
+        Number of rejected readings since the last accepted reading.
     """
 
     most_in_a_row: ClassVar[int]
@@ -50,11 +48,11 @@ class Plausibility(ABC, Generic[R]):
         self.rejected, self.in_a_row = 0, 0
         self._accepted: R | None = None
         self._doubted: R | None = None
-        self._stopping = False  # whether a stop was commanded and the table is not at rest yet
+        self._stopping = False  # whether a stop was commanded and is not yet complete
 
     @property
     def is_fault(self) -> bool:
-        """Whether too many readings in a row are implausible to follow the table."""
+        """Whether so many successive readings are implausible that the table cannot be followed."""
         return self.in_a_row >= self.most_in_a_row
 
     @property
@@ -66,43 +64,43 @@ class Plausibility(ABC, Generic[R]):
         )
 
     def restart(self) -> None:
-        """Do not compare the next reading with earlier ones, because the host was away."""
+        """Do not compare the next reading with earlier readings, because the host was away."""
         self._accepted = self._doubted = None
         self.in_a_row = 0
         self._stopping = True
 
     def expect_stop(self) -> None:
-        """Allow any deceleration until the table rests, as a stop may exceed the plan's limits."""
+        """Allow any deceleration until the table is at rest; a stop may exceed the limits."""
         self._stopping = True
 
     @abstractmethod
     def accept_state(self, state: TableState) -> bool:
-        """Return whether a reading, as returned by a driver, is plausible."""
+        """Return whether a reading that a driver returned is plausible."""
 
     def _accept(self, now: R) -> None:
         self._accepted, self._doubted, self.in_a_row = now, None, 0
 
     def _reject(self, now: R) -> None:
-        """Keep a rejected reading, so that a second one that agrees with it is accepted."""
+        """Remember a rejected reading; if the next reading agrees with it, both are accepted."""
         self._doubted = now
         self.rejected += 1
         self.in_a_row += 1
 
 
-MAX_IMPLAUSIBLE_READINGS = 5  # readings in a row; the same number may fail
-_RATE_MARGIN = 1.2  # times the bench's limit, as in the interlocks
-_ACCELERATION_MARGIN = 2.0  # times the bench's limit, as a servo overshoots when a ramp begins
-_RATE_SHARE = 0.05  # of a stated rate, which controllers average over several servo cycles
+MAX_IMPLAUSIBLE_READINGS = 5  # successive readings; the same number may fail
+_RATE_MARGIN = 1.2  # times the limit of the bench, as in the interlocks
+_ACCELERATION_MARGIN = 2.0  # times the limit of the bench; a servo overshoots when a ramp begins
+_RATE_SHARE = 0.05  # fraction of a stated rate, because controllers average it over several cycles
 NOISE_FACTOR = 6.0  # standard deviations
-_RESOLUTION = radians(1e-4)  # rad; rates and angles may be stated with few digits
-_SETTLED_ANGLE = radians(10 / 3600)  # rad by which a settled servo may still move
-_MAX_COMPARABLE_GAP = 1.0  # s; after a longer time, a reading is not compared with earlier ones
-_FEW_INTERVALS = 3.0  # times the previous interval; a longer interval is not compared with it
+_RESOLUTION = radians(1e-4)  # rad; controllers may state rates and angles with few digits
+_SETTLED_ANGLE = radians(10 / 3600)  # rad; a settled servo may still move by this angle
+_MAX_COMPARABLE_GAP = 1.0  # s; after a longer time, a reading is not compared with earlier readings
+_FEW_INTERVALS = 3.0  # times the previous interval; longer intervals are not compared
 
 
 @dataclass(frozen=True)
 class AxisReading:
-    """One axis in one reading, rad and rad/s; NaN if not stated."""
+    """One axis in one reading, in rad and rad/s; NaN if a value is not stated."""
 
     angle: float
     rate: float
@@ -111,7 +109,7 @@ class AxisReading:
 
 @dataclass(frozen=True)
 class _Reading:
-    """A reading, and the motion from the previous reading to it."""
+    """A reading, and the motion since the previous reading."""
 
     time: float
     axes: tuple[AxisReading, ...]
@@ -121,12 +119,12 @@ class _Reading:
 
 
 class ReadingPlausibility(Plausibility[_Reading]):
-    """Checks the readings of one table in sequence.
+    """Checks the successive readings of one table.
 
     Parameters
     ----------
     bench : Turntable
-        Bench that states limits, noise and latency.
+        Bench that states the limits, the noise and the latency.
     """
 
     most_in_a_row = MAX_IMPLAUSIBLE_READINGS
@@ -141,7 +139,7 @@ class ReadingPlausibility(Plausibility[_Reading]):
         self._latency = abs(bench.latency.value) + 3 * bench.latency.sd
 
     def accept_state(self, state: TableState) -> bool:
-        """Return whether a reading, as returned by a driver, is plausible."""
+        """Return whether a reading that a driver returned is plausible."""
         homed = all(axis.homed for axis in state.axes)
         axes = [
             AxisReading(axis.angle if homed else nan, axis.rate, axis.following_error)
@@ -150,16 +148,16 @@ class ReadingPlausibility(Plausibility[_Reading]):
         return self.accept(state.time, axes, settled=all(axis.settled for axis in state.axes))
 
     def accept(self, time: float, axes: Sequence[AxisReading], *, settled: bool) -> bool:
-        """Return whether a reading is plausible after the earlier ones.
+        """Return whether a reading is plausible after the earlier readings.
 
         Parameters
         ----------
         time : float
-            Time by the table's clock, s, later than that of the previous reading.
+            Time by the table's clock, s. It must be later than the previous reading.
         axes : sequence of AxisReading
-            The angle of an axis without a zero is NaN; then it is not compared.
+            All axes. If the zero of an axis is unknown, its angle is NaN and is not compared.
         settled : bool
-            Whether all axes report that they hold their position.
+            Whether all axes report that they hold a position.
         """
         now = _Reading(time, tuple(axes), settled)
         before, doubted = self._accepted, self._doubted

@@ -1,10 +1,10 @@
 """Sections of a run by the table's clock: the times of holds, and the labels of samples.
 
-The recording begins with the first section. Estimation begins with the rest in this section: if it
-is interrupted within `COARSE_REST_SECONDS`, the recording begins again when the section is
-repeated.
+The recording begins with the first section. Estimation begins with the rest in this section. If
+this rest is interrupted within `COARSE_REST_SECONDS`, the recording begins again when the section
+is repeated.
 
-`InterruptionList` collects when and why the run was interrupted, from the same events.
+From the same events, `InterruptionList` collects when and why the run was interrupted.
 """
 
 import json
@@ -35,7 +35,7 @@ class SectionSpan:
     start_time, end_time : float
         Times by the table's clock, s; the end is infinite while the section is open.
     state : "begun", "done" or "void"
-        If a completed section becomes void, its task has to be repeated.
+        "void" means that the task has to be repeated, even if the section was completed before.
     is_hold : bool
     """
 
@@ -53,25 +53,25 @@ class SectionTimeline:
     Parameters
     ----------
     settling : float
-        Time to cut off at both ends of a hold, s.
+        Time that is omitted at both ends of a hold, s.
 
     Attributes
     ----------
     spans : list of SectionSpan
         Sections in the order of time.
     attempt : int
-        Number of times that the recording has begun again.
+        How often the recording has begun again.
     """
 
     def __init__(self, settling: float):
         self.spans: list[SectionSpan] = []
         self.attempt: int = 0
         self._settling = settling
-        self._first = 0  # index of the section with which the recording begins
+        self._first = 0  # index of the first section in the recording
 
     @property
     def start(self) -> float:
-        """Time at which the recording begins by the table's clock, s; infinite before."""
+        """Time by the table's clock at which the recording begins, s; infinite before."""
         return self.spans[self._first].start_time if self._first < len(self.spans) else inf
 
     def add_event(self, event: Mapping[str, Any], turns: float = 0.0) -> None:
@@ -98,7 +98,7 @@ class SectionTimeline:
             self._end(time, what)
 
     def begin_session(self, next_number: int, last: float) -> None:
-        """Void the open section at the last time before the gap, and all steps to be repeated."""
+        """Mark the open section, until the time `last`, and all steps to be repeated as void."""
         self._end(last, "void")
         for one in self.spans:
             if one.number >= next_number:
@@ -116,7 +116,7 @@ class SectionTimeline:
             self.attempt += 1
 
     def hold_indices(self, time: Array) -> Indices:
-        """Return the index of the section with a hold at each time (n,); −1 for none."""
+        """Return the index of the hold section at each time, (n,); −1 if there is none."""
         found = self._within(time)
         held = np.array([one.is_hold for one in self.spans], np.bool_)
         begun, ended = self._ends()
@@ -126,7 +126,7 @@ class SectionTimeline:
         return np.where(good, found, -1)
 
     def labels(self, time: Array) -> NDArray[np.str_]:
-        """Return the labels at times (n,); "" outside of sections and within void ones."""
+        """Return the labels at times, (n,); "" outside sections and in void sections."""
         names = np.array([*(one.label if one.state == "done" else "" for one in self.spans), ""])
         return names[self._within(time)]
 
@@ -135,7 +135,7 @@ class SectionTimeline:
         return np.array([(one.start_time, one.end_time) for one in self.spans]).reshape(-1, 2).T
 
     def _within(self, time: Array) -> Indices:
-        """Return the index of the section that contains each time; −1 for none."""
+        """Return the index of the section that contains each time; −1 if there is none."""
         begun, ended = self._ends()
         at = np.searchsorted(begun, time, "right") - 1
         return np.where((at >= 0) & (time <= ended[np.maximum(at, 0)]), at, -1)
@@ -151,7 +151,7 @@ class InterruptionSpan:
     Parameters
     ----------
     start, stop : float
-        Run times, s; while the interruption lasts, `stop` is the time of the last known event.
+        Run times, s. While the interruption lasts, `stop` is the time of the last known event.
     causes : list of str
     is_open : bool
         Whether the interruption still lasts.
@@ -186,7 +186,7 @@ class InterruptionList:
         if what == "interruption" and cause is not None:
             self._begin(float(event.get("since", time)), str(cause))
         elif what == "session" and self._last:
-            # Without an open interruption, a host was killed, and nothing has been recorded since.
+            # If no interruption is open, the host was killed, and nothing was recorded after that.
             self._begin(self._last, "" if self._is_open else HOST_GONE)
         elif what == "interruption" or event.get("state") == "begun":
             self._end(time)

@@ -1,20 +1,20 @@
 """Interpolates the angles of a turntable, or the rate of a rate table, between its polls.
 
 The angle of a turntable is interpolated by a cubic through the four unevenly spaced polls around a
-time. The error of the cubic is estimated from a fifth poll, which changes the interpolated value by
-about as much. While the table holds an angle and is polled less often, the angle of the nearest
-poll is used: each epoch of a filter (ten per second) then has its own poll, so that their noise is
-independent.
+time. The error of the cubic is estimated from the change that a fifth poll causes in the
+interpolated value. While the table holds an angle, it is polled less often, and the angle of the
+nearest poll is used. Each epoch of a filter (ten per second) then has a separate poll, so the noise
+of the epochs is independent.
 
-Next to a gap while the table turns, the interpolation is linear and marked as such, because the
-table may have stopped in the gap. A poll that no motion within the limits explains is left out
+Next to a gap while the table turns, the interpolation is linear and is marked, because the table
+may have stopped in the gap. A poll is omitted if no motion within the limits explains it
 (`reading_plausibility`).
 
-Between two polls of a rate table the rate is interpolated linearly. No sequential estimator uses
-these samples: states on a rate table are means at steady rates. A motor's controller has no clock,
-so at a fast rate the uncertainty of an angle is the rate times the timing jitter of the link. The
-table needs no zero. A poll is left out if no motion within the limits explains its rate, as after a
-corrupted digit.
+Between two polls of a rate table, the rate is interpolated linearly. No sequential estimator uses
+these samples, because states on a rate table are means at steady rates. The controller of a motor
+has no clock, so at a fast rate the uncertainty of an angle is the rate times the timing jitter of
+the link. The table needs no zero. A poll is omitted if no motion within the limits explains its
+rate, for example after a corrupted digit.
 """
 # Numba's decorator is not typed.
 # pyright: reportUntypedFunctionDecorator=false
@@ -42,13 +42,14 @@ from inercal.methods.turntable.model import EPOCH_PERIOD
 from inercal.recordings import AngleQuality
 
 POLL_INTERVAL = 0.02  # s between polls while the table turns, on real and simulated benches
-HOLD_POLL_FACTOR = 4  # while the table holds its position, it is polled less often by this factor
-# Polls: when a single poll is missing, the cubic continues and its error estimate grows.
+HOLD_POLL_FACTOR = 4  # the poll interval is this factor longer during a hold
+# In poll intervals: if a single poll is missing, the cubic continues and its error estimate grows.
 _GAP_POLLS = 2.5
-SAME_ANGLE = 5e-5  # rad, 10″; largest change of the angles at rest, without noise
-_MAX_POLL_AGE = EPOCH_PERIOD / 2  # s from a poll, within which no other epoch uses it
-# Error of the cubic divided by the change from a fifth poll: rms over the positions of a step in
-# acceleration among evenly spaced polls (0.0097 and 0.0071 of this step times the interval²).
+SAME_ANGLE = 5e-5  # rad, 10″; largest change of the angles at rest, apart from noise
+_MAX_POLL_AGE = EPOCH_PERIOD / 2  # s from a poll; within this time, only one epoch uses the poll
+# Error of the cubic divided by the change that a fifth poll causes. Both are rms values over all
+# positions of a step in acceleration among evenly spaced polls (0.0097 and 0.0071 of this step
+# times the interval²).
 _INTERPOLATION_FACTOR = 1.4
 
 
@@ -60,7 +61,7 @@ class TablePolls(PollRecord):
     poll : float
         Time between two polls, s.
     bench : Turntable
-        Bench whose limits and noise decide which polls are implausible and left out.
+        Bench whose limits and noise decide which polls are implausible and therefore omitted.
     """
 
     def __init__(self, poll: float, bench: Turntable):
@@ -69,8 +70,8 @@ class TablePolls(PollRecord):
         self._gap, self._same_angle = _GAP_POLLS * poll, SAME_ANGLE + NOISE_FACTOR * bench.white
 
     def _values(self, came: StateArrays) -> Array:
-        # Angles count from the zero that homing finds; there are none while a table searches for
-        # it.
+        # Angles count from the zero that homing finds. They are unknown while a table searches for
+        # this zero.
         return np.where(came.homed[:, None], came.angle, nan)
 
     def _plausible(self, time: Array, values: Array, came: StateArrays, later: Bools) -> Bools:
@@ -91,7 +92,7 @@ class TablePolls(PollRecord):
         )
 
     def readback(self, time: Array) -> tuple[Array, AngleQuality, Bools]:
-        """Return angles (n, k) in rad at times (n,), their uncertainty, and where they are known.
+        """Return angles, (n, k), rad, at times, (n,), their uncertainty, and which are known.
 
         The times must be before `complete_until`.
         """
@@ -121,7 +122,7 @@ def _interpolate_angles(
     sd: Array,
     there: Bools,
 ) -> None:
-    """Write angles at ascending times, their uncertainty, and whether they are known."""
+    """Compute angles at ascending times, their uncertainty and whether they are known, in place."""
     weight, other = np.zeros(4), np.zeros(4)
     a = 0
     for i in range(time.size):
@@ -146,7 +147,8 @@ def _interpolate_angles(
             first, last = a - 1, a + 2
         _lagrange_weights(x, first, last, t, weight)
         for k in range(y.shape[1]):
-            # The weights add up to 1, so only differences of large angles are rounded.
+            # The weights add up to 1, so it is sufficient to interpolate differences, which reduces
+            # rounding errors of large angles.
             found[i, k] = y[a, k]
             for j in range(first, last + 1):
                 found[i, k] += weight[j - first] * (y[j, k] - y[a, k])
@@ -157,11 +159,12 @@ def _interpolate_angles(
             gain[i] += weight[j] * weight[j]
         beyond = 0
         for e in (a - 2, a + 3):
-            b = e if e < a else a + 2  # where the interval to this poll begins
+            b = e if e < a else a + 2  # the interval to this poll begins here
             if e < 0 or not (x[b + 1] - x[b] <= gap or _stood(x, y, settled, same, b)):
                 continue
             beyond += 1
-            # A fifth point changes the interpolant by the cubic's error there times the ratio of ω.
+            # A fifth point changes the interpolated value by the error of the cubic at this point
+            # times the ratio of ω.
             _lagrange_weights(x, first, last, x[e], other)
             ratio = 1.0
             for j in range(first, last + 1):
@@ -177,7 +180,7 @@ def _interpolate_angles(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _stood(x: Array, y: Array, settled: Bools, same: float, a: int) -> bool:
-    """Return whether the table is assumed to be at rest between poll a and the next one."""
+    """Return whether the table is assumed to be at rest between poll a and the next poll."""
     if a < 0 or x[a + 1] - x[a] > MAX_UNREAD or not (settled[a] and settled[a + 1]):
         return False
     stands = True
@@ -188,7 +191,7 @@ def _stood(x: Array, y: Array, settled: Bools, same: float, a: int) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _lagrange_weights(x: Array, first: int, last: int, t: float, weight: Array) -> None:
-    """Write the weights at t of the polynomial through the points first to last."""
+    """Compute, in place, the weights at t of the polynomial through points first to last."""
     for j in range(first, last + 1):
         weight[j - first] = 1.0
         for m in range(first, last + 1):
@@ -196,9 +199,9 @@ def _lagrange_weights(x: Array, first: int, last: int, t: float, weight: Array) 
                 weight[j - first] *= (t - x[m]) / (x[j] - x[m])
 
 
-MAX_IMPLAUSIBLE_RATES = 10  # in a row; after more, the table cannot be followed
-_RATE_MARGIN, _ACCELERATION_MARGIN = 1.2, 2.0  # times the limits
-_BAND = radians(1.0)  # rad/s; allowance for scatter in the servo and its readback
+MAX_IMPLAUSIBLE_RATES = 10  # in succession; after more, the table cannot be followed
+_RATE_MARGIN, _ACCELERATION_MARGIN = 1.2, 2.0  # times the limits of the bench
+_BAND = radians(1.0)  # rad/s; allows for scatter of the servo and the readback
 _MAX_COMPARABLE_GAP = 0.5  # s; longest time between two readings that are compared
 
 
@@ -223,14 +226,14 @@ class RatePlausibility(Plausibility[tuple[float, Array]]):
         return self.accept(state.time, np.array([axis.rate for axis in state.axes]))
 
     def accept(self, time: float, rates: Array) -> bool:
-        """Return whether rates (k,) in rad/s are plausible after the earlier ones.
+        """Return whether rates, (k,), rad/s, are plausible after the earlier rates.
 
-        If a second reading agrees with a rejected one, it is accepted, because the first was right.
-        From a stop command until the table is at rest, any deceleration is plausible.
+        If a second reading agrees with a rejected reading, it is accepted, because the first was
+        correct. From a stop command until the table is at rest, any deceleration is plausible.
         """
         now = time, rates
         before, doubted = self._accepted, self._doubted
-        if bool((np.abs(rates) <= self._rates).all()) and (  # not so for NaN
+        if bool((np.abs(rates) <= self._rates).all()) and (  # false for NaN
             before is None
             or self._stopping
             or self._agrees(before, now)
@@ -255,7 +258,7 @@ class RatePolls(PollRecord):
     Parameters
     ----------
     bench : ControlledBench
-        Bench whose limits decide which polls are implausible and left out.
+        Bench whose limits decide which polls are implausible and therefore omitted.
     """
 
     def __init__(self, bench: ControlledBench):
@@ -275,9 +278,9 @@ class RatePolls(PollRecord):
         )
 
     def readback(self, time: Array) -> tuple[Array, AngleQuality, Bools]:
-        """Return rates (n, k) in rad/s at times (n,), and where they are known; see `PollRecord`.
+        """Return rates, (n, k), rad/s, at times, (n,), and which are known; see `PollRecord`.
 
-        The quality of angles is that of missing angles, because no filter uses them.
+        The quality is the same as for missing angles, because no filter uses the rates.
         """
         if self.history is None:
             raise InputError(

@@ -1,1 +1,1 @@
-"""Drivers of tables, one for each controller, with a common interface: `rotary_table`."""
+"""Drivers of tables: one for each controller, all with the interface in `rotary_table`."""

@@ -1,15 +1,15 @@
-"""Driver for tables on an ACUTROL3000 controller, which uses SCPI-like lines over TCP.
+"""Driver for tables with an ACUTROL3000 controller, which uses SCPI-like lines over TCP.
 
-Angles are in degrees on the line. The commands `:demand:position n,x`, `:demand:rate n,x`,
+Angles in the lines are in degrees. The commands `:demand:position n,x`, `:demand:rate n,x`,
 `:mode:position n`, `:mode:rate n`, `:limit:rate pos,n,x`, `:limit:acc pos,n,x`, `:limit:absolute?
 n`, `:read:pos? n`, `:interlock:close n`, `:interlock:reset` and `*stb?` are known from existing
-programs. As the manual is not available, the following is assumed: lines end with LF; a command
-that is not a query has no reply; `*stb?` after a command confirms that it was received, with bit 0
-for an interlock fault (the status is then 65) and bit 2 for an error; a demand is accepted in any
-mode; encoders are absolute, so that no axis is homed. No servo clock is known, so `TableState.time`
+programs. The manual is not available, so the following is assumed. Lines end with LF. A command
+that is not a query has no reply. `*stb?` after a command confirms that it was received; bit 0 means
+an interlock fault (the status is then 65), and bit 2 means an error. A demand is accepted in any
+mode. Encoders are absolute, so axes need no homing. No servo clock is known, so `TableState.time`
 is NaN.
 
-Position mode starts from the previous demand, so each demand is set before its mode.
+Position mode starts from the previous demand, so each demand is set before the mode.
 """
 
 import re
@@ -32,34 +32,34 @@ from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
 
 _NUMBER = re.compile(r"[+-]?\d{1,15}(?:\.\d{0,15})?(?:[Ee][+-]?\d{1,2})?", re.ASCII)
-_ANGLE_TOLERANCE = radians(0.001)  # rad from the demand; such tables are accurate to arc seconds
-# Rate at rest, rad/s. A rate readout is noisier than an angle readout, and a table at rest that
-# appears to turn would be stopped again and killed.
+_ANGLE_TOLERANCE = radians(0.001)  # rad from the demand; these tables are accurate to arc seconds
+# Largest rate at rest, rad/s. A rate readout is noisier than an angle readout. If a table at rest
+# appeared to turn, it would be stopped again and then switched off.
 _REST_RATE = radians(0.05)
 _NO_HOMING = "the encoders of this controller are absolute: no axis is homed"
 
 
 @dataclass(frozen=True)
 class AcutrolAxis:
-    """An axis, given by its name and its number."""
+    """The name and the number of an axis."""
 
     name: str
     number: int
 
 
 class Acutrol(RotaryTable):
-    """A `RotaryTable` on an ACUTROL3000 at `address`.
+    """A `RotaryTable` with an ACUTROL3000 controller.
 
     Parameters
     ----------
     address : str
-        `tcp://HOST:PORT`.
+        Address of the controller, `tcp://HOST:PORT`.
     axes : sequence of AcutrolAxis
         The axes, from outer to inner.
     timeout : float
         Longest time to wait for a reply, s.
     opener : callable
-        Opens a link to an address; tests supply their own.
+        Function that opens a link to an address; tests replace it.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Acutrol(RotaryTable):
         self.axes = tuple(a.name for a in self._axes)
         self.unsupported = {"home": _NO_HOMING}
         require_unique_names(self.axes)
-        # The last command to each axis: an angle or a rate.
+        # The last commanded angle or rate of each axis.
         self._goals = [(nan, 0.0)] * len(self._axes)
         self._dialogue = TextDialogue(address, b"\n", timeout, opener)
         with on_failure(self.close):
@@ -94,7 +94,7 @@ class Acutrol(RotaryTable):
         """Do nothing, because the encoders are assumed to be absolute."""
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
-        """As `RotaryTable.move`."""
+        """See `RotaryTable.move`."""
         i = self.checked_index(axis, rate, acceleration, angle)
         n = self._axes[i].number
         self._send(
@@ -106,7 +106,7 @@ class Acutrol(RotaryTable):
         self._goals[i] = (angle, 0.0)
 
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
-        """As `RotaryTable.spin`."""
+        """See `RotaryTable.spin`."""
         i = self.checked_index(axis, rate, acceleration)
         n = self._axes[i].number
         self._send(
@@ -118,12 +118,13 @@ class Acutrol(RotaryTable):
 
     def stop(self) -> None:
         """Bring all axes to rest in rate mode; this is not a safety function."""
-        # Send one line, so that a problem with one axis does not keep the command from the others.
+        # A single line is sent, so a problem with one axis does not prevent the others from
+        # stopping.
         lines = [line for i in range(len(self._axes)) for line in self._rest_commands(i)]
         stop_with_retry(lambda: self._send(*lines, urgent=True))
 
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
-        """Open the interlock of an axis or of all axes; refused as in `RotaryTable.kill`."""
+        """Open the interlock of an axis, or of all axes; see `RotaryTable.kill`."""
         chosen = self.indices(axis)
         if not coasting and any(self.read().axes[i].moving for i in chosen):
             raise TableFault(
@@ -148,7 +149,7 @@ class Acutrol(RotaryTable):
         )
 
     def close(self) -> None:
-        """Close the connection; the table continues what it is doing."""
+        """Close the connection; the table continues its motion."""
         self._dialogue.close()
 
     def _state(self, i: int, said: list[str]) -> AxisState:
@@ -160,7 +161,7 @@ class Acutrol(RotaryTable):
             angle=angle,
             rate=rate,
             following_error=nan,
-            # If no angle was commanded, every angle is in position.
+            # If no angle was commanded, the axis is always in position.
             in_position=resting and not abs(angle - goal) > _ANGLE_TOLERANCE,
             moving=not resting,
             enabled=interlock == "closed",
@@ -185,7 +186,7 @@ class Acutrol(RotaryTable):
         return AxisLimits(rate, acceleration, low, high)
 
     def _send(self, *commands: str, urgent: bool = False) -> None:
-        """Send commands on one line; raises `TableFault` if the status reports a fault."""
+        """Send commands in one line; raises `TableFault` if the status reports a fault."""
         line = ";".join(commands)
         status = int(_number(self._dialogue.ask(f"{line};*stb?\n".encode(), urgent=urgent)))
         if status & 1:

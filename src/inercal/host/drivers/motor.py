@@ -1,12 +1,12 @@
-"""Driver for a single-axis rate table on a motor's own controller, in ASCII over a serial port.
+"""Driver for a single-axis rate table with a motor controller: ASCII over a serial port.
 
-The source for the ship rig (Xiao, Liu and Liu 2014) only says that a host sets the motor's speed
-over a link. A controller like Ideal Aerosmith's at 9600 baud is assumed: lines end with CR, and
-each is answered by the requested value and a prompt `>`; `?` before the prompt means that the
-command was refused. `ACL x` sets the acceleration (°/s²), `JOG x` turns at a rate (°/s), `STO`
+The source for the ship rig (Xiao, Liu and Liu 2014) only says that a host sets the speed of the
+motor over a link. A controller like that of Ideal Aerosmith at 9600 baud is assumed. Lines end with
+CR. The answer to a line is the requested value and a prompt `>`; a `?` before the prompt means that
+the command was refused. `ACL x` sets the acceleration (°/s²), `JOG x` turns at a rate (°/s), `STO`
 decelerates to rest, `HOM` searches for zero, `VEL x` and `POS x` move to an angle, and `PPO` and
-`PVE` print position and rate. The controller reports no clock, so `TableState.time` is NaN. It has
-no command that switches its power off.
+`PVE` print position and rate. The controller reports no clock, so `TableState.time` is NaN. There
+is no command that switches the power off.
 """
 
 import re
@@ -25,7 +25,7 @@ from inercal.host.drivers.rotary_table import (
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
 
-_BAND = radians(0.05)  # rad and rad/s within which the axis is in position and at rest
+_BAND = radians(0.05)  # rad and rad/s; within this, the axis is in position and at rest
 _NO_SERVO_OFF = (
     "this controller has no command that switches the power off; possible: stop(), or the drive's "
     "own switch"
@@ -34,12 +34,13 @@ _NUMBER = re.compile(r"[+-]?\d{1,12}(?:\.\d{0,12})?", re.ASCII)
 
 
 class Motor(RotaryTable):
-    """A single-axis `RotaryTable` on such a controller at `address`.
+    """A single-axis `RotaryTable` with such a controller.
 
     Parameters
     ----------
     address : str
-        `serial:/dev/ttyUSB0?baud=9600`, or `tcp://HOST:PORT` for a serial port server.
+        Address of the controller: `serial:/dev/ttyUSB0?baud=9600`, or `tcp://HOST:PORT` for a
+        serial port server.
     limits : AxisLimits
         Limits of the rig, because the controller reports none.
     axis : str
@@ -47,7 +48,7 @@ class Motor(RotaryTable):
     timeout : float
         Longest time to wait for a reply, s.
     opener : callable
-        Opens a link to an address; tests supply their own.
+        Function that opens a link to an address; tests replace it.
     """
 
     def __init__(
@@ -68,7 +69,7 @@ class Motor(RotaryTable):
         return ""
 
     def enable(self, axis: str | None = None) -> None:
-        """Query the position to check that the controller answers; its servo is always on."""
+        """Check that the controller answers, by a query of the position; the servo is always on."""
         self.indices(axis)
         self._send("PPO")
 
@@ -79,7 +80,7 @@ class Motor(RotaryTable):
         self._goal, self._spinning, self._homing = 0.0, 0.0, True
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
-        """As `RotaryTable.move`."""
+        """See `RotaryTable.move`."""
         self.checked_index(axis, rate, acceleration, angle)
         self._send(f"ACL {degrees(acceleration):.5f}")
         self._send(f"VEL {degrees(rate):.5f}")
@@ -87,7 +88,7 @@ class Motor(RotaryTable):
         self._goal, self._spinning = angle, 0.0
 
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
-        """As `RotaryTable.spin`."""
+        """See `RotaryTable.spin`."""
         self.checked_index(axis, rate, acceleration)
         self._send(f"ACL {degrees(acceleration):.5f}")
         self._send(f"JOG {degrees(rate):.5f}")
@@ -99,7 +100,7 @@ class Motor(RotaryTable):
         stop_with_retry(lambda: self._send("STO", urgent=True))
 
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
-        """Refuse, because the controller has no such command; see the module docstring."""
+        """Raise an error, because the controller has no such command; see the module docstring."""
         self.indices(axis)
         raise TableFault(_NO_SERVO_OFF)
 
@@ -114,7 +115,7 @@ class Motor(RotaryTable):
         )
 
     def close(self) -> None:
-        """Close the link; the motor continues what it is doing."""
+        """Close the link; the motor continues its motion."""
         self._dialogue.close()
 
     def _send(self, line: str, *, urgent: bool = False) -> str:

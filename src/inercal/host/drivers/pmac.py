@@ -1,21 +1,21 @@
-"""Driver for tables whose axes are motors on a Turbo PMAC controller, over Ethernet.
+"""Driver for tables with a Turbo PMAC controller, over Ethernet; each axis is a motor.
 
 Units of the controller: positions and following errors are in counts, `#nV` is in counts per servo
 cycle (rounded to 0.1 by the controller), I-variables are in counts, counts/ms and counts/ms², and
 Ixx11 and Ixx28 are in 1/16 count. One count is 2π/counts_per_turn rad.
 
 **Time.** X:$0 counts servo cycles in 24 bits (the manual's suggested M100); one cycle is
-I10/8388608 ms. A reading requests this count first and last in the same line as the positions.
-Equal counts show that all values belong to one cycle; otherwise `TableState.span` is the time that
-passed. The count wraps after 2 h at 2.26 kHz (`Pmac.wrap_period`), and readings continue it across
-a wrap, so a table must be read more often than this for its time to be right. The link has no
-checksum, and a corrupted digit must not be taken for a wrap. Therefore a reading is rejected if its
-counts are further apart than a reply can take, or if the first count goes back by no more than
-this. If both counts go back further, the clock has restarted.
+I10/8388608 ms. A reading requests this count twice in one line, before and after the positions. If
+the counts are equal, all values belong to one cycle; otherwise `TableState.span` is the time
+between them. The count wraps after 2 h at 2.26 kHz (`Pmac.wrap_period`). Times continue correctly
+across a wrap only if the table is read more often than this. The link has no checksum, and a
+corrupted digit must not be mistaken for a wrap. A reading is therefore rejected if its two counts
+differ by more than the longest time of a reply, or if the first count goes back by at most this
+time. If both counts go back further, the clock has restarted.
 
 **Limits.** Rates are limited by Ixx16 and accelerations by Ixx17, which this driver never writes.
-It commands motions by the jog variables Ixx19 and Ixx22, which would otherwise limit the next
-motion. Soft limits are Ixx13 and Ixx14 (0 means none).
+It sets the jog variables Ixx19 and Ixx22 for each motion, because old values would limit the
+motion. Soft limits are Ixx13 and Ixx14 (0 means no limit).
 
 Source: Delta Tau, Turbo PMAC Software Reference Manual.
 """
@@ -42,15 +42,15 @@ from inercal.host.drivers.rotary_table import (
 from inercal.host.link import Link, LinkLost, open_link
 
 _CYCLES = 1 << 24  # number of cycles after which X:$0 wraps
-# s after a command in which a motor may still report rest: it starts at the next real-time
-# interrupt (I8), which is a few servo cycles later.
+# Time after a command during which a motor may still report rest, s. It starts at the next
+# real-time interrupt (I8), which is a few servo cycles later.
 _STARTING = 0.02
 _LIMITS = (0, 11, 13, 14, 16, 17, 60)
 
 
 @dataclass(frozen=True)
 class PmacAxis:
-    """An axis: its name, motor number (1 to 32), and counts per turn (< 0 reverses the axis)."""
+    """An axis: name, motor number (1 to 32), and counts per turn (< 0 reverses the axis)."""
 
     name: str
     motor: int
@@ -58,23 +58,23 @@ class PmacAxis:
 
 
 class Pmac(RotaryTable):
-    """A `RotaryTable` on a Turbo PMAC at `address`.
+    """A `RotaryTable` with a Turbo PMAC controller.
 
     Parameters
     ----------
     address : str
-        `tcp://HOST:1025`.
+        Address of the controller, `tcp://HOST:1025`.
     axes : sequence of PmacAxis
         The axes, from outer to inner.
     timeout : float
         Longest time for a complete reply, s.
     opener : callable
-        Opens a link to an address; tests supply their own.
+        Function that opens a link to an address; tests replace it.
 
     Raises
     ------
     InputError
-        The axes are impossible, or a motor is not activated or its loop skips servo cycles.
+        The axes are impossible, a motor is not activated, or its loop skips servo cycles.
     LinkLost
         No Turbo PMAC answers at the address.
     """
@@ -137,7 +137,7 @@ class Pmac(RotaryTable):
         self._jog(i, rate, acceleration, f"J={_decimal_text(counts)}")
 
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
-        """Bring an axis to `rate` (`J+`, `J-`; `J/` for 0); see `RotaryTable.spin`."""
+        """Turn an axis at `rate` (`J+`, `J-`; `J/` for 0); see `RotaryTable.spin`."""
         i = self.checked_index(axis, rate, acceleration)
         forward = rate * self._axes[i].counts_per_turn > 0
         self._jog(i, rate, acceleration, "J/" if rate == 0 else "J+" if forward else "J-")
@@ -147,27 +147,27 @@ class Pmac(RotaryTable):
 
         `^A` also closes the loops of killed motors. Motors that still turn afterwards, or all
         motors if `^A` is not answered in time, get the command `J/` with the same deceleration. If
-        an axis does not answer this either, the caller has other means, such as the watchdog.
+        an axis does not answer this either, the caller must use other means, such as the watchdog.
 
         Raises
         ------
         CommandRefused, ProtocolError
-            A motor refuses `J/` or does not answer; all others have received it.
+            A motor refuses `J/` or does not answer. All other motors have received the command.
         LinkLost
             The controller cannot be reached.
         """
         try:
             heard = self._dialogue.control("A")
         except LinkLost:
-            heard = self._dialogue.control("A")  # possibly on another connection
+            heard = self._dialogue.control("A")  # perhaps on a new connection
         motors = [a.motor for a in self._axes]
         if heard:
             with suppress(ProtocolError, LinkLost):
                 state = self.read()
                 motors = [m for m, axis in zip(motors, state.axes, strict=True) if axis.moving]
-        # Late replies may still arrive on the connection that is dropped.
+        # The connection is dropped because late replies may still arrive on it.
         with on_failure(self._dialogue.drop, *((ProtocolError, LinkLost) if heard else ())):
-            # A one-line reply can be distinguished from a late answer to ^A.
+            # A reply of one line can be distinguished from a late answer to ^A.
             self._each(
                 (f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/ RHX$0" for m in motors),
                 lambda line: self._dialogue.ask_now(line, 1),
@@ -181,7 +181,7 @@ class Pmac(RotaryTable):
         Raises
         ------
         TableFault
-            An axis turns and would coast; `coasting=True` permits this.
+            An axis turns and would coast. `coasting=True` permits this.
         """
         chosen = self.indices(axis)
         if not coasting:
@@ -216,14 +216,14 @@ class Pmac(RotaryTable):
         return TableState(cycles * self.period, states, during * self.period)
 
     def close(self) -> None:
-        """Close the connection; the table continues what it is doing."""
+        """Close the connection; the table continues its motion."""
         self._dialogue.close()
 
     def _ask(self, line: str, replies: int = 0) -> list[str]:
         return self._dialogue.ask(line, replies)
 
     def _each(self, lines: Iterable[str], ask: Callable[[str], object]) -> None:
-        """Send all lines, even if the line for one motor fails."""
+        """Send the lines to all motors, even if a line fails for one motor."""
         failure: CommandRefused | ProtocolError | LinkLost | None = None
         for line in lines:
             try:
@@ -281,7 +281,7 @@ class Pmac(RotaryTable):
     def _jog(self, i: int, rate: float, acceleration: float, command: str) -> None:
         """Set rate and acceleration of an axis, and start its motion.
 
-        The acceleration time (Ixx20) and the S-curve time (Ixx21) are set to 0, so that only Ixx19
+        The acceleration time (Ixx20) and the S-curve time (Ixx21) are set to 0, so only Ixx19
         determines the acceleration.
         """
         axis = self._axes[i]

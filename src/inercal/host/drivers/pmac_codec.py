@@ -1,11 +1,11 @@
 """Encodes requests to a Turbo PMAC over Ethernet and decodes its replies, without any I/O.
 
 A request consists of a header of 8 bytes and the command line. The header contains type and request
-(one byte each), then value, index and length (two bytes each; the length is big-endian). The reply
-is text: lines that end with CR, and an ACK at the end. If a command is refused, the reply is BELL,
-ERRnnn and CR. The controller sends at most 1400 bytes and waits for a request before it sends the
-rest; TCP may split these bytes anywhere. The end of a reply is never guessed from the number of
-bytes that arrived.
+(one byte each), and then value, index and length (two bytes each; the length is big-endian). The
+reply is text: lines that end with CR, and an ACK at the end. If a command is refused, the reply is
+BELL, ERRnnn and CR. The controller sends at most 1400 bytes and then waits for a request before it
+sends the rest. TCP may split these bytes anywhere. The end of a reply is never guessed from the
+number of bytes that arrived.
 
 Source: Delta Tau, Turbo PMAC User Manual, "Turbo PMAC Ethernet Protocol"; Turbo PMAC Software
 Reference Manual, I6 (errors), `?` (status), `P`, `V`, `F`.
@@ -22,11 +22,11 @@ from inercal.host.drivers.rotary_table import ProtocolError, TableFault
 CHUNK_SIZE = 1400  # bytes that the controller sends at a time
 FLUSH_ANSWER = b"@"  # the controller's answer to `FLUSH_REQUEST`
 _MAX_REPLY_SIZE = 1 << 20  # bytes; real replies are far shorter
-_MAX_LINE_SIZE = 1492  # bytes of a command line that a packet can carry
+_MAX_LINE_SIZE = 1492  # largest number of bytes of a command line in a packet
 
 _DOWNLOAD, _UPLOAD = 0x40, 0xC0
 _FLUSH, _GETRESPONSE, _CONTROL, _GETBUFFER = 0xB3, 0xBF, 0xC4, 0xC5
-# Requests for the next 1400 bytes of a reply, and for discarding bytes that are not sent yet.
+# Requests for the next 1400 bytes of a reply, and to discard the rest of a reply.
 BUFFER_REQUEST = pack(">BBHHH", _UPLOAD, _GETBUFFER, 0, 0, CHUNK_SIZE)
 FLUSH_REQUEST = pack(">BBHHH", _DOWNLOAD, _FLUSH, 0, 0, 0)
 _ACK = b"\x06"
@@ -62,7 +62,7 @@ ERRORS = {
 }
 
 NEGATIVE_END, POSITIVE_END = "negative end limit", "positive end limit"
-# Bits of the two status words with which a motor reports faults.
+# Bits in the two status words of a motor that mean faults.
 _FAULTS = (
     (1, 22, NEGATIVE_END),
     (1, 21, POSITIVE_END),
@@ -77,7 +77,7 @@ _FAULTS = (
 
 
 class CommandRefused(TableFault):
-    """The controller refused a command; `code` is its number, or None if it gave none."""
+    """The controller refused a command; `code` is the error number, or None if unknown."""
 
     def __init__(self, message: str, code: int | None):
         super().__init__(message)
@@ -90,7 +90,7 @@ class MotorStatus(NamedTuple):
     Parameters
     ----------
     activated : bool
-        Whether the controller serves this motor at all (Ixx00).
+        Whether the controller controls this motor (Ixx00).
     enabled : bool
         Whether the amplifier is on and the loop is closed.
     moving : bool
@@ -111,10 +111,10 @@ class MotorStatus(NamedTuple):
     faults: tuple[str, ...]
 
 
-# The line that requests the table's state is the same fifty times per second.
+# The same line requests the table's state fifty times per second, so requests are cached.
 @lru_cache(64)
 def response_request(line: str) -> bytes:
-    """Return the request that executes `line` and asks for its reply."""
+    """Return the request that executes a command line and asks for the reply."""
     try:
         data = line.encode("ascii")
     except UnicodeEncodeError:
@@ -131,7 +131,7 @@ def response_request(line: str) -> bytes:
 def control_request(letter: str) -> bytes:
     """Return the request for a control character, such as "A" for ^A.
 
-    The character is the first byte of the value, as in the drivers that synchrotrons use.
+    The character is the first byte of the value, as in the drivers at synchrotrons.
     """
     return pack("<BBHHH", _UPLOAD, _CONTROL, ord(letter) & 0x1F, 0, 0)
 
@@ -155,14 +155,14 @@ class ReplyReader:
         return len(self._data)
 
     def feed(self, data: bytes) -> list[str] | None:
-        """Process received bytes; return the lines of the reply once it is complete, else None.
+        """Process received bytes; return the lines of the reply if it is complete, or None.
 
         Raises
         ------
         CommandRefused
             The controller answered with BELL and an error.
         ProtocolError
-            There are bytes after the end, or bytes that are not text, or no end within 1 MiB.
+            There are bytes after the end, bytes that are not text, or no end within 1 MiB.
         """
         seen = len(self._data)
         self._data += data
@@ -202,8 +202,8 @@ class ReplyReader:
         return text.split("\r")[:-1]
 
     def _raise_refusal(self, rest: bytes) -> None:
-        """Raise the error that the controller sends after BELL, or wait until it is complete."""
-        # Check whether the received part is the beginning of a known refusal.
+        """Raise the error that the controller sends after BELL, if the error is complete."""
+        # The received part must be the beginning of a known refusal.
         match = _REFUSAL.fullmatch(rest + b"\x07ERR000\r"[len(rest) :])
         if match is None:
             raise ProtocolError(
@@ -245,7 +245,7 @@ def parse_word(text: str, digits: int) -> int:
     return int(text, 16)
 
 
-# In a run, a motor reports only a few different words.
+# In a run, a motor reports only a few different words, so the results are cached.
 @lru_cache(256)
 def parse_status(text: str) -> MotorStatus:
     """Return a motor's status from the reply to `#n?`: 12 digits, two words of 24 bits."""

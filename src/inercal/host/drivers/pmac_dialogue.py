@@ -1,12 +1,12 @@
-"""Exchanges requests and replies with a Turbo PMAC, and never assigns a late reply wrongly.
+"""Exchanges requests and replies with a Turbo PMAC; a late reply is never misassigned.
 
-Each request is a packet of its own, because a controller may take one packet for one request. The
-next one is sent when the reply has arrived or the time limit has passed. A reply is read up to its
-ACK. If it is not complete in time, or the bytes are not a valid reply, the controller is told to
-discard it and the connection is closed. The next request opens a new connection, which bytes sent
-to the old one cannot reach. A request is not repeated, because the command may have been executed.
+Each request is a separate packet, because a controller may treat a packet as one request. The next
+request is sent when the reply has arrived or the time limit has passed. A reply is read up to its
+ACK. If a reply is not complete in time or not valid, the controller is told to discard it, and the
+connection is closed. The next request opens a new connection, on which replies to old requests
+cannot arrive. A request is not repeated, because the command may have been executed.
 
-Commands that stop the table wait neither for a late answer nor for the first answers on a new
+Commands that stop the table do not wait for late answers or for the first answers on a new
 connection; see `control` and `ask_now`.
 """
 
@@ -18,23 +18,23 @@ from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.link import Link, LinkLost, open_link, read_until
 
-# The codec needs ERRnnn after BELL (I6), no LF before lines and ACK after them (I3), and plain
-# numbers with addresses as $hex (I9).
+# The codec needs ERRnnn after BELL (I6), ACK but no LF (I3), and plain numbers with addresses as
+# $hex (I9).
 _REPLY_FORMAT_COMMAND = "i6=1 i3=2 i9=2"
 STOP_TIMEOUT = 0.3  # s to wait for the answer to a stop command
 
 
 class PmacDialogue(Closeable):
-    """A connection to the controller at `address` (`tcp://HOST:1025`).
+    """A connection to a Turbo PMAC controller.
 
     Parameters
     ----------
     address : str
-        Address of the controller.
+        Address of the controller, `tcp://HOST:1025`.
     timeout : float
         Longest time for a complete reply, s.
     opener : callable
-        Opens a link to an address; tests supply their own.
+        Function that opens a link to an address; tests replace it.
     """
 
     def __init__(
@@ -48,16 +48,15 @@ class PmacDialogue(Closeable):
         self._connect()
 
     def ask(self, line: str, replies: int = 0) -> list[str]:
-        """Send a command line, and return the `replies` lines that answer it.
+        """Send a command line, and return the lines of the reply.
 
         Raises
         ------
         CommandRefused
             The controller answers ERRnnn; the connection stays open.
         ProtocolError
-            There is no complete reply in time, the bytes are not a valid reply, or the number of
-            lines is wrong. Nothing from the reply is used, and the connection is closed. The
-            command may have been executed.
+            The reply is not complete in time, is not valid, or does not have `replies` lines. It is
+            not used, and the connection is closed. The command may have been executed.
         LinkLost
             The connection is lost or cannot be opened; the next call opens a new one.
         """
@@ -71,25 +70,25 @@ class PmacDialogue(Closeable):
             return self._exchange(link, line, replies, self._timeout)
 
     def ask_now(self, line: str, replies: int) -> list[str]:
-        """As `ask`, within `STOP_TIMEOUT`, and even if an earlier request is unanswered.
+        """Send a line like `ask`, but within `STOP_TIMEOUT` and despite unanswered requests.
 
-        On a new connection, the line is sent before anything else is answered.
+        On a new connection, the line is sent before any other answer has arrived.
 
-        After a `ProtocolError` the connection is kept, so that the next stop command need not wait
-        for a new one; the caller drops it after the last command.
+        After a `ProtocolError`, the connection stays open, so the next stop command need not wait
+        for a new connection. The caller drops the connection after the last command.
         """
         link = self._open()
         with on_failure(self.drop, LinkLost):
             return self._exchange(link, line, replies, STOP_TIMEOUT)
 
     def control(self, letter: str) -> bool:
-        """Send a control character, "A" for ^A; return False without an answer in `STOP_TIMEOUT`.
+        """Send a control character, "A" for ^A; return whether it was answered in `STOP_TIMEOUT`.
 
-        The manual does not say what answers a character that reports nothing. Any byte counts as an
-        answer. Then a FLUSH, whose answer is known, ends whatever else arrives. Without an answer
-        the connection is kept, so that the next stop command can be sent at once. On a new
-        connection the character is sent first, because a controller with late or garbled replies
-        may still obey.
+        The manual does not say what the answer is if a character reports nothing. Any byte
+        therefore counts as an answer. A FLUSH, whose answer is known, then discards everything else
+        that arrives. Without an answer, the connection stays open, so the next stop command can be
+        sent at once. On a new connection, the character is sent first, because a controller with
+        late or garbled replies may still obey.
 
         Raises
         ------
@@ -98,7 +97,7 @@ class PmacDialogue(Closeable):
         """
         link = self._open()
         with on_failure(self.drop, LinkLost):
-            link.read(codec.CHUNK_SIZE, 0.0)  # bytes that arrived before are not an answer
+            link.read(codec.CHUNK_SIZE, 0.0)  # bytes that arrived earlier are not an answer
             link.write(codec.control_request(letter))
             if not read_until(link, lambda _: True, STOP_TIMEOUT):
                 return False
@@ -108,21 +107,21 @@ class PmacDialogue(Closeable):
         return True
 
     def drop(self) -> None:
-        """Close a connection on which late replies may arrive; the next request opens a new one."""
+        """Close a connection on which late replies may arrive; the next request opens another."""
         if self._link is not None:
             with suppress(LinkLost):
                 self._link.write(codec.FLUSH_REQUEST)
         self.close()
 
     def close(self) -> None:
-        """Close the connection, if there is one; the next request opens a new one."""
+        """Close the connection, if it is open; the next request opens a new connection."""
         if self._link is not None:
             self._link.close()
             self._link = None
             self._formatted = False
 
     def _exchange(self, link: Link, line: str, replies: int, timeout: float) -> list[str]:
-        """Send a command line and return the lines that answer it."""
+        """Send a command line, and return the lines of the reply."""
         reader = codec.ReplyReader(line)
         lines: list[str] = []
 
@@ -150,13 +149,13 @@ class PmacDialogue(Closeable):
         return lines
 
     def _open(self) -> Link:
-        """Return the connection; if there is none, open one without sending anything on it."""
+        """Return the connection; if there is none, open it without sending anything."""
         if self._link is None:
             self._link = self._opener(self.address)
         return self._link
 
     def _connect(self) -> Link:
-        """Return the connection after setting the reply format that the codec reads."""
+        """Return the connection, after setting the reply format that the codec needs."""
         link = self._open()
         if self._formatted:
             return link
@@ -169,8 +168,7 @@ class PmacDialogue(Closeable):
 
         with on_failure(self.close):
             link.write(codec.FLUSH_REQUEST)
-            # A reply left over in the controller would arrive before the answer, and is dropped
-            # here.
+            # An old reply in the controller would arrive before the answer. It is dropped here.
             if not read_until(link, flushed, self._timeout) or not came.endswith(
                 codec.FLUSH_ANSWER
             ):

@@ -1,8 +1,9 @@
-"""The common interface of all rotary tables, in SI, whichever controller turns them.
+"""The common interface of all rotary tables, in SI, for any controller.
 
-Signs and zeros are the table's own: an angle is the encoder's reading since homing, positive in the
-controller's counting direction. `TableState.time` is the controller's servo clock, never the
-host's, because at 30 °/s a transmission jitter of 20 ms corresponds to 0.6°.
+Signs and zeros are defined by the table: an angle is the encoder's reading since homing, and it is
+positive in the counting direction of the controller. `TableState.time` is the time of the
+controller's servo clock and not of the host's clock, because at 30 °/s a transmission jitter of 20
+ms corresponds to 0.6°.
 """
 
 from abc import ABC, abstractmethod
@@ -15,12 +16,12 @@ from inercal.basics.errors import InercalError, InputError
 from inercal.host.closeable import Closeable
 from inercal.host.link import LinkLost
 
-Feature = Literal["servo", "home"]  # functions that a controller may lack for a single axis
+Feature = Literal["servo", "home"]  # functions that may be impossible for a single axis
 REST_RATE = radians(0.5)  # rad/s; almost the rate resolution of a PMAC with few counts per turn
 
 
 class ProtocolError(InercalError):
-    """A reply breaks the protocol or is not complete; no part of it is used."""
+    """A reply violates the protocol or is not complete; no part of it is used."""
 
 
 class TableFault(InercalError):
@@ -38,7 +39,7 @@ class AxisLimits:
     low, high : float
         Soft limits, rad; infinite if there are none.
     following_error : float
-        Following error beyond which the servo switches off, rad.
+        Following error at which the servo switches off, rad.
     """
 
     rate: float = inf
@@ -50,7 +51,7 @@ class AxisLimits:
     def check(
         self, axis: str, rate: float, acceleration: float, angle: float | None = None
     ) -> None:
-        """Raise `InputError` if a motion exceeds the limits of the axis."""
+        """Raise an `InputError` if a motion exceeds the limits of the axis."""
         if angle is not None and not self.low <= angle <= self.high:
             raise InputError(
                 f"axis {axis}: {degrees(angle):.6g}° is beyond the soft limits; possible: "
@@ -73,21 +74,21 @@ class AxisLimits:
 
 @dataclass(frozen=True)
 class AxisState:
-    """The state of one axis at one instant; NaN for numbers that the controller does not report.
+    """The state of an axis at one instant; numbers that the controller does not report are NaN.
 
     Parameters
     ----------
     angle, rate, following_error : float
-        Measured by the encoder, not commanded: rad, rad/s and rad.
+        Values in rad, rad/s and rad. They are measured by the encoder, not commanded.
     in_position, moving : bool
-        Whether the axis is within the servo's band around its target, and whether it is commanded
-        to move.
+        Whether the axis is within the servo's tolerance around its target, and whether it is
+        commanded to move.
     enabled, homed : bool
-        Whether the servo holds the axis, and whether its zero has been found.
+        Whether the servo holds the axis, and whether the zero of the axis was found.
     faults : tuple of str
-        Faults that keep the axis from turning, as texts; empty if there are none.
+        Faults that prevent the axis from turning, as texts; empty if there are none.
     at_low, at_high : bool
-        Whether the limit switch at the low or the high end is closed.
+        Whether the limit switch at the low end, and at the high end, is closed.
     """
 
     angle: float
@@ -103,7 +104,7 @@ class AxisState:
 
     @property
     def settled(self) -> bool:
-        """Whether the move is over; uses both flags, as a moving axis may cross its band."""
+        """Whether the move is complete; a moving axis may also pass through its target."""
         return self.in_position and not self.moving
 
     @property
@@ -113,7 +114,7 @@ class AxisState:
 
     @property
     def status_text(self) -> str:
-        """Text for an operator: the axis's faults, otherwise "off", "turns" or "holds"."""
+        """Text for an operator: the faults of the axis, or else "off", "turns" or "holds"."""
         if self.faults:
             return ", ".join(self.faults)
         return "off" if not self.enabled else "turns" if self.moving else "holds"
@@ -121,16 +122,16 @@ class AxisState:
 
 @dataclass(frozen=True)
 class TableState:
-    """All axes in one reading, from outer to inner.
+    """The state of all axes in one reading, from outer to inner.
 
     Parameters
     ----------
     time : float
-        Time of the controller's servo clock, s; NaN if it reports none. If the clock wraps
-        (`RotaryTable.wrap_period`), the time continues across the wrap within one connection.
+        Time of the controller's servo clock, s; NaN if it is not reported. If the clock wraps
+        (`RotaryTable.wrap_period`), the time continues as long as the connection is open.
     axes : tuple of AxisState
     span : float
-        Time between the first and the last number of the reading in the controller, s; 0 if all
+        Time in the controller between the first and the last number of the reading, s; 0 if all
         belong to one servo cycle. `time` is the middle of this span.
     """
 
@@ -140,23 +141,23 @@ class TableState:
 
 
 class RotaryTable(Closeable, ABC):
-    """A table with one or more axes. One object serves one thread; a stop path opens its own.
+    """A table with one or more axes; an object must only be used in one thread.
 
-    Every method raises `LinkLost` if the controller is gone, `ProtocolError` if its reply is not
-    understood, and `TableFault` if it refuses. Closing releases the controller; the table continues
-    its motion.
+    To stop the table from another thread, open a second object. Every method raises `LinkLost` if
+    the controller is gone, `ProtocolError` if its reply is not understood, and `TableFault` if it
+    refuses a command. `close` releases the controller; the table continues its motion.
 
     Attributes
     ----------
     axes : tuple of str
         Names of the axes, from outer to inner.
     limits : tuple of AxisLimits
-        Limits as set in the controller.
+        Limits that are set in the controller.
     wrap_period : float
         Time after which the controller's clock restarts at 0, s; infinite if it never does.
     unsupported : mapping of str to str
-        Functions that the controller lacks for a single axis, "servo" (switching off) or "home",
-        each with the reason.
+        Functions that the controller cannot carry out for a single axis, "servo" (switching off) or
+        "home", each with the reason.
     """
 
     axes: tuple[str, ...]
@@ -166,15 +167,15 @@ class RotaryTable(Closeable, ABC):
 
     @abstractmethod
     def identity(self) -> str:
-        """Return how the controller identifies itself; "" if it does not answer."""
+        """Return the identification of the controller; "" if there is no answer."""
 
     @abstractmethod
     def enable(self, axis: str | None = None) -> None:
-        """Close the servo loop of an axis at its present position; without an axis, of all axes."""
+        """Close the servo loop of an axis, or of all axes, at the present position."""
 
     @abstractmethod
     def home(self, axis: str | None = None) -> None:
-        """Start to search for the zero of one or all axes; finished when homed and settled."""
+        """Start the search for the zero of one or all axes; it ends when they are settled."""
 
     @abstractmethod
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
@@ -182,46 +183,46 @@ class RotaryTable(Closeable, ABC):
 
     @abstractmethod
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
-        """Bring an axis to a signed `rate` (rad/s) at `acceleration` (rad/s²), and hold it."""
+        """Turn an axis at a signed `rate` (rad/s), reached at `acceleration` (rad/s²)."""
 
     @abstractmethod
     def stop(self) -> None:
         """Decelerate all axes and hold them; the hardware interlock is the safety function.
 
-        The command is sent before waiting for any answer, even on a new connection. `ProtocolError`
-        means that it was not answered, and `LinkLost` that no connection was possible.
+        Even on a new connection, the command is sent before any answer has arrived. `ProtocolError`
+        means that it was not answered. `LinkLost` means that no connection was possible.
         """
 
     @abstractmethod
     def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
-        """Switch off the power of one or all axes; refused while one turns, unless it may coast."""
+        """Switch off the power of one or all axes; an axis that turns must be allowed to coast."""
 
     @abstractmethod
     def read(self) -> TableState:
         """Return the present state of the table."""
 
     def indices(self, axis: str | None) -> tuple[int, ...]:
-        """Return the index of one axis, or of all axes; raises as `axis_index` does."""
+        """Return the index of one axis, or the indices of all axes; see `axis_index`."""
         return tuple(range(len(self.axes))) if axis is None else (axis_index(axis, self.axes),)
 
     def checked_index(
         self, axis: str, rate: float, acceleration: float, angle: float | None = None
     ) -> int:
-        """Return the index of an axis that may move like this; raises as `AxisLimits.check`."""
+        """Return the index of an axis after checking a motion; see `AxisLimits.check`."""
         i = axis_index(axis, self.axes)
         self.limits[i].check(axis, rate, acceleration, angle)
         return i
 
 
 def axis_index(axis: str, axes: tuple[str, ...]) -> int:
-    """Return the index of the axis `axis`; raises an `InputError` that names the axes."""
+    """Return the index of an axis by its name; the `InputError` lists the names."""
     if axis not in axes:
         raise InputError(f"no axis {axis!r}; this table has {', '.join(axes)}", names=(axis,))
     return axes.index(axis)
 
 
 def require_unique_names(axes: tuple[str, ...]) -> None:
-    """Raise `InputError` if there are no axes, or if two have the same name."""
+    """Raise an `InputError` if there are no axes or two have the same name."""
     if not axes or len(set(axes)) < len(axes):
         raise InputError(
             f"the axes of the table are {', '.join(axes) or 'none'}; give at least one, each with "
@@ -231,7 +232,7 @@ def require_unique_names(axes: tuple[str, ...]) -> None:
 
 
 def stop_with_retry(stop: Callable[[], object]) -> None:
-    """Stop the table, and repeat the command once if it was not acknowledged.
+    """Stop the table; if the command was not acknowledged, repeat it once.
 
     The second command uses a new connection; repeating a stop is harmless.
     """

@@ -1,9 +1,9 @@
-"""Exchanges text lines with a controller whose replies end with a known byte.
+"""Exchanges lines of text with a controller whose replies end with a known byte.
 
-If a reply is not complete in time, the link is closed and a new one is opened. Over TCP this is
-sufficient, because bytes sent to the old connection cannot arrive on the new one. A serial port is
-read until it has been silent for the timeout; an even later reply would be taken for the reply to
-the next line, and nothing in such a protocol could show this.
+If a reply is not complete in time, the link is closed and a new link is opened. Over TCP, this is
+sufficient, because bytes for the old connection cannot arrive on the new connection. A serial port
+is read until it has been silent for the timeout. A reply that arrives even later would be mistaken
+for the reply to the next line, and no such protocol could detect this.
 """
 
 from collections.abc import Callable
@@ -12,23 +12,23 @@ from inercal.host.closeable import Closeable, on_failure
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.link import Link, LinkLost, read_until
 
-_MAX_STRAY_READS = 20  # reads of bytes that still arrive
+_MAX_STRAY_READS = 20  # largest number of reads of late bytes
 _MAX_REPLY_SIZE = 1 << 16  # bytes; real replies are far shorter
 
 
 class TextDialogue(Closeable):
-    """A connection to the controller at `address`.
+    """A connection to a controller.
 
     Parameters
     ----------
     address : str
-        An address as in `open_link`.
+        Address of the controller; see `open_link`.
     ending : bytes
         The byte at the end of each reply.
     timeout : float
         Longest time for a complete reply, s.
     opener : callable
-        Opens a link to an address; tests supply their own.
+        Function that opens a link to an address; tests replace it.
     """
 
     def __init__(self, address: str, ending: bytes, timeout: float, opener: Callable[[str], Link]):
@@ -37,16 +37,16 @@ class TextDialogue(Closeable):
         self._link: Link | None = opener(address)
 
     def ask(self, line: bytes, *, urgent: bool = False) -> str:
-        """Send `line` unchanged, and return the reply without its ending and surrounding spaces.
+        """Send a line unchanged, and return the reply without its ending and outer spaces.
 
-        Bytes that arrived before the line was sent make the reply doubtful: they raise an error,
-        and nothing is sent. An urgent line is sent nevertheless.
+        If bytes have arrived before the line is sent, the reply would be doubtful. An error is then
+        raised, and nothing is sent. An urgent line is sent nevertheless.
 
         Raises
         ------
         ProtocolError
-            There is no complete reply in time, or the reply is not text. The reply is not used, and
-            the link is replaced by a new one. The command may have been executed.
+            The reply is not complete in time or is not text. It is not used, and the link is
+            replaced by a new link. The command may have been executed.
         LinkLost
             The link is lost and cannot be reopened; the next call tries again.
         """
@@ -84,17 +84,17 @@ class TextDialogue(Closeable):
         return text.decode("ascii").strip()
 
     def close(self) -> None:
-        """Close the link; the next request reopens it."""
+        """Close the link; the next request opens it again."""
         if self._link is not None:
             self._link.close()
             self._link = None
 
     def _open(self, *, settle: bool = True) -> Link:
-        """Return a new link; with `settle`, wait until it is silent."""
+        """Open a new link; if `settle` is true, wait until it is silent."""
         self.close()
         link = self._opener(self.address)
         if settle and link.address.startswith("serial:"):
-            # Another program that uses the device would prevent it from ever being silent.
+            # If another program uses the device, it is never silent.
             for _ in range(_MAX_STRAY_READS):
                 if not link.read(_MAX_REPLY_SIZE, self._timeout):
                     break

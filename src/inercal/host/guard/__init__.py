@@ -1,6 +1,6 @@
-"""The watchdog stops the table on request, and when the host's heartbeat fails.
+"""The watchdog stops the table on request, or if the host's heartbeat fails.
 
-The watchdog is a separate process with its own connection to the table, so that it can stop the
+The watchdog is a separate process with its own connection to the table. It can therefore stop the
 table even if the host is blocked or has ended. It reads a pipe to which only the host writes::
 
     .           heartbeat; after the first, a gap of `silence` s is a reason to stop
@@ -12,11 +12,12 @@ It writes the lines `ready`, `stopping: WHY`, `at rest`, `killed: WHY` and `cann
 `stopping` and `at rest` it stops any axis that turns again, and the host must not command the
 table.
 
-It uses `RotaryTable.stop`, which sends the command before it waits for any answer; all axes
-decelerate and are held. If an axis does not decelerate as its limits allow, the watchdog kills it,
-and this axis coasts. It measures the deceleration by the clock of the controller, if there is one.
-It does not stop a table at rest whose servos are all off, because this would switch them on. If the
-link is lost, it reconnects and stops again, until the table is at rest.
+The watchdog uses `RotaryTable.stop`, which sends the command before it waits for any answer. All
+axes then decelerate and are held. If an axis does not decelerate as fast as its limits allow, the
+watchdog kills it, and this axis coasts. The deceleration is measured by the clock of the
+controller, if it has a clock. If a table is at rest and all its servos are off, it is not stopped,
+because this would switch the servos on. If the link is lost, the watchdog reconnects and stops the
+table again, until it is at rest.
 
 This is not a safety function; the hardware interlock is.
 """
@@ -36,36 +37,36 @@ from inercal.host.closeable import Closeable, on_failure
 from inercal.host.link import LinkLost
 
 _BEAT_INTERVAL = 0.1  # s
-_START_TIMEOUT = 30.0  # s within which the guard must be ready
-_EXIT_TIMEOUT = 10.0  # s within which it must end, even if it is just connecting
+_START_TIMEOUT = 30.0  # s; the guard must be ready within this time
+_EXIT_TIMEOUT = 10.0  # s; the guard must end within this time, even while it connects
 
 
 class Guard(Closeable):
-    """The host's side of the guard for the table at `address`.
+    """The host's connection to the watchdog process of a table.
 
-    Each object serves one thread, and sends signals to the main thread.
+    An object must only be used in one thread; it sends signals to the main thread.
 
     Parameters
     ----------
     address : str
-        An address as in `inercal.host.addresses.open_table`.
+        Address of the table; see `inercal.host.addresses.open_table`.
     silence : float
         Time without a heartbeat after which the table is stopped, s.
     patience : float
-        Time for which a guard without a host tries to reach a lost table, s. A simulated table may
-        have ended together with its host.
+        Time for which a watchdog without a host tries to reach a lost table, s. A simulated table
+        may have ended together with its host.
 
     Attributes
     ----------
     signal_received : bool
         Whether a signal was received within `catch_signals`.
     axis_killed : bool
-        Whether the guard has reported that it killed an axis that did not slow down.
+        Whether the watchdog has reported that it killed an axis that did not slow down.
 
     Raises
     ------
     LinkLost
-        The guard cannot reach the table.
+        The watchdog cannot reach the table.
     """
 
     def __init__(self, address: str, silence: float = 1.5, patience: float = 600.0):
@@ -74,7 +75,7 @@ class Guard(Closeable):
         self._released = False
         command = [sys.executable, "-P", "-m", "inercal.host.guard.watchdog", address]
         command += ["--silence", str(silence), "--patience", str(patience)]
-        # A separate session, so that no terminal can signal it or end it by closing.
+        # The process has a separate session, so a terminal cannot send signals to it or end it.
         self._process = Popen(command, 0, None, PIPE, PIPE, STDOUT, start_new_session=True)
         assert self._process.stdin
         assert self._process.stdout
@@ -87,22 +88,22 @@ class Guard(Closeable):
 
     @property
     def alive(self) -> bool:
-        """Whether the guard is running; without it, the table must not move unattended."""
+        """Whether the watchdog is running; without it, the table must not move unattended."""
         return self._process.poll() is None
 
     def beat(self) -> None:
-        """Send a heartbeat; never waits, and writes at most every 0.1 s."""
+        """Send a heartbeat, at most every 0.1 s; this never waits."""
         now = monotonic()
         if now - self._beat_time >= _BEAT_INTERVAL:
             self._beat_time = now
             self._write(b".")
 
     def stop(self) -> bool:
-        """Request an immediate stop of the table; return False if no guard can receive it."""
+        """Request an immediate stop of the table; return False if no watchdog can receive it."""
         return self._write(b"s") and self.alive
 
     def read_lines(self) -> list[str]:
-        """Return the lines that the guard has written since the last call; never waits."""
+        """Return the lines that the watchdog wrote since the last call; this never waits."""
         with suppress(OSError):
             while data := os.read(self._lines, 1 << 16):
                 self._received += data
@@ -113,10 +114,9 @@ class Guard(Closeable):
 
     @contextmanager
     def catch_signals(self) -> Generator[None]:
-        """Let SIGINT and SIGTERM stop the table during the context; for the main thread only.
+        """Let SIGINT and SIGTERM stop the table during the block; only for the main thread.
 
-        The signal handler in C writes to the guard's pipe directly, whatever the interpreter is
-        doing.
+        The signal handler in C writes directly to the pipe, whatever the interpreter is doing.
         """
 
         def interrupted(*_: object) -> None:
@@ -133,12 +133,12 @@ class Guard(Closeable):
             signal.set_wakeup_fd(before)
 
     def release_to_guard(self) -> None:
-        """Leave the table to the guard, which ends after the table has come to rest."""
+        """Leave the table to the watchdog, which ends when the table is at rest."""
         self._close_pipe()
         self._released = True
 
     def close(self) -> None:
-        """Tell the guard to end, and wait until it has; a second call does nothing."""
+        """Tell the watchdog to end, and wait for its end; a second call does nothing."""
         if self._released:
             _guards.discard(self)
             _detached_processes.append(self._process)
@@ -174,7 +174,7 @@ class Guard(Closeable):
     def _write(self, data: bytes) -> bool:
         try:
             return os.write(self._pipe, data) == len(data)
-        except OSError:  # the pipe is full or has no reader; `alive` shows which
+        except OSError:  # the pipe is full or has no reader; `alive` shows the difference
             return False
 
     def _close_pipe(self) -> None:
@@ -191,11 +191,11 @@ class Guard(Closeable):
 
 
 _guards: WeakSet[Guard] = WeakSet()
-_detached_processes: list[Popen[bytes]] = []  # they end by themselves and need no waiting
+_detached_processes: list[Popen[bytes]] = []  # they end by themselves
 
 
 def _close_pipes_after_fork() -> None:
-    """Close the pipes in a forked process, so that the guard notices when the host ends."""
+    """Close the pipes in a forked process, because the watchdog must notice the host's end."""
     for guard in _guards:
         guard._close_pipe()  # pyright: ignore[reportPrivateUsage]
 

@@ -1,7 +1,7 @@
-"""The guard's process: reads commands and heartbeats, and stops the table.
+"""The process of the watchdog: reads commands and heartbeats, and stops the table.
 
-It is run as `python -m inercal.host.guard.watchdog TABLE_ADDRESS --silence 1.5`, with the host's
-pipe as its standard input.
+The host starts it as `python -m inercal.host.guard.watchdog TABLE_ADDRESS --silence 1.5`, with a
+pipe from the host as its standard input.
 """
 
 import os
@@ -21,20 +21,21 @@ from inercal.host.drivers.rotary_table import REST_RATE, ProtocolError, RotaryTa
 
 _TIMEOUT = 0.5  # s for a reply
 _START_ATTEMPTS = 4  # attempts to reach the table at the beginning
-# Time between checks of a table that need not stop, s: early enough to notice a lost link
+# Time between checks of a table that need not stop, s: often enough to notice a lost link
 _IDLE_INTERVAL = 1.0
 _STOP_POLL_INTERVAL = 0.03  # s between readings of a table that is being stopped
-_REST_READINGS = 2  # readings at rest in a row
-# Time within which the rate must fall by this fraction, s; otherwise the table is not slowing down
+_REST_READINGS = 2  # successive readings at rest
+# Time within which the rate must decrease by this fraction, s. If not, the table is not slowing
+# down.
 _DECELERATION_WINDOW = 0.5
 _MIN_RATE_DROP = 0.1
-_WAKE_UP_DELAY = 0.1  # s by which a wake-up may be late
-_GRACE = 1.0  # s in addition to the deceleration time
-_CLOCK_TIMEOUT = 5.0  # s of wall time for which the controller's clock may stand still
+_WAKE_UP_DELAY = 0.1  # s; a wake-up may be late by this time
+_GRACE = 1.0  # s, in addition to the deceleration time
+_CLOCK_TIMEOUT = 5.0  # s of wall time; the controller's clock may stand still for this time
 
 
 class _RateSample(NamedTuple):
-    """The highest rate at an instant, rad/s, with the controller's time and the wall time."""
+    """The highest rate of all axes at an instant, rad/s, with controller time and wall time."""
 
     time: float
     wall: float
@@ -43,7 +44,7 @@ class _RateSample(NamedTuple):
 
 @dataclass
 class _StopProgress:
-    """The progress of a stop that is being executed.
+    """The progress of a stop.
 
     Parameters
     ----------
@@ -52,9 +53,9 @@ class _StopProgress:
     killed : bool
         Whether the servos were killed because the stop had no effect.
     rest_readings : int
-        Number of readings at rest in a row.
+        Number of successive readings at rest.
     expected_time : float
-        Time that the stop takes at the acceleration limits from the highest rate seen, s.
+        Time for a stop from the highest observed rate at the acceleration limits, s.
     first, last : _RateSample or None
         Samples between which the table should have slowed down.
     """
@@ -68,7 +69,7 @@ class _StopProgress:
 
 
 class Watchdog:
-    """The guard, in its own process.
+    """The watchdog, in its own process.
 
     Parameters
     ----------
@@ -76,11 +77,11 @@ class Watchdog:
     silence : float
         Time without a heartbeat after which the table is stopped, s.
     patience : float
-        Time without a reply from the table after which a guard without a host gives up, s.
+        Time without a reply from the table after which a watchdog without a host gives up, s.
     listen : sequence of int
-        Descriptors to read: the host's pipe, and the pipe for signals to the guard itself.
+        Descriptors to read: the pipe from the host, and the pipe for signals to this process.
     say : callable
-        Takes a line to report.
+        Function that reports a line to the host.
     """
 
     def __init__(
@@ -97,14 +98,14 @@ class Watchdog:
         self._say = say
         self._table: RotaryTable | None = None
         self._state: TableState | None = None
-        self._reported_errors = set[str]()  # current errors, so that each is reported only once
+        self._reported_errors = set[str]()  # current errors; each is reported only once
         self._last_answer_time = self._last_reading_time = monotonic()
-        self._last_beat_time: float | None = None  # time of the last heartbeat; None: none expected
+        self._last_beat_time: float | None = None  # last heartbeat; None if none is expected
         self._host_gone = self._released = False
         self._stopping: _StopProgress | None = None
 
     def run(self) -> int:
-        """Watch until released, or until the table rests without a host; return the status."""
+        """Watch until released, or until the table is at rest without a host; return the status."""
         try:
             return self._watch()
         finally:
@@ -145,7 +146,7 @@ class Watchdog:
         ready, _, _ = select(ends, [], [], wait)
         late = monotonic() - due
         if self._last_beat_time is not None and late > _WAKE_UP_DELAY:
-            # The whole machine stood still, so this is not a silence of the host.
+            # The whole machine stood still, so the host is not the cause of the silence.
             self._last_beat_time += late
         if self._signals in ready:
             os.read(self._signals, 64)
@@ -173,16 +174,16 @@ class Watchdog:
             return
         self._say(f"stopping: {why}")
         self._stopping = _StopProgress()
-        # First check whether all servos are off, because a stop would switch them on.
+        # First it is checked whether all servos are off, because a stop would switch them on.
         if not (self._servos_are_off() and self._read_state() and self._servos_are_off()):
             self._stopping.acknowledged = self._send_stop()
 
     def _follow_stop(self, stop: _StopProgress) -> None:
-        """Check the progress of a stop, and repeat or escalate it if necessary."""
+        """Check the progress of a stop; if necessary, repeat the stop or kill the servos."""
         if not stop.acknowledged and not stop.killed and not self._servos_are_off():
             stop.acknowledged = self._send_stop()
         if not self._read_state() or self._state is None:
-            # It is unknown which commands the table received before the link was lost.
+            # It is unknown which commands the table has received before the link was lost.
             stop.acknowledged, stop.rest_readings, stop.first = False, 0, None
             return
         turning = [abs(axis.rate) > REST_RATE or axis.moving for axis in self._state.axes]
@@ -209,8 +210,8 @@ class Watchdog:
         slows, stop.last = now.rate < (1 - _MIN_RATE_DROP) * stop.last.rate, now
         if slows:
             return
-        # Repeat the stop before killing, as the host may have commanded a motion at the same
-        # moment.
+        # The stop is repeated before a kill, because the host may have commanded a motion at the
+        # same moment.
         late = stands or now.time - stop.first.time > stop.expected_time + _GRACE
         if late and self._try(lambda table: table.kill(coasting=True)):
             stop.killed = True
@@ -223,22 +224,22 @@ class Watchdog:
         self._reported_errors.clear()
         self._say("at rest")
         if self._table and not self._shares_link:
-            # From here on the host may command the table again.
+            # From here on, the host may command the table again.
             self._table.close()
             self._table = None
 
     def _find_table(self) -> bool:
-        """Check that the table answers; as at the start, a single late reply is tolerated."""
+        """Check that the table answers; a single late reply is tolerated."""
         return any(self._read_state(quietly=left > 0) for left in reversed(range(_START_ATTEMPTS)))
 
     def _check_link(self) -> None:
-        """Check the link to the table; a machine that stalls for a moment is not a lost link."""
+        """Check the link to the table; if the machine only stalled, the link is not lost."""
         if (self._read_state(quietly=True) or self._read_state()) and self._reported_errors:
             self._reported_errors.clear()
             self._say("ready")
 
     def _servos_are_off(self) -> bool:
-        """Return whether no axis had its servo on in the last state."""
+        """Return whether the servos of all axes were off in the last state."""
         return self._state is not None and not any(axis.enabled for axis in self._state.axes)
 
     def _read_state(self, *, quietly: bool = False) -> bool:
@@ -252,7 +253,7 @@ class Watchdog:
         return self._try(read, quietly=quietly)
 
     def _send_stop(self) -> bool:
-        """Send a stop without waiting for an answer first; return whether it was answered."""
+        """Send a stop before waiting for any answer; return whether it was answered."""
         return self._try(lambda table: table.stop(), unanswered="a stop was sent, but not answered")
 
     def _try(
@@ -262,12 +263,12 @@ class Watchdog:
         quietly: bool = False,
         unanswered: str = "cannot",
     ) -> bool:
-        """Call a function with the table; report an error once, unless quiet."""
+        """Call a function with the table; an error is reported once, unless `quietly` is set."""
         try:
             if self._table is None:
                 self._table = open_table(self._address, None, _TIMEOUT)
             act(self._table)
-        # Whatever the error is, it may be gone next time, and nobody else will try.
+        # Any error may be gone the next time, and nobody else will try.
         except Exception as error:
             what = unanswered if isinstance(error, ProtocolError) else "cannot"
             wrong = f"{what}: {str(error) or type(error).__name__}"
@@ -280,13 +281,13 @@ class Watchdog:
 
 
 def _say(line: str) -> None:
-    # The host may be gone, or suspended with its pipe full; this must not delay the stop.
+    # The host may be gone, or suspended with a full pipe. This must not delay the stop.
     with suppress(OSError):
         os.write(1, " ".join(line[:1000].split()).encode() + b"\n")
 
 
 def _ignore_signal(*_: object) -> None:
-    """Do nothing, because the wake-up descriptor has already passed on the signal."""
+    """Do nothing, because the wake-up descriptor has already reported the signal."""
 
 
 def main() -> int:
@@ -304,8 +305,8 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.set_wakeup_fd(poke, warn_on_full_buffer=False)
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _ignore_signal)  # with SIG_IGN, no byte would be written
-    # Run with a higher priority than other processes, if the system permits it.
+        signal.signal(number, _ignore_signal)  # SIG_IGN would write no byte
+    # The process gets a higher priority than other processes, if the system permits this.
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, -20)
     if not os.isatty(1):

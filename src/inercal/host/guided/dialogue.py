@@ -1,7 +1,7 @@
 """The dialogue of a guided measurement: asks for settings and readings, row by row.
 
-A line is a reading or a command. A reading that is far from the expected value must be confirmed,
-by giving the same reading again or by `keep`. If the lines come from a file or another program, an
+A line is a reading or a command. If a reading is far from the expected value, the operator must
+confirm it by entering it again or by `keep`. If the lines come from a file or another program, an
 unusable line ends the measurement, because the following lines would be assigned to the wrong
 position.
 """
@@ -16,7 +16,7 @@ from inercal.host.guided.measurement_table import MeasuredRow, MeasurementTable,
 from inercal.host.guided.reading_check import ReadingCheck, scatter
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-_MOST = 1e100  # as in tables of means
+_MOST = 1e100  # largest number, as in tables of means
 _COMMANDS = "undo, repeat, quit or help"
 _HELP = (
     "undo     takes back the last reading",
@@ -35,17 +35,18 @@ class GuidedMeasurement:
     table : MeasurementTable
     check : ReadingCheck
     instruments : sequence of Instrument
-        Instruments that read the sensor's columns; without any, all readings are typed.
+        Instruments that read the sensor's columns. If there are none, the operator types all
+        readings.
     count : int
-        Number of readings per mean.
+        Number of readings for each mean.
     units : mapping of str to str
-        Units of the columns that are filled in.
+        Units of the columns to fill in.
     read_line : callable
-        Takes a prompt and returns the line; None at the end of the input.
+        Function that shows a prompt and returns a line, or None at the end of the input.
     say : callable
-        Prints a line.
+        Function that prints a line.
     interactive : bool
-        Whether somebody can correct an unusable line; otherwise it ends the measurement.
+        Whether somebody can correct an unusable line. If not, such a line ends the measurement.
     """
 
     def __init__(
@@ -63,9 +64,9 @@ class GuidedMeasurement:
         self._table, self._check, self._instruments = table, check, instruments
         self._count, self._units = count, units
         self._read_line, self._say, self._interactive = read_line, say, interactive
-        self._doubtful: list[Reading] = []  # readings far from expected that are not accepted yet
+        self._doubtful: list[Reading] = []  # far from expected, not yet accepted
         self._lines = 0
-        self._shown: int | None = None  # the row whose setting was printed last
+        self._shown: int | None = None  # row of the last printed setting
 
     def run(self) -> bool:
         """Measure the remaining rows, and return whether all rows are complete.
@@ -110,7 +111,7 @@ class GuidedMeasurement:
             self._take(k, text)
 
     def _take(self, k: int, line: str) -> None:
-        """Accept the typed reading, or read the instruments and add the typed columns."""
+        """Accept a typed reading, or read the instruments and add the typed columns."""
         row, before = self._table.rows[k], self._doubtful
         typed = self._typed_columns(row)
         by_hand = _typed_numbers(line, typed, self._units)
@@ -149,7 +150,7 @@ class GuidedMeasurement:
             )
 
     def _take_back(self, k: int | None, *, last: bool) -> None:
-        """Take back the readings of this row, or of the previous row if this one has none."""
+        """Remove the readings of this row or, if it has none, of the previous row."""
         self._shown, rows = None, self._table.rows
         if self._doubtful:
             self._doubtful = []
@@ -212,7 +213,7 @@ def _typed_numbers(line: str, columns: Sequence[str], units: Mapping[str, str]) 
     Raises
     ------
     InputError
-        The line has another number of values, or a word that is not a number.
+        The line has a wrong number of values, or a word that is not a number.
     """
     words = [word for word in re.split(r"[,;\s]+", line.replace("−", "-").strip()) if word]
     wanted = ", ".join(f"{name} in {units[name]}" if units.get(name) else name for name in columns)

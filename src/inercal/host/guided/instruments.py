@@ -1,4 +1,4 @@
-"""Reads instruments: SCPI over TCP or serial, or devices that send lines without a query.
+"""Reads instruments: SCPI over TCP or a serial port, or devices that send lines unasked.
 
 A reply or line contains one number, or several separated by commas, semicolons or spaces. The value
 9.9E37 means overload in SCPI.
@@ -16,7 +16,7 @@ from inercal.host.link import Link, LinkLost, open_link
 
 _OVERLOAD = 9e36
 _LONGEST = 4096  # bytes in a reply
-_MOST_PIECES = 1000  # pieces to discard at most, because a fast device never stops sending
+_MOST_PIECES = 1000  # largest number of discarded pieces; a fast device never stops
 _WORD = re.compile(r"[A-Za-zµμΩ°/²%]*")  # a unit after a number is not a value
 
 
@@ -26,13 +26,13 @@ class Instrument(Closeable):
     Parameters
     ----------
     address : str
-        An address as in `open_link`.
+        Address of the instrument; see `open_link`.
     query : str
-        Command that requests a reading; empty for a device that sends lines by itself.
+        Command that requests a reading; empty for a device that sends lines unasked.
     timeout : float
         Longest time for one reading, s.
     opener : callable
-        Opens a link to an address.
+        Function that opens a link to an address.
 
     Raises
     ------
@@ -51,7 +51,7 @@ class Instrument(Closeable):
         self._link: Link | None = self._open()
 
     def begin(self) -> None:
-        """Discard earlier replies, so that the next reading is taken from now on."""
+        """Discard earlier replies, because the next reading must be current."""
         link = self._link = self._link or self._open()
         data = self._buffer
         with on_failure(self.close, LinkLost):
@@ -60,7 +60,8 @@ class Instrument(Closeable):
                     break
                 data += piece
         if data:
-            # Discard the rest of a line that began earlier, because it is not a current reading.
+            # The rest of a line that began earlier is discarded, because it is not a current
+            # reading.
             _, ended, rest = data.rpartition(b"\n")
             self._cut = bool(rest) or (self._cut and not ended)
             self._buffer = b""
@@ -73,7 +74,7 @@ class Instrument(Closeable):
         InputError
             The reply contains no numbers, or an overload.
         LinkLost
-            There is no reply in time; the next reading reopens the link.
+            There is no reply in time. The next reading opens the link again.
         """
         link = self._link = self._link or self._open()
         with on_failure(self.close, LinkLost):
@@ -86,7 +87,7 @@ class Instrument(Closeable):
         return numbers_in_reply(line, self.address)
 
     def close(self) -> None:
-        """Close the link; a later reading reopens it."""
+        """Close the link; a later reading opens it again."""
         if self._link is not None:
             self._link.close()
             self._link = None
@@ -151,7 +152,7 @@ def numbers_in_reply(reply: str, address: str) -> list[float]:
 
 
 def read_instruments(instruments: Sequence[Instrument], columns: Sequence[str]) -> dict[str, float]:
-    """Return one reading from all instruments together, by column, in order.
+    """Return one reading of all instruments together, by column, in order.
 
     Raises
     ------

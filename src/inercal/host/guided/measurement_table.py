@@ -1,10 +1,10 @@
-"""The table of a guided measurement: a worksheet that is filled in row by row and saved safely.
+"""The table of a guided measurement, which is filled in row by row and always saved.
 
 The table is written to disk after each change, and a later session needs nothing else. If a mean
-consists of several readings, a second file `NAME.readings.csv` contains each of them. A new reading
-is written to this file first, and a reading that is taken back is removed from the table first.
-Therefore a row whose readings are complete but whose mean is missing after an interruption gets its
-mean when the table is opened again.
+consists of several readings, a second file `NAME.readings.csv` contains the single readings. A new
+reading is first written to this file, and a removed reading is first removed from the table. After
+an interruption, the readings of a row may therefore be complete although its mean is missing. The
+mean is then computed when the table is opened again.
 """
 
 import csv
@@ -32,11 +32,11 @@ class MeasuredRow:
     Parameters
     ----------
     planned : SheetRow
-        The setting, and the cells that are stated in advance.
+        The setting, and the cells that are known in advance.
     columns : tuple of str
-        Columns that are measured.
+        Columns with measured values.
     cells : dict of str to str
-        Cells of all columns in the table, as written.
+        Cells of all columns in the table, as texts.
     readings : list of Reading
         The single readings, if known.
     """
@@ -58,7 +58,7 @@ class MeasuredRow:
 
 
 def measurement_files(table: Path) -> tuple[Path, Path]:
-    """Return the files of a measurement: the table and the file of its single readings."""
+    """Return the files of a measurement: the table, and the file with single readings."""
     return table, table.with_name(f"{table.stem}.readings.csv")
 
 
@@ -69,11 +69,12 @@ class MeasurementTable:
     ----------
     run : Run
     path : Path
-        File of this run's worksheet, whose filled rows are kept, or a file that does not exist yet.
+        File with the worksheet of this run, or a file that does not exist yet. Rows that are filled
+        in are kept.
     count : int
         Number of readings per mean.
     anew : bool
-        Begin with an empty table, whatever the file contains.
+        Whether to begin with an empty table, whatever the file contains.
 
     Attributes
     ----------
@@ -114,7 +115,7 @@ class MeasurementTable:
 
     @property
     def open_row(self) -> int | None:
-        """Index of the first row that is still to be measured; None if all are complete."""
+        """Index of the first row that is not complete; None if all rows are complete."""
         return next((k for k, row in enumerate(self.rows) if not row.complete), None)
 
     @property
@@ -129,7 +130,7 @@ class MeasurementTable:
         self._write_table()
 
     def add(self, k: int, readings: Sequence[Reading]) -> bool:
-        """Add readings to row `k` and store them; return whether they complete the row."""
+        """Add readings to row `k` and store them; return whether the row is now complete."""
         row = self.rows[k]
         with _unchanged_on_failure(row):
             row.readings = [*row.readings, *readings]
@@ -142,7 +143,7 @@ class MeasurementTable:
         return True
 
     def remove(self, k: int, *, last: bool) -> None:
-        """Take back the last reading of row `k`, or all of them, and empty its means."""
+        """Remove the last reading of row `k`, or all its readings, and empty its means."""
         row = self.rows[k]
         with _unchanged_on_failure(row):
             row.cells = {**row.cells, **dict.fromkeys(row.columns, "")}
@@ -187,7 +188,7 @@ class MeasurementTable:
     def _matched_row(
         self, unused: list[SheetRow], number: int, cells: Sequence[str]
     ) -> MeasuredRow:
-        """Return a row of the file with its step, and remove this step from `unused`."""
+        """Match a row of the file with its step, and remove this step from `unused`."""
         given = dict.fromkeys(self._columns, "") | dict(zip(self._columns, cells, strict=False))
         for planned in unused:
             stated = dict(zip(self._names, planned.given, strict=False))
@@ -215,7 +216,7 @@ class MeasurementTable:
         )
 
     def _read_single_readings(self) -> None:
-        """Read the single readings, and add the mean of a row whose readings are complete."""
+        """Read the single readings, and add a missing mean if the readings are complete."""
         if not self._readings_path.exists():
             return
         path, by_label = self._readings_path, {row.planned.label: row for row in self.rows}
@@ -250,7 +251,7 @@ class MeasurementTable:
         return [(k, line.strip()) for k, line in enumerate(text.splitlines(), start=1)]
 
     def _cells(self, path: Path, lines: Sequence[tuple[int, str]]) -> list[tuple[int, list[str]]]:
-        """Return the cells in lines; if there are no lines, an empty header."""
+        """Return the cells in lines; if there are no lines, return an empty header."""
         try:
             found = [(number, next(csv.reader([text]))) for number, text in lines]
         except csv.Error as error:

@@ -1,10 +1,10 @@
 """Compares readings with the values that an ideal sensor would give in each step.
 
 A reading is far from the expected value if the difference exceeds a share of the sensed specific
-force or rate; gyros may also have a bias of 6 °/s. A bias of 0.1 g together with a scale factor
-error of 10 % passes at 1 g, but another axis, a wrong sign or a shifted decimal point does not.
-Coefficients with a prior are set to its mean. If the method estimates the attitudes, only the norm
-of the specific force is compared.
+force or rate; gyros may also have a bias of 6 °/s. At 1 g, a bias of 0.1 g together with a scale
+factor error of 10 % is accepted, but the wrong axis, a wrong sign or a shifted decimal point is
+not. If a coefficient has a prior, the mean of the prior is used. If the method estimates the
+attitudes, only the norm of the specific force is compared.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from inercal.physics.sensors import Axis
 from inercal.recordings.data.recording_loader import reader_columns, stated_deviations
 from inercal.runfile import Run
 
-_GYRO_BIAS = radians(6.0)  # rad/s; the bias of a consumer-grade gyro
+_GYRO_BIAS = radians(6.0)  # rad/s; possible bias of a consumer-grade gyro
 
 
 class ReadingCheck:
@@ -29,12 +29,12 @@ class ReadingCheck:
     ----------
     run : Run
     tolerance : float
-        Share of the sensed magnitude by which a reading may differ.
+        Permitted difference of a reading, as a share of the sensed magnitude.
 
     Attributes
     ----------
     axes : dict of str to Axis
-        Axes by column of the table.
+        Sensor axes, by column of the table.
     """
 
     def __init__(self, run: Run, tolerance: float):
@@ -48,7 +48,7 @@ class ReadingCheck:
         self._duration = str(run.data.seconds)
         self._seconds = {step.label: step.seconds for step in run.steps}
         self._gravity = float(run.bench.gravity.value)
-        self._size: dict[str, dict[str, float]] = {}  # sensed magnitude, SI, by step and quantity
+        self._size: dict[str, dict[str, float]] = {}  # magnitude, SI, by step and quantity
         self._expected: dict[str, dict[str, float]] = {}  # output units, by step and column
         if not self._free and isinstance(run.bench, MeanBench):
             self._compute(run, run.bench)
@@ -68,7 +68,7 @@ class ReadingCheck:
             run.sensor.to_output(run.sensor.forward(motion, c)),
             (len(run.steps), len(run.sensor.axes)),
         )
-        # A component that is the same in all steps may be in a single row.
+        # If a component is the same in all steps, it may have a single row.
         sizes = {
             kind: np.broadcast_to(np.linalg.norm(vectors, axis=-1), len(run.steps)).tolist()
             for kind, vectors in (("f", motion.f), ("w", motion.w))
@@ -81,11 +81,11 @@ class ReadingCheck:
             self._size[step.label] = {kind: size[k] for kind, size in sizes.items()}
 
     def expected(self, label: str) -> Mapping[str, float]:
-        """Return an ideal sensor's readings in a step, in output units by column; may be empty."""
+        """Return readings of an ideal sensor in a step, in output units, by column."""
         return self._expected.get(label, {})
 
     def far_readings(self, label: str, reading: Mapping[str, float]) -> list[str]:
-        """Return texts about the values in a reading that are far from the expected ones."""
+        """Return texts about values in a reading that are far from the expected values."""
         if self._free:
             return self._far_norm(reading)
         found: list[str] = []
@@ -105,7 +105,7 @@ class ReadingCheck:
         return found
 
     def _si_hint(self, axis: Axis, expected: float, value: float) -> str:
-        """Return a hint if a reading is right in SI but not in the sensor's unit."""
+        """Return a hint if a reading would be correct in SI but not in the sensor's unit."""
         scale = axis.readout.scale
         in_si = value * scale + axis.readout.offset
         alike = abs(in_si - expected) <= self._tolerance * abs(expected)
@@ -130,7 +130,7 @@ class ReadingCheck:
         return [text]
 
     def out_of_range(self, reading: Mapping[str, float]) -> list[str]:
-        """Return texts about the values in a reading that reach or exceed the full scale."""
+        """Return texts about values in a reading that reach or exceed the full scale."""
         found: list[str] = []
         for column, axis in self.axes.items():
             reach = axis.readout.full_scale
@@ -139,7 +139,7 @@ class ReadingCheck:
         return found
 
     def columns_of_large_scatter(self, readings: Sequence[Mapping[str, float]]) -> list[str]:
-        """Return the columns whose scatter far exceeds [data.sd], which is stated for a mean."""
+        """Return the columns whose scatter far exceeds [data.sd], which applies to a mean."""
         found: list[str] = []
         for column, axis in self.axes.items():
             stated = self._sd.get(axis.measures)
@@ -150,6 +150,6 @@ class ReadingCheck:
 
 
 def scatter(readings: Sequence[Mapping[str, float]], column: str) -> float:
-    """Return the standard deviation of single readings; 0 for fewer than two."""
+    """Return the standard deviation of single readings; 0 if there are fewer than two."""
     values = [one[column] for one in readings]
     return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0

@@ -1,8 +1,8 @@
-"""Checks an operator's command to an axis, and returns the command for the table.
+"""Checks an operator's command to an axis, and converts it to a command for the table.
 
-The limits are those in the run file's [bench] or in the controller, whichever are narrower. A jog
-toward a soft limit is executed as a move that ends `LIMIT_MARGIN` before the limit, so that the
-controller itself stops there.
+The narrower of the limits in the run file's [bench] and in the controller apply. A jog toward a
+soft limit is executed as a move that ends `LIMIT_MARGIN` before the limit, because the controller
+then stops the axis there.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,11 +36,11 @@ class AxisTask:
     activity : "idle", "home", "go", "jog" or "stop"
         "stop" means that the axis decelerates.
     goal : float
-        Commanded angle, rad; NaN if there is none.
+        Commanded angle, rad; NaN if no angle is commanded.
     rate : float
         Commanded rate, rad/s; signed for a jog.
     begun, due : float
-        Session time of the command and deadline of the motion, s.
+        Session time of the command, and deadline of the motion, s.
     """
 
     activity: Activity = "idle"
@@ -50,16 +50,16 @@ class AxisTask:
     due: float = inf
 
 
-LIMIT_MARGIN = radians(0.1)  # rad; distance from a soft limit at which a jog toward it ends
-_LEAST_JOG = radians(0.01)  # rad from this end; an axis that is nearer has reached it
+LIMIT_MARGIN = radians(0.1)  # rad; a jog ends at this distance from a soft limit
+_LEAST_JOG = radians(0.01)  # rad from this end; a nearer axis has reached the end
 _HOMING_TIMEOUT = 300.0  # s
-_DURATION_MARGIN, _GRACE = 1.5, 5.0  # factor on the duration of a motion, and additional s
+_DURATION_MARGIN, _GRACE = 1.5, 5.0  # factor for the duration of a motion, and additional s
 
 
 def narrower_limits(
     controller: Sequence[AxisLimits], bench: Sequence[AxisMotionLimits]
 ) -> tuple[AxisLimits, ...]:
-    """Return the limits of each axis, the narrower of the controller's and the run file's."""
+    """Return the limits of each axis: the narrower of controller and run file."""
     return tuple(
         replace(
             of, rate=min(of.rate, held.rate), acceleration=min(of.acceleration, held.acceleration)
@@ -79,7 +79,7 @@ class CommandCheck:
     limits : sequence of AxisLimits
         Limits to enforce for each axis.
     unsupported : mapping
-        Functions that the controller lacks, with the reasons.
+        Functions that the controller cannot carry out, with the reasons.
     """
 
     axes: tuple[str, ...]
@@ -93,13 +93,13 @@ class CommandCheck:
         tasks: Sequence[AxisTask],
         time: float,
     ) -> tuple[sequencer.Command, AxisTask | None]:
-        """Return the command for the table, and the axis's new task; None keeps the current task.
+        """Return the command for the table, and the axis's new task (None if it is unchanged).
 
         Parameters
         ----------
         command : AxisCommand
         state : TableState
-            The state that was last read.
+            The last state that was read.
         tasks : sequence of AxisTask
             Current task of each axis.
         time : float
@@ -108,7 +108,7 @@ class CommandCheck:
         Raises
         ------
         InputError
-            The command exceeds a limit, names no axis of this table, or is not possible now.
+            The command exceeds a limit, names an axis that does not exist, or is not possible now.
         TableFault
             The axis has a fault, or its servo is off.
         """
@@ -161,7 +161,7 @@ class CommandCheck:
 
 
 def _require_ready(axis: AxisState, task: AxisTask, rate: float = 0.0) -> None:
-    """Refuse a motion if the axis cannot move; a jog away from a limit switch is allowed."""
+    """Raise an error if an axis cannot move; a jog away from a limit switch is permitted."""
     at_limit = axis.at_low or axis.at_high
     leaves = (rate > 0 and axis.at_low and not axis.at_high) or (
         rate < 0 and axis.at_high and not axis.at_low

@@ -1,7 +1,7 @@
 """The manual commands of an operator, and their conversion from and to JSON.
 
 Each command has a fixed set of fields. The page sends JSON objects in degrees and seconds, which
-are converted to commands in SI here. The session (`manual.session`) decides whether the table can
+this module converts to commands in SI. The session (`manual.session`) decides whether the table can
 execute them.
 
     {"what": "servo", "axis": "inner", "on": true}
@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 
 from inercal.basics.errors import InputError
 
-_MAX_NAME = 40  # characters in the name of an axis
+_MAX_NAME = 40  # largest number of characters in the name of an axis
 _MAX_NUMBER = 1e6  # ° and °/s
-_MAX_PRESS = 1 << 53  # every JSON reader represents integers up to this exactly
+_MAX_PRESS = 1 << 53  # up to this, every JSON reader represents integers exactly
 
 
 class ServoCommand(NamedTuple):
@@ -55,7 +55,7 @@ class GoCommand(NamedTuple):
 
 
 class JogCommand(NamedTuple):
-    """Turn an axis at a signed rate (rad/s) while the key press with this number is held."""
+    """Turn an axis at a signed rate (rad/s) as long as a numbered key press is held."""
 
     axis: str
     rate: float
@@ -66,7 +66,7 @@ class JogCommand(NamedTuple):
 
 
 class HoldCommand(NamedTuple):
-    """Report that the key press with this number is still held."""
+    """Report that a numbered key press is still held."""
 
     press: int
 
@@ -92,7 +92,7 @@ ManualCommand = AxisCommand | HoldCommand | ReleaseCommand | HaltCommand
 
 
 def parse_command(fields: Mapping[str, Any]) -> ManualCommand:
-    """Parse a JSON object as a command and return it.
+    """Convert a JSON object to a command.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def parse_command(fields: Mapping[str, Any]) -> ManualCommand:
 
 
 def command_fields(command: ManualCommand) -> dict[str, Any]:
-    """Return the JSON object for a command; this is the inverse of `parse_command`."""
+    """Convert a command to a JSON object, as the inverse of `parse_command`."""
     for what, (kind, fields) in _COMMANDS.items():
         if isinstance(command, kind):
             values = command._asdict()
@@ -137,7 +137,7 @@ def _number(key: str, value: object) -> float:
     if (
         isinstance(value, bool)
         or not isinstance(value, (int, float))
-        or not abs(value) <= _MAX_NUMBER  # such as NaN
+        or not abs(value) <= _MAX_NUMBER  # also true for NaN
     ):
         raise InputError(
             f"{key}: give a number from {-_MAX_NUMBER:g} to {_MAX_NUMBER:g} (in degrees and "

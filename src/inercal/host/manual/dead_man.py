@@ -1,12 +1,12 @@
-"""The dead-man control of a jog: an axis turns only while messages about a held key arrive.
+"""The dead-man control of a jog: an axis only turns while messages about a held key arrive.
 
-Each key press has a number. `begin` makes it live, and each `hold` with the same number keeps it
-live for `HOLD_TIMEOUT` from its arrival, by the host's monotonic clock. A press that has expired or
-was released stays dead: delayed messages cannot revive it.
+Each key press has a number. `begin` makes a press live, and each `hold` message with the same
+number keeps it live for `HOLD_TIMEOUT` after the arrival of the message, by the host's monotonic
+clock. A press that has expired or was released stays dead, so delayed messages cannot revive it.
 
-The loop that drives the table calls `is_live` in each tick and stops the axis. If it does not do so
-in time, because it waits for a reply from the table, a separate thread calls `overdue`, which makes
-the watchdog stop the table through the watchdog's own connection.
+The loop that drives the table calls `is_live` in each tick and stops the axis if the press is dead.
+The loop may be late, because it waits for a reply from the table. In this case, a separate thread
+calls `overdue`, and the watchdog stops the table through its own connection.
 """
 
 from collections.abc import Callable
@@ -15,18 +15,19 @@ from time import monotonic
 
 from inercal.host.closeable import Closeable
 
-# s from the last message to the stop command, so that it reaches the table within 0.3 s
+# Time from the last message to the stop command, s. The command then reaches the table within 0.3
+# s.
 HOLD_TIMEOUT = 0.25
-_OVERDUE = 0.05  # s after the timeout at which the watchdog must stop the table
+_OVERDUE = 0.05  # s after the timeout; the watchdog then stops the table
 
 
 class DeadMan(Closeable):
-    """The dead-man control of one session; its methods may be called from any thread.
+    """The dead-man control of a session; any thread may call its methods.
 
     Parameters
     ----------
     overdue : callable
-        Called once for each motion that was not stopped in time.
+        Function that is called once for each motion that was not stopped in time.
     timeout : float
         Time for which a press stays live after its last message, s.
     """
@@ -41,7 +42,7 @@ class DeadMan(Closeable):
         self._thread.start()
 
     def begin(self, press: int) -> None:
-        """Begin a new press; the previous press is dead, and its number cannot be reused."""
+        """Begin a new press; the previous press is then dead, and its number cannot be reused."""
         with self._changed:
             if press != self._press:
                 self._press, self._count = press, 0
@@ -49,7 +50,7 @@ class DeadMan(Closeable):
                 self._changed.notify_all()
 
     def hold(self, press: int) -> None:
-        """Keep a press live."""
+        """Keep a press live after a message."""
         with self._changed:
             now = monotonic()
             if press == self._press and now < self._deadline:
@@ -68,11 +69,11 @@ class DeadMan(Closeable):
 
     @property
     def count(self) -> int:
-        """The number of messages that have kept the press live."""
+        """Number of messages that have kept the press live."""
         return self._count
 
     def set_moving(self, moving: bool) -> None:
-        """Set whether the press moves an axis; set it to False when the stop command is sent."""
+        """State whether the press moves an axis; False when the stop command is sent."""
         with self._changed:
             self._is_moving = moving
             self._changed.notify_all()

@@ -20,28 +20,28 @@ _WORK_INTERVAL = 0.2  # s between two comparisons of gyros and table
 
 
 class ManualImu(Closeable):
-    """An IMU on the table; its readings are shown and not recorded.
+    """An IMU on the table; its readings are shown but not recorded.
 
     Parameters
     ----------
     address : str
     run : Run
-        States the sensor and the bench.
+        Run that states the sensor and the bench.
     interlocks : Interlocks
         Interlocks that check the gyros.
     now : callable
-        Returns the session time, s.
+        Function that returns the session time, s.
     tick : Tick
-        The bench's tick when the port is opened.
+        Tick of the bench at which the port is opened.
     wraps : float
         Time after which the table's clock restarts, s.
 
     Attributes
     ----------
     receiver : ImuReceiver
-        Receives the bytes, and reports trouble with the port.
+        Receives the bytes, and reports problems with the port.
     assembly : SampleAssembler
-        Assembles samples from the received data.
+        Converts the received data to samples.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class ManualImu(Closeable):
         self._begin(tick.time)
 
     def take(self, tick: Tick) -> None:
-        """Take the bytes that arrived by a tick."""
+        """Take the bytes that arrived before a tick."""
         heard = self.receiver.take(tick)
         if heard.reopened:
             self._begin(tick.time)
@@ -86,7 +86,7 @@ class ManualImu(Closeable):
         self.assembly.feed(LogFrame(TABLE, time, pack_state(state)))
 
     def check_gyros(self, time: float) -> str | None:
-        """Return a text on how the gyros' rates differ from the readback's; None if they agree.
+        """Describe how the gyros' rates differ from the readback; None if they agree.
 
         Raises
         ------
@@ -98,7 +98,7 @@ class ManualImu(Closeable):
         self._work_time = time
         block = self.assembly.take()
         if self.assembly.imu.mismatch is not None:
-            # The IMU may have been switched off and on; here its clock may be matched again.
+            # The IMU may have been switched off and on. Here, its clock may be related again.
             self.assembly = self._new_assembly()
             self._begin(time)
         return (
@@ -110,10 +110,10 @@ class ManualImu(Closeable):
         self.receiver.close()
 
     def _begin(self, time: float) -> None:
-        """Begin a new comparison that does not continue the earlier data."""
+        """Begin a new comparison, which does not continue the earlier data."""
         known = {"wraps": self._wraps} if isfinite(self._wraps) else {}
         session = {"what": "session", "next": 0, **known}
-        # Use one section without an end, because samples outside of sections are not assembled.
+        # One section without an end is used, because samples outside sections are omitted.
         section = {"what": "section", "number": 0, "label": "", "state": "begun", "hold": False}
         for event in (session, section | {"time": -1e9}):
             self.assembly.feed(LogFrame(EVENT, time, json.dumps(event).encode()))

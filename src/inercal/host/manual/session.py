@@ -5,13 +5,14 @@ The loop runs every 20 ms::
     clock -> commands, dead-man -> table commanded and read, IMU's bytes -> interlocks, journal
 
 The driver, the watchdog and the interlocks are the same as in a run (`bench_run`), but there are no
-steps. A command that an axis cannot execute, or that exceeds its limits, is refused before anything
-moves (`command_check`). The journal records every command with its operator and time, and every
-event that stops an axis.
+steps. If an axis cannot execute a command, or the command exceeds the limits, it is refused before
+anything moves (`command_check`). The journal records every command with the operator and the time,
+and every event that stops an axis.
 
-A fault of an axis stops all axes, and the session continues so that the operator can clear the
-fault. A fault that the interlocks find ends the session. However the session ends, the loop or the
-watchdog brings the table to rest. Both are software; the hardware interlock is the safety function.
+If an axis has a fault, all axes are stopped, but the session continues, because the operator must
+be able to clear the fault. If an interlock finds a fault, the session ends. However the session
+ends, the loop or the watchdog brings the table to rest. Both are software; the hardware interlock
+is the safety function.
 """
 
 from collections.abc import Callable, Mapping
@@ -51,24 +52,25 @@ from inercal.runfile import Run
 
 SHOW_INTERVAL = 0.1  # s of wall time between two updates of the display
 _SIMULATED_READ_TIMEOUT = 0.5  # s; a simulated table may be slow on a busy machine
-_GRACE = 5.0  # s to come to rest, in addition to the deceleration time
-_STOP_GRACE = 1.0  # s that a stop may take, in addition to the deceleration time
+_GRACE = 5.0  # s for coming to rest, in addition to the deceleration time
+_STOP_GRACE = 1.0  # s for a stop, in addition to the deceleration time
 _ARRIVAL_TOLERANCE = radians(0.05)  # rad
-_STARTING_TIME = 0.3  # s after a command in which an axis may still report rest
+_STARTING_TIME = 0.3  # s after a command; an axis may still report rest
 
 
 class ManualSession:
-    """One manual session; as a context manager it leaves the table at rest.
+    """A manual session. At the end of its `with` block, the table is at rest.
 
     Parameters
     ----------
     run : Run
-        The run whose [bench] names the axes and states their limits, and whose [sensor] is the IMU.
+        Run file contents: [bench] names the axes and states their limits, and [sensor] describes
+        the IMU.
     journal : Journal
     addresses : DeviceAddresses
-        Addresses of the devices; the IMU's may be empty.
+        Addresses of the devices; the address of the IMU may be empty.
     show : callable, optional
-        Called with the session itself, at intervals.
+        Function that is called with this session at intervals.
     patience : float
         Time for which the watchdog tries to reach a lost table, s.
 
@@ -77,13 +79,13 @@ class ManualSession:
     axes : tuple of str
         Names of the axes, from outer to inner.
     limits : tuple of AxisLimits
-        Limits that are enforced for each axis.
+        Enforced limits of each axis.
     unsupported : mapping
-        Functions that the controller lacks, with the reasons.
+        Functions that the controller cannot carry out, with the reasons.
     time : float
         Session time, s.
     state : TableState or None
-        The table state that was last read.
+        The last state that was read from the table.
     tasks : list of AxisTask
         The last command to each axis.
     imu : ManualImu or None
@@ -112,7 +114,7 @@ class ManualSession:
         self._end_words = ""
         self._watchdog_stops = self._is_alarmed = self._was_read = self._was_commanded = False
         self._fault_words: list[tuple[str, ...]] = [()] * len(bench.names)
-        self._jog: tuple[int, int, str] | None = None  # axis, number of the press, operator
+        self._jog: tuple[int, int, str] | None = None  # axis, press, operator
         self._last_checks = LastChecks()
         self._check_trouble: str | None = None
         self._plausibility = ReadingPlausibility(bench)
@@ -151,11 +153,11 @@ class ManualSession:
 
     @property
     def state(self) -> TableState | None:
-        """The table state that was read last."""
+        """The last state that was read from the table."""
         return self._driver.state
 
     def request(self, by: str, command: commands.ManualCommand) -> None:
-        """Request a command from any thread; the dead-man control receives it at once."""
+        """Request a command, from any thread; the dead-man control receives it at once."""
         match command:
             case commands.JogCommand(press=press):
                 self.dead_man.begin(press)
@@ -169,16 +171,16 @@ class ManualSession:
         self._requests.put((by, command))
 
     def write_note(self, words: str) -> None:
-        """Record a note; may be called from any thread."""
+        """Record a note; any thread may call this."""
         self._requests.put(("", words))
 
     def end(self, words: str) -> None:
-        """End the session, from any thread or a signal handler; the first reason is kept."""
+        """End the session; threads and signal handlers may call this. The first reason is kept."""
         self._end_words = self._end_words or words
         self.dead_man.release()
 
     def operate(self) -> str:
-        """Execute commands until the session ends, and return the reason for its end."""
+        """Execute commands until the session ends, and return the reason for the end."""
         with self._guard.catch_signals():
             try:
                 self._clock.begin(self._next)
@@ -231,7 +233,7 @@ class ManualSession:
     # Commands from the operator.
 
     def _do_requests(self) -> bool:
-        """Execute the waiting commands, and return whether any was sent to the table."""
+        """Execute the waiting commands; return whether a command was sent to the table."""
         commanded = False
         with suppress(Empty):
             while not self._end_words:
@@ -243,12 +245,12 @@ class ManualSession:
         return commanded
 
     def _do(self, by: str, command: commands.ManualCommand) -> bool:
-        """Execute or refuse one command, and return whether it was sent to the table."""
+        """Execute or refuse a command; return whether it was sent to the table."""
         if isinstance(command, commands.HoldCommand):
             return False
         if isinstance(command, commands.ReleaseCommand):
             return self._stop_jog(f"released by {by}")
-        # Stop first and record afterwards; all other commands are recorded first.
+        # A stop is executed before it is recorded. All other commands are recorded first.
         if isinstance(command, commands.HaltCommand):
             self._halt(f"{by}: {command}", "info")
             return True
@@ -277,7 +279,8 @@ class ManualSession:
         Raises
         ------
         InputError, TableFault
-            As in `CommandCheck.judge`, or because the watchdog is stopping the table.
+            See `CommandCheck.judge`. The error is also raised if the watchdog is stopping the
+            table.
         """
         if self.state is None:
             raise InputError("the table has not been read yet; try again")
@@ -297,7 +300,7 @@ class ManualSession:
         self.tasks[i] = replace(task, begun=self.time)
 
     def _forget(self, command: commands.AxisCommand) -> None:
-        """Stop an axis that refused a motion, as its previous motion may no longer be wanted."""
+        """Stop an axis that refused a motion, because its previous motion may be unwanted."""
         if isinstance(command, (commands.HomeAxisCommand, commands.GoCommand, commands.JogCommand)):
             if isinstance(command, commands.JogCommand):
                 self._jog = None
@@ -307,9 +310,9 @@ class ManualSession:
     # Stopping.
 
     def _follow_dead_man(self) -> None:
-        """Stop the axis that is being jogged when nobody holds the key any more."""
+        """Stop the axis that is being jogged if nobody holds the key any more."""
         if self._jog is not None and not self.dead_man.is_live(self._jog[1]):
-            # A release in the queue names its operator when it is processed.
+            # If a release is in the queue, it is processed first, because it names the operator.
             if self._requests.empty():
                 self._stop_jog(f"no message about the held key for {HOLD_TIMEOUT:g} s", "warning")
             else:
@@ -317,7 +320,7 @@ class ManualSession:
                 self.dead_man.set_moving(False)
 
     def _stop_jog(self, why: str, level: Literal["info", "warning"] = "info") -> bool:
-        """Stop the axis that is being jogged, if any; return whether a command was sent."""
+        """Stop the axis that is being jogged, if any, and return whether a command was sent."""
         if self._jog is None:
             return False
         i, _, by = self._jog
@@ -330,7 +333,7 @@ class ManualSession:
         return True
 
     def _stop_axis(self, i: int) -> None:
-        """Decelerate one axis and hold it; if its servo is off, it stays off."""
+        """Decelerate an axis and hold it; a servo that is off stays off."""
         state = self.state
         if state is not None and not state.axes[i].enabled:
             self._start(i, AxisTask())
@@ -345,7 +348,7 @@ class ManualSession:
             self._driver.stop([StopCommand()])
 
     def _halt(self, why: str, level: Literal["info", "alarm"] = "alarm") -> None:
-        """Stop all axes with servos on, one by one; axes that are switched off stay off."""
+        """Stop all axes whose servos are on, one by one; axes that are off stay off."""
         self._jog = None
         for i in range(len(self.axes)):
             self._stop_axis(i)
@@ -353,14 +356,14 @@ class ManualSession:
         self._say(level, why if level == "info" else f"{why}: all axes are stopped")
 
     def _alarm_end(self, words: str) -> None:
-        """Stop all axes and end the session because of a fault that an interlock has found."""
+        """Stop all axes and end the session, because an interlock has found a fault."""
         self._end_words, self._is_alarmed = self._end_words or words, True
         self._jog = None
         on = [axis.enabled for axis in self.state.axes] if self.state is not None else []
         if all(on):
             self._driver.stop([StopCommand()])
         else:
-            # Somebody may have a hand on an axis with its servo off, so do not close its loop.
+            # If a servo is off, its loop is not closed, because somebody may be touching the axis.
             for i in range(len(self.axes)):
                 self._stop_axis(i)
         self.dead_man.set_moving(False)
@@ -390,7 +393,7 @@ class ManualSession:
 
     def _is_plausible(self, state: TableState) -> bool:
         if not all(axis.enabled for axis in state.axes):
-            # A hand may turn an axis faster than its limits.
+            # An operator may turn an axis by hand faster than its limits.
             self._plausibility.restart()
             return True
         if self._plausibility.accept_state(state):
@@ -445,7 +448,7 @@ class ManualSession:
             self._late(i, task)
 
     def _late(self, i: int, task: AxisTask) -> None:
-        """Stop an axis whose command has exceeded its time limit."""
+        """Stop an axis because its command has exceeded the time limit."""
         name, what = self.axes[i], task.activity
         if what == "stop":
             self._start(i, AxisTask())
@@ -469,16 +472,16 @@ class ManualSession:
             self._driver.switch_servos_off()
 
     def _wait_for_rest(self) -> None:
-        """Wait until the table is at rest; if it does not stop, leave it to the watchdog."""
+        """Wait until the table is at rest; if it does not stop, the watchdog takes over."""
         slowest = max(one.rate / one.acceleration for one in self.limits)
-        # An axis may report the motion from a new command with some delay.
+        # An axis may report motion some time after a new command.
         least, until = self.time + _STARTING_TIME, self.time + slowest + _GRACE
         while self.time < least or (self.time < until and not self._is_at_rest):
             self._tick()
 
     @property
     def _is_at_rest(self) -> bool:
-        """Whether no axis with its servo on moved in the last reading."""
+        """Return whether no axis with an active servo moved in the last reading."""
         axes = self.state.axes if self.state is not None and self._was_read else ()
         return self._driver.at_rest or (
             bool(axes)
@@ -501,7 +504,7 @@ class ManualSession:
 
 
 def _without_free_axes(state: TableState) -> TableState:
-    """Return the state with zero rates for axes without servo, which a hand may turn."""
+    """Return the state with zero rates for axes with their servo off, which people may turn."""
     axes = (
         axis if axis.enabled else replace(axis, rate=0.0, following_error=0.0)
         for axis in state.axes

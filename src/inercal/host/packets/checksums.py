@@ -1,11 +1,12 @@
 """Checksums of packets, declared as data: cyclic redundancy checks (CRC) and sums.
 
 A CRC is defined by the parameters of R. N. Williams, "A painless guide to CRC error detection
-algorithms" (1993), and named as in the catalogue of G. Cook, reveng.sourceforge.io/crc-catalogue.
-Its check value is the CRC of the nine characters "123456789". NovAtel's CRC-32 (OEM7 Commands and
-Logs, "32-bit CRC") starts from zero and ends without inversion, unlike Ethernet's.
+algorithms" (1993). Its name comes from the catalogue of G. Cook,
+reveng.sourceforge.io/crc-catalogue. The check value is the CRC of the nine characters "123456789".
+Unlike the CRC-32 of Ethernet, NovAtel's CRC-32 (OEM7 Commands and Logs, "32-bit CRC") starts from
+zero and ends without inversion.
 
-A random packet passes a check of b bits with probability 2^-b.
+The probability that a random packet passes a check of b bits is 2^-b.
 """
 # Numba's decorator is not typed.
 # pyright: reportUntypedFunctionDecorator=false
@@ -27,7 +28,7 @@ Values = NDArray[np.uint32]
 def _crc_registers(
     data: Bytes, start: Indices, stop: Indices, table: Values, init: int, reflected: bool
 ) -> Values:
-    """Return the final register of each span: aligned to bit 31 or, if reflected, to bit 0."""
+    """Return the final register of each span, aligned to bit 31 or, if reflected, to bit 0."""
     out = np.empty(start.size, np.uint32)
     for k in range(start.size):
         register = np.uint32(init)
@@ -61,11 +62,12 @@ class Crc:
     Parameters
     ----------
     words : str
-        Name in messages.
+        Name used in messages.
     bits : int
         Width in bits.
     polynomial, init, final : int
-        Polynomial without the leading bit, initial register, and value XORed to the final register.
+        Polynomial without the leading bit, initial register, and value that is XORed with the final
+        register.
     reflected : bool
         Whether the least significant bit of a byte comes first.
     check_value : int
@@ -82,7 +84,7 @@ class Crc:
 
     @cached_property
     def _table(self) -> Values:
-        """Return the effect of each byte in the top place (if reflected, the bottom place)."""
+        """Return the effect of each byte value in the highest byte (if reflected, the lowest)."""
         value = np.arange(256, dtype=np.uint32)
         if self.reflected:
             polynomial = int(f"{self.polynomial:0{self.bits}b}"[::-1], 2)
@@ -105,7 +107,7 @@ class Crc:
 
 @dataclass(frozen=True)
 class ByteSum:
-    """The sum of bytes modulo 256, or its negative (`negated`), which makes the total zero."""
+    """The sum of bytes modulo 256 or, if negated, its negative, which makes the total zero."""
 
     words: str
     negated: bool

@@ -1,4 +1,4 @@
-"""Reads TOML descriptions of packets into a `PacketLayout`, with one-line error messages."""
+"""Converts TOML descriptions of packets to a `PacketLayout`, with one-line error messages."""
 
 import math
 import re
@@ -21,7 +21,7 @@ PRESETS = tuple(
 )
 
 _SECTIONS = ("accelerometer", "gyro", "temperature", "time", "counter", "status")
-# Keys of each section; the section of a channel may be omitted if the packets lack its roles.
+# Keys of each section. If the packets do not contain a channel, its section may be omitted.
 KEYS: Mapping[str, Mapping[str, type]] = {
     "": {
         **dict.fromkeys(("about", "byte_order", "rate", "line"), str),
@@ -37,7 +37,7 @@ KEYS: Mapping[str, Mapping[str, type]] = {
     "status": {"mask": int, "good": int},
 }
 _TYPE_NAMES = {str: "text", int: "a whole number", list: "a list", dict: "a section"}
-# Units of each channel's scale and of its increments, and an example.
+# Units of the scale and of the increments of each channel, and an example.
 _CHANNEL_UNITS = {
     "accelerometer": ("m/s²", "m/s", "1 µg"),
     "gyro": ("rad/s", "rad", "16/32768 °/s"),
@@ -45,7 +45,7 @@ _CHANNEL_UNITS = {
     "time": ("s", None, "100 µs"),
 }
 _EXACT = 2**53  # the largest count that a float represents exactly
-_MASKED = 2**63 - 1  # usable bits of a status, which is stored as a signed 64-bit integer
+_MASKED = 2**63 - 1  # usable bits of a status, which is a signed 64-bit integer
 T = TypeVar("T")
 _SCALE = re.compile(r"([-+0-9.eE^/ ]+?) +(\S.*)")
 _TERM = re.compile(r"[+-]?[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|2\^-?[0-9]{1,2}")
@@ -57,12 +57,12 @@ def read_layout(source: str | Path) -> PacketLayout:
     Parameters
     ----------
     source : str or path
-        A file, or the name of one of `PRESETS`.
+        Path of a file, or the name of one of `PRESETS`.
 
     Raises
     ------
     InputError
-        The description is invalid; a one-line message names the file, the key and the fix.
+        The description is invalid. The one-line message states the file, the key and the remedy.
     """
     if isinstance(source, str) and source in PRESETS:
         return parse_layout((_PRESETS / f"{source}.toml").read_text(encoding="utf-8"), source)
@@ -81,12 +81,12 @@ def parse_layout(text: str | bytes, name: str) -> PacketLayout:
     ----------
     text : str or bytes
     name : str
-        Name of the file, with which messages begin.
+        Name of the file; messages begin with this name.
 
     Raises
     ------
     InputError
-        As in `read_layout`.
+        See `read_layout`.
     """
     try:
         return _build_layout(parse_toml(text, "description of packets"), name)
@@ -144,7 +144,7 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
 
 
 def _check_keys(part: Any, section: str) -> None:
-    """Refuse an unknown key or a value of the wrong type."""
+    """Raise an error for an unknown key or a value of the wrong type."""
     where, keys = f"[{section}] " if section else "", KEYS[section]
     if not isinstance(part, dict):
         raise InputError(
@@ -166,7 +166,7 @@ def _check_keys(part: Any, section: str) -> None:
 
 
 def _with_key(key: str, made: Callable[[], T]) -> T:
-    """Add the key to the errors that `made` raises."""
+    """Call a function, and add the key to any error."""
     try:
         return made()
     except InputError as error:
@@ -225,13 +225,13 @@ def _frame(section: dict[str, Any], order: str | None) -> BinaryFrame:
 
 
 def _distinguishable(one: BinaryFrame, other: BinaryFrame) -> bool:
-    """Return whether a fixed byte differs between two packets, so that neither hides the other."""
+    """Return whether two packets differ in a fixed byte and can therefore be distinguished."""
     fixed = dict(other.constants)
     return any(fixed.get(offset, value) != value for offset, value in one.constants)
 
 
 def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Scale:
-    """Return the scale of a channel, which defines the meaning of its values."""
+    """Return the scale of a channel, which defines what its values mean."""
     like, increment, example = _CHANNEL_UNITS[section]
     if given is None or "scale" not in given:
         raise InputError(
@@ -276,7 +276,7 @@ def _parse_scale(text: str, example: str) -> tuple[float, str]:
 
 
 def _unit_size(unit: str, like: str, increment: str | None, rate: float | None) -> float:
-    """Return the size of a unit in SI; for an increment, multiplied by the rate."""
+    """Return the size of a unit in SI; for an increment, it is multiplied by the rate."""
     if increment is None:
         return si_factor(unit, like)
     try:
@@ -320,7 +320,7 @@ def _invalid_codes(section: str, codes: list[Any]) -> tuple[float, ...]:
 def _wrap_values(
     content: dict[str, Any], frame: BinaryFrame | TextLine, time: Scale
 ) -> dict[str, float]:
-    """Return the values at which counter and time wrap: as stated, or from their width."""
+    """Return the values at which counter and time wrap, as stated or from their widths."""
     wraps = {f.role: 2.0**f.bits for f in frame.fields if 0 < f.bits < 64}
     if "wraps" in content.get("counter", {}):
         wraps["counter"] = float(_whole_number(content, "counter", "wraps", 2, 2, _EXACT))

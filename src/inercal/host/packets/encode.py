@@ -1,4 +1,4 @@
-"""Encodes readings into the bytes that a device would send; used by the simulator."""
+"""Converts readings to the bytes that a device would send, for the simulator."""
 
 from string import Formatter
 from typing import Any
@@ -21,28 +21,29 @@ def encode(
     temperature: ArrayLike | None = None,
     status: ArrayLike = 0,
 ) -> bytes:
-    """Return the packets of readings, rounded as the layout states.
+    """Return the packets with readings, rounded as the layout states.
 
-    A reading beyond the full scale, or beyond the range of its type, is sent as the limit. Counter
-    and time restart at 0 where they wrap.
+    If a reading exceeds the full scale or the range of its type, the limit is sent. Counter and
+    time restart at 0 when they wrap.
 
     Parameters
     ----------
     layout : PacketLayout
     readings : (n, 6) array
-        Readings in m/s² and rad/s, finite in the channels of the layout.
+        Readings in m/s² and rad/s. In the channels of the layout, they must be finite.
     counter : (n,) array of int, optional
-        By default it counts from 0 in the layout's step.
+        Values of the counter; by default, it counts from 0 with the step of the layout.
     time : (n,) array, optional
         Times in s; required if the packets contain them.
     temperature : (n,) array, optional
-        Temperatures in K; required if all packets contain them. NaN selects a packet without.
+        Temperatures in K; required if all packets contain them. For NaN, a packet without
+        temperature is used.
     status : (n,) array of int or int
 
     Raises
     ------
     InputError
-        The shape is not (n, 6), or a channel that the packets contain is not given.
+        The shape is not (n, 6), or values for a channel of the packets are missing.
     """
     readings = np.asarray(readings, np.float64)
     if readings.ndim != 2 or readings.shape[1] != len(AXES):
@@ -80,7 +81,7 @@ def encode(
 
 
 def _raw_values(layout: PacketLayout, field: Field, given: dict[str, NDArray[Any]]) -> NDArray[Any]:
-    """Return the raw values of a field, rounded if its type is an integer."""
+    """Return the raw values of a field; integer fields are rounded."""
     if field.role not in given:
         raise InputError(
             f"the packets of {layout.name!r} contain {field.role}, which is not given; pass it",
@@ -155,7 +156,7 @@ def _text_lines(
 
 
 def _line_check(line: TextLine, text: str) -> int:
-    """Return the checksum of a line that is complete except for its checksum."""
+    """Return the checksum for a line that is otherwise complete."""
     (check,) = line.checks
     data = np.frombuffer(text.encode(), np.uint8)
     ends = np.array([check.start]), np.array([data.size])

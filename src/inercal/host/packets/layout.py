@@ -1,7 +1,7 @@
-"""The packet layout of a device: the formats of its packets, and the SI scale of each number.
+"""The packet layout of a device: the formats of its packets, and the scale of each number.
 
-A reading in SI is sign · raw · size + zero. Increments (m/s, rad) are multiplied by the rate, which
-gives the mean acceleration or angular rate over the interval.
+A reading in SI is sign · raw · size + zero. Increments (m/s, rad) are multiplied by the rate; the
+result is the mean acceleration or angular rate over the interval.
 """
 
 import math
@@ -22,9 +22,10 @@ class Scale:
     zero : float
         SI value of the raw value 0.
     full_scale : float
-        SI value; a reading within one integer step of it, or beyond, is saturated.
+        Full scale in SI. A reading is saturated if it is beyond this value or less than one integer
+        step below it.
     invalid : tuple of float
-        Raw values that mean that there is no reading.
+        Raw values that mean "no reading".
     """
 
     size: float = 1.0
@@ -35,28 +36,28 @@ class Scale:
 
 @dataclass(frozen=True, eq=False)
 class PacketLayout:
-    """The packets of a device and the meaning of their values.
+    """The packets of a device, and the meaning of their values.
 
     Parameters
     ----------
     name : str
         Name of the file with the description.
     description : str
-        The device, and the settings that it needs.
+        Name of the device, and the settings that it needs.
     frames : tuple of BinaryFrame, or one TextLine
-        Packets that may occur in the stream, all with the same channels except temperature and
+        Packets that may occur in the stream. All have the same channels, except temperature and
         status.
     accelerometer, gyro, temperature, time : Scale
         Scales to m/s², rad/s, K and s.
     rate_hz : float or None
-        Packet rate, if it is stated.
+        Packet rate, if stated.
     step : float
-        Increment of the counter (without a counter, of the raw time) from packet to packet; 0:
+        Increment of the counter from packet to packet or, without a counter, of the raw time; 0 if
         unknown.
     wraps : mapping of str to float
-        Raw value at which "counter" and "time" restart at 0; 0: never.
+        Raw values at which "counter" and "time" restart at 0; 0 if they never do.
     status_good : tuple of int
-        Mask and value; a status whose masked bits differ from the value is marked.
+        Mask and value. A packet is marked if the masked bits of its status differ from the value.
     """
 
     name: str
@@ -78,7 +79,7 @@ class PacketLayout:
 
     @property
     def sequence(self) -> str | None:
-        """What reveals lost packets: "counter", else "time" with a stated rate, else None."""
+        """What shows lost packets: "counter", or "time" if the rate is stated, or None."""
         roles = {field.role for field in self.frames[0].fields}
         if "counter" in roles:
             return "counter"
@@ -86,14 +87,14 @@ class PacketLayout:
 
     @property
     def check_bits(self) -> int:
-        """Bits of the weakest checksum; 0 without any. Each of several covers its own part."""
+        """Bits of the weakest checksum; 0 if there is none. Each checksum covers its own part."""
         return min(
             min((check.kind.bits for check in frame.checks), default=0) for frame in self.frames
         )
 
     @property
     def protection(self) -> str:
-        """Text on how well a packet is protected against changed bytes.
+        """Text that says how well a packet is protected against changed bytes.
 
         Examples
         --------

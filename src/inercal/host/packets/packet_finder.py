@@ -1,9 +1,9 @@
-"""Finds packets in a buffer that may contain other bytes: binary packets or lines of text.
+"""Finds binary packets or lines of text in a buffer that may also contain other bytes.
 
-A binary packet may begin at any byte. Searching from left to right, a packet is accepted if its
-fixed bytes and its checksums are right and it does not overlap an earlier accepted packet. The
-result depends only on the bytes, not on how they were divided. A stream without errors is decoded
-in place; bytes are searched only after its first flaw.
+A binary packet may begin at any byte. The search goes from left to right. A packet is accepted if
+its fixed bytes and its checksums are correct and it does not overlap an earlier accepted packet.
+The result depends only on the bytes, not on how they were divided. A stream without errors is
+decoded directly; a search is only necessary after the first flaw.
 """
 
 from typing import Any, NamedTuple
@@ -25,13 +25,13 @@ class DecodedPackets(NamedTuple):
     Parameters
     ----------
     raw : mapping of str to (n,) array
-        Raw values by role, in the order of the packets; NaN if a packet lacks the role.
+        Raw values by role, in the order of the packets; NaN if a packet does not contain the role.
     packets : int
         Number of packets, n.
     packet_bytes, consumed_bytes : int
         Number of bytes in packets, and number of bytes that need not be searched again.
     failed : int
-        Packets with the right fixed bytes but a wrong checksum.
+        Number of packets with correct fixed bytes but a wrong checksum.
     """
 
     raw: Raw
@@ -47,9 +47,9 @@ def find_packets(buffer: bytes, frames: tuple[BinaryFrame, ...]) -> DecodedPacke
     Parameters
     ----------
     buffer : bytes
-        Begins after the bytes that were consumed from the previous buffer.
+        The bytes that follow the bytes consumed from the previous buffer.
     frames : tuple of Frame
-        Packets that the stream may contain; the first one that fits is accepted.
+        Packets that the stream may contain; the first that matches is accepted.
     """
     data = np.frombuffer(buffer, np.uint8)
     first = frames[0]
@@ -78,7 +78,7 @@ def _values(records: NDArray[Any], frame: BinaryFrame, role: str) -> NDArray[Any
     values = records[role]
     if values.ndim == 1:
         return values
-    order = (2, 1, 0) if frame.byte_orders[role] == "big" else (0, 1, 2)  # of the three bytes
+    order = (2, 1, 0) if frame.byte_orders[role] == "big" else (0, 1, 2)  # order of the three bytes
     low, middle, high = (values[:, k].astype(np.int32) for k in order)
     joined = low | middle << 8 | high << 16
     signed = next(field.type[0] == "i" for field in frame.fields if field.role == role)
@@ -86,7 +86,7 @@ def _values(records: NDArray[Any], frame: BinaryFrame, role: str) -> NDArray[Any
 
 
 def _count_leading_packets(data: Bytes, frame: BinaryFrame) -> int:
-    """Return the number of valid packets in a row from the first byte on."""
+    """Return the number of successive valid packets, beginning at the first byte."""
     n = data.size // frame.length
     rows = data[: n * frame.length].reshape(n, frame.length)
     good = np.ones(n, bool)
@@ -98,7 +98,7 @@ def _count_leading_packets(data: Bytes, frame: BinaryFrame) -> int:
 
 
 def _valid_checks(data: Bytes, starts: Indices, frame: BinaryFrame) -> Bools:
-    """Return which packets have the right checksums."""
+    """Return which packets have correct checksums."""
     good = np.ones(starts.size, bool)
     for check in frame.checks:
         value = np.zeros(starts.size, np.uint32)
@@ -112,13 +112,12 @@ def _valid_checks(data: Bytes, starts: Indices, frame: BinaryFrame) -> Bools:
 def _search_packets(
     data: Bytes, frames: tuple[BinaryFrame, ...], begin: int
 ) -> tuple[Indices, Indices, int, int]:
-    """Return starts and kinds of the packets from `begin` on, bytes used, and failed packets."""
+    """Return starts and kinds of packets after `begin`, bytes used, and failed packets."""
     found, open_at = list[tuple[Indices, Indices, Bools]](), list[Indices]()
     for k, frame in enumerate(frames):
         starts = np.flatnonzero(data[begin:] == frame.constants[0][1]) + begin
         for offset, value in frame.constants[1:]:
-            # Bytes beyond the end of the buffer are not known yet, so they cannot rule out a
-            # packet.
+            # Bytes beyond the end of the buffer are still unknown, so they cannot exclude a packet.
             there = data[np.minimum(starts + offset, data.size - 1)]
             starts = starts[(there == value) | (starts + offset >= data.size)]
         whole = starts + frame.length <= data.size
@@ -131,7 +130,7 @@ def _search_packets(
     lengths = np.array([frame.length for frame in frames])
     kept = np.flatnonzero(good)
     kept = kept[_select_disjoint(starts[kept], lengths[kinds[kept]])]
-    # If bytes outside of packets may still become a packet, decide about later bytes only then.
+    # As long as bytes outside packets may become a packet, later bytes are not decided.
     undecided = np.concatenate(open_at)
     undecided = undecided[~_inside_packet(undecided, starts[kept], lengths[kinds[kept]])]
     waiting = int(undecided.min()) if undecided.size else data.size
@@ -142,7 +141,7 @@ def _search_packets(
 
 
 def _select_disjoint(starts: Indices, lengths: Indices) -> Bools:
-    """Return which packets remain when each one excludes those that begin within it."""
+    """Return which packets remain if each packet excludes packets that begin inside it."""
     keep = np.ones(starts.size, bool)
     if np.all(np.diff(starts) >= lengths[:-1]):
         return keep
@@ -155,25 +154,25 @@ def _select_disjoint(starts: Indices, lengths: Indices) -> Bools:
 
 
 def _inside_packet(places: Indices, starts: Indices, lengths: Indices) -> Bools:
-    """Return which positions lie within a packet."""
+    """Return which positions are inside a packet."""
     if not starts.size:
         return np.zeros(places.size, bool)
     before = np.searchsorted(starts, places, side="right") - 1
     return (before >= 0) & (places < starts[before] + lengths[before])
 
 
-# A longer line cannot be valid: it has at most 40 fields of at most 64 characters, with separators.
-# Its end is kept, but cannot be taken for a line, because it is longer than any.
+# A longer line cannot be valid, because a line has at most 40 fields of at most 64 characters, with
+# separators. The end of such a line is kept; it is also too long to be mistaken for a line.
 _MAX_LINE = 4096
 
 
 def find_lines(buffer: bytes, line: TextLine) -> DecodedPackets:
-    """Return the lines in a buffer that match the line format and have the right checksum.
+    """Return the lines in a buffer that match the line format and have a correct checksum.
 
     Parameters
     ----------
     buffer : bytes
-        Begins after the bytes that were consumed from the previous buffer.
+        The bytes that follow the bytes consumed from the previous buffer.
     line : TextLine
     """
     matches = line.pattern.findall(buffer)
@@ -200,7 +199,7 @@ def find_lines(buffer: bytes, line: TextLine) -> DecodedPackets:
 
 
 def _valid_line_checks(line: TextLine, matches: list[tuple[bytes, ...]]) -> Bools:
-    """Return which lines have the right checksums."""
+    """Return which lines have correct checksums."""
     (check,) = line.checks
     covered = np.frombuffer(b"".join(match[0] for match in matches), np.uint8)
     stop = np.cumsum([len(match[0]) for match in matches], dtype=np.int64)

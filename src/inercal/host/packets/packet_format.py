@@ -2,19 +2,20 @@
 
 The description of a binary packet is a list of words in the order of the bytes:
 
-- `FA`, two hexadecimal digits: a fixed byte; the packet begins with one or more of them;
+- `FA`, two hexadecimal digits: a fixed byte; a packet begins with one or more fixed bytes;
 - `ax:i16`: a field with its role and type, here a signed 16-bit integer; `-ay:i16` reverses the
   sign;
-- `_` or `_:4`: one byte, or four, to be ignored;
+- `_` or `_:4`: one byte, or four bytes, that are ignored;
 - `crc16-xmodem@1`: a checksum over the bytes from 1 (counted from 0) up to the checksum itself.
 
-Types are u and i (8, 16, 24, 32, 64 bits) and f (32, 64). `:be` or `:le` after a field or checksum
-overrides the byte order of the packet. Comments begin with # and end with the line.
+Types are u and i (8, 16, 24, 32 or 64 bits) and f (32 or 64 bits). `:be` or `:le` after a field or
+checksum overrides the byte order of the packet. Comments begin with # and end at the end of the
+line.
 
-A line of text is a Python format: `{ax:.6f}` is a number with six decimals, `{counter:d}` an
-integer, `{status:08x}` a hexadecimal number, `{_:0}` anything (written as 0), and
-`{crc32-novatel@1:08x}` a checksum over the characters from 1 up to the separator before the
-checksum.
+A line of text is described by a Python format: `{ax:.6f}` is a number with six decimals,
+`{counter:d}` is an integer, `{status:08x}` is a hexadecimal number, and `{_:0}` is any text
+(written as 0). `{crc32-novatel@1:08x}` is a checksum over the characters from 1 up to the separator
+before the checksum.
 """
 
 import re
@@ -37,7 +38,7 @@ _SKIP = re.compile(r"_(?::(\d{1,4}))?")
 _FIELD = re.compile(r"(-?)(\w+):([ui](?:8|16|24|32|64)|f(?:32|64))(?::(be|le))?")
 _CHECK = re.compile(r"([\w-]+)@(\d{1,4})(?::(be|le))?")
 _SPEC = re.compile(r"\.\d{1,2}[fe]|d|0?\d{0,2}x")
-# Bounded, so that every match is a finite number and no line is long.
+# Repetitions are limited, so every match is a finite number, and no line is long.
 _NUMBER = {
     "d": rb"[+-]?\d{1,18}",
     "f": rb"[+-]?(?:\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][+-]?\d{1,2})?",
@@ -47,7 +48,7 @@ _NUMBER["e"] = _NUMBER["f"]
 
 
 class Field(NamedTuple):
-    """A number in a packet: its role, sign and type, and its first byte (or place in the line)."""
+    """A number in a packet: role, sign, type, and first byte (or place in the line)."""
 
     role: str
     sign: float
@@ -56,12 +57,12 @@ class Field(NamedTuple):
 
     @property
     def bits(self) -> int:
-        """Bits of an integer in a binary packet; 0 for real numbers and for text."""
+        """Number of bits of an integer in a binary packet; 0 for real numbers and text."""
         return int(self.type[1:]) if self.type[0] in "ui" else 0
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The least and the largest integer of a binary packet that is a float."""
+        """The smallest and largest integers of this type that are floats."""
         signed = self.type[0] != "u"
         low, high = -(2.0 ** (self.bits - 1)) * signed, 2.0 ** (self.bits - signed)
         return low, float(np.nextafter(high, 0)) if self.bits == 64 else high - 1
@@ -91,7 +92,7 @@ class BinaryFrame:
     dtype : numpy.dtype
         Structured type with the fields by role; 24-bit integers consist of three bytes.
     byte_orders : mapping of str to str
-        "big" or "little", for each role.
+        Byte order, "big" or "little", for each role.
     """
 
     length: int
@@ -111,10 +112,10 @@ class TextLine:
     text : str
         The description as a Python format.
     fields : tuple of Field
-        `type` is the format; `at` is the number of the group in the regular expression.
+        Fields. `type` is the format, and `at` is the number of the group in the regular expression.
     checks : tuple of CheckField
-        At most one; `at` is the number of the group, and `start` counts from the line's first
-        character.
+        At most one checksum. `at` is the number of the group, and `start` counts from the first
+        character of the line.
     """
 
     text: str
@@ -123,12 +124,12 @@ class TextLine:
 
     @property
     def accepts_truncated_lines(self) -> bool:
-        """Whether a line without its first characters may be taken for a complete line."""
+        """Whether a line without its first characters may be mistaken for a complete line."""
         return self.text.startswith("{") and not self.checks
 
     @cached_property
     def pattern(self) -> re.Pattern[bytes]:
-        """Pattern of a whole line; group 1 can be covered by a checksum, the others are fields.
+        """Pattern of a whole line; a checksum may cover group 1, and the other groups are fields.
 
         If a line begins with a fixed character, other characters may precede it.
         """
@@ -151,7 +152,7 @@ class TextLine:
 
 
 def _require_valid_role(role: str, seen: list[str], kind: str) -> None:
-    """Refuse a role that is unknown, occurs twice, or needs integers but is a real number."""
+    """Raise an error if a role is unknown, occurs twice, or needs an integer type."""
     if role not in ROLES:
         raise InputError(f"unknown role {role!r}; the roles are {', '.join(ROLES)}", names=(role,))
     if role in seen:
@@ -178,7 +179,7 @@ def read_frame(text: str, order: str | None) -> BinaryFrame:
     ----------
     text : str
     order : "big", "little" or None
-        Byte order of fields and checksums that do not state their own.
+        Byte order of fields and checksums that state no byte order.
 
     Raises
     ------
@@ -293,4 +294,4 @@ def read_line(text: str) -> TextLine:
     return TextLine(text, tuple(fields), tuple(checks))
 
 
-_MAX_FIELDS = 40  # fields in a line, so that a matching line is always shorter than the buffer
+_MAX_FIELDS = 40  # fields in a line; a matching line is then always shorter than the buffer

@@ -1,9 +1,9 @@
 """Decodes the bytes from a device into readings, as they arrive or from a file.
 
-The packets are the same bit for bit, however the bytes are divided. Invalid bytes raise no error:
-they are discarded and counted.
+The resulting packets are exactly the same, however the bytes are divided. Invalid bytes cause no
+error; they are discarded and counted.
 
-Counters and clocks that wrap are unwrapped, and their steps reveal lost packets.
+Counters and clocks that wrap are unwrapped, and their steps show lost packets.
 """
 
 from collections.abc import Iterable
@@ -25,15 +25,15 @@ from inercal.host.packets.layout import PacketLayout
 from inercal.host.packets.packet_finder import DecodedPackets, Raw, find_lines, find_packets
 from inercal.host.packets.packet_format import AXES, BinaryFrame, TextLine
 
-_MAX_STEP = 2.0**62  # a longer step cannot be right
+_MAX_STEP = 2.0**62  # a longer step cannot be correct
 
 
 class Flag(IntFlag):
-    """Properties of a packet that its user must know."""
+    """Properties of a packet that its user needs to know."""
 
     SATURATED = 1  # a reading is at its full scale
     INVALID = 2  # the device marks a reading as invalid; the reading is NaN
-    GAP = 4  # packets were lost before this one
+    GAP = 4  # packets were lost before this packet
     REPEATED = 8  # same counter as in the previous packet
     OUT_OF_ORDER = 16  # counter is smaller than in the previous packet
     STATUS = 32  # the device's status does not indicate good data
@@ -51,9 +51,9 @@ class CounterUnwrapper:
     Parameters
     ----------
     modulus : float
-        Value at which it restarts at 0; 0: never.
+        Value at which the counter restarts at 0; 0 if it never does.
     step : float
-        Step from packet to packet; 0: unknown, so that steps are not checked.
+        Step from packet to packet; 0 if unknown. Unknown steps are not checked.
     """
 
     modulus: float
@@ -62,25 +62,25 @@ class CounterUnwrapper:
     _wrap_count: int = 0
 
     def unwrap(self, raw: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.uint8], int]:
-        """Return unwrapped values (n,), flags of the packets (n,), and the number of lost packets.
+        """Return unwrapped values, (n,), flags of packets, (n,), and the number of lost packets.
 
-        A step of half the modulus or more counts as backward.
+        A step of half the modulus or more is assumed to be a step backward.
 
         Parameters
         ----------
         raw : (n,) array of int64 or float64
-            Values that follow those of the previous call.
+            Values that follow the values of the previous call.
         """
         flags = np.zeros(raw.size, np.uint8)
         if not raw.size:
             return raw, flags, 0
         before = np.concatenate([raw[:1] if self._last is None else [self._last], raw[:-1]])
         step = np.subtract(raw, before, dtype=np.float64)
-        # In an invalid packet, a clock that is a real number may be NaN or absurdly large.
+        # In an invalid packet, a real-valued clock may be NaN or absurdly large.
         step = np.where(np.abs(step) < _MAX_STEP, step, 0.0)
         values = raw
         if self.modulus:
-            # Whole turns are counted instead of adding up steps, so the values of a clock stay
+            # Whole turns are counted, and steps are not added up, so the values of a clock stay
             # exact.
             turns = np.floor(0.5 - step / self.modulus).astype(np.int64)
             step += turns * self.modulus
@@ -99,7 +99,7 @@ class CounterUnwrapper:
 
 
 Number = TypeVar("Number", np.int64, np.float64)
-_BLOCK_SIZE = 1 << 20  # bytes at a time, so that intermediate results stay in the CPU cache
+_BLOCK_SIZE = 1 << 20  # bytes at a time; intermediate results stay in the CPU cache
 
 
 @dataclass(frozen=True)
@@ -109,15 +109,17 @@ class PacketCounts:
     Parameters
     ----------
     packets : int
-        Accepted packets.
+        Number of accepted packets.
     discarded : int
-        Bytes that belong to no packet.
+        Number of bytes that belong to no packet.
     failed : int
-        Packets with the right form but a wrong checksum; their bytes are counted as discarded.
+        Number of packets with the correct form but a wrong checksum. Their bytes are also counted
+        in `discarded`.
     lost : int
-        Packets that are missing according to the counter, or to the time if there is no counter.
+        Number of packets that are missing according to the counter or, without a counter, to the
+        time.
     repeated, out_of_order : int
-        Packets with the same counter as the previous one, or a smaller one.
+        Number of packets with the same counter as the previous packet, and with a smaller counter.
     """
 
     packets: int = 0
@@ -138,15 +140,15 @@ class Packets:
     Parameters
     ----------
     readings : (n, 6) array
-        ax, ay, az in m/s²; gx, gy, gz in rad/s; NaN if missing or invalid.
+        ax, ay, az in m/s², and gx, gy, gz in rad/s; NaN if missing or invalid.
     counter : (n,) array of int or None
         Unwrapped counter; None if the packets have none.
     time : (n,) array or None
         Unwrapped time by the device's clock, s; None if the packets have none.
     temperature : (n,) array
-        Temperature in K; NaN in packets without.
+        Temperature in K; NaN if a packet does not contain it.
     status : (n,) array of int
-        Status of the device; 0 in packets without.
+        Status of the device; 0 if a packet does not contain it.
     flags : (n,) array of uint8
         Bits of `Flag`.
     """
@@ -187,20 +189,20 @@ class Decoder:
     ----------
     layout : PacketLayout
     mid_stream : bool
-        True if the first byte may be in the middle of a packet. Then the first line of a text
-        without a checksum is dropped, because a truncated "123.4" would be read as "3.4".
+        Whether the first byte may be in the middle of a packet. If so, and if lines have no
+        checksum, the first line is dropped, because a truncated "123.4" would be read as "3.4".
     time_zero : int, float or None
-        The device's raw time that becomes time 0; None for that of the first packet. It is needed
-        because float64 has too few digits for times since 1970.
+        Raw time of the device that becomes time 0. If None, it is the time of the first packet. A
+        time zero is needed because float64 has too few digits for times since 1970.
 
     Attributes
     ----------
     counts : PacketCounts
         Counts so far.
     time_zero : int, float or None
-        As above; None only before the first packet.
+        Raw time of the device at time 0; None only before the first packet.
     pending : int
-        Bytes that may belong to an incomplete packet.
+        Number of bytes that may belong to an incomplete packet.
 
     Examples
     --------
@@ -240,7 +242,7 @@ class Decoder:
         return made
 
     def feed(self, data: bytes) -> Packets:
-        """Return the packets that `data` completes; never raises, whatever the bytes are."""
+        """Return the packets that are now complete; this never raises an error."""
         if len(data) > _BLOCK_SIZE:
             cuts = range(0, len(data), _BLOCK_SIZE)
             return join_packets(self.feed(data[cut : cut + _BLOCK_SIZE]) for cut in cuts)
@@ -260,7 +262,7 @@ class Decoder:
 
     @np.errstate(invalid="ignore", over="ignore")  # real numbers may be NaN or absurdly large
     def _convert_packets(self, found: DecodedPackets) -> Packets:
-        """Convert packets to SI and count them."""
+        """Convert packets to SI, and count them."""
         n, layout, raw = found.packets, self.layout, found.raw
         flags = np.zeros(n, np.uint8)
         readings = np.full((n, len(AXES)), np.nan)
@@ -271,7 +273,7 @@ class Decoder:
                 flags |= _scale_channel(layout, role, signs[role], raw[role], column)
         status, stated = np.zeros(n, np.int64), np.zeros(n, bool)
         if "status" in raw:
-            stated = np.isfinite(raw["status"])  # packets of some kinds may lack it
+            stated = np.isfinite(raw["status"])  # some kinds of packets have no status
             status[stated] = raw["status"][stated].astype(np.int64)
         mask, good = layout.status_good
         flags |= flag_array(stated & (status & mask != good), Flag.STATUS)
@@ -310,7 +312,7 @@ class Decoder:
 
 
 def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCounts]:
-    """Return the packets in a file with a device's bytes, and their counts by outcome.
+    """Read a file with the bytes from a device; return its packets and counts by outcome.
 
     Parameters
     ----------
@@ -321,7 +323,7 @@ def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCou
     -------
     packets : Packets
     counts : PacketCounts
-        An incomplete packet at the end is included in the discarded bytes.
+        Counts by outcome; the discarded bytes include an incomplete packet at the end.
 
     Raises
     ------
@@ -355,7 +357,7 @@ def _count_flag(flags: NDArray[np.uint8], flag: Flag) -> int:
 def _scale_channel(
     layout: PacketLayout, role: str, sign: float, raw: NDArray[Any], out: Array
 ) -> NDArray[np.uint8]:
-    """Write a channel in SI to `out`, and return its flags."""
+    """Write a channel to `out`, in SI, and return its flags."""
     scale = layout.scale(role)
     np.multiply(raw, sign * scale.size, out=out, casting="unsafe")
     if scale.zero:

@@ -1,22 +1,23 @@
 """Compiled functions that advance all axes of a simulated table by servo cycles.
 
-**Profile.** A trapezoid is computed online: in each cycle the commanded rate changes by at most
-`acceleration`·T toward the highest rate from which the axis can still stop at its goal,
+**Profile.** A trapezoid is computed cycle by cycle: in each cycle T, the commanded rate r changes
+by at most a T (a is the acceleration) toward the highest rate from which the axis can still stop at
+its goal,
 
     r = d/(N T) + a T (N − 1)/2 ≤ speed,    N = ⌈√(1/4 + 2 d/(a T²)) − 1/2⌉
 
 Here d is the remaining distance, and N is the smallest number of cycles in which the axis can
-brake: by exactly a T in each cycle, because the rates r, r − a T, … cover d in N cycles. The mean
-of the last `smooth` rates is an S-curve that ends at the same position.
+brake. The rate decreases by exactly a T in each cycle, because the rates r, r − a T, … cover d in N
+cycles. The mean of the last `smooth` rates is an S-curve that ends at the same position.
 
-**Servo.** The axis responds as a second-order system with the encoder in the loop:
+**Servo.** The axis is a second-order system with the encoder in the loop:
 
     α = ω² (desired − encoder) + 2ζω (k desired rate − encoder rate),    |α| ≤ torque
 
-At a steady rate, the axis therefore lags by 2ζ(1 − k)/ω times the rate. Without the servo, friction
-brakes it.
+At a steady rate, the axis therefore lags by 2ζ(1 − k)/ω times the rate. If the servo is off,
+friction brakes the axis.
 
-**Readback.** The reported angle may be delayed; then it is interpolated linearly between two cycles
+**Readback.** The reported angle may be delayed. It is then interpolated linearly between two cycles
 of the encoder. The servo has no such delay.
 """
 # Neither Numba's decorator nor the field of a record is typed.
@@ -33,7 +34,7 @@ from inercal.estimation.kernel_options import njit
 
 HOLD, GO, RUN, SEARCH = 0, 1, 2, 3
 MAX_SMOOTH = 1024
-ENCODER_HISTORY = 4096  # cycles of the encoder to keep, a power of 2
+ENCODER_HISTORY = 4096  # number of stored encoder cycles, a power of 2
 
 # Flags in a report.
 CLOSED, MOVING, SETTLED, HOMED, SEARCHING, ABORTING, LIMITED, TRIPPED, AMPLIFIER = (
@@ -83,13 +84,13 @@ def _advance_profile(x: Any, period: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _smooth_profile(x: Any, past: Array, cycle: int, period: float) -> None:
-    """Make the S-curve from the trapezoid; `past` contains its last rates."""
+    """Compute the S-curve from the trapezoid; `past` contains the last rates of the trapezoid."""
     place = cycle % x.smooth
     x.sum += x.raw_rate - past[place]
     past[place] = x.raw_rate
     x.still = x.still + 1 if x.raw_rate == 0.0 and x.mode == HOLD else 0
     if x.still >= x.smooth:
-        # Only rounding errors remain in the sum, and both profiles are the same here.
+        # Here both profiles are the same, and the sum contains only rounding errors.
         x.sum = 0.0
         x.desired, x.desired_rate = x.raw, 0.0
     else:
@@ -121,7 +122,7 @@ def _advance_axis(x: Any, period: float) -> None:
 def _check_limits(x: Any, before: float) -> None:
     """Check index pulse, soft limits, following error and amplifier."""
     if not x.closed:
-        # The profile follows the axis, so that closing the loop begins at the present position.
+        # The profile follows the axis, because closing the loop must begin at the present position.
         x.raw, x.desired = x.encoder, x.encoder
         x.raw_rate, x.desired_rate, x.sum, x.mode, x.aborting = 0.0, 0.0, 0.0, HOLD, 0
         return
@@ -145,10 +146,10 @@ def _check_limits(x: Any, before: float) -> None:
 def advance_axes(
     axes: NDArray[Any], past: Array, shown: Array, cycle: int, period: float, out: Array
 ) -> None:
-    """Advance all axes by the cycles of `out`, from cycle `cycle` on.
+    """Advance all axes by as many cycles as `out` has, starting at a given cycle.
 
-    `out` (cycles, axes, 3) receives angle, rate and acceleration at the end of every cycle, and
-    `shown` (axes, PAST) receives the encoder angles.
+    The results are angle, rate and acceleration at the end of every cycle in `out` (cycles, axes,
+    3), and the encoder angles in `shown` (axes, PAST).
     """
     for k in range(out.shape[0]):
         for i in range(axes.size):
@@ -165,10 +166,10 @@ def advance_axes(
 
 @njit(cache=True, nogil=True)
 def report_axes(axes: NDArray[Any], shown: Array, cycle: int, out: Array) -> None:
-    """Compute the values that a controller reports after `cycle` cycles.
+    """Compute the values that a controller reports after a number of cycles.
 
-    `out` (axes, 5) receives the readback of the encoder and its rate, the following error, the
-    position of the axis' zero, and the flags.
+    The results in `out` (axes, 5) are the readback of the encoder and its rate, the following
+    error, the position of the axis' zero, and the flags.
     """
     for i in range(axes.size):
         x = axes[i]

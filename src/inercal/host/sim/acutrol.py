@@ -38,7 +38,7 @@ class SimulatedAcutrol(dynamics.Controller):
         ]
         self._error = False
         for x in self.table.state:
-            # The encoders are absolute: the zero is where the axis was built to have it.
+            # The encoders are absolute, so the zero is at a fixed position of the axis.
             x.zero, x.homed, x.fatal, x.band = 0.0, 1, radians(2.0), radians(1e-4)
 
     def session(self) -> dynamics.LineSession:
@@ -157,7 +157,7 @@ class SimulatedAcutrol(dynamics.Controller):
 
 
 def _expand_word(word: str) -> str:
-    """Return the full word that `word`, of at least three letters, abbreviates."""
+    """Return the full word for an abbreviation of at least three letters."""
     for full in _WORDS:
         if len(word) >= 3 and full.startswith(word):
             return full

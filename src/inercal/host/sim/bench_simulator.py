@@ -30,12 +30,13 @@ from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
 from inercal.runfile import read
 
 COUNTS_PER_TURN = 3_600_000  # encoder counts per turn
-_MAX_BLOCK = 0.5  # s of motion in one block; the IMU keeps a few seconds
+_MAX_BLOCK = 0.5  # s of motion in one block; the IMU stores a few seconds
 _CONNECT_TIMEOUT = 5.0  # s of wall time to wait for the IMU's process
-# s of wall time to wait for the IMU's answer. A bench with granted time stands still meanwhile, so
-# this is less than its host's timeout. A bench that runs by itself can hardly wait.
+# Wall time to wait for the IMU's answer, s. A bench whose time the host controls stands still
+# meanwhile, so this is less than the timeout of the host. A bench that runs by itself can hardly
+# wait.
 _GRANTED_ANSWER_TIMEOUT, _PACED_ANSWER_TIMEOUT = 15.0, 0.2
-_MAX_BACKLOG = 120.0  # s of motion that are kept while the IMU does not answer
+_MAX_BACKLOG = 120.0  # s of motion that are stored while the IMU does not answer
 
 
 class BenchDevice:
@@ -48,12 +49,12 @@ class BenchDevice:
         Socket to which the motion is sent.
     answer_timeout : float
         Wall time to wait for the IMU's answer, s. If the IMU answers later, for example because its
-        process was stopped, it then gets the motion that it has missed.
+        process was stopped, the motion that it missed is sent then.
 
     Attributes
     ----------
     mounting : str
-        Present mounting of the sensor; empty if it was never mounted.
+        Present mounting of the sensor; empty if the sensor was never mounted.
     """
 
     def __init__(
@@ -72,7 +73,7 @@ class BenchDevice:
         self.mounting = ""
         self.bytes_sent, self.sent_until = 0, 0.0
         self._imu, self._answer_timeout = imu, answer_timeout
-        self._imu_is_late = False  # whether the wait for its last answer has timed out
+        self._imu_is_late = False  # whether the last answer was not in time
         self._until = 0.0
         start = np.array([[(axis.start, 0.0, 0.0) for axis in self.controller.table.axes]])
         self._unsent_blocks = [MotionBlock(0.0, period, 0, start)]
@@ -86,8 +87,8 @@ class BenchDevice:
     def advance(self, until: float) -> None:
         """Let bench time pass; the next call sends the motion to the IMU, even if no time passes.
 
-        In this way, a client that asks for the time gets its answer before the IMU starts to work,
-        possibly on the same processor.
+        In this way, a client that requests the time gets the answer before the IMU, which may run
+        on the same processor, starts to work.
         """
         self._send_motion()
         while self._until < until:
@@ -99,7 +100,7 @@ class BenchDevice:
             )
 
     def receive_acknowledgements(self) -> None:
-        """Wait until the IMU has sent all packets that are due by the motion it received."""
+        """Wait until the IMU has sent all packets that are due for the received motion."""
         while self._unacknowledged and self._receive_acknowledgement():
             pass
 
@@ -109,7 +110,7 @@ class BenchDevice:
         self.receive_acknowledgements()
 
     def mount(self, mounting: str) -> None:
-        """Mount the sensor from the next motion on; raises `InputError` for an unknown mounting."""
+        """Mount the sensor before the next motion; raises `InputError` for an unknown mounting."""
         if mounting not in self._mountings:
             raise InputError(
                 f"{mounting!r} is not a mounting of the plan; possible: "
@@ -120,18 +121,18 @@ class BenchDevice:
         self.mounting = mounting
 
     def session(self) -> Session:
-        """Return the controller's side of a new connection."""
+        """Return a new session of the controller, for a new connection."""
         return self.controller.session()
 
     def fault(self, words: str) -> None:
-        """Set a fault of the table by its text, or mount the sensor: `mounted XY30`."""
+        """Set a fault of the table by its text, or mount the sensor with `mounted XY30`."""
         what, _, mounting = words.partition(" ")
         if what == "mounted":
             return self.mount(mounting)
         self.controller.fault(words)
 
     def _send_motion(self) -> None:
-        """Send blocks to the IMU, and wait for the answers to all but the last one."""
+        """Send blocks to the IMU, and wait for the answers to all blocks except the last."""
         while self._unsent_blocks:
             if self._imu is None:
                 self.sent_until = self._unsent_blocks[-1].end_time
@@ -151,11 +152,11 @@ class BenchDevice:
                 pass
 
     def _receive_acknowledgement(self) -> bool:
-        """Wait for the IMU's answer to one block; return False if it does not arrive in time."""
+        """Wait for the IMU's answer to a block; return False if it does not arrive in time."""
         if self._imu is None:
             return False
         try:
-            # Do not wait again for an IMU that is already late.
+            # If the IMU is already late, do not wait again.
             timeout = 0.0 if self._imu_is_late else self._answer_timeout
             sent = motion_link.receive_byte_count(self._imu, timeout)
         except OSError:
@@ -180,7 +181,7 @@ def _create_controller(drawn: SimulatedErrors) -> SimulatedPmac | SimulatedMotor
         return SimulatedMotor()
     i10 = 3713707
     pmac = SimulatedPmac(drawn.axes(i10 / 8388608e3), COUNTS_PER_TURN, i10)
-    # The controller allows everything that the run file allows.
+    # The limits of the controller permit everything that the run file permits.
     for motor, limit in enumerate(drawn.bench.axis_motion_limits, start=1):
         rate = max(limit.rate * COUNTS_PER_TURN / tau * 1e-3, 4000.0)
         acceleration = max(limit.acceleration * COUNTS_PER_TURN / tau * 1e-6, 2.0)
@@ -190,7 +191,7 @@ def _create_controller(drawn: SimulatedErrors) -> SimulatedPmac | SimulatedMotor
 
 
 class GrantedClock:
-    """Bench time that is granted by a host; see `inercal.host.clock`.
+    """Bench time that the host controls; see `inercal.host.clock`.
 
     Parameters
     ----------
@@ -201,7 +202,7 @@ class GrantedClock:
     def __init__(self, silence: float = 5.0):
         self._silence = silence
         self._now = 0.0
-        self._since: float | None = None  # wall time from which bench time passes by itself
+        self._since: float | None = None  # wall time at which it began to pass by itself
 
     def __call__(self) -> float:
         """Return bench time, s."""
@@ -211,19 +212,19 @@ class GrantedClock:
         return self._now
 
     def grant(self, until: float) -> float:
-        """Let time pass up to `until` and no further; return the bench time."""
+        """Let time pass up to `until`, but not further; return the bench time."""
         self._now = max(self(), until)
         self._since = monotonic() + self._silence
         return self._now
 
     def release(self) -> None:
-        """Let time pass like wall time from now on, if it was ever granted."""
+        """From now on, let bench time pass like wall time, if a host has controlled it."""
         if self._since is not None:
             self._since = min(self._since, monotonic())
 
 
 class ClockServer:
-    """Serves the clock of a bench, in the same event loop as its controller.
+    """Serves the clock of a bench, in the same event loop as the controller.
 
     `SimulatedClock` connects to `address`.
     """
@@ -284,7 +285,7 @@ class ClockServer:
 
 
 def main() -> None:
-    """Serve until standard input ends; each of its lines sets a fault."""
+    """Serve until standard input ends; each input line sets a fault."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.bench_simulator", description=__doc__)
     parser.add_argument("run", metavar="RUNFILE")
     parser.add_argument("--seed", type=int, default=0)

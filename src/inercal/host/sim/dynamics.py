@@ -1,8 +1,8 @@
-"""The dynamics of a simulated table, and the base class of the controllers that turn it.
+"""The dynamics of a simulated table, and the base class of simulated controllers.
 
-`advance(until)` runs whole servo cycles up to a bench time and returns the true motion in each of
-them. Time passes only in this way, so the same cycles give the same numbers at any speed. The
-equations of motion profiles, servo lag, limits and faults are in `_table_kernel`.
+`advance(until)` computes whole servo cycles up to a bench time and returns the true motion in each
+cycle. Time passes only in this way, so the same cycles give the same numbers at any speed. The
+equations for motion profiles, servo lag, limits and faults are in `_table_kernel`.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,29 +26,29 @@ class ServoOffError(Exception):
 
 @dataclass(frozen=True)
 class AxisDynamics:
-    """The properties of an axis; angles are in rad from its own mechanical zero.
+    """The properties of an axis; angles are in rad from the mechanical zero of the axis.
 
     Parameters
     ----------
     name : str
     start : float
-        True initial angle; the encoder counts from there until the axis is homed.
+        True initial angle. The encoder counts from this angle until the axis is homed.
     index : float
         Position of the index pulse, which occurs once per turn.
     omega, zeta : float
         Natural frequency of the servo, rad/s, and its damping ratio.
     feedforward : float
-        Rate feedforward; with 1, a steady rate has no following error.
+        Rate feedforward; if it is 1, there is no following error at a steady rate.
     torque : float
         Largest acceleration that the motor can produce, rad/s².
     friction : float
         Deceleration of the axis when it coasts, rad/s².
     reading : callable, optional
-        Function from the encoder's angle to the readback, rad, for harmonics. The servo uses the
-        angle itself.
+        Function that converts the encoder's angle to the readback, rad, to simulate harmonics. The
+        servo uses the angle itself.
     noise : callable, optional
-        Function from the number of a servo cycle to the readback noise in this cycle, rad, so that
-        repeated readings in one cycle are equal.
+        Function that returns the readback noise in a servo cycle, rad, from the number of the
+        cycle. Repeated readings in one cycle are therefore equal.
     delay : float
         Delay of the readback, s; the servo and the following error have no delay.
     """
@@ -67,7 +67,7 @@ class AxisDynamics:
 
 
 class AxisReport(NamedTuple):
-    """An axis as a controller reports it: rad, rad/s from its zero; flags of `_table_kernel`."""
+    """A controller's report on an axis: rad, rad/s from its zero; flags of `_table_kernel`."""
 
     reading: float
     rate: float
@@ -77,7 +77,7 @@ class AxisReport(NamedTuple):
 
 @dataclass(frozen=True)
 class AxesMotion:
-    """The true motion in servo cycles: `time` (n,) s; the others (n, axes) rad, rad/s, rad/s²."""
+    """The true motion in servo cycles: `time` (n,), s; the rest (n, axes), rad, rad/s, rad/s²."""
 
     time: Array
     angle: Array
@@ -91,21 +91,21 @@ class SimulatedTable:
     Parameters
     ----------
     axes : sequence of Axis
-        The axes, from outer to inner; their servos are off at first.
+        The axes, from outer to inner. Their servos are initially off.
     frequency : float
         Servo cycles per second.
 
     Raises
     ------
     InputError
-        A delay is negative, or longer than the recorded history of the encoder.
+        A delay is negative or longer than the stored history of the encoder.
     """
 
     def __init__(self, axes: Sequence[AxisDynamics], frequency: float = 8388608e3 / 3713707):
         self.axes = tuple(axes)
         self.period = 1.0 / frequency
         self.cycle = 0
-        # One row per axis; the controllers' simulators set and read its fields.
+        # There is one row for each axis. The simulators of controllers set and read its fields.
         self.state: Any = np.zeros(len(self.axes), kernel.AXIS).view(np.recarray)
         self._rate_history = np.zeros((len(self.axes), kernel.MAX_SMOOTH))
         self._encoder_history = np.empty((len(self.axes), kernel.ENCODER_HISTORY))
@@ -126,7 +126,8 @@ class SimulatedTable:
                     key="delay",
                 )
         self._encoder_history[:] = np.array([[axis.start] for axis in self.axes])
-        # Run no cycle, but compile the kernels now, and not while a host waits for an answer.
+        # No cycle is computed, but the kernels are compiled now and not while a host waits for an
+        # answer.
         self._run_cycles(np.empty((0, len(self.axes), 3)))
         self.report()
 
@@ -136,14 +137,14 @@ class SimulatedTable:
         return self.cycle * self.period
 
     def advance(self, until: float) -> AxesMotion:
-        """Run the servo cycles that end by bench time `until`, s; return the motion in them."""
+        """Compute the servo cycles up to bench time `until`, s, and return the motion in them."""
         out = self.advance_array(until)
         time = self.period * np.arange(self.cycle - len(out) + 1, self.cycle + 1, dtype=np.float64)
         return AxesMotion(time, out[..., 0], out[..., 1], out[..., 2])
 
     def advance_array(self, until: float) -> Array:
-        """As `advance`; return angle, rate and acceleration as one array (n, axes, 3)."""
-        # A time computed as a multiple of the period belongs to its own cycle.
+        """Advance, and return angle, rate and acceleration as one array, (n, axes, 3)."""
+        # A time that was computed as a multiple of the period must belong to this cycle.
         last = floor(until / self.period + 1e-6)
         count = max(last - self.cycle, 0)
         out = np.empty((count, len(self.axes), 3))
@@ -158,7 +159,7 @@ class SimulatedTable:
         self.cycle += len(out)
 
     def enable(self, i: int) -> None:
-        """Close the servo at the present position, and clear a trip."""
+        """Close the servo loop at the present position, and clear a trip."""
         x = self.state[i]
         if not x.closed and not x.amplifier:
             x.closed, x.tripped = 1, 0
@@ -174,22 +175,22 @@ class SimulatedTable:
         x.goal, x.mode = x.zero + angle, kernel.GO
 
     def rotate_axis(self, i: int, direction: float) -> None:
-        """Turn an axis at the set speed; `direction` is 1 for forward and −1 for backward."""
+        """Turn an axis at the set speed; `direction` is 1 (forward) or −1 (backward)."""
         x = self._closed_axis(i)
         x.direction, x.mode = direction, kernel.RUN
 
     def search(self, i: int, direction: float = 1.0) -> None:
-        """Turn an axis until the index pulse, go to this position, and make it the zero."""
+        """Turn an axis to the index pulse, and make this position the zero."""
         x = self._closed_axis(i)
         x.direction, x.mode, x.homed = direction, kernel.SEARCH, 0
 
     def halt(self, i: int, abort: bool = False) -> None:
-        """Decelerate an axis to rest with its normal deceleration, or with that of an abort."""
+        """Decelerate an axis to rest with its normal deceleration or, if `abort`, faster."""
         x = self.state[i]
         x.mode, x.aborting = kernel.HOLD, int(abort)
 
     def fault(self, i: int, what: str, on: bool = True) -> None:
-        """Set or clear a fault in `FAULTS`: amplifier off, encoder frozen, axis jammed."""
+        """Set or clear a fault from `FAULTS`: amplifier off, encoder frozen or axis jammed."""
         if what not in FAULTS:
             raise unknown_fault(what, ", ".join(FAULTS))
         self.state[i][what] = int(on)
@@ -213,7 +214,7 @@ class SimulatedTable:
         return self.report()[i].reading
 
     def is_moving(self, i: int) -> bool:
-        """Return whether the commanded rate is not zero, or is about to change from zero."""
+        """Return whether the commanded rate is not zero or is about to change."""
         return bool(self.report()[i].flags & kernel.MOVING)
 
     def _closed_axis(self, i: int) -> Any:
@@ -225,7 +226,7 @@ class SimulatedTable:
 
 
 def three_axes() -> tuple[AxisDynamics, ...]:
-    """Return the outer, middle and inner axis of an IMU table, with arbitrary initial angles."""
+    """Return the outer, middle and inner axes of an IMU table, with arbitrary initial angles."""
     return (
         AxisDynamics("outer", start=0.4, omega=40.0, torque=20.0),
         AxisDynamics("middle", start=-0.7, omega=50.0, torque=30.0),
@@ -234,7 +235,7 @@ def three_axes() -> tuple[AxisDynamics, ...]:
 
 
 class Controller:
-    """A `server.Device` that turns a table; subclasses add its sessions.
+    """A `server.Device` that turns a table; subclasses add the sessions.
 
     Parameters
     ----------
@@ -254,12 +255,12 @@ class Controller:
         return self.table.advance(until)
 
     def fault(self, words: str) -> None:
-        """Set a fault of the table, such as `amplifier 2` or `frozen 1 off`; axes count from 1.
+        """Set a fault of the table, such as `amplifier 2` or `frozen 1 off` (axes count from 1).
 
         Raises
         ------
         InputError
-            There is no such fault or axis; the message lists the possible ones.
+            There is no such fault or axis. The message lists the possible faults.
         """
         count = len(self.table.axes)
         match words.split():
@@ -275,9 +276,9 @@ class Controller:
 
 
 class LineSession:
-    """A connection on which a controller receives lines and answers each one at once.
+    """A connection on which a controller receives lines and answers each line at once.
 
-    Received bytes are split at `ending`, and `answer` takes a line.
+    Received bytes are split at `ending`, and `answer` processes a line.
     """
 
     def __init__(self, ending: bytes, answer: Callable[[str], str]):
@@ -285,6 +286,6 @@ class LineSession:
         self._buffer = b""
 
     def feed(self, data: bytes) -> bytes:
-        """As `server.Session.feed`."""
+        """See `server.Session.feed`."""
         *lines, self._buffer = (self._buffer + data).split(self._ending)
         return "".join(self._answer(line.decode("latin-1").strip()) for line in lines).encode()

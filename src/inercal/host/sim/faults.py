@@ -1,7 +1,7 @@
 """Faults of a simulated link: fragmented, late or corrupted replies, and dropped connections.
 
-Faults of the table itself are set by `dynamics.SimulatedTable.fault`. Times are bench time, so a
-delay is the same at any speed. Faults also have a text form, which one process can send to another:
+`dynamics.SimulatedTable.fault` sets faults of the table itself. Times are bench time, so a delay is
+the same at any speed. Each fault also has a text form, which one process can send to another:
 
     fragment 3        sends replies in pieces of 3 bytes; 0: in one piece
     delay 0.2         sends replies 0.2 s late
@@ -23,7 +23,7 @@ FAULT_SYNTAX = "fragment N, delay SECONDS, corrupt N, drop N, die"
 
 @dataclass
 class Faults:
-    """The active faults; see the module. `rng` selects the byte and the bit to corrupt."""
+    """The active faults; see the module docstring. `rng` selects the byte and bit to corrupt."""
 
     fragment: int = 0
     delay: float = 0.0
@@ -33,7 +33,7 @@ class Faults:
     replies: int = 0
 
     def apply_faults(self, reply: bytes) -> tuple[list[bytes], bool]:
-        """Return the pieces in which a reply is sent, and whether its connection then ends."""
+        """Return the pieces in which a reply is sent, and whether the connection then ends."""
         self.replies += 1
         if self.corrupt and self.replies % self.corrupt == 0 and reply:
             bad = bytearray(reply)
@@ -48,7 +48,7 @@ class Faults:
         return [reply[i : i + size] for i in range(0, len(reply), size)], ends
 
     def set_fault(self, words: str) -> None:
-        """Set a fault from its text; raises an `InputError` that lists the possible faults."""
+        """Set a fault from its text, or raise an `InputError` that lists the possible faults."""
         match words.split():
             case ["die"]:
                 os._exit(9)
@@ -61,7 +61,7 @@ class Faults:
 
 
 def unknown_fault(words: str, possible: str) -> InputError:
-    """Return the error for a text that is none of the possible faults."""
+    """Return the error for a text that is not a possible fault."""
     return InputError(
         f"{words!r} is not a fault; possible: {possible}", key="fault", names=(words,)
     )

@@ -1,13 +1,13 @@
 """The readings of the IMU on a simulated bench, computed in small blocks.
 
 The motion at the sample times is interpolated between servo cycles. The commanded rate r_k of a
-cycle is the mean over this cycle, so the rate at its end is (r_k + r_k+1)/2. The angle between two
-cycle ends is the cubic through their angles and rates, and its derivatives give rate and
-acceleration. Therefore the integral of the rate equals the angle up to rounding.
+cycle is the mean rate in this cycle, so the rate at its end is (r_k + r_k+1)/2. Between the ends of
+two cycles, the angle is a cubic through the two angles and rates. Rate and acceleration are the
+derivatives of this cubic, so the integral of the rate equals the angle, apart from rounding.
 
-Attitude, f, ω and the derivative of ω are those of `inercal.benches.turntable.attitude`. The
-sensor's terms are those of `inercal.physics.sensors.axis_model` in the reference form: each is a
-product of at most `MAX_FACTORS` components of the motion that its axis senses.
+Attitude, f, ω and the derivative of ω are defined as in `inercal.benches.turntable.attitude`. The
+terms of the sensor are defined as in `inercal.physics.sensors.axis_model`, in the reference form.
+Each term is a product of at most `MAX_FACTORS` components of the motion that its axis senses.
 """
 # Numba's decorator is not typed.
 # pyright: reportUntypedFunctionDecorator=false
@@ -28,14 +28,14 @@ from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.basis_functions import COMPONENTS
 from inercal.runfile import Run
 
-RING_SIZE = 8192  # servo cycles of motion to keep, a power of 2
-MAX_FACTORS = 4  # components in a product
+RING_SIZE = 8192  # number of stored servo cycles, a power of 2
+MAX_FACTORS = 4  # largest number of components in a product
 COMPONENT_COUNT = len(COMPONENTS)
 
 
 @njit(cache=True, nogil=True)
 def store_motion(ring: Array, first: int, motion: Array) -> None:
-    """Store angles and rates (n, k, 3) of the cycles from `first` on in `ring` (KEPT, k, 2)."""
+    """Store angles and rates, (n, k, 3), from cycle `first` on, in `ring`, (KEPT, k, 2)."""
     for j in range(motion.shape[0]):
         for i in range(motion.shape[1]):
             ring[(first + j) & (RING_SIZE - 1), i, 0] = motion[j, i, 0]
@@ -44,7 +44,7 @@ def store_motion(ring: Array, first: int, motion: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def interpolate_motion(ring: Array, period: float, times: Array, out: Array) -> None:
-    """Write angle, rate and acceleration at `times` (n,), s, to `out` (n, k, 3)."""
+    """Compute angle, rate and acceleration at `times`, (n,), s, in `out`, (n, k, 3)."""
     last = RING_SIZE - 1
     for n in range(times.size):
         cycle = floor(times[n] / period)
@@ -71,14 +71,14 @@ def noise_free_readings(
     products: Indices,
     out: Array,
 ) -> None:
-    """Write noise-free readings to `out` (n, m) from f, ω and ω's derivative, `motion` (n, 9).
+    """Compute noise-free readings in `out`, (n, m), from f, ω and ω's derivative, (n, 9).
 
-    `temperature_offset` is the temperature minus the reference, K. `frames` (m, 3, 3) contains the
-    axes' I, P and O, and `along` (m,) is the error-free reading of each axis. A term consists of a
-    factor, its axis and the components in its product, `products` (terms, MAX_FACTORS), which is
-    filled up with −1.
+    `temperature_offset` is the temperature minus the reference, K. `frames`, (m, 3, 3), contains
+    the directions I, P and O of the axes. `along`, (m,), states which component is the error-free
+    reading of each axis. A term has a factor, an axis, and the components in its product: a row of
+    `products`, (terms, MAX_FACTORS), filled up with −1.
     """
-    seen = np.zeros(COMPONENT_COUNT)  # dTdt stays 0, as a simulation has a constant temperature
+    seen = np.zeros(COMPONENT_COUNT)  # dTdt stays 0: the simulated temperature is constant
     for n in range(motion.shape[0]):
         term = 0
         for k in range(along.size):
@@ -104,7 +104,7 @@ def noise_free_readings(
 def add_noise_and_limits(
     reading: Array, noise: Array, step: Array, low: Array, high: Array
 ) -> None:
-    """Add noise (n, m), round to steps (m,) if there are any, and limit the range, in place."""
+    """Add noise, (n, m), round to steps, (m,), and limit the range, in place."""
     for n in range(reading.shape[0]):
         for k in range(reading.shape[1]):
             value = reading[n, k] + noise[n, k]
@@ -113,16 +113,16 @@ def add_noise_and_limits(
             reading[n, k] = min(max(value, low[k]), high[k])
 
 
-_TIME_TOLERANCE = 1e-9  # s; for times that were computed in different ways
+_TIME_TOLERANCE = 1e-9  # s; tolerance for times that were computed in different ways
 
 
 class SensorResponse:
-    """Computes a sensor's noise-free readings from the motion that it senses, SI.
+    """Computes the noise-free readings of a sensor from the motion that it senses, SI.
 
     Raises
     ------
     InputError
-        The sensor has the tilted form, in which the input axes themselves are turned.
+        The sensor has the tilted form, in which the input axes are rotated.
     """
 
     def __init__(self, sensor: Sensor, c: Array):
@@ -151,9 +151,9 @@ class SensorResponse:
         self._channels = len(sensor.axes)
 
     def __call__(self, motion: Array, temperature_offset: float = 0.0) -> Array:
-        """Return the readings (n, m) for f, ω and the derivative of ω, `motion` (n, 9).
+        """Return the readings, (n, m), for f, ω and the derivative of ω, `motion`, (n, 9).
 
-        `temperature_offset` is the temperature minus the model's reference temperature, K.
+        `temperature_offset` is the temperature minus the reference temperature of the model, K.
         """
         out = np.empty((len(motion), self._channels))
         noise_free_readings(motion, temperature_offset, *self._arguments, out)
@@ -161,7 +161,7 @@ class SensorResponse:
 
 
 class SimulatedImu:
-    """A simulated IMU that computes its readings one after another from the bench's motion.
+    """A simulated IMU that computes its successive readings from the motion of the bench.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class SimulatedImu:
     rate_hz : float
         Sampling rate.
     seconds : float
-        Duration for which noise is drawn at a time.
+        Duration for which noise is drawn in one block, s.
 
     Raises
     ------
@@ -207,17 +207,17 @@ class SimulatedImu:
         self._axes = len(drawn.bench.names)
         self._ring = np.zeros((RING_SIZE, self._axes, 2))
         self.next_number = 0
-        # Compute no reading, but compile the kernels now, and not while a table waits.
+        # No reading is computed, but the kernels are compiled now and not while a table waits.
         self.read_block(MotionBlock(0.0, 1e-3, 0, np.zeros((1, self._axes, 3))))
 
     def read_block(self, part: MotionBlock) -> Array:
-        """Return the readings that are sent by the end of a block of motion, (n, 6).
+        """Return the readings that are due at the end of a block of motion, (n, 6).
 
         The readings of missing gyros are 0.
         """
         until, period, first, moved, mounting = part
         if first == 0:
-            # Before time 0 the table was at rest.
+            # Before time 0, the table was at rest.
             self._ring[:] = moved[0, :, :2]
         store_motion(self._ring, first, moved)
         last = int((until * self._clock_ratio + _TIME_TOLERANCE) * self._rate)
@@ -226,7 +226,8 @@ class SimulatedImu:
         times = (numbers + 1) / (self._rate * self._clock_ratio) - self._errors.latencies(period)[0]
         between = np.empty((len(numbers), self._axes, 3))
         interpolate_motion(self._ring, period, np.maximum(times, 0.0), between)
-        # Rates are per second of the IMU's own clock, as its coefficients are defined.
+        # Rates are per second of the IMU's own clock, because its coefficients are defined in this
+        # way.
         between[..., 1] /= self._clock_ratio
         between[..., 2] /= self._clock_ratio**2
         reading = self._response(self._sensed_motion(between, mounting))
@@ -262,16 +263,17 @@ class SimulatedImu:
 
 
 def noise_block_size(seconds: float, rate_hz: float) -> int:
-    """Return how many readings noise is drawn for at a time, to cover some seconds."""
-    # Flicker noise is made by Fourier transforms, which are slow for sizes with a large prime
+    """Return the number of readings in one block of noise that covers some seconds."""
+    # Flicker noise is computed by Fourier transforms, which are slow for sizes with a large prime
     # factor.
     return 1 << round(seconds * rate_hz).bit_length()
 
 
 def draw_bias_drift(sensor: Sensor, seed: int, count: int, rate_hz: float, block: int = 0) -> Array:
-    """Return the drift of the biases in a block of simulated readings, (count, m) SI.
+    """Return the drift of the biases in a block of simulated readings, (count, m), SI.
 
-    It is drawn separately, so that its mean over a run, which is part of the bias, can be reported.
+    The drift is drawn separately, because its mean over a run is part of the bias and must be
+    reported.
     """
     rng = noise_generator(seed, "drift", block)
     drawn = [replace(axis.noise, white=0.0).draw(rng, (count,), rate_hz) for axis in sensor.axes]

@@ -50,12 +50,12 @@ from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
 from inercal.runfile import Run, read
 
 COMPILING = "compiling"  # printed before the address if kernels are compiled and not loaded
-_WRITE_TIMEOUT = 0.5  # s of wall time to wait for a busy reader; 0 if there was none before
+_WRITE_TIMEOUT = 0.5  # s of wall time to wait for a busy reader
 _RETRY_INTERVAL = 0.001  # s
 
 
 class SimulatorPort(Protocol):
-    """A port that takes bytes."""
+    """A port to which bytes can be written."""
 
     address: str
 
@@ -69,12 +69,12 @@ class SimulatorPort(Protocol):
 
 
 class TerminalPort:
-    """A pseudo-terminal; `path` is a link to it, which stays the same when it is replugged."""
+    """A pseudo-terminal; the link `path` stays the same when it is unplugged and replugged."""
 
     def __init__(self, path: Path):
         self.address = f"serial:{path}"
         self._path = path
-        # Keep the host's end open here too; otherwise it hangs up when no program has it open.
+        # The host's end also stays open here, because it would hang up when no program has it open.
         self._device, self._host = pty.openpty()
         tty.setraw(self._host)
         os.set_blocking(self._device, False)
@@ -82,7 +82,7 @@ class TerminalPort:
         self._overrun = False
 
     def write(self, data: bytes) -> int:
-        """As `SimulatorPort.write`."""
+        """See `SimulatorPort.write`."""
         done, end = 0, None
         while True:
             with suppress(BlockingIOError):
@@ -97,7 +97,7 @@ class TerminalPort:
             sleep(_RETRY_INTERVAL)
 
     def close(self) -> None:
-        """As `SimulatorPort.close`."""
+        """See `SimulatorPort.close`."""
         self._path.unlink(missing_ok=True)
         os.close(self._device)
         os.close(self._host)
@@ -114,8 +114,8 @@ class TcpPort:
         self._host: socket.socket | None = None
 
     def write(self, data: bytes) -> int:
-        """As `SimulatorPort.write`."""
-        # A host that has connected by now gets these bytes, whichever process was faster.
+        """See `SimulatorPort.write`."""
+        # If a host has already connected, it gets these bytes, whichever process was faster.
         with suppress(BlockingIOError):
             host = self._listener.accept()[0]
             host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -127,13 +127,13 @@ class TcpPort:
         try:
             self._host.sendall(data)
         except OSError:
-            # Nobody knows how many bytes arrived, so the connection is closed.
+            # It is unknown how many bytes arrived, so the connection is closed.
             self._disconnect_host()
             return 0
         return len(data)
 
     def close(self) -> None:
-        """As `SimulatorPort.close`."""
+        """See `SimulatorPort.close`."""
         self._disconnect_host()
         self._listener.close()
 
@@ -148,13 +148,13 @@ _SPARE_NOISE = 300.0  # s of noise in addition to one and a half times the plan
 
 
 class PacketSender:
-    """Packs readings, applies the active faults, and sends the packets through a port.
+    """Makes packets from readings, applies the active faults, and sends the packets to a port.
 
     Parameters
     ----------
     packer : PacketPacker
     plug : callable
-        Opens the port and returns it.
+        Function that opens the port and returns it.
     seed : int
         Seed of the faults.
     """
@@ -170,7 +170,7 @@ class PacketSender:
         self._rng = np.random.default_rng([seed, 2])
 
     def send(self, first: int, readings: np.ndarray) -> None:
-        """Send the readings (n, 6), of which the first one has the number `first`."""
+        """Send readings, (n, 6); the first reading has the number `first`."""
         if not len(readings):
             return
         packets = self._packer(first, readings)
@@ -185,7 +185,7 @@ class PacketSender:
                 self.sent += self._port.write(data)
 
     def set_fault(self, words: str) -> None:
-        """Set a fault from its text; raises an `InputError` that lists the possible faults."""
+        """Set a fault from its text, or raise an `InputError` that lists the possible faults."""
         with self.lock:
             match words.split():
                 case ["die"]:
@@ -208,7 +208,7 @@ class PacketSender:
             self._port = None
 
     def _corrupt_bytes(self, data: bytes) -> bytes:
-        """Return the bytes after changing some of them at random."""
+        """Return the bytes, some of them changed at random."""
         bad = np.frombuffer(data, np.uint8).copy()
         places = np.flatnonzero(self._rng.random(bad.size) < self._errors)
         bad[places] ^= self._rng.integers(1, 256, places.size, dtype=np.uint8)
@@ -216,8 +216,8 @@ class PacketSender:
 
 
 def serve_motion(end: socket.socket, imu: SimulatedImu, sender: PacketSender) -> None:
-    """Answer each block of motion after the readings that are due have been sent."""
-    # If the table is gone, there is nothing more to sense.
+    """Answer each block of motion after sending the readings that are due."""
+    # If the table is gone, there is no more motion.
     with suppress(OSError):
         while (part := motion_link.receive(end)) is not None:
             first = imu.next_number
@@ -226,12 +226,12 @@ def serve_motion(end: socket.socket, imu: SimulatedImu, sender: PacketSender) ->
 
 
 class MotionServer(Closeable):
-    """Serves tables, one connection after the other, in a thread that ends with `close`.
+    """Serves one table connection after another in a thread, until `close`.
 
     Parameters
     ----------
     listener : socket
-        Closed together with the server.
+        Listening socket, which is closed together with the server.
     imu : SimulatedImu
     sender : PacketSender
     """
@@ -247,7 +247,7 @@ class MotionServer(Closeable):
         while True:
             try:
                 end, _ = self._listener.accept()
-            except OSError:  # `close` has shut the socket down
+            except OSError:  # `close` has closed the socket
                 return
             with end:
                 with self._lock:
@@ -264,19 +264,19 @@ class MotionServer(Closeable):
             self._closed = True
             for end in (self._listener, self._table):
                 if end is not None:
-                    with suppress(OSError):  # the table may have disconnected meanwhile
+                    with suppress(OSError):  # the table may have disconnected
                         end.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         self._listener.close()
 
 
 def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
-    """Return the packet rate: as requested, the layout's own, or that of the run's data.
+    """Return the packet rate: as requested, or from the layout, or from the run's data.
 
     Raises
     ------
     InputError
-        The requested rate is not the layout's own, or no rate is known.
+        The requested rate differs from the rate of the layout, or no rate is known.
     """
     rate = rate_hz or layout.rate_hz or run.rate_hz
     if rate is None:
@@ -302,14 +302,14 @@ def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
 
 
 def noise_duration(run: Run, drawn: SimulatedErrors) -> float:
-    """Return the duration for which noise is drawn at a time, s."""
+    """Return the duration of one block of noise, s."""
     return 1.5 * run.kind.seconds(drawn.bench, run.steps) + _SPARE_NOISE
 
 
 def mean_drift(
     run: Run, drawn: SimulatedErrors, rate_hz: float, start: float, stop: float
 ) -> Array:
-    """Return the mean of the biases' drift in the readings between two times, (m,) SI.
+    """Return the mean drift of the biases in the readings between two times, (m,), SI.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def mean_drift(
     rate_hz : float
         Sampling rate.
     start, stop : float
-        Times of the IMU's clock, s, within the noise that is drawn first.
+        Times of the IMU's clock, s. They must be within the first block of noise.
     """
     count = noise_block_size(noise_duration(run, drawn), rate_hz)
     drift = draw_bias_drift(run.sensor, drawn.seed, count, rate_hz)
@@ -344,7 +344,7 @@ def main() -> None:
     with ExitStack() as stack:
         own = TemporaryDirectory(prefix="inercal-")
         folder: Path = options.folder or Path(stack.enter_context(own))
-        # The table can already connect while the following code compiles.
+        # The table can connect while the following code compiles.
         listener, motion = motion_link.listen(folder / motion_link.SOCKET_NAME)
         stack.enter_context(listener)
         try:
@@ -365,7 +365,7 @@ def main() -> None:
             nonlocal port
             if options.terminal:
                 return TerminalPort(path)
-            # When it is replugged, it has the same path.
+            # When the port is replugged, it has the same path.
             opened = TcpPort(port)
             port = opened.port
             return opened

@@ -1,8 +1,8 @@
-"""Sends the true motion from the table's process to the IMU's, and the byte counts back.
+"""Sends the true motion from the table's process to the IMU's process, and byte counts back.
 
 The link is a Unix socket (`unix:PATH`), which wakes the other end faster than TCP does. A block
-contains servo cycles and the bench time that has been reached. The IMU answers it with the total
-number of bytes that it has sent, after sending the readings that are due by then.
+contains servo cycles and the bench time that was reached. The IMU first sends the readings that are
+due at this time, and then answers with the total number of bytes that it has sent.
 """
 
 import socket
@@ -16,16 +16,16 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 
-SOCKET_NAME = "motion"  # name of the socket in the bench's folder
+SOCKET_NAME = "motion"  # name of the socket in the folder of the bench
 _RETRY_INTERVAL = 0.05  # s
 _HEAD = Struct("<ddqqqq")  # until, period, first cycle, cycles, axes, length of the mounting
 _BYTE_COUNT = Struct("<q")
 
 
 class MotionBlock(NamedTuple):
-    """Motion in some servo cycles: `motion` (n, axes, 3) rad, rad/s, rad/s² at their ends.
+    """Motion at the ends of some servo cycles: `motion` (n, axes, 3), rad, rad/s, rad/s².
 
-    `mounting` is the name of the sensor's mounting; empty if it was never mounted.
+    `mounting` is the name of the sensor's mounting; empty if the sensor was never mounted.
     """
 
     end_time: float
@@ -36,7 +36,7 @@ class MotionBlock(NamedTuple):
 
 
 def listen(path: Path) -> tuple[socket.socket, str]:
-    """Open the IMU's end, to which nobody is connected yet; return it and its address."""
+    """Open the IMU's end of the link, for a later connection; return it and its address."""
     listener = socket.socket(socket.AF_UNIX)
     listener.bind(str(path))
     listener.listen()
@@ -44,7 +44,7 @@ def listen(path: Path) -> tuple[socket.socket, str]:
 
 
 def connect(address: str, patience: float) -> socket.socket:
-    """Connect the table's end, and wait for the IMU for at most `patience` s.
+    """Connect the table's end of the link; wait for the IMU for at most `patience` s.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def connect(address: str, patience: float) -> socket.socket:
             return end
         except OSError as error:
             waits = isinstance(error, (FileNotFoundError, ConnectionRefusedError))
-            if not waits or monotonic() > until:  # it waits for an IMU that does not listen yet
+            if not waits or monotonic() > until:  # the IMU may not listen yet
                 end.close()
                 raise
             sleep(_RETRY_INTERVAL)
@@ -73,7 +73,7 @@ def send(end: socket.socket, part: MotionBlock) -> None:
 
 
 def receive(end: socket.socket) -> MotionBlock | None:
-    """Wait for a block and return it; None when the connection has ended."""
+    """Wait for a block and return it; None if the connection has ended."""
     head = _receive_exactly(end, _HEAD.size)
     if head is None:
         return None
@@ -93,7 +93,7 @@ def send_byte_count(end: socket.socket, sent: int) -> None:
 
 
 def receive_byte_count(end: socket.socket, timeout: float) -> int | None:
-    """Return the number of bytes that the IMU has sent; None without an answer in `timeout` s.
+    """Return the number of bytes that the IMU has sent; None if no answer arrives in time.
 
     Raises
     ------

@@ -23,7 +23,7 @@ class SimulatedMotor(Controller):
         self.table.enable(0)
 
     def session(self) -> LineSession:
-        """Return the controller's side of a new connection."""
+        """Return a new session of the controller, for a new connection."""
         return LineSession(b"\r", self._answer_line)
 
     def _answer_line(self, line: str) -> str:

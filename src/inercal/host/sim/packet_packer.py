@@ -1,7 +1,7 @@
-"""Packs a few readings at a time into the bytes of `inercal.host.packets.encode`, but faster.
+"""Makes the same bytes as `inercal.host.packets.encode`, but faster for a few readings.
 
-The layout's fields are looked up only once, and a compiled loop writes the numbers. Lines of text
-are left to `encode`.
+The fields of the layout are only looked up once, and a compiled loop writes the numbers. For lines
+of text, `encode` is used.
 """
 # Numba's decorator is not typed.
 # pyright: reportUntypedFunctionDecorator=false
@@ -15,7 +15,7 @@ from inercal.host.packets import PacketLayout, encode
 from inercal.host.packets.packet_format import AXES, ROLES, BinaryFrame
 
 _TEMPERATURE = 293.15  # K; the temperature of the simulated IMU
-_MAX_INTEGER = float(np.nextafter(2.0**63, 0))  # of a signed integer; no device counts further
+_MAX_INTEGER = float(np.nextafter(2.0**63, 0))  # largest signed integer; no device counts further
 _TEMPERATURE_AT, _COUNTER_AT, _TIME_AT, _STATUS_AT = range(len(AXES), len(ROLES))
 
 
@@ -30,11 +30,11 @@ def _write_fields(
     big: Bools,
     out: NDArray[np.uint8],
 ) -> None:
-    """Write the values (n, given) to the fields of packets (n, length).
+    """Write values, (n, given), to the fields of packets, (n, length).
 
-    `columns` (fields,) gives the column of each field; `scales` (fields, 7) contains the size of a
-    unit, zero, sign, full scale, the smallest and largest raw value, and the value at which it
-    wraps.
+    `columns`, (fields,), states the column of each field. `scales`, (fields, 7), contains the size
+    of a unit, zero, sign, full scale, the smallest and largest raw value, and the value at which
+    the field wraps.
     """
     single, double = np.empty(1, np.float32), np.empty(1, np.float64)
     bytes_single, bytes_double = single.view(np.uint8), double.view(np.uint8)
@@ -70,13 +70,13 @@ def _write_checks(
 
 
 class PacketPacker:
-    """Makes packets from numbered readings (n, 6), in m/s² and rad/s.
+    """Makes packets from numbered readings, (n, 6), in m/s² and rad/s.
 
     Parameters
     ----------
     layout : PacketLayout
     rate_hz : float
-        Packet rate. If only some packets contain the temperature, one per second does.
+        Packet rate. If not all packets contain the temperature, one packet per second contains it.
     """
 
     def __init__(self, layout: PacketLayout, rate_hz: float):
@@ -89,7 +89,7 @@ class PacketPacker:
         self(0, np.zeros((1, len(AXES))))
 
     def __call__(self, first: int, readings: Array) -> list[bytes]:
-        """Return the packets of readings of which the first one has the number `first`."""
+        """Return the packets with some readings; the first reading has the number `first`."""
         numbers = np.arange(first, first + len(readings))
         counted = numbers * int(self._layout.step)
         time = (numbers + 1) / self._rate
@@ -135,7 +135,7 @@ class _FramePacker:
             self._template[offset] = value
 
     def packets(self, given: Array) -> list[bytes]:
-        """Return the packets with the given values, (n, roles)."""
+        """Return the packets with given values, (n, roles)."""
         n, length = len(given), self._frame.length
         rows = np.empty((n, length), np.uint8)
         rows[:] = self._template

@@ -46,14 +46,14 @@ _ADDRESSES = (24,)
 _FRACTIONS = tuple(
     f"{part / 32:.5f}".rstrip("0").removeprefix("0").rstrip(".") for part in range(32)
 )
-_MAX_CACHED_LINES = 200  # parsed lines that are kept
+_MAX_CACHED_LINES = 200  # number of parsed lines in the cache
 
-# The action of one command: it returns its reply, or raises `_CommandError`.
+# The action of a command: it returns the reply or raises `_CommandError`.
 _Step = Callable[[], str | None]
 
 
 class _CommandError(Exception):
-    """A command cannot be executed; it has the number of its error."""
+    """A command cannot be executed; the exception contains the error number."""
 
     def __init__(self, number: int):
         self.number = number
@@ -82,7 +82,7 @@ class Interpreter:
             self._apply(i)
 
     def execute_line(self, packet: bytes, motor: int) -> tuple[bytes, int]:
-        """Return the complete reply to a command line, and the motor addressed after it."""
+        """Return the complete reply to a command line, and the motor that is addressed next."""
         if (packet, motor) not in self._programs:
             if len(self._programs) >= _MAX_CACHED_LINES:
                 self._programs.clear()
@@ -106,14 +106,14 @@ class Interpreter:
         """Execute ^A (abort all) or ^K (kill all); other characters have no effect here."""
         for i in range(len(self._table.axes)):
             if character == 0x01:
-                # Like the real controller, an abort also closes the loops of killed motors.
+                # As in the real controller, an abort also closes the loops of killed motors.
                 self._table.enable(i)
                 self._table.halt(i, abort=True)
             elif character == 0x0B:
                 self._table.kill(i)
 
     def _compile_line(self, packet: bytes, motor: int) -> tuple[list[tuple[int, _Step]], int]:
-        """Return the steps of a line with their motors, and the motor addressed after the last."""
+        """Return the steps of a line with their motors, and the motor addressed at the end."""
         text = packet.decode("latin-1").upper().rstrip("\r\0")
         steps: list[tuple[int, _Step]] = []
         place = 0
@@ -203,7 +203,7 @@ class Interpreter:
                 return lambda: _status_words(seen()[i].flags, self._variables[100 * (i + 1)] != 0)
 
     def _read_reports(self) -> list[dynamics.AxisReport]:
-        """Return the reports of the axes; they are updated after each command that may act."""
+        """Return the reports of the axes; they are updated after commands that may change them."""
         if self._reports is None:
             self._reports = self._table.report()
         return self._reports
@@ -220,7 +220,7 @@ class Interpreter:
         """Set an axis from the I-variables of its motor."""
         x, get = self._table.state[i], self._variables
         base, to_rad = 100 * (i + 1), 1 / self._counts
-        # With zero acceleration the axis would never arrive, nor would a real one.
+        # With zero acceleration, the axis would never arrive; this is also true for a real axis.
         slowest = 1e-9
         x.acceleration = max(get[base + 19] * 1e6 * to_rad, slowest)
         x.speed = abs(self._rad_s(i, 22))
@@ -250,7 +250,7 @@ def _raise_error(number: int) -> None:
 
 
 def _missing_motor_step(act: str | None) -> _Step:
-    """Return the action of a command to a missing motor: report zeros, or refuse to move."""
+    """Return the action of a command to a missing motor: report zeros or refuse to move."""
     if act in ("P", "V", "F"):
         return lambda: "0"
     if act == "?":
@@ -290,7 +290,7 @@ def _parse_number(text: str) -> float:
 
 
 def _format_fraction(counts: float) -> str:
-    """Round counts to 1/32, as in the controller's registers."""
+    """Round counts to 1/32, like the registers of the controller."""
     parts = round(counts * 32)
     return f"{'-' if parts < 0 else ''}{abs(parts) >> 5}{_FRACTIONS[abs(parts) & 31]}"
 
@@ -301,7 +301,7 @@ def _format_decimal(value: float, digits: int) -> str:
 
 
 _CHUNK = 1400
-_WITH_DATA = (0xB0, 0xBF, 0xC6)  # SENDLINE, GETRESPONSE, WRITEBUFFER: the length is of the data
+_WITH_DATA = (0xB0, 0xBF, 0xC6)  # SENDLINE, GETRESPONSE, WRITEBUFFER: data of this length follow
 
 
 class SimulatedPmac(dynamics.Controller):
@@ -312,7 +312,7 @@ class SimulatedPmac(dynamics.Controller):
     axes : sequence of Axis
         The axes, from outer to inner.
     counts_per_turn : int
-        Encoder counts per turn, the same on all axes.
+        Encoder counts per turn, which are the same for all axes.
     """
 
     def __init__(
@@ -325,21 +325,21 @@ class SimulatedPmac(dynamics.Controller):
         self.interpreter = Interpreter(self.table, counts_per_turn / tau, i10)
 
     def session(self) -> "_Session":
-        """Return the controller's side of a new connection."""
+        """Return a new session of the controller, for a new connection."""
         return _Session(self.interpreter)
 
 
 class _Session:
-    """The Ethernet protocol: takes packets, and returns replies in chunks."""
+    """The Ethernet protocol: processes packets, and returns replies in chunks."""
 
     def __init__(self, interpreter: Interpreter):
         self._interpreter = interpreter
-        self._motor = 1  # `#n` stays addressed until the next one
+        self._motor = 1  # `#n` stays addressed until the next `#n`
         self._buffer = b""
         self._unread_reply = b""
 
     def feed(self, data: bytes) -> bytes:
-        """As `server.Session.feed`."""
+        """See `server.Session.feed`."""
         self._buffer += data
         answer = b""
         while len(self._buffer) >= 8:
@@ -362,11 +362,11 @@ class _Session:
                     packet, self._motor
                 )
                 return b"@"
-            case 0xC0, 0xC5:  # GETBUFFER; NUL if there is nothing
+            case 0xC0, 0xC5:  # GETBUFFER; NUL if there are no data
                 return self._chunk() or b"\x00"
             case 0xC0, 0xC2:  # READREADY
                 return bytes([bool(self._unread_reply), 0])
-            case 0xC0, 0xC4:  # CTRL_RESPONSE; the character may be in either byte, as hosts differ
+            case 0xC0, 0xC4:  # CTRL_RESPONSE; the byte of the character differs between hosts
                 self._interpreter.execute_control(value >> 8 or value & 0xFF)
                 return b"\x06"
             case 0x40, 0xB3:  # FLUSH

@@ -1,10 +1,10 @@
 """Serves a simulated device over a real connection: TCP or a pseudo-terminal.
 
 The device reads no clock. `pace` returns the bench time whenever bytes arrive, and `advance` lets
-time pass from outside. The numbers are the same with a wall clock (`ScaledClock`) and with granted
-time (`ManualClock`).
+time pass from outside. The results are the same with a wall clock (`ScaledClock`) and with a clock
+that is set (`ManualClock`).
 
-As a separate process (`serve`), a simulator reads time and faults from its standard input.
+If a simulator is a separate process (`serve`), it reads times and faults from its standard input.
 """
 
 import os
@@ -22,16 +22,16 @@ from typing import Any, Generic, Protocol, Self, TextIO, TypeVar
 from inercal.basics.errors import InputError
 from inercal.host.sim.faults import Faults
 
-_POLL_INTERVAL = 0.02  # s of wall time after which time passes even without a request
+_POLL_INTERVAL = 0.02  # s of wall time; then time passes even without a request
 _READ_SIZE = 4096
 _HOST = "127.0.0.1"
 
 
 class Session(Protocol):
-    """The device's side of one connection: takes bytes and returns bytes."""
+    """The device's side of one connection, which receives bytes and returns bytes."""
 
     def feed(self, data: bytes) -> bytes:
-        """Process bytes that arrived, and return the bytes that answer them at once."""
+        """Process bytes that arrived, and return the answer that is sent at once."""
         ...
 
 
@@ -44,15 +44,15 @@ class Device(Protocol):
         ...
 
     def advance(self, until: float) -> Any:
-        """Let bench time pass; return the motion during this time, if the device moves."""
+        """Let bench time pass; if the device moves, return the motion during this time."""
         ...
 
     def session(self) -> Session:
-        """Return the device's side of a new connection."""
+        """Return a new session of the device, for a new connection."""
         ...
 
     def fault(self, words: str) -> None:
-        """Set a fault of the device itself; raises an `InputError` that lists the possible ones."""
+        """Set a fault of the device, or raise an `InputError` that lists the possible faults."""
         ...
 
 
@@ -60,7 +60,7 @@ D = TypeVar("D", bound=Device)
 
 
 class ScaledClock:
-    """Bench time that starts at 0 and passes `factor` times as fast as wall time."""
+    """Bench time that starts at 0 and passes faster than wall time by a factor."""
 
     def __init__(self, factor: float = 1.0):
         self._start, self._factor = monotonic(), factor
@@ -71,7 +71,7 @@ class ScaledClock:
 
 
 class ManualClock:
-    """Bench time that stands still except when it is set."""
+    """Bench time that stands still until it is set."""
 
     now: float = 0.0
 
@@ -81,9 +81,9 @@ class ManualClock:
 
 
 class SimulatorServer(Generic[D]):
-    """Serves `device` on a local `port` (0 selects any free one), or on a pseudo-terminal.
+    """Serves a device on a local port (0 selects any free port) or on a pseudo-terminal.
 
-    As a context manager it runs in a separate thread; `open_link` can open its `address`.
+    In a `with` block, the server runs in a separate thread. `open_link` can open its `address`.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class SimulatorServer(Generic[D]):
             self.address = f"tcp://{_HOST}:{self.port}"
 
     def run(self) -> None:
-        """Serve until `stop`."""
+        """Serve until `stop` is called."""
         try:
             while not self._stopped:
                 for key, _ in self._selector.select(_POLL_INTERVAL):
@@ -131,7 +131,7 @@ class SimulatorServer(Generic[D]):
             self._selector.close()
 
     def add_reader(self, end: socket.socket | int, ready: Callable[[], object]) -> None:
-        """Let `run` call `ready` whenever `end` is readable; `run` closes `end` when it ends."""
+        """Make `run` call `ready` whenever `end` is readable; `run` closes `end` when it ends."""
         self._selector.register(end, selectors.EVENT_READ, ready)
 
     def remove_reader(self, end: socket.socket | int) -> None:
@@ -141,12 +141,12 @@ class SimulatorServer(Generic[D]):
     def stop(self) -> None:
         """End `run`."""
         self._stopped = True
-        # The loop may have ended and been closed already.
+        # The loop may already be closed.
         with suppress(OSError):
             self._wake_sender.send(b".")
 
     def advance(self, until: float) -> Any:
-        """Let bench time pass up to `until`, s, if time is granted; return the motion."""
+        """Let bench time pass up to `until`, s, if the clock can be set; return the motion."""
         with self.lock:
             if isinstance(self.pace, ManualClock):
                 self.pace.now = until
@@ -155,13 +155,13 @@ class SimulatorServer(Generic[D]):
         return motion
 
     def drop(self) -> None:
-        """End all connections, as an unplugged cable would."""
+        """End all connections, as if a cable were unplugged."""
         with self.lock:
             for line in list(self._connections):
                 self._remove_connection(line)
 
     def _advance_time(self) -> None:
-        """Let time pass up to now, and send the delayed replies that are due."""
+        """Let time pass up to the present, and send the delayed replies that are due."""
         with self.lock:
             self.device.advance(self.pace())
             delayed, self._delayed_replies = self._delayed_replies, []
@@ -255,7 +255,7 @@ class _Connection:
 
 
 def _open_terminal() -> tuple[_Connection, str]:
-    """Return the device's end of a pseudo-terminal, and the path of the host's."""
+    """Return the device's end of a pseudo-terminal, and the path of the host's end."""
     import pty
     import tty
 
@@ -270,16 +270,16 @@ def _open_terminal() -> tuple[_Connection, str]:
         os.close(device)
         os.close(host)
 
-    # Keep the host's end open here too; otherwise it hangs up when no program has it open.
+    # The host's end also stays open here, because it would hang up when no program has it open.
     return _Connection(device, lambda: os.read(device, _READ_SIZE), send, close), os.ttyname(host)
 
 
 def serve(device: Device, pace: Callable[[], float], port: int, terminal: bool = False) -> None:
-    """Serve until standard input ends; each of its lines sets a fault or advances the time.
+    """Serve until standard input ends; each input line sets a fault or advances the time.
 
-    The address is printed first, as `at tcp://127.0.0.1:40123`. Each input line is answered by `ok`
-    or by an error. `advance 1.5` lets granted time pass; the faults are those of `faults` and of
-    the device.
+    First, the address is printed in the form `at tcp://127.0.0.1:40123`. The answer to each input
+    line is `ok` or an error. `advance 1.5` lets time pass if the clock can be set. The possible
+    faults are defined in `faults` and by the device.
     """
     with SimulatorServer(device, pace, port=port, terminal=terminal) as server:
         print(f"at {server.address}", flush=True)
@@ -287,7 +287,7 @@ def serve(device: Device, pace: Callable[[], float], port: int, terminal: bool =
 
 
 def execute_commands(server: SimulatorServer[Any], told: TextIO, answers: TextIO) -> None:
-    """Execute the time and fault commands in the lines of `told` until there are no more."""
+    """Execute the time and fault commands in the lines of `told` until the input ends."""
 
     def tell(line: str) -> None:
         match line.split():
@@ -304,7 +304,7 @@ def execute_commands(server: SimulatorServer[Any], told: TextIO, answers: TextIO
 
 
 def answer_lines(tell: Callable[[str], None], told: TextIO, answers: TextIO) -> None:
-    """Pass each line of `told` to `tell`, and answer with `ok` or with its error."""
+    """Pass each line of `told` to `tell`, and answer with `ok` or with an error."""
     for line in told:
         try:
             tell(line.strip())
@@ -314,7 +314,7 @@ def answer_lines(tell: Callable[[str], None], told: TextIO, answers: TextIO) -> 
 
 
 def add_pace_option(parser: ArgumentParser) -> None:
-    """Add the option `--pace`: a factor of the wall clock, or `told`."""
+    """Add the option `--pace`: a factor for the wall clock, or `told`."""
     parser.add_argument(
         "--pace",
         default="1",
@@ -323,5 +323,5 @@ def add_pace_option(parser: ArgumentParser) -> None:
 
 
 def selected_pace(options: Namespace) -> Callable[[], float]:
-    """Return the pace that `--pace` selects."""
+    """Return the clock that `--pace` selects."""
     return ManualClock() if options.pace == "told" else ScaledClock(float(options.pace))

@@ -1,12 +1,12 @@
-"""The imperfections of a simulated bench, drawn identically in the table's and the IMU's process.
+"""The imperfections of a simulated bench; the processes of table and IMU draw the same.
 
-A host matches the clocks of table and IMU by the arrival of readings, so a latency τ of the
-readback means that the readback arrives τ later than the IMU's readings. Both are late: the IMU's
-readings because they need servo cycles of the table that must be known first, and the readback by a
-further τ.
+A host relates the clocks of table and IMU by the arrival of readings. A latency τ of the readback
+therefore means that the readback arrives τ later than the IMU's readings. Both are late. The IMU's
+readings are late because they depend on servo cycles of the table that must be computed first, and
+the readback is late by an additional τ.
 
-The IMU's clock is slower than the table's by χ: in 1 s of the table's clock, which is bench time,
-(1 − χ) s pass on it (see `inercal.benches.turntable.bench`).
+The IMU's clock is slower than the table's clock by χ: in 1 s of the table's clock, which is bench
+time, the IMU's clock advances by (1 − χ) s (see `inercal.benches.turntable.bench`).
 """
 
 from collections.abc import Callable, Sequence
@@ -25,9 +25,10 @@ from inercal.physics.plan import Step
 from inercal.physics.section_settings import key_error
 from inercal.runfile import Run
 
-# Servo cycles: the two around a time and one on each side must all be in the past
+# Number of servo cycles: the two cycles around a time and one more on each side must be in the
+# past.
 _LOOKAHEAD_CYCLES = 4
-_NOISE_BLOCK = 4096  # readings per block of noise
+_NOISE_BLOCK = 4096  # number of readings in a block of noise
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class SimulatedErrors:
         A bench that a host can drive.
     seed : int
     values : mapping of str to float
-        Values of all bench parameters by name, SI.
+        Values of all bench parameters, SI, by name.
     motion_control : MotionControl
         Motion control of the bench.
     steps : sequence of Step
@@ -55,21 +56,21 @@ class SimulatedErrors:
 
     @property
     def clock_ratio(self) -> float:
-        """Seconds that pass on the IMU's clock per second of the table's."""
+        """Advance of the IMU's clock, s, in one second of the table's clock."""
         return 1.0 - self.values.get("clock", 0.0)
 
     def sensed_motion(self) -> SensedMotion:
-        """Return the function that computes the motion sensed on this bench."""
+        """Return the function that computes the motion that a sensor on this bench senses."""
         return self.motion_control.sensed_motion(self.bench, self.steps, self.values)
 
     def latencies(self, period: float) -> tuple[float, float]:
-        """Return the delays of the IMU's readings and of the readback for a servo period, s."""
+        """Return the delays of IMU readings and of the readback for a servo period, s."""
         latency = self.values.get("latency", 0.0)
         imu = max(_LOOKAHEAD_CYCLES * period, -latency)
         return imu, latency + imu
 
     def axes(self, period: float) -> tuple[AxisDynamics, ...]:
-        """Return the axes of a turntable, from outer to inner; index pulses are at their zeros."""
+        """Return the axes of a turntable, from outer to inner; index pulses are at the zeros."""
         built = {axis.name: axis for axis in three_axes()}
         delay = self.latencies(period)[1]
         return tuple(
@@ -101,12 +102,12 @@ class SimulatedErrors:
 
 
 def draw_errors(run: Run, seed: int) -> SimulatedErrors:
-    """Draw a run's bench from normal distributions of its stated deviations.
+    """Draw the errors of a bench from normal distributions with the stated deviations.
 
     Raises
     ------
     InputError
-        No host can drive the bench, or a latency exceeds the table's recorded history.
+        No host can drive the bench, or a latency exceeds the stored history of the table.
     """
     control, bench = run.motion_control, run.bench
     rng = np.random.default_rng(seed)
@@ -125,16 +126,16 @@ def draw_errors(run: Run, seed: int) -> SimulatedErrors:
 
 
 def noise_generator(seed: int, what: Literal["white", "drift", "readback"], *key: int) -> Generator:
-    """Return the generator for one kind of noise, independent of the other kinds.
+    """Return the random generator for one kind of noise, independent of the other kinds.
 
-    A sequence as seed would not work, because [5, 1] and [5, 1, 0] give the same numbers.
+    A sequence cannot be the seed, because [5, 1] and [5, 1, 0] give the same numbers.
     """
     purpose = ("white", "drift", "readback").index(what)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose, *key)))
 
 
 def _readback_noise(white: float, seed: int, axis: int) -> Callable[[int], float]:
-    """Return a function from a servo cycle to its readback noise, rad; calls are repeatable."""
+    """Return a function that gives the readback noise of a servo cycle, rad; it is repeatable."""
 
     @lru_cache(1)
     def drawn(block: int) -> list[float]:

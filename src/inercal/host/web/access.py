@@ -1,12 +1,13 @@
-"""Decides who may use the page by token, host and origin, from the request only.
+"""Decides who may use the page, from the token, host and origin in the request.
 
-A page from another site in the same browser can send requests here, and so can a page whose host
-name was made to resolve to this server (DNS rebinding). The first shows its own origin, the second
-another host.
+A page of another site in the same browser can send requests to this server. So can a page whose
+host name was made to resolve to this server (DNS rebinding). The first can be recognised by its
+origin, and the second by its host.
 
-Every request passes `AccessMiddleware` before the page receives it, and so does every answer. It is
-pure ASGI. It checks host, origin and token first, and only then reads the body, up to a limit of
-size and time. It adds headers that let a browser load only the page's own files.
+Every request passes through `AccessMiddleware` before the page receives it, and so does every
+answer. The middleware is pure ASGI. It first checks host, origin and token, and only then reads the
+body, with limits on size and time. It adds headers that permit a browser to load only the page's
+own files.
 """
 
 import asyncio
@@ -30,13 +31,13 @@ from inercal.basics.errors import InputError
 from inercal.host.web.refusal_log import RefusalLog
 
 SESSION, VIEWER = "inercal-session", "inercal-viewer"
-_MIN_TOKEN_LENGTH = 12  # characters of a token
-_MAX_TRIES, _TRY_WINDOW = 10, 60.0  # wrong tokens of one address, s
+_MIN_TOKEN_LENGTH = 12  # smallest number of characters of a token
+_MAX_TRIES, _TRY_WINDOW = 10, 60.0  # wrong tokens from one address, in s
 _MAX_ADDRESSES = 1000
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether a host can be reached only from this machine."""
+    """Return whether a host can only be reached from this machine."""
     if host == "localhost":
         return True
     try:
@@ -51,9 +52,9 @@ class Access:
     Parameters
     ----------
     hosts : set of str
-        Host names of the page, with the port, for which no token is needed.
+        Host names of the page, with the port, at which no token is needed.
     token : str or None
-        Token that a browser must have shown once.
+        Token that a browser must show once.
 
     Raises
     ------
@@ -75,32 +76,32 @@ class Access:
         self._failed_tries: dict[str, deque[float]] = {}
 
     def allows_host(self, headers: Mapping[str, str]) -> bool:
-        """Return whether a request names one of the page's hosts."""
+        """Return whether a request is addressed to one of the page's hosts."""
         return self.needs_token or headers.get("host", "").lower() in self._hosts
 
     @staticmethod
     def is_same_origin(headers: Mapping[str, str]) -> bool:
-        """Return whether a request comes from this page itself."""
+        """Return whether a request comes from this page."""
         host, origin = headers.get("host", "").lower(), headers.get("origin", "").lower()
         return bool(host) and origin in (f"http://{host}", f"https://{host}")
 
     @staticmethod
     def is_cross_site(headers: Mapping[str, str]) -> bool:
-        """Return whether the browser says that the request comes from another site's page."""
+        """Return whether a request comes from a page of another site, according to the browser."""
         return headers.get("sec-fetch-site", "none") not in ("same-origin", "none")
 
     def has_session(self, headers: Mapping[str, str]) -> bool:
-        """Return whether a browser has shown the token before, or does not need to."""
+        """Return whether a browser has already shown the token or does not need a token."""
         shown = cookie(headers, SESSION)
         return not self.needs_token or (
             shown is not None and _equal_in_constant_time(shown, self.session)
         )
 
     def viewer(self, headers: Mapping[str, str]) -> str | None:
-        """Identify the browser by the cookie that this server has issued; None without one.
+        """Return the cookie by which this server identifies a browser; None if there is none.
 
-        Cookies from other sources do not count; somebody could otherwise choose one to be taken for
-        the operator.
+        Cookies from other sources are not accepted, because somebody could choose a cookie to be
+        mistaken for the operator.
         """
         shown = cookie(headers, VIEWER) or ""
         number, _, _ = shown.partition(".")
@@ -119,14 +120,14 @@ class Access:
         return f"{number}.{urlsafe_b64encode(code).decode().rstrip('=')}"
 
     def may_try_token(self, who: str) -> bool:
-        """Return whether an address may try a token, as it has not sent too many wrong ones."""
+        """Return whether an address may try a token; False after too many wrong tokens."""
         tries = self._failed_tries.get(who)
         while tries and monotonic() - tries[0] > _TRY_WINDOW:
             tries.popleft()
         return tries is None or len(tries) < _MAX_TRIES
 
     def accepts_token(self, token: str, who: str) -> bool:
-        """Return whether a token is right, in a time that reveals nothing about it."""
+        """Return whether a token is correct; the time that this takes reveals nothing about it."""
         if self._token is None or _equal_in_constant_time(token, self._token):
             return True
         if who not in self._failed_tries and len(self._failed_tries) >= _MAX_ADDRESSES:
@@ -136,7 +137,7 @@ class Access:
 
 
 def cookie_name(headers: Mapping[str, str], name: str) -> str:
-    """Return the name of a cookie for this page; all ports of a host share their cookies."""
+    """Return the name of a cookie with the port, because all ports of a host share cookies."""
     port = headers.get("host", "").rpartition(":")[2]
     return f"{name}-{port}" if port.isascii() and port.isdecimal() else name
 
@@ -150,18 +151,20 @@ def _equal_in_constant_time(one: str, other: str) -> bool:
     return hmac.compare_digest(one.encode(errors="replace"), other.encode(errors="replace"))
 
 
-# Bodies of requests, read up to a limit of size and time; only a few may be slow at once.
+# Bodies of requests are read with limits on size and time, and only a few may be slow at the same
+# time.
 #
-# The page's own bodies arrive in one piece with the request. A body that arrives slowly occupies
-# one of a few places. When there are too many, the oldest body from the client with the most is
-# dropped. Bodies from other clients, and bodies that arrive at once, are still read.
+# The bodies from the page arrive in one piece with the request. A body that arrives slowly occupies
+# one of a few places. If there are too many slow bodies, the oldest body of the client with the
+# most slow bodies is dropped. Bodies from other clients, and bodies that arrive at once, are still
+# read.
 MAX_BODY = 1 << 16  # bytes
 _TIMEOUT = 10.0  # s for one body
-_MAX_WAITING = 16  # incomplete bodies at a time
+_MAX_WAITING = 16  # largest number of incomplete bodies at a time
 
 
 class RequestRefused(Exception):
-    """A refused request, with the status of the answer and the reason."""
+    """A refused request, with the status code of the answer and the reason."""
 
     def __init__(self, status: int, words: str):
         super().__init__(words)
@@ -169,10 +172,10 @@ class RequestRefused(Exception):
 
 
 class BodyReader:
-    """Reads the bodies of requests, and drops those that are too long, too slow or too many."""
+    """Reads the bodies of requests, and drops bodies that are too long, slow or numerous."""
 
     def __init__(self):
-        self._waiting: dict[asyncio.Timeout, str] = {}  # the client of each body, oldest first
+        self._waiting: dict[asyncio.Timeout, str] = {}  # client of each body, oldest first
 
     async def read(self, client: str, headers: Headers, receive: Receive) -> bytes:
         """Return the body of a client's request.
@@ -182,7 +185,7 @@ class BodyReader:
         RequestRefused
             The body is too long, or does not arrive in time.
         """
-        # The stated length is only trusted if it is too large.
+        # The stated length is only used to refuse a body that is too long.
         said = headers.get("content-length", "0")
         if not said.isdecimal() or len(said) > 9 or int(said) > MAX_BODY:
             raise _too_long()
@@ -241,7 +244,7 @@ autocomplete="current-password"></label> <button>Open the page</button></form></
 
 
 class AccessMiddleware:
-    """Passes only permitted requests to an application.
+    """Middleware that passes only permitted requests to an application.
 
     Parameters
     ----------
@@ -301,7 +304,7 @@ class AccessMiddleware:
         await send({"type": "websocket.close"})
 
     def _require_allowed(self, scope: Scope, headers: Headers) -> None:
-        """Refuse requests that are never allowed, whoever sends them."""
+        """Raise an error for requests that are never permitted, whoever sends them."""
         if not self._access.allows_host(headers):
             raise RequestRefused(
                 421, f"host {headers.get('host', '')!r}: this page has another host name"
@@ -314,7 +317,7 @@ class AccessMiddleware:
             raise RequestRefused(403, "the request came from another site's page")
 
     def _token_refusal(self, scope: Scope, headers: Headers) -> Response | None:
-        """Return the answer to a client that lacks the token or may not try it; otherwise None."""
+        """Return the answer to a client without a token or with too many tries; otherwise None."""
         who = client_host(scope)
         if self._shows_token(scope):
             if self._access.may_try_token(who):
@@ -327,7 +330,7 @@ class AccessMiddleware:
         return _token_form("This page needs the token that `inercal bench serve` has printed.")
 
     def _shows_token(self, scope: Scope) -> bool:
-        """Return whether a request contains a token, right or wrong."""
+        """Return whether a request contains a token, whether correct or wrong."""
         if not self._access.needs_token:
             return False
         if scope["method"] == "POST":
@@ -350,7 +353,7 @@ class AccessMiddleware:
 
 
 def _replay_body(body: bytes, receive: Receive) -> Receive:
-    """Return a function that first returns the body already read, and then receives as before."""
+    """Return a function that first returns the body that was read, and then receives as before."""
     given = False
 
     async def take() -> Message:
@@ -371,11 +374,11 @@ def _set_security_headers(headers: MutableHeaders) -> None:
     headers["x-frame-options"] = "DENY"
     headers["cross-origin-resource-policy"] = "same-origin"
     headers["cross-origin-opener-policy"] = "same-origin"
-    headers["connection"] = "close"  # so that nothing from one request affects the next
+    headers["connection"] = "close"  # because a request must not affect the next
 
 
 def _token_form(words: str, status: int = 401) -> Response:
-    # Without a referrer a browser would call the origin of this form "null".
+    # Without a referrer, a browser would state the origin of this form as "null".
     return HTMLResponse(
         _TOKEN_PAGE.format(words=escape(words)), status, {"referrer-policy": "same-origin"}
     )

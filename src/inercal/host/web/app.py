@@ -1,4 +1,4 @@
-"""The page's routes: files, set-up, device probe, results of runs, and the websocket."""
+"""The routes of the page: files, set-up, device probe, results of runs, and the websocket."""
 
 import asyncio
 import gzip
@@ -30,13 +30,13 @@ from inercal.host.web.viewers import Client, Viewer
 
 
 class SharedCall:
-    """Calls a slow function in a thread; callers that ask before a call begins share its result.
+    """Calls a slow function in a thread; several waiting callers share one result.
 
     Parameters
     ----------
     function : callable
     lock : asyncio.Lock
-        Locked during a call.
+        Lock that is held during a call.
     """
 
     def __init__(self, function: Callable[[], dict[str, Any]], lock: asyncio.Lock):
@@ -44,10 +44,10 @@ class SharedCall:
         self._next: asyncio.Task[dict[str, Any]] | None = None
 
     async def __call__(self) -> dict[str, Any]:
-        """Return the result of a call that begins after this request."""
+        """Return the result of a function call that begins after this request."""
         if self._next is None:
             self._next = asyncio.create_task(self._call())
-        # A caller that is cancelled ends only its own wait, as the others still wait for the call.
+        # If a caller is cancelled, only its own wait ends, because others still wait for the call.
         return await asyncio.shield(self._next)
 
     async def _call(self) -> dict[str, Any]:
@@ -58,16 +58,16 @@ class SharedCall:
 
 _MESSAGE_RATE = 20  # messages per second from a viewer
 _HEARTBEAT_INTERVAL = 2.0  # s
-_MAX_TAB = 64  # characters of the key by which a page identifies itself
-_MAX_WAITING = 4  # histories that may wait while one is drawn, and filter checks
-_CLOSING_TIME = 1.0  # s for telling a viewer that its place has been given away
+_MAX_TAB = 64  # largest number of characters of the key that identifies a page
+_MAX_WAITING = 4  # largest number of waiting histories, and of waiting filter checks
+_CLOSING_TIME = 1.0  # s for the message to a viewer whose place was given to another
 _MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
     "css": "text/css; charset=utf-8",
     "svg": "image/svg+xml",
 }
-# A report and a history contain their own styles and pictures, and run no scripts.
+# A report and a history contain their own styles and pictures and need no scripts.
 _STANDALONE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -76,7 +76,7 @@ _MISSING_PAGE = b"<!doctype html><title>inercal</title><p>The page's own files a
 
 
 class Page:
-    """The web page of one hub.
+    """The web page for a hub.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Page:
         self._files = dict(_static_files(files("inercal.host.web").joinpath("static")))
         self._setup_lock, self._drawing_lock = asyncio.Lock(), asyncio.Lock()
         self._list_setup = SharedCall(lambda: self._setup(), self._setup_lock)
-        self._pending_histories = self._pending_filters = 0  # requests in progress or waiting
+        self._pending_histories = self._pending_filters = 0  # active or waiting requests
         self._cached_history: tuple[object, str] = None, ""
 
     def routes(self) -> list[Route | WebSocketRoute]:
@@ -121,18 +121,18 @@ class Page:
         return answer
 
     async def static(self, request: Request) -> Response:
-        """Return one of the page's files."""
+        """Return a file that belongs to the page."""
         found = self._files.get(request.path_params["name"])
         if found is None:
             return await self.not_found(request)
         return found.response(request)
 
     async def setup(self, request: Request) -> Response:
-        """Return the choices for setting up a run."""
+        """Return the choices for the set-up of a run."""
         return JSONResponse(await self._list_setup())
 
     async def stop(self, request: Request) -> Response:
-        """Stop the table for any client, even if its websocket is lost or has no place."""
+        """Stop the table for any client, even a client without a websocket or a place."""
         try:
             requested = parse_object(await request.body() or b"{}")
             await self._hub.stop(requested.get("run"))
@@ -143,7 +143,7 @@ class Page:
         return JSONResponse({"words": "STOP was sent"})
 
     async def probe(self, request: Request) -> Response:
-        """Probe the devices; only the operator may request this."""
+        """Probe the devices at the operator's request."""
         who = client_host(request.scope)
         if not self._hub.people.is_operator_browser(self._access.viewer(request.headers)):
             self._refusals(who, "probe: not the operator's browser")
@@ -166,7 +166,7 @@ class Page:
         return JSONResponse(content)
 
     async def check_filter(self, request: Request) -> Response:
-        """Check changed filter parameters of a plan without storing them."""
+        """Check changed filter parameters of a plan, but do not store them."""
         try:
             requested = parse_object(await request.body())
         except ValueError:
@@ -205,7 +205,7 @@ class Page:
     async def history(self, request: Request) -> Response:
         """Return the history of a sensor."""
         named: str = request.path_params["sensor"]
-        # No register has longer numbers, and not every database accepts them.
+        # Registers do not have longer numbers, and not every database accepts them.
         if not (named.isascii() and named.isdigit() and len(named) < 10):
             return await self.not_found(request)
         if self._pending_histories > _MAX_WAITING:
@@ -213,7 +213,7 @@ class Page:
             return PlainTextResponse("too many histories are being drawn; wait a moment\n", 429)
         self._pending_histories += 1
         try:
-            # Draw one at a time, because figures use settings of the whole process.
+            # Histories are drawn one at a time, because figures use settings of the whole process.
             async with self._drawing_lock:
                 content = await asyncio.to_thread(self._history, int(named))
         except InercalError as error:
@@ -230,7 +230,7 @@ class Page:
         return HTMLResponse(content, headers={"content-security-policy": _STANDALONE_POLICY})
 
     async def not_found(self, request: Request, error: Exception | None = None) -> Response:
-        """Refuse an address that does not exist."""
+        """Answer a request for an address that does not exist."""
         self._refusals(
             client_host(request.scope),
             f"{request.method} {request.scope['path']}: nothing exists at this address",
@@ -238,11 +238,11 @@ class Page:
         return PlainTextResponse("nothing exists at this address\n", 404)
 
     async def live(self, websocket: WebSocket) -> None:
-        """Serve a viewer's websocket: send messages about the run, and execute commands."""
+        """Serve the websocket of a viewer: send messages about the run, and execute commands."""
         who = client_host(websocket.scope)
         shown, answer = self._access.viewer(websocket.headers), Response()
-        # A page that was opened before the server was restarted has an old cookie; a program has
-        # none.
+        # A page that was opened before a restart of the server has an old cookie. A program has no
+        # cookie.
         browser = shown or self._access.issue_viewer(websocket.headers, answer)
         tab = websocket.query_params.get("tab", "")[:_MAX_TAB] or None
         viewer = self._hub.add_viewer(self._version, browser, tab, Client(who, shown))
@@ -339,7 +339,7 @@ class Page:
             entry, noise = register.sensor(sensor), register.noise_history(sensor)
             alone = noise and not entry.calibrations
             history = None if alone else register.history(sensor)
-        # Drawing takes seconds, and between two runs all viewers see the same figures.
+        # Drawing takes seconds, and all viewers see the same figures between two runs.
         shows: object = entry, noise
         if history is not None:
             shows = history.sensor, history.entries, history.exclusions, noise
@@ -363,21 +363,21 @@ def application(
 
 
 async def _send_messages(websocket: WebSocket, viewer: Viewer) -> None:
-    """Send the messages for a viewer as fast as the viewer receives them."""
+    """Send the messages for a viewer, as fast as the viewer receives them."""
     with suppress(WebSocketDisconnect, RuntimeError):  # disconnected, or about to be
         while True:
             await websocket.send_text(await viewer.next_message())
 
 
 async def _send_heartbeats(viewer: Viewer) -> None:
-    """Send heartbeats, so that a page can tell a dead connection from a run without news."""
+    """Send heartbeats; a page can then distinguish a dead connection from a run without news."""
     while True:
         await asyncio.sleep(_HEARTBEAT_INTERVAL)
         viewer.send("beat", '{"kind": "beat"}')
 
 
 class _StaticFile:
-    """A static file of the page, also compressed, which saves 30 s over a link with 4 kB/s."""
+    """A static file of the page; a compressed copy saves 30 s over a link with 4 kB/s."""
 
     def __init__(self, content: bytes, media_type: str):
         self._content, self._media_type = content, media_type
@@ -393,7 +393,7 @@ class _StaticFile:
 
 
 def _static_files(folder: Traversable, prefix: str = "") -> list[tuple[str, _StaticFile]]:
-    """Return the static files, by the names that a request may use."""
+    """Return the static files, by the names in requests."""
     found: list[tuple[str, _StaticFile]] = []
     if not folder.is_dir():
         return found

@@ -1,7 +1,7 @@
-"""The devices that a request may choose, and what they report when they are probed.
+"""The devices that a request may choose, and the results of probing them.
 
-A request cannot name a path. A port is chosen by its number in the list. A typed address must be a
-network address, and its packets must match a preset.
+A request cannot contain a path. A port is chosen by its number in the list. A typed address must be
+a network address, and the packets from it must match a preset.
 """
 
 import re
@@ -28,7 +28,7 @@ _TABLE_BAUD, _IMU_BAUD = 9600, 115200
 
 
 class ChosenDevices(NamedTuple):
-    """Addresses of table and IMU; `simulated` is the packet preset if the bench is simulated."""
+    """Addresses of table and IMU; for a simulated bench, `simulated` is the packet preset."""
 
     table: str
     imu: str
@@ -42,7 +42,7 @@ class DeviceCatalogue:
     Parameters
     ----------
     table, imu, clock : str
-        Addresses that were given when the server was started; empty if none were.
+        Addresses that were stated when the server was started; empty if not stated.
     """
 
     def __init__(self, table: str = "", imu: str = "", clock: str = ""):
@@ -53,11 +53,12 @@ class DeviceCatalogue:
     def refresh(self) -> None:
         """Update the list of serial ports.
 
-        A port keeps its number, so a choice from an older list still means the same port.
+        The number of a port does not change, so a choice from an older list still means the same
+        port.
         """
         try:
             found = list(list_serial_ports())
-        except InputError:  # without pyserial there are no ports
+        except InputError:  # without pyserial, there are no ports
             found = []
         for port in found:
             self._numbers.setdefault(port.address, f"port-{len(self._numbers)}")
@@ -97,7 +98,7 @@ class DeviceCatalogue:
         return ChosenDevices(self.table(table), self.imu(imu), clock)
 
     def table(self, asked: object) -> str:
-        """Return the address of the table that a request chooses; raises as `chosen` does."""
+        """Return the address of the table that a request chooses; for errors, see `chosen`."""
         of = _require_object(asked, "table")
         if (address := _text_value(of, "address")) is not None:
             if not _TABLE.fullmatch(address):
@@ -114,7 +115,7 @@ class DeviceCatalogue:
         return f"motor:{port.address}?baud={_baud(of, _TABLE_BAUD)}"
 
     def imu(self, asked: object, *, preset_needed: bool = True) -> str:
-        """Return the address of the IMU that a request chooses; raises as `chosen` does."""
+        """Return the address of the IMU that a request chooses; for errors, see `chosen`."""
         of = _require_object(asked, "IMU")
         given = _text_value(of, "address")
         if given is None and of.get("id") == CONFIGURED and self._imu:
@@ -157,13 +158,13 @@ class DeviceCatalogue:
 
 
 def probe_devices(choice: DeviceCatalogue, plan: Plan | None, asked: JsonObject) -> dict[str, Any]:
-    """Return what table and IMU report as lines, and whether each of them could be probed.
+    """Probe table and IMU; return lines with the results, and whether each could be probed.
 
     The devices do not move.
     """
     bench = None
     if plan is not None and not plan.summary["trouble"]:
-        bench = host_plan(read(plan.path)).bench  # a plan for another kind of bench has trouble
+        bench = host_plan(read(plan.path)).bench  # a plan for another kind of bench has `trouble`
 
     def table() -> list[str]:
         return table_lines(devices.probe_table(choice.table(asked.get("table")), bench))

@@ -1,4 +1,4 @@
-"""The hub holds the active run and its viewers, and checks and executes their requests."""
+"""The hub connects the active run with its viewers, and checks and executes their requests."""
 
 import asyncio
 import json
@@ -23,10 +23,10 @@ from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_c
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.runs import Runs, StoredRun
 
-_MAX_NAME = 80  # characters of a sensor's name
-_EXIT_TIMEOUT = 15.0  # s within which a process must exit after its end message
-_TIMER_MARGIN = 0.1  # s; a timer may fire too early by this much
-_MAX_NOTE = 400  # characters of a note
+_MAX_NAME = 80  # largest number of characters of a sensor's name
+_EXIT_TIMEOUT = 15.0  # s; a process must exit in this time after its end message
+_TIMER_MARGIN = 0.1  # s; a timer may fire too early by this time
+_MAX_NOTE = 400  # largest number of characters of a note
 _COMMANDS = ("pause", "go on", "abort")
 _MANUAL_COMMANDS = ("begin manual", "manual", "release")
 _OPERATOR_COMMANDS = (
@@ -48,12 +48,12 @@ class Hub:
     options : RunOptions
         Options of each run.
     start : callable, optional
-        Starts the process for a run or a manual session.
+        Function that starts the process for a run or a manual session.
 
     Attributes
     ----------
     probe_lock : asyncio.Lock
-        Locked while the devices are probed, because no run may begin then.
+        Lock that is held while devices are probed, because no run may begin during this time.
     """
 
     def __init__(
@@ -78,15 +78,15 @@ class Hub:
 
     @property
     def is_run_active(self) -> bool:
-        """Whether a run is active; its end message ends it, even if the process still runs."""
+        """Whether a run is active; it ends with its end message, even if the process still runs."""
         return self.run_process is not None and not self._end_published
 
     def add_viewer(
         self, version: str, browser: str, tab: str | None, client: viewers.Client
     ) -> viewers.Viewer | None:
-        """Add a viewer and send it the current state of the run, then its history.
+        """Add a viewer; send it the current state of the run, and then the history of the run.
 
-        Returns None if there is no free place.
+        Returns None if no place is free.
         """
         if not self.people.make_place(client):
             return None
@@ -102,7 +102,7 @@ class Hub:
         return viewer
 
     def remove_viewer(self, viewer: viewers.Viewer) -> None:
-        """Remove a viewer; an operator's place becomes free later, and all viewers are told."""
+        """Remove a viewer; an operator's place becomes free later, and all viewers learn this."""
         operated = self.people.is_operator(viewer)
         if operated:
             self._halt_manual("the operator's page is gone")
@@ -119,7 +119,7 @@ class Hub:
         Raises
         ------
         InputError
-            The request is refused; the message says why.
+            The request is refused. The message states the reason.
         """
         if asked.get("do") not in COMMANDS:
             raise InputError(
@@ -196,7 +196,7 @@ class Hub:
         self._send_to_run(run_request.manual_line(self.people.operator or "", command))
 
     def _halt_manual(self, why: str) -> None:
-        """Stop all axes in a manual session because it has no operator any more."""
+        """Stop all axes in a manual session, because it no longer has an operator."""
         if self._is_manual and self.run_process is not None:
             self.run_process.send_line(f"{run_request.HALT}{why}")
 
@@ -213,19 +213,19 @@ class Hub:
             raise InputError("no run is active; start or resume a run first")
 
     async def stop(self, name: object = None) -> None:
-        """Stop the table at once, in the active run or else in a run outside this page.
+        """Stop the table at once, in the active run or in a run outside this page.
 
         Raises
         ------
         InputError
-            No run is active, or this server cannot reach it.
+            No run is active, or this server cannot reach the run.
         """
         if self.run_process is not None and name in (None, self.run_process.order.name):
             self.run_process.stop()
             return
-        # Finding the run means opening all journals. Meanwhile the event loop serves other viewers,
-        # who may also stop. This uses a thread of its own, because the others may be waiting for a
-        # register.
+        # To find the run, all journals must be opened. Meanwhile, the event loop serves other
+        # viewers, who may also stop the table. A separate thread is used, because the other threads
+        # may be waiting for a register.
         loop = asyncio.get_running_loop()
         await loop.run_in_executor(self._stop_executor, self.runs.stop, name)
 
@@ -235,7 +235,7 @@ class Hub:
         Raises
         ------
         InputError
-            One of them is active, on this page or elsewhere.
+            A stored run is active, on this page or elsewhere.
         """
         runs = await asyncio.to_thread(self.runs.all)
         if self.run_process is not None:
@@ -260,7 +260,7 @@ class Hub:
             await asyncio.wait([self._relay_task], timeout=patience)
 
     async def _choose(self, asked: JsonObject) -> tuple[ChosenDevices, Plan]:
-        """Return the devices and the plan in a request after checking that nothing is active."""
+        """Return the devices and the plan in a request, after checking that nothing is active."""
         chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
         plan = await asyncio.to_thread(self.plans.get, asked.get("plan"))
         await self._require_idle()
@@ -310,7 +310,7 @@ class Hub:
         self._launch(self._run_request(run.path, chosen, asked, None))
 
     async def _require_idle(self) -> Mapping[str, StoredRun]:
-        """Return the stored runs after checking that none is active and no probe is running."""
+        """Return the stored runs, after checking that no run and no probe is active."""
         if self._end_published:
             await self.wait_until_idle(_EXIT_TIMEOUT)
         runs = await self.require_no_active_run()
@@ -354,14 +354,14 @@ class Hub:
             ) from None
         is_manual = isinstance(order, run_request.ManualRequest)
         self._history, self._end_published = viewers.MessageHistory(keeps_trend=is_manual), False
-        # The process takes seconds before it sends its own first message.
+        # The process needs seconds before it sends its first message.
         starts = _message_text("phase", run=order.name, words="starting the run's process")
         self._history.add_message("phase", starts)
         self._broadcast("phase", starts)
         self._relay_task = asyncio.create_task(self._relay(self.run_process, self._history))
 
     async def _relay(self, run_process: RunProcess, kept: viewers.MessageHistory) -> None:
-        """Relay the messages of a run until there are no more."""
+        """Relay the messages of a run until its end."""
         async for kind, text in run_process.messages():
             self._end_published |= kind == "done"
             kept.add_message(kind, text)

@@ -1,4 +1,4 @@
-"""Parses requests from a page, which are JSON objects with unknown content."""
+"""Parses requests from a page: JSON objects whose content is not trusted."""
 
 import json
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ _AMBIENT_RANGE = (-90.0, 100.0)  # °C
 
 
 def parse_object(text: str | bytes) -> JsonObject:
-    """Parse a text as a JSON object and return it.
+    """Convert a text to a JSON object.
 
     Raises
     ------
@@ -24,18 +24,19 @@ def parse_object(text: str | bytes) -> JsonObject:
         result = None
     if result is None:
         raise ValueError("the message is not a JSON object; send one")
-    # JSON can contain half of a surrogate pair, which no file, database or reply can represent.
+    # JSON can contain half of a surrogate pair, which files, databases and replies cannot
+    # represent.
     json.dumps(result, ensure_ascii=False).encode()
     return result
 
 
 def object_or_none(value: object) -> JsonObject | None:
-    """Return a value if it is a JSON object, otherwise None."""
+    """Return a value if it is a JSON object, and None otherwise."""
     return cast("JsonObject", value) if isinstance(value, Mapping) else None
 
 
 def printable_line(text: object, most: int) -> str | None:
-    """Return a typed text without surrounding spaces; None if it is not a printable line."""
+    """Return a typed text without outer spaces; None if it is not a printable line."""
     if not isinstance(text, str) or not text.isprintable():
         return None
     return text.strip() if 0 < len(text.strip()) <= most else None

@@ -1,9 +1,9 @@
 """A manual session as a separate process: `python -m inercal.host.web.manual_worker`.
 
-The first line of its standard input is the `ManualRequest`. Then come the operator's commands, and
-`abort` ends the session. Unlike a run, a session does not continue without its server: at the end
-of the input, all axes are stopped and the session ends. SIGINT and SIGTERM stop the table, also
-through the watchdog.
+The first line of standard input is the `ManualRequest`. The following lines are the operator's
+commands, and `abort` ends the session. Unlike a run, a session does not continue without the
+server: at the end of the input, all axes are stopped, and the session ends. SIGINT and SIGTERM stop
+the table, also through the watchdog.
 """
 
 import os
@@ -26,11 +26,11 @@ from inercal.host.web.telemetry import ManualTelemetry
 from inercal.host.web.worker_process import LineReader, Publisher, serve_request
 from inercal.runfile import read
 
-_PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s for which the watchdog tries to reach a table
+_PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s; the watchdog tries to reach a table
 
 
 class SessionRelay:
-    """Passes the commands from standard input to the session once it exists.
+    """Passes commands from standard input to the session, as soon as the session exists.
 
     Attributes
     ----------
@@ -42,19 +42,19 @@ class SessionRelay:
         self._end_words = ""
 
     def attach(self, session: ManualSession) -> None:
-        """Pass commands to a session from now on, including an end that was requested before."""
+        """From now on, pass commands to a session, including an earlier request to end."""
         self.session = session
         if self._end_words:
             session.end(self._end_words)
 
     def hear(self, lines: LineReader) -> None:
-        """Pass on lines until the input ends, which means that the server is gone."""
+        """Pass on lines until the input ends; this means that the server is gone."""
         while (line := lines.next_line()) is not None:
             self.hear_line(line)
         self.end("the server of the page is gone")
 
     def hear_line(self, line: str) -> None:
-        """Execute a line; before the session exists, only remember a request to end."""
+        """Execute a line; before the session exists, only a request to end is remembered."""
         if line == run_request.END:
             self.end("ended by the operator")
         elif self.session is None:
@@ -83,7 +83,7 @@ class SessionRelay:
         Raises
         ------
         KeyboardInterrupt
-            Nothing is moving yet.
+            The session does not exist yet, so nothing is moving.
         """
         if self.session is None:
             raise KeyboardInterrupt
@@ -91,7 +91,7 @@ class SessionRelay:
 
 
 def main() -> int:
-    """Carry out the session and return the exit status."""
+    """Carry out the session, and return the exit status."""
     relay = SessionRelay()
     end = serve_request(
         run_request.ManualRequest.from_json,
@@ -134,12 +134,13 @@ def _operate(order: run_request.ManualRequest, publisher: Publisher, relay: Sess
             journal.record_event("info", _begin_text(order))
             telemetry = ManualTelemetry(order, run, publisher, journal)
             opened.callback(telemetry.publish_events)
-            # A simulated table ends with this process, so the watchdog need not try to reach it.
+            # A simulated table ends together with this process, so the watchdog need not try for
+            # long to reach it.
             patience = _SIMULATED_PATIENCE if simulated is not None else _PATIENCE
             session = opened.enter_context(
                 ManualSession(run, journal, addresses, telemetry, patience)
             )
-            # The devices have answered, so the folder is kept from now on.
+            # The devices have answered, so from now on, the folder is kept.
             removed.pop_all()
         telemetry.publish_plan(session)
         relay.attach(session)

@@ -1,6 +1,6 @@
-"""Converts a run's plan, state and samples to messages in the units and words of the page.
+"""Converts the plan, state and samples of a run to messages in the units of the page.
 
-Numbers are rounded to a resolution that a page can show, and an unknown number is null.
+Numbers are rounded to a resolution that a page can show. An unknown number is null.
 """
 
 from collections.abc import Sequence
@@ -26,13 +26,14 @@ from inercal.physics.sensors import Axis
 from inercal.runfile import Run
 
 _SIGNIFICANT_DIGITS = 7
-# A run has about a hundred independent windows for two filters, so 1 run in 50 is named by chance.
+# A run has about a hundred independent windows for two filters, so a warning appears in 1 of 50
+# runs by chance.
 _NIS_LEVEL = 1e-4
-_MAX_NIS = 4.0  # the innovations are then twice as large as stated
+_MAX_NIS = 4.0  # at this NIS, innovations are twice as large as stated
 
 
 def plan_message(run: Run) -> dict[str, Any]:
-    """Return the message about the plan, which is known before anything moves."""
+    """Return the message about the plan; it can be sent before anything moves."""
     sensor, plan = run.sensor, host_plan(run)
     coefficients = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
     measures = {axis.name: axis.measures for axis in sensor.axes}
@@ -70,7 +71,7 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
     ----------
     run : BenchRun
     plan : Run
-        The run file.
+        The run from the run file.
     angles : (k,) array or None
         Angles of the table at the time of the navigation solution, rad.
     """
@@ -97,7 +98,7 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
 
 
 def final_estimates(calibration: Calibration) -> dict[str, Any]:
-    """Return the values and expanded uncertainties (k = 2) in a calibration, by coefficient."""
+    """Return values and expanded uncertainties (k = 2) from a calibration, by coefficient."""
     sensor = calibration.sensor
     sizes = np.array([sensor.coefficient(name).si for name in sensor.coefficients])
     return {
@@ -108,7 +109,7 @@ def final_estimates(calibration: Calibration) -> dict[str, Any]:
 
 
 def samples_message(time: Array, output: Array, every: int) -> dict[str, Any]:
-    """Return (n, m) samples in output units at run times (n,) in s, or means of `every` each."""
+    """Return the message with samples, (n, m), at run times, (n,), s; each a mean of `every`."""
     return {
         "t": [round(t, 4) for t in time.tolist()],
         "y": [[rounded_number(y, 6) for y in column] for column in output.T.tolist()],
@@ -117,15 +118,15 @@ def samples_message(time: Array, output: Array, every: int) -> dict[str, Any]:
 
 
 def nis_fields(ratio: float, count: int) -> dict[str, Any]:
-    """Return how well the innovations agree with their stated covariance, in the verdict's words.
+    """Describe how well innovations agree with their covariance, in the words of the verdict.
 
     Parameters
     ----------
     ratio : float
         Normalised innovation squared (NIS) per component.
     count : int
-        Number of components in the mean `ratio`. If the stated covariance is right, count · ratio
-        is χ² with this many degrees of freedom.
+        Number of components in the mean `ratio`. If the stated covariance is correct, count · ratio
+        follows χ² with this number of degrees of freedom.
     """
     tail = chi2_tail_probability(ratio * count, count)
     p = 2 * min(tail, 1 - tail)
@@ -142,7 +143,7 @@ def rounded_number(value: float | None, digits: int = _SIGNIFICANT_DIGITS) -> fl
 
 
 def rounded_numbers(values: Sequence[float] | Array) -> list[float | None]:
-    """Return each number rounded to significant digits; None for unknown ones."""
+    """Return numbers rounded to significant digits; None replaces unknown numbers."""
     return [rounded_number(float(value)) for value in values]
 
 
@@ -159,7 +160,7 @@ def imu_fields(
     no_angle: int | None = None,
     temperature: float | None = None,
 ) -> dict[str, Any]:
-    """Return an IMU's packet counts and its temperature in °C."""
+    """Return the packet counts of an IMU and its temperature in °C."""
     return {
         "packets": counts.packets,
         "lost": counts.lost,
@@ -183,7 +184,7 @@ def axis_fields(axis: AxisState) -> dict[str, Any]:
 
 
 def _set_rate(task: Task | None, phase: str) -> float | None:
-    """Return the set rate of a rate table, °/s; it is 0 while no state is in progress."""
+    """Return the set rate of a rate table, °/s; 0 while no state is in progress."""
     if not isinstance(task, SpinTask):
         return None
     return rounded_number(degrees(task.rate if phase in ("approach", "work") else 0.0))
@@ -196,14 +197,14 @@ def _task_text(task: Task) -> str:
 
 
 def _attitude_fields(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, Any] | None:
-    """Return the attitude from the table and from the IMU's readings, if they are known."""
+    """Return the attitudes from the table and from the IMU's readings, if they are known."""
     if not plan.motion_control.has_attitude:
         return None
     bench = require_turntable(plan)
     seen = run.state
     at = run.recorder.navigation if run.recorder.estimation == "on" else None
     if at is None and seen is not None and all(axis.homed for axis in seen.axes):
-        # This needs no samples, and none for the same time.
+        # The attitude from the table needs no samples.
         angles = np.array([axis.angle for axis in seen.axes])
     if angles is None:
         return None

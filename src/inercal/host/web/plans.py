@@ -1,6 +1,7 @@
 """The available plans: the run files in one folder, and the demonstration's run file.
 
-Filter parameters that an operator changes on the page are checked like those in the run file.
+If an operator changes filter parameters on the page, they are checked like the parameters in a run
+file.
 """
 
 from collections.abc import Mapping
@@ -22,18 +23,18 @@ _SECTIONS = frozenset(RunSchema.model_fields)
 _DEMO = "demo"
 _LOGGED_BYTES, _COLUMN_BYTES, _OTHER_COLUMNS = 64, 8, 4  # per sample
 _OTHER_BYTES = 5_000_000  # report, calibration, journal
-_HOMING_TIME = 60.0  # s; allowed before the first step
+_HOMING_TIME = 60.0  # s; estimated time before the first step
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A run file that may be usable as a plan.
+    """A run file that may be used as a plan.
 
     Parameters
     ----------
     path : Path
     summary : dict
-        Summary for the page; `trouble` says why the file cannot be used as a plan.
+        Summary for the page; `trouble` states why the file cannot be used as a plan.
     """
 
     path: Path
@@ -63,7 +64,7 @@ class Plans:
         return result
 
     def get(self, name: object) -> Plan | None:
-        """Return the plan with a name; None if there is none."""
+        """Return the plan with a given name; None if there is no such plan."""
         return self.all().get(name) if isinstance(name, str) else None
 
     def _plan(self, name: str, path: Path) -> Plan | None:
@@ -80,7 +81,7 @@ class Plans:
 
 
 def _read_plan(name: str, path: Path) -> Plan | None:
-    """Return the plan in a file; None if the file is not a run file."""
+    """Read the plan in a file; return None if the file is not a run file."""
     summary: dict[str, Any] = {
         "id": name, "file": path.name, "sensor": "", "steps": 0, "seconds": 0.0, "method": "",
         "bytes": 0,
@@ -101,11 +102,11 @@ def _read_plan(name: str, path: Path) -> Plan | None:
 
 
 def expected_size(run: Run) -> int:
-    """Return an upper estimate of the disk space that a run needs, bytes.
+    """Return an upper estimate of the disk space that a run needs, in bytes.
 
-    Each sample has its packet in the log and a row of numbers in the recording. A measurement with
-    the 15-step plan from the tests (59 000 samples of six axes) gave 46 bytes per sample in the
-    log, 90 in the recording, and 1 MB for everything else.
+    For each sample, there is a packet in the log and a row of numbers in the recording. A
+    measurement with the 15-step plan from the tests (59 000 samples of six axes) gave 46 bytes per
+    sample in the log, 90 bytes in the recording, and 1 MB for all other files.
     """
     plan = host_plan(run)
     columns = len(run.sensor.axes) + len(plan.bench.names) + _OTHER_COLUMNS
@@ -114,7 +115,7 @@ def expected_size(run: Run) -> int:
 
 
 def _resembles_run_file(path: Path) -> bool:
-    """Return whether an invalid file looks as if it were meant to be a run file."""
+    """Return whether an invalid file was probably meant to be a run file."""
     try:
         return bool(_SECTIONS & read_toml(path).keys())
     except InputError:
@@ -125,7 +126,7 @@ _MAX_CHANGES, _MAX_TEXT = 32, 40
 
 
 def filter_changes(requested: object) -> Mapping[str, str] | None:
-    """Return the requested changes by key; None if there are none.
+    """Return the requested changes, by key; None if there are no changes.
 
     Raises
     ------
@@ -147,19 +148,19 @@ def filter_changes(requested: object) -> Mapping[str, str] | None:
 
 
 def require_filter_changes(plan: Plan, changes: Mapping[str, str] | None) -> None:
-    """Refuse changes that would be invalid in the run file.
+    """Raise an error if changes would be invalid in the run file.
 
     Raises
     ------
     InputError
-        A change is invalid; the message names the first such key and what is wrong with it.
+        A change is invalid. The message names the first such key and the problem.
     """
     for key, words in filter_errors(plan.path, changes).items() if changes else ():
         raise InputError(f"{FILTER_KEY} {key}: {words}".replace(" : ", ": "), key=key)
 
 
 def check_filter_changes(plan: Plan | None, requested: JsonObject) -> dict[str, str]:
-    """Return what is wrong with the requested changes, as texts by key.
+    """Return the problems with the requested changes, as texts by key.
 
     Raises
     ------

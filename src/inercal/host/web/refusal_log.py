@@ -1,4 +1,4 @@
-"""Logs refusals on standard error, one line each, at a limited rate."""
+"""Logs refusals on standard error, with one line each and a limited rate."""
 
 import logging
 import sys
@@ -13,7 +13,7 @@ _MAX_TEXT = 300  # characters
 
 
 def escape_control_characters(text: str) -> str:
-    r"""Return a text on one line with control characters escaped, as a client may send anything.
+    r"""Return a text from a client on one line, with control characters escaped.
 
     >>> escape_control_characters("a\nb\x1b[2J")
     'a\\nb\\x1b[2J'
@@ -23,14 +23,14 @@ def escape_control_characters(text: str) -> str:
 
 
 class RefusalLog:
-    """Logs refusals; if there are too many, it logs only the number of the remaining ones.
+    """Logs refusals; if there are too many, only the number of the others is logged.
 
     Parameters
     ----------
     write : callable, optional
-        Takes a line; writes to standard error by default.
+        Function that writes a line; by default, to standard error.
     now : callable, optional
-        Returns the time, s.
+        Function that returns the time, s.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class RefusalLog:
 
 
 class RefusalHandler(logging.Handler):
-    """Logs the web server's own refusals and errors, one line each."""
+    """Logs refusals and errors of the web server itself, with one line each."""
 
     def __init__(self, refused: RefusalLog):
         super().__init__(logging.WARNING)
@@ -70,7 +70,7 @@ class RefusalHandler(logging.Handler):
         words = record.getMessage().strip()
         error = record.exc_info[1] if record.exc_info else None
         if error is not None:
-            # Do not write a whole traceback: a client could fill the disk with them.
+            # Tracebacks are not written, because a client could fill the disk with them.
             frames = traceback.extract_tb(error.__traceback__)
             where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
             words = f"{words}: {type(error).__name__}{where}: {error}"

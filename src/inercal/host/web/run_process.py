@@ -1,7 +1,7 @@
-"""The server's side of a run's process: start, send, receive, stop.
+"""The process of a run, as the server sees it: start, send, receive and stop.
 
-The process leads its own session, so it is not affected when the server, or the terminal from which
-the server was started, goes away.
+The process has its own session, so it is not affected if the server ends or the terminal from which
+the server was started is closed.
 """
 
 import asyncio
@@ -14,7 +14,7 @@ from subprocess import PIPE, Popen
 
 from inercal.host.web.run_request import ProcessRequest
 
-_MAX_MESSAGE = 1 << 20  # bytes in a message
+_MAX_MESSAGE = 1 << 20  # largest number of bytes in a message
 
 
 class RunProcess:
@@ -24,7 +24,7 @@ class RunProcess:
     ----------
     order : ProcessRequest
     command : sequence of str, optional
-        Command that starts the process; by default the worker of the request.
+        Command that starts the process; by default, it starts the worker of the request.
     """
 
     def __init__(self, order: ProcessRequest, command: tuple[str, ...] = ()):
@@ -36,7 +36,7 @@ class RunProcess:
         self.send_line(order.json_line)
 
     def send_line(self, line: str) -> bool:
-        """Send a line to the process; return False if the process does not read it."""
+        """Send a line to the process; return False if the process does not read its input."""
         assert self._process.stdin
         data = f"{line}\n".encode()
         try:
@@ -51,7 +51,7 @@ class RunProcess:
                 os.killpg(self._process.pid, signal.SIGINT)
 
     async def messages(self) -> AsyncGenerator[tuple[str, str]]:
-        """Yield the kind and text of each message from the process until there are no more."""
+        """Yield the kind and text of each message from the process until its output ends."""
         assert self._process.stdout
         reader = asyncio.StreamReader(_MAX_MESSAGE)
         protocol = asyncio.StreamReaderProtocol(reader)
@@ -62,7 +62,7 @@ class RunProcess:
                 kind, _, text = line.decode("utf-8", "replace").rstrip("\n").partition(" ")
                 yield kind, text
         except ValueError:
-            return  # an unterminated line is not one of our messages
+            return  # an unterminated line is not a complete message
         finally:
             transport.close()
 
@@ -71,5 +71,5 @@ class RunProcess:
         assert self._process.stdin
         with suppress(OSError):
             self._process.stdin.close()
-        # Wait in a thread, because a run that is being stopped may need some time to end.
+        # The wait is in a thread, because a run that is being stopped may need some time to end.
         return await asyncio.to_thread(self._process.wait)

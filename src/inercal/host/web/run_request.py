@@ -1,4 +1,4 @@
-"""Requests to the process of a run or of a manual session, and the messages about its end.
+"""Requests to the process of a run or a manual session, and messages about its end.
 
 The process also leaves a record in the run's folder.
 """
@@ -24,24 +24,24 @@ from inercal.runfile.filter_fields import changed_section
 
 PROCESS_RECORD = "run.page.json"
 MANUAL_JOURNAL = "manual.journal"
-# First words of lines to a process; MANUAL and HALT are for sessions, MOUNTED is for runs.
+# First words of lines to a process. MANUAL and HALT are for sessions, and MOUNTED is for runs.
 NOTE, MOUNTED, MANUAL, HALT, END = "note ", "mounted ", "manual ", "halt ", "abort"
 EndMessage = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class ProcessRequest(ABC):
-    """The request to a process that drives the bench, sent as one line of JSON.
+    """A request to a process that drives the bench; it is sent as one line of JSON.
 
     Parameters
     ----------
     folder : str
-        Folder that the process writes.
+        Folder to which the process writes.
 
     Attributes
     ----------
     worker : str
-        The module that carries out the request.
+        Name of the module that carries out the request.
     """
 
     worker: ClassVar[str]
@@ -61,16 +61,16 @@ class ProcessRequest(ABC):
     @property
     @abstractmethod
     def premature_state(self) -> str:
-        """The `state` to report if the process ends early."""
+        """The `state` that is reported if the process ends early."""
 
     @property
     @abstractmethod
     def loss_text(self) -> str:
-        """What happens to the table and to the run if the process is lost."""
+        """Text that says what happens to table and run if the process is lost."""
 
     @classmethod
     def from_json(cls, line: str) -> Self:
-        """Parse a request from a line.
+        """Convert a line to a request.
 
         Raises
         ------
@@ -95,29 +95,29 @@ class RunRequest(ProcessRequest):
     folder : str
         Folder of the run.
     plan : str or None
-        The run file; None to resume the run in the folder.
+        Path of the run file; None means that the run in the folder is resumed.
     sensor : str or None
-        The sensor's name, if it differs from the one in the run file.
+        Name of the sensor, if it differs from the name in the run file.
     requested_by : str
         Name of the person who requests the run.
     table, imu, clock : str
-        Addresses; an empty one is unchanged from before.
+        Addresses of the devices; an empty text means that the address has not changed.
     simulated : str or None
         Packet preset of the simulated bench; None for a real bench.
     seed : int
-        Seed of this bench, unless the run already has one.
+        Seed of the simulated bench, unless the run already has a seed.
     speed : float or None
-        Largest speed of the simulated bench, in bench seconds per second of wall time.
+        Highest speed of the simulated bench, in bench seconds per second of wall time.
     register : str or None
         Address of the register.
     temperature : (float, float) or None
-        Allowed temperature range of the IMU, K.
+        Permitted temperature range of the IMU, K.
     patience : float
         Longest time without data from the IMU before the run ends, s.
     ambient : float or None
         Room temperature that the operator typed, °C.
     filter : mapping of str to str, optional
-        Filter parameters that the operator has changed, as in `changed_section`.
+        Filter parameters that the operator has changed; see `changed_section`.
     """
 
     worker = "inercal.host.web.worker"
@@ -149,17 +149,17 @@ class RunRequest(ProcessRequest):
 
     @property
     def is_resumable(self) -> bool:
-        """Whether there is a journal from which the run can be resumed."""
+        """Whether a journal exists from which the run can be resumed."""
         return (Path(self.folder) / JOURNAL).is_file()
 
     @property
     def premature_state(self) -> str:
-        """As in `ProcessRequest`."""
+        """See `ProcessRequest`."""
         return "interrupted" if self.is_resumable else "not begun"
 
     @property
     def loss_text(self) -> str:
-        """As in `ProcessRequest`."""
+        """See `ProcessRequest`."""
         if self.is_resumable:
             return "; the watchdog brings the table to rest, and the run can be resumed"
         return " before anything moved"
@@ -174,17 +174,18 @@ class ManualRequest(ProcessRequest):
     folder : str
         Folder of the session.
     plan : str
-        The run file whose [bench] states the axes and their limits; its plan is not executed.
+        Path of the run file. Its [bench] states the axes and their limits; its plan is not
+        executed.
     requested_by : str
         Name of the person who requests the session.
     table, imu, clock : str
-        Addresses; the IMU's is empty if it is not to be read.
+        Addresses of the devices; the IMU's address is empty if the IMU is not read.
     simulated : str or None
         Packet preset of the simulated bench; None for a real bench.
     seed : int
-        Seed of this bench.
+        Seed of the simulated bench.
     with_imu : bool
-        Whether the IMU is read, also on a simulated bench.
+        Whether the IMU is read; this also applies to a simulated bench.
     """
 
     worker = "inercal.host.web.manual_worker"
@@ -200,17 +201,17 @@ class ManualRequest(ProcessRequest):
 
     @property
     def premature_state(self) -> str:
-        """As in `ProcessRequest`."""
+        """See `ProcessRequest`."""
         return "manual"
 
     @property
     def loss_text(self) -> str:
-        """As in `ProcessRequest`."""
+        """See `ProcessRequest`."""
         return "; the watchdog brings the table to rest"
 
 
 def mounted_line(number: int, mounting: str, by: str) -> str:
-    """Return the line with which somebody confirms a mounting for request `number`."""
+    """Return the line by which somebody confirms a mounting for a request."""
     return f"{MOUNTED}{json.dumps([number, mounting, by])}"
 
 
@@ -241,13 +242,13 @@ def end_message(order: ProcessRequest, state: str, words: str = "", **more: obje
     ----------
     order : ProcessRequest
     state : "done", "carried out", "interrupted", "not begun" or "manual"
-        "carried out" means complete but not calibrated. "not begun" means that there is nothing to
-        resume. "manual" is the end of a manual session.
+        "carried out" means that the plan is complete but the run was not calibrated. "not begun"
+        means that there is nothing to resume. "manual" means the end of a manual session.
     words : str
-        Why the state is not "done".
+        Reason why the state is not "done".
     **more
-        "report", "calibration", "history" and "verdict", if there are any, and "estimates": the
-        coefficients in the calibration file with their uncertainties.
+        "report", "calibration", "history" and "verdict", if they exist, and "estimates", which
+        contains the coefficients in the calibration file with their uncertainties.
     """
     links = dict.fromkeys(("report", "calibration", "history", "verdict", "estimates"))
     return {"run": order.name, "state": state, "words": words, **links, **more}
@@ -259,20 +260,20 @@ def premature_end_message(order: ProcessRequest, words: str) -> EndMessage:
 
 
 class SimulationRequest(NamedTuple):
-    """Packet preset and seed of a simulated bench for a run."""
+    """Packet preset and seed of the simulated bench of a run."""
 
     preset: str
     seed: int
 
 
 class ProcessRecord(NamedTuple):
-    """The record that a run's process leaves in the folder.
+    """The record that the process of a run writes to the folder.
 
     Parameters
     ----------
     process : int
-        Process ID, valid while the record is locked (`is_locked`); an old ID may belong to another
-        process by now.
+        Process ID. It is only valid while the record is locked (`is_locked`), because an old ID may
+        now belong to another process.
     simulated : SimulationRequest or None
         The simulated bench of the run.
     """
@@ -282,7 +283,7 @@ class ProcessRecord(NamedTuple):
 
 
 def write_process_record(folder: Path, simulated: SimulationRequest | None) -> int:
-    """Write the record and return a descriptor that keeps it locked until the process ends.
+    """Write the record, and return a descriptor that keeps it locked until the process ends.
 
     Raises
     ------
@@ -300,7 +301,7 @@ def write_process_record(folder: Path, simulated: SimulationRequest | None) -> i
 
 
 def read_process_record(folder: Path) -> ProcessRecord | None:
-    """Return the record in a folder; None if there is none."""
+    """Return the record in a folder; None if there is no record."""
     try:
         content: Mapping[str, Any] = json.loads((folder / PROCESS_RECORD).read_bytes())
         was = content["simulated"]
@@ -318,15 +319,15 @@ def run_in_progress(folder: Path) -> bool:
 def changed_run_file(
     path: Path, sensor: str | None, filter_changes: Mapping[str, str] | None
 ) -> bytes | None:
-    """Return the text of a run file with an operator's changes; None without changes.
+    """Return the text of a run file with an operator's changes; None if there are no changes.
 
     Parameters
     ----------
     path : Path
     sensor : str or None
-        The sensor's new name, if it changes.
+        New name of the sensor, if it changes.
     filter_changes : mapping of str to str or None
-        Changes to the filter parameters, as in `changed_section`.
+        Changes to the filter parameters; see `changed_section`.
 
     Raises
     ------
@@ -336,7 +337,7 @@ def changed_run_file(
     if sensor is None and not filter_changes:
         return None
     try:
-        read_toml(path, "run file")  # limits size and depth, which tomlkit does not
+        read_toml(path, "run file")  # this limits size and depth; tomlkit does not
         document: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
         if sensor is not None:
             document["sensor"]["name"] = sensor

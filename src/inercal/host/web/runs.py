@@ -1,4 +1,4 @@
-"""The runs in one folder, whoever started them, and their entries in the register."""
+"""All runs in one folder, whoever started them, and their entries in the register."""
 
 import shutil
 import signal
@@ -19,13 +19,13 @@ UNREADABLE = "unreadable"  # state of a run whose journal cannot be read
 
 
 class StoredRun(NamedTuple):
-    """A stored run in its folder.
+    """A run that is stored in a folder.
 
     Parameters
     ----------
     path : Path
     stem : str
-        Stem of the names of the run file and of the results.
+        First part of the names of the run file and of the results.
     summary : dict
         Summary for the page.
     """
@@ -36,7 +36,7 @@ class StoredRun(NamedTuple):
 
     @property
     def state(self) -> str:
-        """The state in the journal's header; "running" only if a process drives the run."""
+        """The state in the header of the journal; "running" only if a process drives the run."""
         return self.summary["state"]
 
     def output_file(self, kind: str) -> Path:
@@ -56,15 +56,15 @@ class Runs:
         self.folder = folder
 
     def all(self) -> dict[str, StoredRun]:
-        """Return the runs by the names of their folders, latest first."""
+        """Return the runs by the names of their folders; the latest comes first."""
         found = [_stored_run(journal.parent) for journal in self.folder.glob(f"*/{JOURNAL}")]
         found.sort(key=lambda one: one.summary["begun"], reverse=True)
         return {one.path.name: one for one in found}
 
     def active_folders(self) -> list[Path]:
-        """Return the folders of active runs and manual sessions, whoever started them.
+        """Return the folders of all active runs and manual sessions, whoever started them.
 
-        This reads no journal, because a stop must not depend on one.
+        This reads no journal, because a stop must not depend on a journal.
         """
         names = (JOURNAL, run_request.MANUAL_JOURNAL)
         folders = dict.fromkeys(p.parent for name in names for p in self.folder.glob(f"*/{name}"))
@@ -75,7 +75,7 @@ class Runs:
         return [one for one in self.active_folders() if (one / run_request.MANUAL_JOURNAL).exists()]
 
     def new_folder(self, stem: str) -> Path:
-        """Return an unused path for the folder of a run."""
+        """Return a path for the folder of a new run that does not exist yet."""
         name = f"{stem}-{datetime.now():%Y%m%d-%H%M%S}"
         result, count = self.folder / name, 1
         while result.exists():
@@ -84,14 +84,14 @@ class Runs:
         return result
 
     def free_space(self) -> int:
-        """Return the free bytes on the disk; 0 if the folder is gone."""
+        """Return the number of free bytes on the disk; 0 if the folder is gone."""
         try:
             return shutil.disk_usage(self.folder).free
         except OSError:
             return 0
 
     def require_room(self, needed: int) -> None:
-        """Refuse a run for which the disk has too little free space."""
+        """Raise an error if the disk has too little free space for a run."""
         if (free := self.free_space()) < needed:
             raise InputError(
                 f"{self.folder}: the run needs about {needed / 1e6:.0f} MB, but only "
@@ -100,7 +100,7 @@ class Runs:
             )
 
     def stop(self, name: object) -> None:
-        """Stop the run in a folder of this name, or all active runs if `name` is None."""
+        """Stop the run in the folder with a name, or all active runs if `name` is None."""
         there = [one for one in self.active_folders() if name in (None, one.name)]
         if not there:
             raise InputError("there is no active run to stop; reload the page to see all runs")
@@ -114,8 +114,8 @@ class Runs:
     def enter(self, register: str | None) -> list[str]:
         """Enter all inactive runs in the register; return descriptions of the failures.
 
-        A run that is registered as done is skipped, because it has ended, and its raw data, which
-        may be many gigabytes, were verified when it was entered.
+        A run that is registered as done is skipped, because its raw data, which may be many
+        gigabytes, were verified when it was entered.
 
         Raises
         ------
@@ -139,7 +139,7 @@ class Runs:
 
 
 def _stored_run(path: Path) -> StoredRun:
-    """Return the run in a folder; if its journal cannot be read, its summary has the reason."""
+    """Return the run in a folder; if its journal cannot be read, its summary states why."""
     stem, state = "", UNREADABLE
     summary: dict[str, Any] = {"id": path.name, "sensor": path.name, "begun": "", "report": False}
     try:
@@ -157,7 +157,7 @@ def _stored_run(path: Path) -> StoredRun:
 
 
 def _sensor_name(run_file: Path) -> str:
-    """Return the sensor's name from a run file without checking the rest."""
+    """Return the name of the sensor in a run file; the rest is not checked."""
     try:
         return str(read_toml(run_file, "run file")["sensor"]["name"])
     except (InputError, KeyError, TypeError):
@@ -165,9 +165,8 @@ def _sensor_name(run_file: Path) -> str:
 
 
 def _interrupt_process(folder: Path) -> bool:
-    """Signal the process of a page's run in a folder to stop; return False if there is none."""
-    # A record that nobody has locked is old, and its process ID may belong to another process by
-    # now.
+    """Send a stop signal to the process of a run in a folder; False if there is no process."""
+    # If a record is not locked, it is old, and its process ID may now belong to another process.
     is_driven = is_locked(folder / run_request.PROCESS_RECORD)
     was = run_request.read_process_record(folder) if is_driven else None
     if was is None:

@@ -1,16 +1,18 @@
-"""The web server of the page: where it listens, and how it shuts down.
+"""The web server of the page: how it listens, limits connections and shuts down.
 
-Ending the server during a run stops the run: the server waits until the table is at rest and the
-run's process has ended. A second Ctrl-C ends the server at once; the run is stopped nevertheless.
+If the server is ended during a run, the run is stopped. The server waits until the table is at rest
+and the process of the run has ended. A second Ctrl-C ends the server at once, but the run is still
+stopped.
 
 The web server itself (uvicorn) waits without limit for the first request on a connection, and for a
 client that does not read its answer. Its own limit on connections would refuse the latest client.
-Therefore `ConnectionLimits`, an ASGI middleware, records which clients have sent a request, and
-closes the other connections after a timeout. If there are too many connections, it closes some from
-the address that has the most: first those without a request, then those with one, always the
-oldest, since the page's own requests are answered quickly. A connection is not closed within its
-first `CHECK_INTERVAL`. Websockets belong to viewers, whose number has its own limit. Each
-connection serves one request, as the headers of the answer say, or becomes a websocket.
+`ConnectionLimits`, an ASGI middleware, therefore records which clients have sent a request, and
+closes the other connections after a timeout. If there are too many connections, it closes
+connections of the address that has the most: first connections without a request, and then
+connections with a request. The oldest connections are closed first, because the page's own requests
+are answered quickly. A connection is not closed within its first `CHECK_INTERVAL`. Websockets
+belong to viewers, whose number has a separate limit. According to the headers of the answer, each
+connection serves only one request or becomes a websocket.
 """
 
 import asyncio
@@ -45,21 +47,21 @@ from inercal.host.web.runs import Runs
 from inercal.host.web.viewers import MAX_VIEWERS
 from inercal.laboratory.store import Register
 
-MAX_CONNECTIONS = 256  # connections, including those of viewers
+MAX_CONNECTIONS = 256  # connections, including the viewers' connections
 CHECK_INTERVAL = 0.1  # s
-_IDLE_TIMEOUT, _REQUEST_TIMEOUT = 10.0, 120.0  # s before a request, and for one with its answer
+_IDLE_TIMEOUT, _REQUEST_TIMEOUT = 10.0, 120.0  # s before a request, and for request and answer
 
 _Client = tuple[str, int]
 
 
 class Connection(Protocol):
-    """The web server's record of one connection."""
+    """A connection, as the web server records it."""
 
     transport: Transport
 
 
 class ConnectionLimits:
-    """An ASGI application that records which clients send requests, and limits connections.
+    """ASGI middleware that records which clients send requests, and limits connections.
 
     Parameters
     ----------
@@ -69,8 +71,8 @@ class ConnectionLimits:
 
     def __init__(self, app: ASGIApp, refused: RefusalLog):
         self._app, self._refusals = app, refused
-        self._asked: dict[_Client, str] = {}  # clients that sent a request, and its kind
-        self._ended: dict[_Client, float] = {}  # when the websocket of a client ended
+        self._asked: dict[_Client, str] = {}  # clients with a request, and the kind of the request
+        self._ended: dict[_Client, float] = {}  # end time of the websocket of a client
         self._begun: WeakKeyDictionary[Connection, float] = WeakKeyDictionary()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -84,7 +86,7 @@ class ConnectionLimits:
                 self._ended[host, port] = monotonic()
 
     def close_overdue(self, connections: Collection[Connection]) -> None:
-        """Close connections that are idle for too long, take too long or are too many."""
+        """Close connections that are idle for too long, take too long or are too numerous."""
         now = monotonic()
         clients = {_client(one) for one in connections}
         self._asked = {who: kind for who, kind in self._asked.items() if who in clients}
@@ -100,9 +102,9 @@ class ConnectionLimits:
                 self._close(one, f"did not ask anything within {_IDLE_TIMEOUT:g} s")
             elif kind == "websocket" and now - self._ended.get(who, now) > _IDLE_TIMEOUT:
                 self._close(one, f"did not close its websocket within {_IDLE_TIMEOUT:g} s")
-            elif kind != "websocket" and age:  # new connections get some time
+            elif kind != "websocket" and age:  # new connections are kept for some time
                 waiting[who[0]].append(one)
-        for those in waiting.values():  # the next one to close is last in the list
+        for those in waiting.values():  # the next connection to close is last in the list
             those.sort(key=lambda one: (self._asked.get(_client(one)) is None, -self._begun[one]))
         surplus = min(len(connections) - MAX_CONNECTIONS, sum(map(len, waiting.values())))
         for _ in range(surplus):
@@ -115,35 +117,36 @@ class ConnectionLimits:
 
 
 def _client(one: Connection) -> _Client:
-    """Return the client's address and port, as in the scope of a request."""
+    """Return the client's address and port, in the same form as the scope of a request."""
     host, port = (one.transport.get_extra_info("peername") or ("", 0))[:2]
     return str(host), int(port)
 
 
-_MAX_MESSAGE = 4096  # bytes in a message from a page
-_SHUTDOWN_TIMEOUT = 2  # s within which connections must end
+_MAX_MESSAGE = 4096  # largest number of bytes in a message from a page
+_SHUTDOWN_TIMEOUT = 2  # s; connections must end in this time
 _WILDCARD_HOSTS = ("0.0.0.0", "::")
 
 
 @dataclass(frozen=True)
 class ServerOptions:
-    """Options for serving the page.
+    """Options of the web server.
 
     Parameters
     ----------
     plans, runs : Path
-        Folder of the plans and folder of the runs.
+        Folder of the plans, and folder of the runs.
     register : str or None
         Address of the register.
     table, imu, clock : str
-        Addresses of devices to offer in addition to those that are found.
+        Addresses of devices that are offered in addition to the devices that are found.
     run_options : inercal.host.tasks.RunOptions
         Options of each run.
     host : str
     port : int
         Port number; 0 selects any free port.
     token : str or None
-        Token that a browser must show; generated if `host` can be reached from other machines.
+        Token that a browser must show. By default, a token is generated if `host` can be reached
+        from other machines.
     """
 
     plans: Path = Path()
@@ -158,7 +161,7 @@ class ServerOptions:
     token: str | None = None
 
 
-_TURNS = 3  # iterations of the event loop
+_TURNS = 3  # number of iterations of the event loop
 
 
 class WebServer(uvicorn.Server):
@@ -167,7 +170,7 @@ class WebServer(uvicorn.Server):
     Parameters
     ----------
     config : uvicorn.Config
-        Configuration of an application behind `limits`.
+        Configuration, with an application behind `limits`.
     hub : Hub
     limits : ConnectionLimits
     """
@@ -178,7 +181,7 @@ class WebServer(uvicorn.Server):
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def serve(self, sockets: list[socket.socket] | None = None) -> None:
-        """Serve until the server is told to end."""
+        """Serve until the server is told to end, and then end the run."""
         self._loop = asyncio.get_running_loop()
         checking = asyncio.create_task(self._check_connections())
         try:
@@ -187,7 +190,7 @@ class WebServer(uvicorn.Server):
             checking.cancel()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Handle a signal: the first one shuts down in order, the second one at once."""
+        """Handle a signal: the first signal shuts down in order, and the second at once."""
         self._signal_count += 1
         if self._signal_count > 1:
             self.should_exit = self.force_exit = True
@@ -208,8 +211,8 @@ class WebServer(uvicorn.Server):
     async def _check_connections(self) -> None:
         while True:
             await asyncio.sleep(CHECK_INTERVAL)
-            # If the event loop was blocked, requests that have arrived meanwhile are read in the
-            # next iterations. Until then, their connections would count as idle.
+            # If the event loop was blocked, requests that arrived meanwhile are read in the next
+            # iterations. Before this, their connections would count as idle.
             for _ in range(_TURNS):
                 await asyncio.sleep(0)
             self._limits.close_overdue(self.server_state.connections)
@@ -249,7 +252,7 @@ def serve(options: ServerOptions) -> None:
 
 
 def web_server(hub: Hub, register: str | None, access: Access, refused: RefusalLog) -> WebServer:
-    """Return a server for a hub's page."""
+    """Return a web server for the page of a hub."""
     logger = logging.getLogger("uvicorn.error")
     logger.handlers[:] = [RefusalHandler(refused)]
     logger.propagate = False
@@ -261,7 +264,7 @@ def web_server(hub: Hub, register: str | None, access: Access, refused: RefusalL
         ws="websockets-sansio",
         ws_max_size=_MAX_MESSAGE,
         ws_per_message_deflate=False,
-        # A viewer whose connection broke is detected within 9 s.
+        # With these settings, a broken connection to a viewer is detected within 9 s.
         ws_ping_interval=4,
         ws_ping_timeout=5,
         lifespan="off",
@@ -282,7 +285,7 @@ def listening_socket(host: str, port: int) -> socket.socket:
     Raises
     ------
     InputError
-        The server cannot listen there.
+        The server cannot listen on this host and port.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
@@ -296,10 +299,10 @@ def listening_socket(host: str, port: int) -> socket.socket:
 
 
 def host_header_values(names: Iterable[str], port: int) -> frozenset[str]:
-    """Return the values of the Host header with which a browser may address this server."""
+    """Return the permitted values of the Host header in requests from a browser."""
     bare = {_bracketed_host(name).lower() for name in names}
     own = {f"{name}:{port}" for name in bare}
-    return frozenset(own | bare if port == 80 else own)  # the default port of HTTP is left out
+    return frozenset(own | bare if port == 80 else own)  # browsers omit the default port of HTTP
 
 
 def print_notice(words: str) -> None:
@@ -308,12 +311,12 @@ def print_notice(words: str) -> None:
 
 
 def _page_address_text(address: str, given: str | None, token: str | None) -> str:
-    """Return the text about the page's address, with the token if it was generated here."""
+    """Return a text with the page's address, and the token if it was generated here."""
     if token is None:
         return f"the page is at {address}"
     if given is None:
         return f"the page is at {address}?token={quote(token, safe='')}"
-    # Do not print a given token to a log or screen, as other servers may use it too.
+    # A stated token is not printed, because other servers may also use it.
     return f"the page is at {address} and asks for the token that you gave"
 
 

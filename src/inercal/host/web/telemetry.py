@@ -1,11 +1,12 @@
-"""Sends changes in a run or a manual session to the page.
+"""Sends the changes in a run or a manual session to the page.
 
-On an accelerated bench, each sample that is sent is the mean of several, because a page cannot draw
-more than a few hundred per second.
+On an accelerated bench, means of several samples are sent, because a page cannot draw more than a
+few hundred samples per second.
 
-A manual session uses the same messages as a run. Its plan message has no steps and no coefficients;
-the field `manual` contains the limits of the axes in ° and °/s, and the functions that the
-controller lacks. In its state message, `manual` contains the set value and the lamps of each axis.
+A manual session uses the same messages as a run. The plan message of a session has no steps and no
+coefficients. Its field `manual` contains the limits of the axes in ° and °/s, and the functions
+that the controller cannot carry out. In the state message, `manual` contains the set value and the
+lamps of each axis.
 """
 
 from collections import deque
@@ -30,10 +31,10 @@ from inercal.runfile import Run
 
 UPDATE_INTERVAL = 0.1  # s of wall time between two updates
 _ESTIMATE_INTERVAL = 0.5  # s of wall time
-FINE_RATE, COARSE_RATE = 250.0, 10.0  # samples per second of wall time for a viewer
-_RATE_TOLERANCE = 1.2  # times the rate before means are taken, as the rate of pieces varies
-_INNOVATION_WINDOW = 30.0  # s of the recording over which innovations are evaluated
-_MAX_EVENTS = 500  # earlier events to send when a run is resumed
+FINE_RATE, COARSE_RATE = 250.0, 10.0  # most samples per second of wall time for a viewer
+_RATE_TOLERANCE = 1.2  # times the rate above which means are sent, because the rate varies
+_INNOVATION_WINDOW = 30.0  # s of the recording; window in which innovations are evaluated
+_MAX_EVENTS = 500  # largest number of earlier events sent when a run is resumed
 
 
 class Telemetry:
@@ -44,7 +45,7 @@ class Telemetry:
     publisher : Publisher
     journal : Journal
     published_events : int
-        Number of events that were sent already or are too old to be sent.
+        Number of events that were already sent or are too old to be sent.
     """
 
     def __init__(self, publisher: Publisher, journal: Journal, published_events: int = 0):
@@ -66,13 +67,13 @@ class Telemetry:
 
 
 class RunTelemetry(Telemetry):
-    """Publishes the state of one run at each call; all times are run times in s.
+    """Publishes the state of a run at each call; all times are run times in s.
 
     Parameters
     ----------
     publisher : Publisher
     run : Run
-        The run as read from its run file.
+        The run from the run file.
     journal : Journal
     """
 
@@ -105,7 +106,7 @@ class RunTelemetry(Telemetry):
         )
 
     def _record_innovations(self, live: LiveEstimator) -> None:
-        """Record the size of the innovations in a window."""
+        """Record the innovations for the evaluation in a window."""
         kept = self._innovations
         if kept and kept[-1][0] > live.time:  # the recording has started again
             kept.clear()
@@ -138,7 +139,7 @@ class RunTelemetry(Telemetry):
 
 
 class MeanStream:
-    """Reduces samples to means, if needed, so that a page can draw them.
+    """Reduces samples to means if a page could not draw all samples.
 
     Parameters
     ----------
@@ -151,7 +152,7 @@ class MeanStream:
         self._remainder: tuple[Array, Array] | None = None  # samples of an incomplete mean
 
     def take(self, time: Array, output: Array) -> tuple[Array, Array, int] | None:
-        """Return times, outputs and the number of samples per mean; None if no mean is complete."""
+        """Return times, outputs and number of samples per mean; None if no mean is complete."""
         now = monotonic()
         a_second = time.size / max(now - self._taken_at, UPDATE_INTERVAL)
         self._taken_at = now
@@ -167,12 +168,13 @@ class MeanStream:
         return time[: n * k].reshape(n, k).mean(axis=1), whole, k
 
 
-# Distance from a soft limit at which its lamp is on, rad; a jog toward the limit ends there
+# Distance from a soft limit at which the lamp is on, rad. A jog toward the limit ends at this
+# distance.
 _LAMP_MARGIN = LIMIT_MARGIN + radians(0.02)
 
 
 class ManualTelemetry(Telemetry):
-    """Publishes the state of one manual session at each call.
+    """Publishes the state of a manual session at each call.
 
     Parameters
     ----------
@@ -226,7 +228,8 @@ def _state_message(session: ManualSession) -> dict[str, Any]:
         "remaining": None,
         "speed": 1.0,
         "table": None if state is None else {"axes": [axis_fields(axis) for axis in axes]},
-        # No sample is stored, and most have no angle before the axes are homed.
+        # These counts are omitted, because no sample is stored and angles are unknown before
+        # homing.
         "imu": None if session.imu is None else imu_fields(session.imu.assembly.tally.bytes),
         "live": "none",
         "attitude": None,
@@ -248,8 +251,8 @@ def _limit_fields(limits: AxisLimits) -> dict[str, float | None]:
 def _manual_fields(axis: AxisState, limits: AxisLimits, task: AxisTask) -> dict[str, Any]:
     """Return the set values and the lamps of an axis.
 
-    The set angle is the angle of the last move. Without a move it is the position that the servo
-    holds, which is readback plus following error, if the controller reports these.
+    The set angle is the angle of the last move. Without a move, it is the position that the servo
+    holds. This is the sum of readback and following error, if the controller reports both.
     """
     follows = axis.angle + axis.following_error if axis.enabled else nan
     is_sent = task.goal == task.goal and task.activity in ("go", "idle")

@@ -1,9 +1,9 @@
-"""The viewers and their operator, and the order of messages to viewers on slow links.
+"""The viewers and the operator, and the order of messages to viewers on slow links.
 
 A viewer answers the mark `{"kind": "mark", "n": 7}` by `{"do": "seen", "n": 7}`. The server sends a
-mark after each batch of messages, and sends the next batch when the mark is answered, so that at
-most one batch waits in the buffers of a slow link, whose sizes are unknown. Urgent messages do not
-wait for the mark. The batches grow while marks are answered quickly.
+mark after each batch of messages, and it sends the next batch when the mark is answered. The
+buffers of a slow link, whose sizes are unknown, therefore contain at most one batch. Urgent
+messages do not wait for the mark. Batches become larger while marks are answered quickly.
 
 `MessageHistory` contains the messages for a new viewer: first the current state of the run, then
 its history.
@@ -18,23 +18,23 @@ from time import monotonic
 from typing import NamedTuple
 
 MAX_VIEWERS = 32  # viewers
-OPERATOR_GRACE = 10.0  # s for which an operator's place is reserved
+OPERATOR_GRACE = 10.0  # s; the place of an operator is reserved for this time
 _MAX_NAME = 40  # characters
 _MIN_BATCH, _FIRST_BATCH, _MAX_BATCH = 1 << 11, 1 << 12, 1 << 17  # bytes
-_BATCH_TIME = 1.0  # s after which a mark is sent even if the batch is not full
-_FAST, _SLOW = 0.25, 1.0  # s until a mark is answered
-_MAX_SAMPLES = 100  # waiting messages that are kept; about ten arrive per second
+_BATCH_TIME = 1.0  # s; then a mark is sent even if the batch is not full
+_FAST, _SLOW = 0.25, 1.0  # s until the answer to a mark
+_MAX_SAMPLES = 100  # largest number of waiting messages; about ten arrive per second
 
-# Kinds of messages of which only the latest counts. Urgent ones do not wait for a mark.
+# Kinds of messages of which only the latest is relevant. Urgent messages do not wait for a mark.
 _URGENT_LATEST_KINDS = frozenset(("people", "beat"))
 _LATEST_KINDS = ("state", "estimates")
 _SAMPLE_KINDS = ("samples", "coarse")
 
 
 class Client(NamedTuple):
-    """The unit for sharing places: an address, and a known browser at this address.
+    """A client to which places are assigned: an address, and a known browser at this address.
 
-    All programs at one address without a cookie from this server count as one client.
+    All programs at an address that have no cookie from this server count as one client.
     """
 
     host: str
@@ -48,16 +48,16 @@ class Viewer:
     ----------
     number : int
     browser : str or None
-        Key of the browser, if it has identified itself before.
+        Key of the browser, if the browser is already known.
     tab : str or None
-        Key of the page in this browser; a page that reconnects sends the same key.
+        Key of the page in the browser. A page that reconnects sends the same key.
     client : Client, optional
-        The client to which the viewer's place is counted.
+        The client to which the place of the viewer is assigned.
 
     Attributes
     ----------
     stay : asyncio.Timeout
-        Expires when this place is given to somebody else.
+        Timeout that expires when the place is given to somebody else.
     """
 
     def __init__(
@@ -84,11 +84,11 @@ class Viewer:
         Parameters
         ----------
         kind : str
-            "state", "estimates", "people" and "beat" are replaced by later messages of their kind,
-            and so are old "samples" and "coarse"; messages of all other kinds are kept.
+            A later message of the same kind replaces "state", "estimates", "people" and "beat", and
+            old "samples" and "coarse". Messages of all other kinds are kept.
         text : str
         urgent : bool
-            For the other kinds: whether to send it before bulk data.
+            For the other kinds, whether the message is sent before bulk data.
         """
         if kind in _LATEST_KINDS:
             self._latest[kind] = text
@@ -106,12 +106,12 @@ class Viewer:
         self._message_ready.set()
 
     def send_history(self, texts: Iterator[str]) -> None:
-        """Queue a history, which is read and sent only while nothing else is waiting."""
+        """Queue a history, which is only read and sent while nothing else is waiting."""
         self._history = texts
         self._message_ready.set()
 
     def acknowledge(self, mark: object) -> None:
-        """Handle the reply to a mark. Replies that nobody is waiting for are ignored."""
+        """Handle the reply to a mark. Replies that nobody waits for are ignored."""
         if self._marked_at is None or mark != self._mark:
             return
         took = monotonic() - self._marked_at
@@ -149,13 +149,14 @@ class Viewer:
             kind, text = self._urgent.popleft()
             return self._latest.pop(kind) if kind in _URGENT_LATEST_KINDS else text
         if self._marked_at is not None:
-            return None  # the last batch has not been acknowledged yet
+            return None  # the last batch is not yet acknowledged
         if self._batch and (
             self._batch >= self._batch_size or monotonic() - self._batch_begun >= _BATCH_TIME
         ):
             self._mark, self._marked_at = self._mark + 1, monotonic()
             return f'{{"kind": "mark", "n": {self._mark}}}'
-        # Take turns: on a slow link the latest messages alone would leave no room for the history.
+        # Messages and history alternate, because on a slow link, the latest messages would leave no
+        # room for the history.
         lanes = "state", "", "estimates", ""
         for _ in lanes:
             kind = lanes[self._turn]
@@ -166,7 +167,7 @@ class Viewer:
         return None
 
     def _take_bulk(self) -> str | None:
-        """Return the next event, else samples and history in turn; slow links get means."""
+        """Return the next event, or samples and history in turn; slow links get means."""
         if self._news:
             return self._news.popleft()
         kind, other = _SAMPLE_KINDS if self._is_fast else reversed(_SAMPLE_KINDS)
@@ -180,7 +181,7 @@ class Viewer:
 
 
 class _Seat:
-    """The operator's place: a name, a viewer, and the keys that identify a reconnection."""
+    """The operator's place: the name, the viewer, and the keys that identify a reconnection."""
 
     def __init__(self, name: str, viewer: Viewer):
         self.name, self.number = name, viewer.number
@@ -188,7 +189,7 @@ class _Seat:
 
 
 class Viewers:
-    """The viewers; one of them may operate, and keeps this place for a while when disconnected."""
+    """The viewers; one may operate, and keeps this place for a while when disconnected."""
 
     def __init__(self):
         self.viewers: dict[int, Viewer] = {}
@@ -197,7 +198,7 @@ class Viewers:
         self._left_at = 0.0
 
     def make_place(self, client: Client) -> bool:
-        """Return whether a client has a place; if necessary, take one from a client with many.
+        """Return whether a client gets a place; if necessary, a client with many loses a place.
 
         The operator's browser always gets a place, and the operator's page never loses its place.
         """
@@ -211,10 +212,10 @@ class Viewers:
         return True
 
     def _yielding(self, client: Client) -> Viewer | None:
-        """Return the viewer that loses its place: the latest of the client with the most places.
+        """Return the viewer that loses its place: the latest viewer of the client with the most.
 
-        This client must still have more places afterwards, otherwise two clients could alternate
-        forever.
+        This client must still have more places afterwards, because otherwise two clients could
+        alternate forever.
         """
         others = [one for one in self.viewers.values() if not self.is_operator(one)]
         hosts = Counter(one.client.host for one in others)
@@ -234,16 +235,16 @@ class Viewers:
 
     @property
     def operator(self) -> str | None:
-        """The name of the operator, who may be disconnected at the moment."""
+        """The name of the operator, who may be temporarily disconnected."""
         return self._held_seat.name if self._held_seat is not None else None
 
     def add_viewer(
         self, browser: str | None, tab: str | None = None, client: Client | None = None
     ) -> Viewer:
-        """Add a viewer; an operator who was disconnected briefly operates again.
+        """Add a viewer; if an operator was briefly disconnected, they operate again.
 
-        The operator's page gets its place back even if its previous, broken connection has not been
-        detected as lost yet.
+        The operator's page gets its place back even if the loss of its previous connection has not
+        been detected yet.
         """
         self._count += 1
         viewer = Viewer(self._count, browser, tab, client)
@@ -266,13 +267,13 @@ class Viewers:
         return self._seat is not None and self._seat.number == viewer.number
 
     def is_operator_browser(self, browser: str | None) -> bool:
-        """Return whether a browser is the operator's."""
+        """Return whether a browser is the operator's browser."""
         seat = self._held_seat
         return seat is not None and browser is not None and seat.browser == browser
 
     def take_seat(self, viewer: Viewer, name: object) -> str | None:
-        """Make a viewer the operator; return a text that says why not, or None."""
-        # The operator's browser gets the place at once, as its last connection may be broken.
+        """Make a viewer the operator; if this is not possible, return the reason as text."""
+        # The operator's browser gets the place at once, because its last connection may be broken.
         own = self.is_operator(viewer) or self.is_operator_browser(viewer.browser)
         seat = self._held_seat
         if seat is not None and not own:
@@ -285,7 +286,7 @@ class Viewers:
         return None
 
     def leave_seat(self, viewer: Viewer) -> bool:
-        """Give up the operator's place if a viewer has it, and return whether it had."""
+        """Free the operator's place if a viewer has it; return whether the viewer had it."""
         if not self.is_operator(viewer):
             return False
         self._seat = None
@@ -293,14 +294,14 @@ class Viewers:
 
     @property
     def _held_seat(self) -> _Seat | None:
-        """The operator's place, unless its holder has been gone for too long."""
+        """Return the operator's place, unless the operator has been gone for too long."""
         if self._seat is not None and self._seat.number not in self.viewers:
             return self._seat if monotonic() - self._left_at < OPERATOR_GRACE else None
         return self._seat
 
 
 _MAX_ESTIMATES, _MAX_EVENTS, _MAX_TREND = 600, 500, 600
-_GROUP_SIZE = 20  # events, or points in the trend, per message
+_GROUP_SIZE = 20  # number of events, or of points in the trend, in a message
 
 
 class MessageHistory:
@@ -309,13 +310,13 @@ class MessageHistory:
     Parameters
     ----------
     keeps_trend : bool
-        Whether to keep the angles of the last states, as for a manual session.
+        Whether to store the angles of the last states, which is needed for a manual session.
     """
 
     def __init__(self, *, keeps_trend: bool = False):
         self._keeps_trend = keeps_trend
         self._trend: deque[str] = deque(maxlen=_MAX_TREND)  # [time, angles, set angles]
-        self._last: dict[str, str] = {}  # the latest message of each kind of which only it counts
+        self._last: dict[str, str] = {}  # latest message of kinds without history
         self._phase_is_newest = False
         self._estimates: list[str] = []
         self._estimate_count, self._stride = 0, 1
@@ -323,7 +324,7 @@ class MessageHistory:
         self._events: deque[tuple[bool, str]] = deque(maxlen=_MAX_EVENTS)
 
     def add_message(self, kind: str, text: str) -> None:
-        """Keep a message if it is still relevant."""
+        """Store a message as long as it is relevant."""
         match kind:
             case "samples" | "coarse":
                 self._samples[kind].append(text)
@@ -340,7 +341,7 @@ class MessageHistory:
                     self._trend.extend(_trend_point(text))
 
     def present(self) -> Generator[tuple[str, str]]:
-        """Yield kind and text of the messages with the current state and the latest samples."""
+        """Yield kind and text of messages with the current state and the latest samples."""
         order = ("state", "phase") if self._phase_is_newest else ("phase", "state")
         for kind in ("plan", *order, "done"):
             if kind in self._last:
@@ -355,7 +356,7 @@ class MessageHistory:
                 yield kind, text
 
     def past(self) -> Generator[str]:
-        """Yield the history, starting with the messages that are visible at once."""
+        """Yield the history; the messages that a viewer sees first come first."""
         yield from _grouped_messages("trend", "points", list(self._trend))
         calm = [text for alarm, text in self._events if not alarm]
         events = _grouped_messages("events", "events", calm)
@@ -366,7 +367,7 @@ class MessageHistory:
         yield from events
 
     def _thin(self, text: str) -> None:
-        """Keep a subset of the estimates, evenly distributed over the run."""
+        """Reduce the stored estimates to a subset that is evenly distributed over the run."""
         if self._estimate_count % self._stride == 0:
             self._estimates.append(text)
         self._estimate_count += 1
@@ -381,7 +382,7 @@ def is_alarm(event: str) -> bool:
 
 
 def coarse_to_fine(count: int) -> Generator[int]:
-    """Yield 0 … count − 1 in an order whose every beginning covers the range evenly.
+    """Yield 0 … count − 1 in an order in which the first numbers always cover the range evenly.
 
     >>> list(coarse_to_fine(6))
     [0, 4, 2, 1, 3, 5]
@@ -395,14 +396,14 @@ def coarse_to_fine(count: int) -> Generator[int]:
 
 
 def _grouped_messages(kind: str, key: str, texts: Sequence[str]) -> Iterator[str]:
-    """Yield messages that each contain several texts, newest first."""
+    """Yield messages with several texts each; the newest comes first."""
     for end in range(len(texts), 0, -_GROUP_SIZE):
         some = ", ".join(texts[max(end - _GROUP_SIZE, 0) : end])
         yield f'{{"kind": "{kind}", "{key}": [{some}]}}'
 
 
 def _trend_point(state: str) -> Iterator[str]:
-    """Yield time, angles and set angles in a manual session's state, once the axes are known."""
+    """Yield time, angles and set angles from the state of a manual session, if known."""
     told = json.loads(state)
     if told["table"] is not None:
         angles = [axis["angle"] for axis in told["table"]["axes"]]

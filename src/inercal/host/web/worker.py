@@ -1,9 +1,9 @@
 """A run as a separate process, controlled by its standard input.
 
-The first line is the `RunRequest`. Then come commands: `pause`, `go on` and `abort`. When the input
-ends, the run continues to its own end, and so it does if nobody reads its output. SIGINT and
-SIGTERM stop the table, also through the watchdog. Before anything moves they end the process, and
-after everything is done they have no effect.
+The first line is the `RunRequest`. The following lines are commands: `pause`, `go on` and `abort`.
+The run continues if the input ends or nobody reads its output. SIGINT and SIGTERM stop the table,
+also through the watchdog. Before anything moves, these signals end the process. After everything is
+done, they have no effect.
 """
 
 import json
@@ -37,18 +37,19 @@ from inercal.host.web.worker_process import LineReader, Publisher, serve_request
 from inercal.laboratory.store import Register
 from inercal.runfile import Run, read
 
-_TIME_STEP, _TIME_MARGIN = 10.0, 2.0  # s of bench time in a simulation
+_TIME_STEP, _TIME_MARGIN = 10.0, 2.0  # s of bench time, in a simulation
 _RunCommand = Literal["pause", "go on", "stop"]
 _COMMANDS: dict[str, _RunCommand] = {"pause": "pause", "go on": "go on", "abort": "stop"}
 
 
 class CommandRelay:
-    """Passes requests to the run once it exists.
+    """Passes requests to the run, as soon as the run exists.
 
     Attributes
     ----------
     interruptible : bool
-        Whether a signal ends the process, because nothing moves yet and nothing is being written.
+        Whether a signal ends the process. This is so while nothing moves and nothing is being
+        written.
     """
 
     def __init__(self):
@@ -58,7 +59,7 @@ class CommandRelay:
         self._notes: SimpleQueue[str] = SimpleQueue()
 
     def command(self, words: str) -> None:
-        """Execute `pause`, `go on`, `abort`, a note or `mounted`; may be called from any thread."""
+        """Execute `pause`, `go on`, `abort`, a note or `mounted`; any thread may call this."""
         if words.startswith(run_request.NOTE):
             self._notes.put(words.removeprefix(run_request.NOTE))
         if words.startswith(run_request.MOUNTED) and self._run is not None:
@@ -69,7 +70,7 @@ class CommandRelay:
         self._forward_commands()
 
     def take_notes(self) -> list[str]:
-        """Return the notes since the last call; for the thread that owns the journal."""
+        """Return the notes since the last call; only for the thread that owns the journal."""
         notes: list[str] = []
         with suppress(Empty):
             while True:
@@ -77,34 +78,34 @@ class CommandRelay:
         return notes
 
     def attach(self, run: BenchRun) -> None:
-        """Pass requests to a run from now on, and also signals until it handles them itself."""
+        """From now on, pass requests to a run, and signals as long as it does not handle them."""
         self._run, self.interruptible = run, False
         self._forward_commands()
 
     def interrupt(self, *_: object) -> None:
-        """Handle a signal that the run does not handle itself: ask the run, if any, to stop.
+        """Handle a signal that the run does not handle itself: tell the run, if any, to stop.
 
         Raises
         ------
         KeyboardInterrupt
-            Interrupting does no harm at this time.
+            An interruption does no harm at this time.
         """
         if self.interruptible:
             raise KeyboardInterrupt
         if self._run is not None:
-            # A SimpleQueue never blocks here, whatever the signal interrupts.
+            # A SimpleQueue never blocks here, whatever code the signal interrupts.
             self._run.request("stop")
 
     def _forward_commands(self) -> None:
         if self._run is None:
             return
-        with suppress(Empty):  # another thread may have forwarded it already
+        with suppress(Empty):  # another thread may already have forwarded it
             while True:
                 self._run.request(self._queue.get_nowait())
 
 
 class RunController:
-    """Carries out one run, from the request to the register, and publishes its progress.
+    """Carries out a run, from the request to the register, and publishes its progress.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ class RunController:
         self._compiled = False
 
     def execute(self) -> Mapping[str, Any]:
-        """Carry out the run as far as possible, and return the message about its end.
+        """Carry out the run as far as possible, and return the message about the end.
 
         Raises
         ------
@@ -152,7 +153,7 @@ class RunController:
     def _complete_run(
         self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: "_RunFinalizer"
     ) -> Mapping[str, Any]:
-        """Carry out the remaining steps of a run, and return the message about its end."""
+        """Carry out the remaining steps of a run, and return the message about the end."""
         live = None
         if journal.header().state != "carried out":
             try:
@@ -201,7 +202,7 @@ class RunController:
         return bench.addresses
 
     def _open_folder(self, run: Run, addresses: DeviceAddresses) -> tuple[RunFolder, Journal]:
-        """Return the run's folder and its journal; create them if necessary."""
+        """Return the folder and the journal of the run; create them if necessary."""
         order = self._order
         if order.plan is None:
             return reopen_run(self._folder, addresses)
@@ -215,7 +216,7 @@ class RunController:
     def _execute_plan(
         self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: "_RunFinalizer"
     ) -> LiveEstimator | None:
-        """Run the plan, or the rest of it, and return the live estimate."""
+        """Carry out the plan, or the rest of the plan, and return the live estimate."""
         was = journal.header()
         if not self._compiled:
             with on_compilation(self._publish_compilation):
@@ -226,7 +227,7 @@ class RunController:
             self._record_notes(journal, run.time)
             teller(run)
             if run.pause_reason and was.clock:
-                sleep(UPDATE_INTERVAL)  # a simulated bench need not run fast while it waits
+                sleep(UPDATE_INTERVAL)  # a simulated bench that waits need not be fast
 
         def beside(run: BenchRun) -> AbstractContextManager[None]:
             self._control.attach(run)
@@ -257,10 +258,10 @@ class RunController:
 
 
 class _RunFinalizer:
-    """Finalizes one run.
+    """Writes the results of a run and enters the run in the register.
 
-    If the register cannot be reached, this is reported but does not end anything: the server enters
-    all its runs when it is started next, so none is lost.
+    If the register cannot be reached, this is reported, but the run does not fail. No run is lost,
+    because the server enters all its runs when it is started the next time.
 
     Parameters
     ----------
@@ -315,7 +316,7 @@ class _RunFinalizer:
         )
 
     def _enter_in_register(self) -> str | None:
-        """Enter the run in the register; return the address of its sensor's history, if any."""
+        """Enter the run in the register; return the address of the sensor's history, if any."""
         self.register_sync.update()
         if self.register_sync.trouble:
             self._journal.record_event("warning", self.register_sync.trouble)
@@ -329,9 +330,9 @@ class _RunFinalizer:
 
 
 def _simulation_request(order: run_request.RunRequest) -> run_request.SimulationRequest | None:
-    """Return the bench to simulate; None for a real bench.
+    """Return the settings of the simulated bench; None for a real bench.
 
-    A resumed run keeps its simulated bench.
+    A resumed run keeps the settings of its simulated bench.
     """
     note = run_request.read_process_record(Path(order.folder)) if order.plan is None else None
     was = note.simulated if note is not None else None
@@ -366,7 +367,7 @@ def _advance_past_log(bench: bench_simulator.BenchSimulator, folder: Path) -> No
 
 
 def main() -> int:
-    """Carry out the request and return the exit status."""
+    """Carry out the request, and return the exit status."""
     control = CommandRelay()
 
     def hear(lines: LineReader) -> None:

@@ -1,12 +1,12 @@
 """The main function of a process that drives the bench for a run or a manual session.
 
-The first line of standard input is the request; commands follow, one per line. Messages go to
-standard output, and the last one is about the end.
+The first line of standard input is the request. Commands follow, one per line. Messages are written
+to standard output, and the last message is about the end.
 
-Messages to the server are JSON lines, written by a separate thread so that only this thread waits
-for the reader. Each line contains the kind of the message, a space and the message, so that the
-server need not parse the message. A slow reader misses updates, and a lost reader gets nothing
-more; neither delays the run.
+Messages to the server are lines of JSON. A separate thread writes them, so only this thread waits
+for the reader. Each line contains the kind of the message, a space and the message, so the server
+need not parse the message. A slow reader misses updates, and a lost reader gets no more messages.
+Neither delays the run.
 """
 
 import json
@@ -23,19 +23,19 @@ from inercal.basics.errors import InercalError
 from inercal.host.closeable import Closeable
 from inercal.host.web.run_request import ProcessRequest, premature_end_message
 
-# Kinds of messages that later messages of the same kind replace.
+# Kinds of messages that are replaced by later messages of the same kind.
 DROPPABLE_KINDS = frozenset(("state", "samples", "coarse", "estimates"))
-_MAX_DROPPABLE = 64  # waiting messages of these kinds
+_MAX_DROPPABLE = 64  # largest number of waiting messages of these kinds
 T = TypeVar("T")
 
 
 class DroppingQueue(Generic[T]):
-    """A queue that drops its oldest droppable items if nobody takes them.
+    """A queue that drops the oldest droppable items if nobody takes them.
 
     Parameters
     ----------
     max_droppable : int
-        Largest number of droppable items that wait.
+        Largest number of waiting droppable items.
     """
 
     def __init__(self, max_droppable: int = _MAX_DROPPABLE):
@@ -43,7 +43,7 @@ class DroppingQueue(Generic[T]):
         self._waiting: deque[tuple[bool, T]] = deque()
 
     def put(self, one: T, *, must_keep: bool) -> None:
-        """Add an item; it is droppable unless it must be kept."""
+        """Add an item, which is droppable unless it must be kept."""
         self._waiting.append((must_keep, one))
         self._droppable_count += not must_keep
         if self._droppable_count > self._max_droppable:
@@ -61,12 +61,12 @@ class DroppingQueue(Generic[T]):
 
 
 class Publisher(Closeable):
-    """Writes messages to a descriptor; a context manager that closes at the end of its context.
+    """Writes messages to a descriptor, until it is closed at the end of its `with` block.
 
     Parameters
     ----------
     descriptor : int
-        Descriptor to write to, which is left open.
+        Descriptor for writing; it stays open.
     """
 
     def __init__(self, descriptor: int):
@@ -77,14 +77,14 @@ class Publisher(Closeable):
         Thread(target=self._write, name="publisher", daemon=True).start()
 
     def publish(self, kind: str, **content: object) -> None:
-        """Queue a message for writing if there is a reader; never waits."""
+        """Queue a message for writing if there is a reader; this never waits."""
         with self._changed:
             if not self._closed:
                 self._queue.put((kind, content), must_keep=kind not in DROPPABLE_KINDS)
                 self._changed.notify_all()
 
     def close(self, patience: float = 5.0) -> None:
-        """Wait at most `patience` s until everything is written; a second call does nothing."""
+        """Wait at most `patience` s until all messages are written; a second call does nothing."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -100,7 +100,8 @@ class Publisher(Closeable):
                 told = json.dumps({"kind": kind, **content}, ensure_ascii=False, allow_nan=False)
                 line = f"{kind} {told}\n".encode()
             except (TypeError, ValueError) as error:
-                # NaN, or half of a surrogate pair; the messages after this one must still be sent.
+                # The message contains NaN or half of a surrogate pair. The following messages must
+                # still be sent.
                 if kind not in unsaid:
                     unsaid.add(kind)
                     words = f"a message of kind {kind!r} could not be sent"
@@ -109,7 +110,7 @@ class Publisher(Closeable):
             try:
                 while line:
                     line = line[os.write(self._descriptor, line) :]
-            except OSError:  # there is no reader any more
+            except OSError:  # the reader is gone
                 break
         with self._changed:
             self._closed = self._written = True
@@ -122,18 +123,18 @@ class Publisher(Closeable):
             return message
 
 
-_MAX_LINE = 1 << 16  # bytes in a line
+_MAX_LINE = 1 << 16  # largest number of bytes in a line
 R = TypeVar("R", bound=ProcessRequest)
 
 
 class LineReader:
-    """Reads complete lines from a descriptor, one by one."""
+    """Reads complete lines from a descriptor, one at a time."""
 
     def __init__(self, descriptor: int):
         self._descriptor, self._buffer = descriptor, b""
 
     def next_line(self) -> str | None:
-        """Wait for the next complete line and return it; None at the end."""
+        """Wait for the next complete line, and return it; None at the end of the input."""
         while b"\n" not in self._buffer:
             try:
                 data = os.read(self._descriptor, _MAX_LINE)
@@ -152,25 +153,26 @@ def serve_request(
     hear: Callable[[LineReader], object],
     interrupt: Callable[..., object],
 ) -> Mapping[str, Any] | None:
-    """Execute the request on standard input; publish and return its end message.
+    """Execute the request from standard input; publish and return the end message.
 
     Parameters
     ----------
     parse : callable
-        Parses the first line and returns the request.
+        Function that converts the first line to the request.
     execute : callable
-        Executes the request and returns the end message; an error becomes a premature end.
+        Function that executes the request and returns the end message. An error becomes a premature
+        end.
     hear : callable
-        Called in a separate thread with the reader of the further lines.
+        Function that is called in a separate thread, with the reader of the following lines.
     interrupt : callable
-        Called on SIGINT and SIGTERM.
+        Function that is called on SIGINT and SIGTERM.
 
     Returns
     -------
     end : mapping or None
-        None if the first line is not a request; standard error says so.
+        End message; None if the first line is not a request, which standard error states.
     """
-    # Other output from this process must not mix with the messages.
+    # Other output of this process must not be mixed with the messages.
     output = os.dup(1)
     os.dup2(2, 1)
     lines = LineReader(0)
@@ -196,7 +198,7 @@ def _end(request: ProcessRequest, execute: Callable[[], Mapping[str, Any]]) -> M
     except KeyboardInterrupt:
         return premature_end_message(request, "stopped before anything moved")
     except Exception as error:
-        # The viewers see the message, and the server's log contains the traceback.
+        # Viewers see the message, and the server's log contains the traceback.
         sys.excepthook(*sys.exc_info())  # pyright: ignore[reportArgumentType]
         words = f"the process failed: {type(error).__name__}: {error}"
         return premature_end_message(request, words)

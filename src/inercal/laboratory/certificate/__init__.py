@@ -1,6 +1,6 @@
 """Calibration certificates: PDF/A-3 with the digital calibration certificate (DCC) attached.
 
-`content` has every item of ISO/IEC 17025:2017, 7.8.2 and 7.8.4; `pdf` and `dcc` are both written
-from it. The register issues the number and keeps the files
+`content` contains every item that ISO/IEC 17025:2017, 7.8.2 and 7.8.4 require, and both PDF and DCC
+are written from this content. The register issues the number and stores the files
 (`inercal.laboratory.store.certificates`).
 """

@@ -1,6 +1,6 @@
-"""The data of a certificate, with every item of ISO/IEC 17025:2017, 7.8.2 and 7.8.4.
+"""The data of a certificate: every item that ISO/IEC 17025:2017, 7.8.2 and 7.8.4 require.
 
-Each item is stated only once. PDF and DCC are both written from these data.
+Each item is stored only once. PDF and DCC are both written from these data.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ Change = Literal["", "amended", "substituted"]
 
 @dataclass(frozen=True)
 class CertificateChange:
-    """The change that a certificate makes to an earlier one.
+    """The change that a certificate makes to an earlier certificate.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Certificate:
     results : tuple of ResultSet
         One set of results, or two: before and after adjustment.
     conformity : Conformity or None
-        Conformity judged from the last results.
+        Conformity, judged with the last set of results.
     marks : tuple of str
         Marks of the certificate, as keys of [mark] in the table of texts.
     change : CertificateChange
@@ -85,7 +85,7 @@ class Certificate:
 
     @property
     def calibration_sha256(self) -> str:
-        """SHA-256 of the calibration file, as the file states it."""
+        """SHA-256 hash that the calibration file states."""
         return str(calibration_object(self.calibration)["sha256"])
 
     @property
@@ -102,7 +102,7 @@ class Certificate:
 
 @dataclass(frozen=True, eq=False)
 class CertificateInput:
-    """Everything a certificate is written from, except its number and the change it makes."""
+    """All data for a certificate, except its number and its change to an earlier certificate."""
 
     calibration: Calibration
     as_found: Calibration | None
@@ -116,14 +116,14 @@ class CertificateInput:
 def make_certificate(
     given: CertificateInput, number: str, change: CertificateChange
 ) -> Certificate:
-    """Return the certificate.
+    """Check the data and return the certificate.
 
     Raises
     ------
     InputError
-        If an item of the standard is missing, the laboratory's policy refuses the calibration,
-        dates contradict each other, a calibration states no uncertainty, or the as-found
-        calibration is for another sensor.
+        If an item that the standard requires is missing, the laboratory's policy refuses the
+        calibration, dates contradict each other, a calibration states no uncertainty, or the
+        as-found calibration is of another sensor.
     """
     job, laboratory, calibration = given.job, given.laboratory, given.calibration
     require_complete(job, laboratory)
@@ -170,7 +170,7 @@ def make_certificate(
 
 
 def _require_uncertainty(calibration: Calibration) -> None:
-    """Refuse an imported calibration, because a certificate must state U (7.8.4.1 a)."""
+    """Raise an error for an imported calibration: a certificate must state U (7.8.4.1 a)."""
     if not calibration.std.any():
         name = calibration.sensor.name
         raise InputError(

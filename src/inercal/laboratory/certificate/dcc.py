@@ -2,8 +2,9 @@
 
 Each measurement result contains two results: the rounded coefficients with U, as the certificate
 states them, and the unrounded coefficients with their covariance. The ellipsoid of the covariance
-contains all true values together with the same probability: k² = χ²_n(p), or n F_p(n, ν). The unit
-of each covariance is the product of two units. Numbers are in SI units.
+contains all true values at once with the same probability as U. Its coverage factor is k² =
+χ²_n(p), or n F_p(n, ν). The unit of a covariance is the product of two units. Numbers are in SI
+units.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -54,7 +55,7 @@ def dsi_unit(*units: str) -> str:
     Parameters
     ----------
     *units : str
-        SI units as inercal writes them.
+        SI units in the notation of inercal.
 
     Examples
     --------
@@ -99,7 +100,7 @@ def write_dcc(certificate: Certificate) -> bytes:
 
 
 def calibration_bytes(results: ResultSet) -> bytes:
-    """Return the calibration file of the results in the form in which it is attached."""
+    """Return the bytes of the attached file with the calibration of these results."""
     return (
         json.dumps(calibration_object(results.calibration), indent=1, ensure_ascii=False).encode()
         + b"\n"

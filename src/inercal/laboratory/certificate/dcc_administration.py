@@ -11,7 +11,7 @@ _DRAFT = "DRAFT"
 
 
 def administrative_data(certificate: Certificate) -> Any:
-    """Return the administrative data, which are the first ring of a DCC."""
+    """Return the element with the administrative data, the first part of a DCC."""
     texts = certificate.texts
     software = dcc(
         "software", content("name", texts, "inercal"), dcc("release", version("inercal"))

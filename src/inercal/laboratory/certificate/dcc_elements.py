@@ -18,7 +18,7 @@ _NAMESPACES = {
 
 
 def dcc(name: str, *children: Any, **attributes: str) -> Any:
-    """Return an element of the DCC; children are elements or text, and None is left out."""
+    """Return an element of the DCC; children are elements or texts, and None is omitted."""
     return _element(DCC_NAMESPACE, name, children, attributes)
 
 
@@ -33,7 +33,7 @@ def content(name: str, texts: Texts, *lines: str, more: Sequence[Any] = ()) -> A
 
 
 def list_label(name: str) -> str:
-    """Return a name without blanks, which separate the entries of a list."""
+    """Return a name without blanks, because blanks separate the entries of a list."""
     return "_".join(name.split())
 
 
@@ -49,8 +49,8 @@ def _element(namespace: str, name: str, children: Sequence[Any], attributes: dic
         element.set(key, value)
     for child in children:
         if isinstance(child, str):
-            # The schema requires text that is not empty and has no control characters and no white
-            # space at its ends.
+            # According to the schema, a text must not be empty, must not contain control
+            # characters, and must not begin or end with white space.
             element.text = visible_text(child.strip(), keep="\n\t") or "–"
         elif child is not None:
             element.append(child)

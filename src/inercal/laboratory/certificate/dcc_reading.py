@@ -22,14 +22,14 @@ class StatedResults:
     Parameters
     ----------
     names, units : tuple of str
-        Names, without blanks, and units.
+        Names without blanks, and units, of the coefficients.
     value, expanded, k : (p,) arrays
-        Rounded values, U and coverage factors, as the certificate states them.
+        Rounded values, U and coverage factors that the certificate states.
     full_value : (p,) array
     covariance : (p, p) array
     covariance_units : tuple of tuple of str
     calibration : Calibration
-        Calibration from the attached file, after its hash was verified.
+        Calibration from the attached file, with a verified hash.
     """
 
     names: tuple[str, ...]
@@ -57,7 +57,8 @@ def read_dcc(document: bytes, source: str = "DCC") -> StatedCertificate:
     Raises
     ------
     InputError
-        If the document is not XML, is not a DCC, or lacks the results that inercal writes.
+        If the document is not XML or not a DCC, or does not contain the results that inercal
+        writes.
     """
     parser = etree.XMLParser(resolve_entities=False, no_network=True)
     try:

@@ -1,4 +1,4 @@
-"""The statements of a certificate as pairs of name and text, shared by PDF and DCC."""
+"""The statements of a certificate, as pairs of name and text; PDF and DCC both use them."""
 
 from itertools import chain
 
@@ -57,7 +57,7 @@ def _input_axes(calibration: Calibration) -> str:
 
 
 def _direction(vector: Array) -> str:
-    """Return the frame axis along which a unit vector points, or else its components."""
+    """Return the frame axis to which a unit vector points, or its components as text."""
     k = int(np.argmax(np.abs(vector)))
     if abs(vector[k]) > 1 - _ALONG:
         return ("−" if vector[k] < 0 else "+") + "xyz"[k]
@@ -70,7 +70,7 @@ def _file_and_hash(calibration: Calibration, what: str) -> str:
 
 
 def results_title(texts: Texts, results: ResultSet) -> str:
-    """Return the title of the results, with "before" or "after adjustment" if there are two."""
+    """Return the title of the results; if there are two, it says before or after adjustment."""
     keys = {"beforeAdjustment": "results_before", "afterAdjustment": "results_after"}
     return texts.text(keys.get(results.status, "results"))
 
@@ -150,20 +150,20 @@ def rule_lines(certificate: Certificate) -> tuple[str, ...]:
 
 
 def verdict_lines(certificate: Certificate) -> tuple[str, ...]:
-    """Return the outcome of the statistical tests: the grade with its reasons, then the notes."""
+    """Return the result of the statistical tests: the grade with its reasons, then the notes."""
     texts, calibration = certificate.texts, certificate.calibration
     verdict = calibration.verdict
     grade = texts.text(f"grade_{'none' if verdict is None else verdict.grade}")
     if verdict is None:
         return (grade, *customer_lines(calibration.notes))
-    # The certificate states its own U, which the capability of the laboratory may have raised.
+    # The U on the certificate may be larger, because the laboratory's capability is a lower limit.
     sections = customer_sections(verdict.explanation)
     found = [lines for heading, lines in sections if heading != UNCERTAINTIES]
     return ("; ".join((grade, *customer_lines(verdict.reasons))), *chain.from_iterable(found))
 
 
 def change_lines(certificate: Certificate) -> tuple[str, ...]:
-    """Return which certificate this one changes, and why; empty if it changes none."""
+    """Say which certificate this certificate changes, and why; empty if it changes none."""
     change, texts = certificate.change, certificate.texts
     if not change.kind:
         return ()
@@ -193,6 +193,6 @@ def statement_facts(certificate: Certificate) -> list[Statement]:
 
 
 def general_lines(texts: Texts) -> tuple[str, ...]:
-    """Return the statements that are on every certificate."""
+    """Return the statements that every certificate contains."""
     keys = ("only_items", "no_copy", "from_customer", "attached")
     return tuple(texts.text(key) for key in keys)

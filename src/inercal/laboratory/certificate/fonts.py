@@ -55,7 +55,7 @@ def font_families(font: Path | None) -> Generator[tuple[list[str], list[str]]]:
         yield [OWN_FONT], []
         return
     with tempfile.TemporaryDirectory() as folder:
-        # typst accepts folders: this one contains only the file, not other fonts from its folder.
+        # typst accepts only folders. This folder contains only the font file, and no other fonts.
         for file in {font, font.with_name(font.name.replace("Regular", "Bold"))}:
             if file.is_file():
                 shutil.copy(file, folder)
@@ -67,6 +67,6 @@ def font_families(font: Path | None) -> Generator[tuple[list[str], list[str]]]:
             raise InputError(
                 f"--font {font} is not a font; give a .ttf, .otf or .ttc file", key="--font"
             )
-        # In a collection for several regions, the texts use the simplified characters.
+        # If the file is a collection for several regions, the simplified characters are used.
         simplified = [name for name in found if name.endswith(" SC") and "Mono" not in name]
         yield [OWN_FONT, (simplified or found)[0]], [folder]

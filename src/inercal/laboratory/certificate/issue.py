@@ -1,7 +1,7 @@
-"""Issue a certificate: number, files and register entry in one step.
+"""Issue a certificate: assign a number, make the files and enter them in the register.
 
-typst writes the PDF as PDF/A-3b, with the DCC and the calibration file attached. The document's
-date is the date of issue, so the same certificate gives the same bytes.
+typst writes the PDF as PDF/A-3b and attaches the DCC and the calibration file. The date in the
+document is the date of issue, so the same certificate always gives the same bytes.
 """
 
 import json
@@ -66,8 +66,8 @@ def make_files(
     Raises
     ------
     InputError
-        As `make_certificate`, `find_font` and `write_pdf`; also if the DCC does not conform to the
-        schema.
+        See `make_certificate`, `find_font` and `write_pdf`. The error is also raised if the DCC
+        does not conform to the schema.
     """
     font = find_font(given.language, options.font)
     change = CertificateChange()
@@ -99,11 +99,13 @@ def issue(
     Raises
     ------
     InputError
-        As `make_files`; also if the register refuses the entry, and then the number is not used.
+        See `make_files`. The error is also raised if the register refuses the entry. The number
+        then remains unused.
     """
     series = given.laboratory.certificate_number or DEFAULT_SERIES
     require_series(series)
-    # Make the files once before the register is created or locked, so that errors come early.
+    # The files are made once before the register is created or locked, because errors should come
+    # early.
     make_files(given, "0", IssueOptions(options.font, options.schema))
     request = CertificateRequest(
         series,
@@ -129,17 +131,18 @@ def write_pdf(
     ----------
     certificate : Certificate
     dcc : bytes
-        The digital calibration certificate, which is attached as an alternative of the pages.
+        The digital calibration certificate; it is attached as an alternative to the pages.
     font : Path or None
-        A font file for characters that typst's own fonts lack.
+        A font file for characters that are missing in typst's own fonts.
     signed : bool
         Whether the file will be signed electronically
-        (`inercal.laboratory.certificate.signature.sign_pdf`); the pages then say so.
+        (`inercal.laboratory.certificate.signature.sign_pdf`). If so, the pages say this.
 
     Raises
     ------
     InputError
-        If no font has one of the characters (the message names it), or the font file is not a font.
+        If no font contains one of the characters (the message names this character), or the font
+        file is not a font.
     """
     attached = {
         "dcc": dcc.decode(),
@@ -149,7 +152,7 @@ def write_pdf(
 
 
 def write_pdf_a1(certificate: Certificate, font: Path | None) -> bytes:
-    """Return the same pages as PDF/A-1b without attachments, for validators that need this."""
+    """Return the same pages as PDF/A-1b, without attachments, because some validators need this."""
     return _compile(certificate, {}, font, "a-1b")
 
 
@@ -177,7 +180,7 @@ def _compile(
             )
         except typst.TypstError as error:
             raise _refusal(str(error)) from None
-    assert isinstance(document, bytes)  # one format, no output path
+    assert isinstance(document, bytes)  # because there is one format and no output path
     return document
 
 

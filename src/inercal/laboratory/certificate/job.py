@@ -1,4 +1,4 @@
-"""Read the job data of a certificate from [job] in the run file and from an additional file."""
+"""Read the job data of a certificate from [job] in the run file and in an additional file."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,14 +30,15 @@ def read_job(texts: Mapping[str, str], path: Path | None = None) -> JobSection:
     texts : mapping of str to str
         `Calibration.job`.
     path : Path, optional
-        A TOML file whose [job] adds to or replaces the keys of the calibration.
+        A TOML file with a section [job], whose keys replace or complete the keys in the
+        calibration.
 
     Raises
     ------
     InputError
         If the file cannot be read, or has an unknown section or key or an invalid date.
     """
-    # The other texts of a calibration come from the laboratory file.
+    # The other texts in a calibration come from the laboratory file.
     stated: dict[str, object] = {
         key: text
         for name, text in texts.items()
@@ -57,12 +58,12 @@ def _validate(content: Mapping[str, object], where: Path | str) -> JobSection:
 
 
 def require_complete(job: JobSection, laboratory: LaboratoryFile) -> None:
-    """Refuse to issue a certificate that would lack an item of ISO/IEC 17025:2017, 7.8.2 or 7.8.4.
+    """Raise an error if an item that ISO/IEC 17025:2017, 7.8.2 or 7.8.4 requires is missing.
 
     Raises
     ------
     InputError
-        If items are missing; the message names all of them.
+        If items are missing. The message names all missing items.
     """
     of_job = [f"[job] {key}" for key in _OF_JOB if getattr(job, key) is None]
     procedure = job.procedure or laboratory.procedure

@@ -19,7 +19,7 @@ def certificate_library(name: str) -> Any:
     Raises
     ------
     MissingExtra
-        If it is not installed.
+        If the extra is not installed.
     """
     with require_extra(*CERTIFICATE):
         return import_module(name)
@@ -31,7 +31,7 @@ def signature_library(name: str) -> Any:
     Raises
     ------
     MissingExtra
-        If it is not installed.
+        If the extra is not installed.
     """
     with require_extra(*SIGNATURE):
         return import_module(name)

@@ -1,7 +1,7 @@
-"""Decide whether a certificate is refused, or is marked on every page.
+"""Decide whether a certificate is refused or is marked on every page.
 
-The laboratory's [policy] chooses between the two. No option removes a mark; this needs another
-calibration.
+The laboratory states in [policy] when a certificate is refused. No option removes a mark; only
+another calibration does.
 """
 
 from datetime import date
@@ -26,7 +26,7 @@ def certificate_marks(
     ----------
     laboratory : LaboratoryFile
     results : tuple of ResultSet
-        All results that the certificate states; the worst one counts.
+        All results that the certificate states; the worst result decides.
     measured : date
         Last day of the measurement.
     draft : bool
@@ -34,7 +34,7 @@ def certificate_marks(
     Raises
     ------
     InputError
-        If the laboratory's policy refuses the certificate; a draft is marked instead.
+        If the laboratory's policy refuses the certificate. A draft is not refused but marked.
     """
     policy = laboratory.policy
     marks: list[str] = ["draft"] if draft else []
@@ -75,7 +75,7 @@ def certificate_marks(
 
 
 def _outside(laboratory: LaboratoryFile, results: ResultSet) -> str:
-    """Return a text on results outside the stated capability; empty if there are none."""
+    """Describe the results that are outside the stated capability; empty if there are none."""
     if laboratory.capability is None:
         return ""
     parts = list(names_of(results.rows))

@@ -33,11 +33,11 @@ def page_data(
     ----------
     certificate : Certificate
     fonts : list of str
-        Font families; each character uses the first one that contains it.
+        Font families; each character is printed in the first family that contains it.
     bookmarked : bool
-        Whether headings are in the outline of the document.
+        Whether the outline of the document lists the headings.
     signed : bool
-        Whether the file will be signed electronically; otherwise the page has a line for a
+        Whether the file will be signed electronically. If not, the page has a line for a
         handwritten signature.
     """
     texts, issued = certificate.texts, certificate.issued
@@ -265,7 +265,7 @@ def _signature(certificate: Certificate, signed: bool) -> dict[str, Any]:
 
 
 def _printable(data: Any) -> Any:
-    """Return the data with printable texts: no control characters, and breaks in long words."""
+    """Make the texts in the data printable: no control characters, and breaks in long words."""
     if isinstance(data, str):
         return _LONG_WORD.sub(lambda word: word[0] + "\u200b", visible_text(data, keep="\n"))
     if isinstance(data, dict):

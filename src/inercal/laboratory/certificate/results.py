@@ -1,12 +1,12 @@
 """The rounded results of a certificate, and their statement of conformity.
 
-The expanded uncertainty is U = k u. Its coverage probability, 95.45 %, is that of k = 2 for the
-normal distribution; with few effective degrees of freedom ν, k = t(ν) (JCGM 100:2008, G.4). No U is
-below the capability of the laboratory (ILAC-P14:09/2020). If it would be, the covariance is scaled,
-V′ = D V D with D = max(1, U_CMC/U), which preserves all correlations.
+The expanded uncertainty is U = k u, with a coverage probability of 95.45 %. For a normal
+distribution, this is k = 2. If the effective degrees of freedom ν are few, k = t(ν) (JCGM 100:2008,
+G.4). U must not be below the capability of the laboratory (ILAC-P14:09/2020). If it is, the
+covariance is scaled to V′ = D V D with D = max(1, U_CMC/U), which preserves all correlations.
 
 U has two significant digits, and the value is rounded to the same digit. PDF and DCC both use these
-decimal numbers, so they agree. In SI they are the rounded numbers multiplied by the unit's size.
+decimal numbers, so they agree. In SI, the rounded numbers are multiplied by the size of the unit.
 """
 
 from collections.abc import Mapping, Sequence
@@ -54,15 +54,15 @@ class ResultRow:
     ----------
     name, meaning, unit, si_unit : str
     term : str
-        Basis function of the coefficient, as printed.
+        Printed form of the coefficient's basis function.
     value, expanded : str
         Value and U as decimal numbers, in `unit`.
     si : float
         Size of the unit in SI units.
     raised : bool
-        Whether U was raised to the capability of the laboratory.
+        Whether U was increased to the capability of the laboratory.
     outside : bool
-        Whether the laboratory states no capability for it.
+        Whether the laboratory states no capability for the coefficient.
     """
 
     name: str
@@ -96,7 +96,7 @@ class ResultSet:
     status : "", "beforeAdjustment" or "afterAdjustment"
     calibration : Calibration
     covariance : (p, p) array
-        Covariance in SI units, raised to the capability of the laboratory.
+        Covariance in SI units, increased to the capability of the laboratory.
     dof : float
         Effective degrees of freedom; infinite if none are stated.
     k : float
@@ -124,7 +124,8 @@ def make_results(
     ----------
     calibration : Calibration
     capability : mapping of str to float, or None
-        Smallest U by full name, SI; None if the laboratory states no capability.
+        Smallest U in SI by full name of the coefficient; None if the laboratory states no
+        capability.
     dof : float
     status : str
     """
@@ -154,14 +155,14 @@ def make_results(
 
 
 def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[str, float]:
-    """Return the smallest U, SI, of each coefficient for which a laboratory states one.
+    """Return the smallest U that a laboratory states, SI, by coefficient.
 
     Raises
     ------
     InputError
         If a quantity is invalid or not positive, or a word does not name a coefficient of any
-        sensor. Coefficients that this sensor lacks are ignored, because the file is used for all
-        sensors.
+        sensor. Coefficients that this sensor does not have are ignored, because the laboratory uses
+        the file for all sensors.
     """
     found: dict[str, float] = {}
     for word, text in sorted(uncertainty.items(), key=lambda one: "." in one[0]):
@@ -180,9 +181,7 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
             if name in sensor.coefficients:
                 try:
                     values[name] = parse_quantity(text, sensor.coefficient(name).unit).value
-                except (
-                    InputError
-                ) as error:  # for example "bias" of gyros with an accelerometer unit
+                except InputError as error:  # such as "bias" in a unit of the other kind of sensor
                     errors.append(error)
         if errors and not values:
             raise errors[0].located(key, key=key)
@@ -195,10 +194,10 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
 def judge_results(results: ResultSet) -> Conformity | None:
     """Judge conformity with the limits of the calibration, using the U of the certificate.
 
-    Limits that were judged by the U of the next use keep that judgement, with k = 2. If the
-    capability of the laboratory raises the U of the session, the U of the next use grows by the
-    same variance. The calibration file states the scatter between uses without its correlations,
-    so the joint probability treats it as uncorrelated.
+    If limits were judged by the U of the next use, they are judged in this way again, with k = 2.
+    If the laboratory's capability increases the U of the session, the same variance is added to the
+    U of the next use. The calibration file states the scatter between uses without correlations, so
+    the joint probability treats this scatter as uncorrelated.
     """
     stated = results.calibration.conformity
     if stated is None:
@@ -232,16 +231,16 @@ def judge_results(results: ResultSet) -> Conformity | None:
 
 
 def _conformity_dof(conformity: Conformity, dof: float) -> float:
-    """Return ν for the U that limits are judged by; U of the next use already includes t(ν)."""
+    """Return ν for the U used to judge limits; the U of the next use already includes t(ν)."""
     return inf if conformity.uncertainty == "next_use" else dof
 
 
 def acceptance_risk(conformity: Conformity, dof: float = inf) -> float:
-    """Return the largest risk that a value on its acceptance limit exceeds the limit.
+    """Return the largest risk that a true value exceeds a limit if the result is accepted.
 
-    The guard band is w = factor · U. With a limit on one side only, the risk is the
-        tail beyond w: 2.28 % for w = 2u, 4.9 % for w = 0.83 U (JCGM 106:2012, 8.3.2;
-        ILAC-G8:09/2019).
+    The guard band is w = factor · U. If a value has only one limit, the risk is the tail of the
+    distribution beyond w: 2.28 % for w = 2u, and 4.9 % for w = 0.83 U (JCGM 106:2012, 8.3.2;
+    ILAC-G8:09/2019).
     """
     dof = _conformity_dof(conformity, dof)
     guard = float(conformity.rule.guard(np.ones(()), dof))
@@ -250,7 +249,7 @@ def acceptance_risk(conformity: Conformity, dof: float = inf) -> float:
 
 
 def names_of(rows: Sequence[ResultRow], *, raised: bool = False) -> tuple[str, ...]:
-    """Return the coefficients outside the capability, or those whose U was raised."""
+    """Return the names of coefficients outside the capability, or with an increased U."""
     return tuple(row.name for row in rows if (row.raised if raised else row.outside))
 
 

@@ -1,8 +1,8 @@
 """Validate a DCC against its XML schema, which the laboratory supplies.
 
-The schema imports others by address. They are found in its folder by their namespace; nothing is
-fetched from the network. The content of an XML signature is not validated here, because
-`certificate verify` checks the signature itself.
+The schema imports other schemas by address. They are looked up by namespace in the folder of the
+schema, and nothing is loaded from the network. The content of an XML signature is not validated
+here, because `certificate verify` checks the signature itself.
 """
 
 from pathlib import Path
@@ -20,7 +20,7 @@ _IMPORT = "{http://www.w3.org/2001/XMLSchema}import"
 
 
 def schema_defects(document: bytes, schema: Path) -> tuple[str, ...]:
-    """Return the violations of the schema, one line each; empty for a valid document.
+    """Return a line for each violation of the schema; empty for a valid document.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def _read_xml(path: Path) -> Any:
 
 
 class _Resolver(etree.Resolver):
-    """A resolver that supplies a stub for the signature schema; libxml2 reads everything else."""
+    """A resolver that replaces the signature schema by a stub; libxml2 reads all other files."""
 
     signature = "inercal:signature"
 

@@ -1,7 +1,7 @@
 """Sign with the laboratory's key: PAdES for the PDF (B-B), XAdES for the DCC (enveloped).
 
-The key is read from a PKCS#12 file for each certificate and is never stored. There is no time
-stamp (B-T), because that needs a service on the network.
+The key is read from a PKCS#12 file for each certificate and is never stored. Signatures have no
+time stamp (B-T), because a time stamp needs a service on the network.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _FIELD = "inercal_certificate"
 
 @dataclass(frozen=True, eq=False)
 class SigningKey:
-    """A signing key with its certificate and the chain of that certificate.
+    """A signing key with its certificate, and the certificates of the issuers.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def sign_dcc(document: bytes, key: SigningKey) -> bytes:
 
 
 def sign_pdf(document: bytes, key: SigningKey) -> bytes:
-    """Return the PDF with a PAdES signature, added as an update that leaves its bytes unchanged.
+    """Return the PDF with a PAdES signature, which is appended to the unchanged bytes.
 
     Raises
     ------

@@ -21,7 +21,7 @@ class Texts:
         return str(text_table()["text"][key][self.language]).format(**fields)
 
     def word(self, section: str, key: str) -> str:
-        """Return the translation of a word that inercal uses; unknown words stay unchanged."""
+        """Return the translation of a word that inercal uses; an unknown word is not changed."""
         entry = text_table()[section].get(key)
         return key if entry is None else str(entry[self.language])
 

@@ -37,7 +37,7 @@ class Check:
     text : str
         Result of the check.
     vouches : bool
-        Whether the check shows who issued the file.
+        Whether a passed check proves who issued the file.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Verification:
 
     @property
     def authentic(self) -> bool:
-        """Whether no check failed and a trusted signature or the register vouches for the file."""
+        """Whether no check failed, and a trusted signature or the register proves who issued it."""
         vouched = any(one.vouches for one in self.checks)
         return vouched and all(one.passed is not False for one in self.checks)
 
@@ -73,13 +73,13 @@ def verify(
     schema: Path | None = None,
     register: Register | None = None,
 ) -> Verification:
-    """Verify a certificate, which may be a PDF or a DCC.
+    """Verify a certificate, given as a PDF or a DCC.
 
     Parameters
     ----------
     path : Path
     trust : Path, optional
-        PEM file with the certificates to which a signature must lead.
+        PEM file with trusted certificates; the chain of a signature must lead to one of them.
     schema : Path, optional
         The file dcc.xsd.
     register : Register, optional
@@ -102,7 +102,7 @@ def verify(
             checks.append(_pdf_signature(content, trusted))
     stated = read_dcc(document, str(path))
     of_dcc = _dcc_signature(document, trusted)
-    # A DCC with a valid signature could be attached to any pages.
+    # A DCC with a valid signature could also be attached to forged pages.
     checks.append(replace(of_dcc, vouches=False) if is_pdf else of_dcc)
     checks += [_agreement(one, k) for k, one in enumerate(stated.results, start=1)]
     if schema is not None:
@@ -115,12 +115,12 @@ def verify(
 
 @contextmanager
 def _readable(path: Path) -> Generator[None]:
-    """Convert any error of the PDF reader to a one-line message that the file is damaged."""
+    """Convert any error of the PDF reader to a one-line error that says the file is damaged."""
     try:
         yield
     except InercalError:
         raise
-    except Exception as error:  # damaged bytes raise errors of many kinds
+    except Exception as error:  # damaged bytes cause many types of errors
         raise InputError(
             f"{path}: this PDF has no attached DCC, or it is damaged: {error}; get the file again",
             file=path,
@@ -235,7 +235,7 @@ def _dcc_signature(document: bytes, trusted: bytes | None) -> Check:
 
 
 def _leads_to(own: bytes, chain: Sequence[bytes], trusted: bytes) -> bool:
-    """Return whether a certificate (DER) leads, through its chain (DER), to a trusted one (PEM)."""
+    """Return whether the chain of a certificate (DER) leads to a trusted certificate (PEM)."""
     load = signature_library("asn1crypto.x509").Certificate.load
     library = signature_library("pyhanko_certvalidator")
     refusals = signature_library("pyhanko_certvalidator.errors")
@@ -251,7 +251,7 @@ def _leads_to(own: bytes, chain: Sequence[bytes], trusted: bytes) -> bool:
 
 
 def _agreement(stated: StatedResults, number: int) -> Check:
-    """Check that rounded numbers, covariance and attached calibration file agree."""
+    """Check that the rounded numbers, the covariance and the attached calibration file agree."""
     name = f"results {number}"
     calibration = stated.calibration
     names = tuple(map(list_label, calibration.sensor.coefficients))
@@ -268,7 +268,7 @@ def _agreement(stated: StatedResults, number: int) -> Check:
         shown = format_value_and_uncertainty(float(stated.full_value[k]) / si, float(full))
         both = float(stated.value[k]) / si, float(stated.expanded[k]) / si
         for text, each in zip(shown, both, strict=True):
-            # k is printed with two decimals, which may change the last digit of U.
+            # The certificate states k with two decimals, which may change the last digit of U.
             if abs(float(text) - each) > max(1e-9 * abs(each), 0.051 * both[1]):
                 return Check(
                     name,

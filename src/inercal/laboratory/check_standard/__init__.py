@@ -1,7 +1,8 @@
 """A check standard, which is a sensor measured before each job, and its control charts.
 
-The first days of the sensor are the reference, and each later day is compared with it. The bench is
-in control if the sensor still reads what it read then, within its noise and its day-to-day scatter.
+The first days of the sensor are the reference, and each later day is compared with the reference.
+The bench is in control if the sensor still gives the same results as in the reference, within its
+noise and its day-to-day scatter.
 """
 
 from inercal.laboratory.check_standard.charts import (

@@ -1,4 +1,4 @@
-"""Describe the control charts of a bench in words, and as the JSON object of their file."""
+"""Describe the control charts of a bench in words, and convert them to a JSON object."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ SCHEMA = "inercal/control/bench/1"
 
 
 def bench_lines(found: BenchCharts) -> list[str]:
-    """Return text lines with the results of the charts, the most serious first."""
+    """Return text lines with the results of the charts; the most serious result comes first."""
     out = sum(not one.in_control for one in found.points)
     if not found.points:
         lines = ["no day has been charted yet, because all days so far belong to the reference"]
@@ -39,7 +39,7 @@ def bench_lines(found: BenchCharts) -> list[str]:
 
 
 def day_signals(found: BenchCharts) -> list[tuple[str, str]]:
-    """Return the days that are out of control, each with the charts that give a signal."""
+    """Return the days that are out of control, and the charts that give a signal on each day."""
     return [
         (day(one.measured), "; ".join(signal_text(*part) for part in one.signals.items()))
         for one in found.points
@@ -48,7 +48,7 @@ def day_signals(found: BenchCharts) -> list[tuple[str, str]]:
 
 
 def bench_charts_object(found: BenchCharts) -> dict[str, Any]:
-    """Return the charts as a JSON object; values are in SI units, statistics have no unit."""
+    """Return the charts as a JSON object; values are in SI units, and statistics have no unit."""
     kind = found.lasting_kind.lower()
     return {
         "schema": SCHEMA,
@@ -88,7 +88,7 @@ def bench_charts_object(found: BenchCharts) -> dict[str, Any]:
 
 
 def newest_statistics(found: BenchCharts) -> list[tuple[str, ...]]:
-    """Return the z and EWMA or CUSUM of largest size for each parameter, with their limits."""
+    """Return the largest |z| and EWMA or CUSUM for each parameter, with their limits."""
     rows: list[tuple[str, ...]] = []
     for one in found.charts:
         later = slice(one.reference_days, None)

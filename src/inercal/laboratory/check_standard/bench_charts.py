@@ -1,15 +1,16 @@
-"""Control charts of a bench from the estimates in its own runs, without a check standard.
+"""Control charts of a bench without a check standard, from the bench errors in its runs.
 
-Each parameter that runs determine (`inercal.calibration.bench_estimates`) has its own Shewhart and
-EWMA or CUSUM chart, because runs with different methods determine different parameters. The
-weighted mean of the runs on a day is one point, with its own variance s² and the day-to-day scatter
-τ² of the reference. The reference consists of the first m days with the parameter::
+Each bench parameter that runs determine (`inercal.calibration.bench_estimates`) has a separate
+Shewhart chart and EWMA or CUSUM chart, because runs with different methods determine different
+parameters. The weighted mean q' of the runs on a day is one point. Its variance is its own variance
+s² plus the day-to-day scatter τ². The reference consists of the first m days on which the parameter
+was determined::
 
     z = (q' − μ)/√(τ² + s² + u²(μ)),   μ = Σ w q'/Σ w,   w = 1/(τ² + s²),   u²(μ) = 1/Σ w
 
-τ² is estimated by restricted likelihood; the limits use Student's t with m − 1 degrees of freedom.
-Errors that the runs share through other parameters of the bench are the same on all days and cancel
-in q' − μ, as long as these parameters are not determined again.
+τ² is estimated from the reference by restricted likelihood, and the limits use Student's t with m −
+1 degrees of freedom. Runs also share errors of other bench parameters. These errors are the same on
+all days and cancel in q' − μ, as long as the other parameters are not determined again.
 """
 
 from collections.abc import Sequence
@@ -45,7 +46,7 @@ _KINDS = 2  # Shewhart, and EWMA or CUSUM
 
 @dataclass(frozen=True)
 class ChartedRun:
-    """The bench estimates from a run, with its label and the time of measurement (ISO 8601)."""
+    """The bench estimates from a run, with the run's label and time of measurement (ISO 8601)."""
 
     label: str
     measured: str
@@ -53,7 +54,7 @@ class ChartedRun:
 
     @property
     def day(self) -> str:
-        """The day of the measurement, ISO 8601."""
+        """Day of the measurement, ISO 8601."""
         return self.measured.partition("T")[0]
 
 
@@ -67,13 +68,13 @@ class ParameterChart:
     days : tuple of str
         Time of the last run on each day, ISO 8601.
     values, std : (n,) arrays
-        Bench estimate for each day, and its own standard uncertainty.
+        Bench estimate for each day, and its standard uncertainty without the day-to-day scatter.
     reference_days : int
         Number m of days in the reference.
     mean, mean_std, scatter : float
         Mean μ, its standard uncertainty u(μ), and the day-to-day scatter τ.
     shewhart, lasting : (n,) arrays
-        z of all days, and the EWMA or CUSUM, which is 0 in the reference.
+        z of all days, and the EWMA or CUSUM of all days, which is 0 within the reference.
     shewhart_limit, lasting_limit : float
     lasting_kind : "EWMA" or "CUSUM"
     """
@@ -108,7 +109,7 @@ class ParameterChart:
 
 @dataclass(frozen=True)
 class BenchDay:
-    """A day after the reference of a parameter, with its last run and the signals by chart."""
+    """A day after the reference of a parameter, with its last run and its signals by chart."""
 
     measured: str
     signals: dict[ChartKind, tuple[str, ...]]
@@ -129,7 +130,7 @@ class BenchCharts:
     runs : tuple of ChartedRun
     charts : tuple of ParameterChart
     too_few : mapping of str to int
-        Number of days of each parameter that has fewer days than the reference needs.
+        Parameters that have fewer days than the reference needs, and their number of days.
     run_length : float
         In-control run length of all charts together, in days.
     """
@@ -166,12 +167,12 @@ class BenchCharts:
 
     @property
     def in_control(self) -> bool:
-        """Whether the last day is in control; true if there is no day after the reference."""
+        """Whether the last day is in control; also true if no day follows the reference."""
         return not self.points or self.points[-1].in_control
 
     @property
     def episodes(self) -> tuple[Episode, ...]:
-        """The periods in which the bench is doubtful, oldest first."""
+        """The periods in which the bench is doubtful; the oldest comes first."""
         first = min(one.days[one.reference_days - 1] for one in self.charts)
         days = [(one.measured, one.measured, one.in_control) for one in self.points]
         return doubtful_episodes(first, days)
@@ -191,7 +192,7 @@ def bench_charts(
     Parameters
     ----------
     bench : str
-        Name of the bench for printing.
+        Name of the bench, as printed.
     runs : sequence of ChartedRun
         Runs in chronological order.
     reference : int
@@ -199,7 +200,7 @@ def bench_charts(
     run_length : float
         In-control run length of all charts together, in days.
     restarts : sequence of str
-        Times of corrective actions, ISO 8601, after which the EWMA or CUSUM restarts.
+        Times of corrective actions, ISO 8601. The EWMA or CUSUM restarts after each action.
     lasting : "EWMA" or "CUSUM"
         Chart for detecting small lasting changes.
 
@@ -266,7 +267,7 @@ def _chart(
         [first_after(times[m:], time) for time in restarts],
         lasting,
     )
-    # A point in the reference contributes to the mean.
+    # A point within the reference contributes to the mean.
     of_reference = np.sqrt(np.maximum(variance[:m] - mean_variance, 1e-9 * variance[:m]))
     shewhart = wider_limit(chart_limit(run_length, 1.0, 1), 1, m - 1.0)
     newest = days[-1][-1][1]
@@ -281,7 +282,7 @@ def _chart(
 
 
 def _day_mean(of_day: _Day) -> tuple[float, float]:
-    """Return the weighted mean of the runs on a day, and its own standard uncertainty."""
+    """Return the weighted mean of the runs on a day, and its standard uncertainty."""
     weight = np.array([one.own_std**-2 for _, one in of_day])
     value = np.array([one.value for _, one in of_day])
     return float(weight @ value / weight.sum()), float(weight.sum() ** -0.5)

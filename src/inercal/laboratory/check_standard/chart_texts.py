@@ -1,4 +1,4 @@
-"""Describe control charts in words and rounded numbers, and as a file, `*.control.json`."""
+"""Describe control charts in words and rounded numbers, and in a file `*.control.json`."""
 
 from typing import Any
 
@@ -14,17 +14,17 @@ from inercal.physics.sensors import SI_UNITS
 
 
 def day(time: str) -> str:
-    """Return the day of an ISO 8601 time."""
+    """Return the day of a time in ISO 8601."""
     return time.partition("T")[0]
 
 
 def signal_text(kind: ChartKind, names: tuple[str, ...]) -> str:
-    """Return the name of a chart that gives a signal, with its coefficients."""
+    """Describe a signal: the name of the chart and the coefficients."""
     return f"{kind} of {', '.join(names)}" if names else kind
 
 
 def episode_text(one: Episode) -> str:
-    """Return the period in which the bench is doubtful as text."""
+    """Describe the period in which the bench is doubtful."""
     until = "now" if one.until is None else day(one.until)
     return f"from {day(one.since)} to {until}"
 
@@ -38,7 +38,7 @@ def doubtful_text(one: Episode) -> str:
 
 
 def control_lines(found: ControlCharts) -> list[str]:
-    """Return text lines with the results of the charts, the most serious first."""
+    """Return text lines with the results of the charts; the most serious result comes first."""
     out = sum(not one.in_control for one in found.points)
     lines: list[str] = []
     if not found.points:
@@ -75,7 +75,7 @@ def control_lines(found: ControlCharts) -> list[str]:
 
 
 def control_charts_object(found: ControlCharts) -> dict[str, Any]:
-    """Return the JSON object for the charts' file; values are in SI, statistics have no unit."""
+    """Return the charts as a JSON object; values are in SI, and statistics have no unit."""
     matched, limits, values = found.matched, found.limits, found.values
     scatter = np.sqrt(np.diagonal(found.days.point[-1])) * found.fit.unit
     kind = limits.lasting_kind.lower()

@@ -1,9 +1,9 @@
 """Make the control charts of a check standard from its sessions.
 
-The first m days are the reference, which gives the mean and the scatter in components of known
-shape (`repeatability`). The limits use Student's t and F with the degrees of freedom of the
-reference, and include the error of its mean. For one coefficient this is the textbook limit
-t_{m−1} S √(1 + 1/m), here pooled over similar axes.
+The first m days are the reference. They give the mean, and the scatter as a sum of components
+(`repeatability`). The limits use Student's t and F with the degrees of freedom of the reference,
+and include the error of the mean. For one coefficient, this is the textbook limit t_{m−1} S √(1 +
+1/m), pooled over similar axes.
 """
 
 from collections.abc import Iterable, Sequence
@@ -40,7 +40,7 @@ RUN_LENGTH = 370.0
 
 @dataclass(frozen=True, eq=False)
 class CheckedSession:
-    """A session of the check standard with its time of measurement, ISO 8601."""
+    """A session of the check standard, with the time of measurement in ISO 8601."""
 
     session: RepeatedSession
     measured: str
@@ -57,7 +57,7 @@ class CheckPoint:
     labels : tuple of str
         Labels of the sessions.
     signals : mapping of ChartKind to tuple of str
-        Charts that give a signal, with their coefficients; T² and MEWMA name no coefficients.
+        Charts that give a signal, with the coefficients. T² and MEWMA do not name coefficients.
     """
 
     first: str
@@ -78,16 +78,16 @@ class Episode:
     Parameters
     ----------
     since : str
-        Last session in control before the period, ISO 8601.
+        Time of the last session in control before the period, ISO 8601.
     until : str or None
-        First session in control after the period; None as long as there is none.
+        Time of the first session in control after the period; None if the period has not ended.
     """
 
     since: str
     until: str | None
 
     def holds(self, time: str) -> bool:
-        """Return whether a time, ISO 8601, is in the period."""
+        """Return whether a time, ISO 8601, is within the period."""
         return self.since < time and (self.until is None or time < self.until)
 
 
@@ -102,13 +102,13 @@ class ControlCharts:
         Fit of the reference.
     sessions : tuple of CheckedSession
     days : DayPoints
-        All days, including those of the reference.
+        All days, including the days of the reference.
     reference_days : int
     limits : ChartLimits
     values : ChartValues
         Chart values of the days after the reference.
     points : tuple of CheckPoint
-        Points of the same days.
+        Points of the days after the reference.
     dof : (p,) array
     joint_dof : float
     """
@@ -157,7 +157,7 @@ def doubtful_episodes(
     reference_end : str
         End of the reference, ISO 8601.
     days : iterable of (str, str, bool)
-        First and last session of each day after the reference, and whether the day is in control.
+        First and last session of each day after the reference, and whether this day is in control.
     """
     found: list[Episode] = []
     since, doubtful = reference_end, False
@@ -190,15 +190,15 @@ def control_charts(
     run_length : float
         In-control run length of all charts together, in days.
     restarts : sequence of str
-        Times of corrective actions, ISO 8601, after which EWMA and MEWMA restart.
+        Times of corrective actions, ISO 8601. EWMA and MEWMA restart after each action.
     lasting : "EWMA" or "CUSUM"
         Chart for detecting small lasting changes of each coefficient.
 
     Raises
     ------
     InputError
-        If the calibrations cannot be compared, if the reference is too short or longer than the
-        sessions, or if the run length is not possible.
+        If the calibrations cannot be compared, if the reference is too short or has more days than
+        the sessions, or if the run length is not possible.
     """
     require_settings(reference, run_length)
     matched = match_sessions([one.session for one in sessions])
@@ -236,7 +236,7 @@ def control_charts(
 
 
 def require_settings(reference: int, run_length: float) -> None:
-    """Refuse a reference that is too short or a run length that is not possible.
+    """Raise an error if the reference is too short or the run length is not possible.
 
     Raises
     ------
@@ -256,7 +256,7 @@ def require_settings(reference: int, run_length: float) -> None:
 
 
 def first_after(times: Sequence[str], time: str) -> int:
-    """Return the index of the first of the sorted times that is not before `time`."""
+    """Return the index of the first of some sorted times that is not before `time`."""
     return next((k for k, one in enumerate(times) if one >= time), len(times))
 
 
@@ -285,7 +285,7 @@ def _check_points(
 
 
 def _degrees_of_freedom(fit: SessionFit, days: int) -> Array:
-    """Return the degrees of freedom of each variance; a rotation has three draws per mounting."""
+    """Return the degrees of freedom of each variance; a mounting has three random rotations."""
     dof = fit.similar * (days - 1)
     for one in fit.effects:
         if one.level == "mount":
@@ -295,10 +295,11 @@ def _degrees_of_freedom(fit: SessionFit, days: int) -> Array:
 
 
 def _widening(fit: SessionFit) -> Array:
-    """Return the factor, (p,), by which each coefficient scatters more than similar ones.
+    """Return the factor, (p,), by which each coefficient scatters more than similar coefficients.
 
-    It is 1 if several sessions are from the same day, because it is not known then. It is also 1
-    for coefficients that a mounting changes, because these do not scatter alike.
+    The factor is 1 if several sessions are from the same day, because it is then unknown. It is
+    also 1 for coefficients that a new mounting changes, because their scatter differs from axis to
+    axis.
     """
     p = len(fit.unit)
     if not fit.has_other_days:

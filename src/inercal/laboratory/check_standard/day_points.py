@@ -1,15 +1,15 @@
-"""Combine the sessions of each day into one point, their mean with its covariance.
+"""Combine the sessions of each day into one point, which is their mean with a covariance.
 
-Sessions on one day are not independent. If each were charted (with four a day and half of their
-variance in common), an EWMA that was designed for an in-control run length of 385 would only reach
-59. The mean of the n sessions on a day has the covariance::
+Sessions on one day are not independent. Suppose that each of four sessions a day were one point and
+that these points shared half of their variance: an EWMA designed for an in-control run length of
+385 would then only reach 59. The mean of the n sessions on a day has the covariance::
 
     V = Σ C_own/n² + Σ_c σ_c² K_c Σ_levels (n_l/n)²
 
-with the components σ_c² K_c of the reference, where n_l sessions belong to level l of component c.
-The reference mean μ̂ has the covariance A⁻¹. Errors that the sessions share cancel in the difference
-from μ̂ if they come from the same determination; otherwise the squared difference of their columns
-is added.
+σ_c² K_c are the components of the scatter in the reference, and n_l sessions belong to level l of
+component c. The reference mean μ̂ has the covariance A⁻¹. Errors that the sessions share cancel in
+the difference from μ̂ if they come from the same determination. If not, the squared difference of
+their columns is added.
 """
 
 from dataclasses import dataclass
@@ -35,8 +35,8 @@ class DayPoints:
     difference : (n, p) array
         Difference from the reference mean.
     point, reference : (n, p, p) arrays
-        Covariance of the point, and covariance of the reference including errors that only one of
-        the two has.
+        Covariance of the point, and covariance of the reference. The latter includes errors that
+        only the point or only the reference has.
     """
 
     sessions: tuple[tuple[int, ...], ...]
@@ -59,7 +59,7 @@ def day_points(
     reference : list of int
         Indices of the sessions in the reference.
     widening : (p,) array
-        Factor that enlarges the standard deviation of each coefficient's scatter.
+        Factor that multiplies the standard deviation of each coefficient's scatter.
     """
     unit = fit.unit
     values, square = matched.values / unit, np.outer(unit, unit)
@@ -93,7 +93,7 @@ def day_points(
 
 
 def _share(matched: MatchedSessions, of_day: list[int], level: LevelName) -> float:
-    """Return Σ (n_l/n)², the fraction of a variance that remains in the mean of a day."""
+    """Return Σ (n_l/n)², which is the fraction of a variance that remains in the mean of a day."""
     if level not in _WHICH:
         return 1.0
     number = matched.level(_WHICH[level])[of_day]

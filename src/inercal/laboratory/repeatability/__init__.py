@@ -1,7 +1,8 @@
 """Combine several calibrations of a sensor into a mean and the uncertainty of its next use.
 
-The U of one session includes its noise and its bench. A sensor also scatters from day to day, from
-mounting to mounting and from power cycle to power cycle, which only repeated sessions can show.
+The U of one session includes the noise and the errors of the bench. The results of a sensor also
+scatter from day to day, from mounting to mounting and from power cycle to power cycle. Only
+repeated sessions can show this scatter.
 """
 
 from inercal.laboratory.repeatability.effects import Owner, Scope

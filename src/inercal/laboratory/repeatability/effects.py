@@ -1,12 +1,13 @@
 """Random effects that describe the scatter of a sensor between sessions.
 
-Each effect has a known shape and one unknown variance. The same coefficients of similar axes share
-a variance, from day to day and from one power cycle to the next. A new mounting rotates the sensor
-in its fixture by a small ψ, which changes all misalignments together::
+Each effect has a known shape and one unknown variance. The same coefficients of similar axes have a
+common variance from day to day, and another from one power cycle to the next. A new mounting
+rotates the sensor in its fixture by a small angle vector ψ, which changes all misalignments
+together::
 
     δ_O += ψ·O,   δ_P += ψ·P
 
-In a frame that is fixed to the sensor, a new mounting has no effect.
+If misalignments are stated in a frame that is fixed to the sensor, a new mounting has no effect.
 """
 
 from collections.abc import Sequence
@@ -24,10 +25,10 @@ from inercal.physics.sensors import Sensor
 
 Owner = Literal["sensor", "bench"]
 Scope = Literal["day", "turn-on"]
-"""What changes before the next use: the day, or only the turn-on."""
+"""What changes before the next use: the day, or only the turn-on (power cycle)."""
 LevelName = Literal["session", "day", "turn-on", "mount"]
 _DAY, _MOUNT, _TURN_ON = range(3)
-_ROTATED = {"delta_o": 2, "delta_p": 1}  # row in the frame of an axis
+_ROTATED = {"delta_o": 2, "delta_p": 1}  # row of the axis frame that is multiplied by ψ
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,14 +40,15 @@ class NamedEffect:
     name : str
         Name such as "bias of accelerometers" or "rotation of the mounting".
     level : "session", "day", "turn-on" or "mount"
-        The event that causes a new random value; a session is a new day, turn-on and mounting at
+        The event that causes a new random value. "session" means a new day, turn-on and mounting at
         once.
     owner : "sensor" or "bench"
-        Whether the effect belongs to the sensor, and so to its next use, or to the bench.
+        Whether the effect belongs to the sensor, and is therefore part of its next use, or to the
+        bench.
     places : tuple of int
         Indices of the coefficients that the effect changes.
     unit, si
-        Unit of its standard deviation, and the size of this unit in SI units.
+        Unit of the standard deviation, and the size of this unit in SI.
     effect : RandomEffect
     """
 
@@ -59,7 +61,7 @@ class NamedEffect:
     effect: RandomEffect
 
     def is_in_next_use(self, scope: Scope) -> bool:
-        """Return whether the effect has a new value in the next use with this scope."""
+        """Return whether the effect has a new value in the next use, for a given scope."""
         return self.owner == "sensor" and (scope == "day" or self.level in ("turn-on", "session"))
 
     @property
@@ -69,7 +71,7 @@ class NamedEffect:
 
 
 def named_effects(matched: MatchedSessions, mount_owner: Owner) -> tuple[NamedEffect, ...]:
-    """Return the effects that these sessions can reveal."""
+    """Return the effects that these sessions can show."""
     days, mounts, turn_ons = (matched.level(which) for which in (_DAY, _MOUNT, _TURN_ON))
     k = len(matched.sessions)
     levels: list[tuple[LevelName, np.ndarray]] = []
@@ -101,7 +103,7 @@ def named_effects(matched: MatchedSessions, mount_owner: Owner) -> tuple[NamedEf
 def similar_coefficients(
     sensor: Sensor, names: Sequence[str]
 ) -> dict[tuple[str, str, float], tuple[int, ...]]:
-    """Return the indices of similar coefficients, by name, unit and SI size of the unit."""
+    """Group similar coefficients: return their indices by name, unit and SI size of the unit."""
     groups: dict[tuple[str, str, float], list[int]] = {}
     measures = {axis.name: axis.measures for axis in sensor.axes}
     for place, name in enumerate(names):
@@ -113,7 +115,7 @@ def similar_coefficients(
 
 
 def is_rotation_observed(rotation: Array) -> bool:
-    """Return whether a rotation of the mounting can be told from other misalignments."""
+    """Return whether a rotation of the mounting can be distinguished from other misalignments."""
     return 0 < np.linalg.matrix_rank(rotation) < int(rotation.any(axis=1).sum())
 
 
@@ -131,7 +133,7 @@ def _rotation(matched: MatchedSessions) -> Array:
 def scatter(
     effects: Sequence[NamedEffect], variance: Array, of: Sequence[bool], size: int
 ) -> Array:
-    """Return the covariance, (p, p) SI, that the chosen effects add."""
+    """Return the covariance that the chosen effects add, (p, p), SI."""
     total = np.zeros((size, size))
     for one, s, chosen in zip(effects, variance, of, strict=True):
         if chosen:

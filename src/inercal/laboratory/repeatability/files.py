@@ -1,4 +1,4 @@
-"""Write the result as `*.repeatability.json`, which `inercal.calibration.next_use` reads."""
+"""Convert the result to a file `*.repeatability.json`, which `calibration.next_use` reads."""
 
 from dataclasses import replace
 from typing import Any
@@ -76,8 +76,8 @@ def _statement(one: StatedUncertainty, k: int) -> dict[str, float]:
 def next_use_calibration(found: Repeatability) -> Calibration:
     """Return the mean as a calibration, with U/2 of the next use as standard uncertainties.
 
-    It can correct readings and be exported like any other calibration. Coefficients that not all
-    sessions measured are left out.
+    This calibration can correct readings and be exported like any other. Coefficients that not all
+    sessions measured are omitted.
     """
     last = found.matched.sessions[-1].calibration
     sessions = [one.label for one in found.matched.sessions]

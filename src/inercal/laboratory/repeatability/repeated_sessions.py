@@ -1,25 +1,26 @@
-"""Combine the sessions of a sensor into statements, with U, about its mean and next use.
+"""Combine the sessions of a sensor into statements, with U, on its mean and its next use.
 
-The scatter of the sessions is estimated first (`effects`). V is the covariance of all sessions from
-their own covariances and the scatter, and W = V⁻¹. The mean is θ̂ = A⁻¹ XᵀWy with A = XᵀWX. There
-are two statements::
+The scatter of the sessions is estimated first (`effects`). V is the covariance of all sessions,
+which contains their own covariances and the scatter, and W = V⁻¹. The mean is θ̂ = A⁻¹ XᵀWy with A
+= XᵀWX. Each of the two statements has its own u_A::
 
     mean       u_A² = max(1, q) [A⁻¹]
-    next use   u_A² = σ² + max(1, q) [A⁻¹],  σ² is the scatter that belongs to the sensor
+    next use   u_A² = σ² + max(1, q) [A⁻¹],  σ² is the scatter of the sensor itself
     both       U² = t_ν² u_A² + 4 u_B²
 
-u_B is the uncertainty from errors that sessions share, L = A⁻¹ XᵀW P / u_q for each determination;
-more sessions do not reduce it. q is the weighted scatter about the mean divided by its expectation
-(Hartung and Knapp 2001). Similar axes share a variance. An axis that scatters more than the others
-uses its own variance if the uncertainties of its sessions do not explain this (`single_scatter`).
-t_ν has the coverage of 2u, with ν = m (n − 1) for m similar axes and n levels.
+u_B is the uncertainty due to errors that sessions share, L = A⁻¹ XᵀW P / u_q for each
+determination. More sessions do not reduce u_B. q is the weighted scatter about the mean divided by
+its expectation (Hartung and Knapp 2001). Similar axes have a common variance. If an axis scatters
+more than the others and the uncertainties of its sessions do not explain this, its own variance is
+used (`single_scatter`). t_ν gives the same coverage as 2u, with ν = m (n − 1) for m similar axes
+and n levels.
 
 Sources: JCGM 100:2008, G.4; Hartung and Knapp, Statistics in Medicine 20 (2001), 3875–3889;
 Higgins, Thompson and Spiegelhalter, J. R. Statist. Soc. A 172 (2009), 137–159 (prediction).
 
 The number of sessions that a statement needs follows from the relative standard deviation of σ,
-which is (1 + λ)/√(2ν). Here λ = s²/σ² is the variance of a session's own error divided by that of
-the scatter, and ν is as above.
+which is (1 + λ)/√(2ν). Here λ = s²/σ² is the variance of a session's own error divided by the
+variance of the scatter.
 """
 
 # SciPy has no stubs.
@@ -104,7 +105,7 @@ class Repeatability:
     Parameters
     ----------
     fit : SessionFit
-        The sessions in the same frame and form, with their scatter.
+        The sessions, converted to the same frame and form, with their scatter.
     values : (p,) array
         Means of the coefficients `matched.names`, SI.
     scope : "day" or "turn-on"
@@ -113,7 +114,7 @@ class Repeatability:
         Whether the next use includes a new mounting.
     mean, next_use : StatedUncertainty
     scatter : (p, p) array
-        Covariance that the next use adds to that of the mean, SI.
+        Covariance that the next use adds to the covariance of the mean, SI.
     components : tuple of ScatterComponent
     """
 
@@ -128,12 +129,12 @@ class Repeatability:
 
     @property
     def matched(self) -> MatchedSessions:
-        """The sessions in the same frame and form."""
+        """The sessions, converted to the same frame and form."""
         return self.fit.matched
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
-        """Text lines on disagreements between the sessions and on assumptions."""
+        """Text lines on disagreements between the sessions, and on assumptions."""
         pooled = np.diag(_pooled_scatter(self.fit, self.scope))
         own = np.flatnonzero(_scatter_alone(self.fit) > pooled).tolist()
         return (
@@ -143,9 +144,10 @@ class Repeatability:
 
     @property
     def run_to_run(self) -> Array:
-        """Covariance of a session about the mean, (p, p) SI, without its own uncertainty.
+        """Covariance of a session about the mean, (p, p), SI, without the session's own u.
 
-        It includes the scatter of the next use and effects of the bench, such as a new mounting.
+        This covariance includes the scatter of the next use, and effects of the bench such as a new
+        mounting.
         """
         effects = self.fit.effects
         others = [not one.is_in_next_use(self.scope) for one in effects]
@@ -165,9 +167,9 @@ def repeat(
     Parameters
     ----------
     sessions : sequence of RepeatedSession
-        Two or more sessions; the last one determines the frame and form of all.
+        Two or more sessions; all are converted to the frame and form of the last session.
     scope : "day" or "turn-on"
-        Whether the next use is on another day, or after another turn-on of the same day.
+        Whether the next use is on another day, or after another turn-on on the same day.
     mount_owner : "sensor" or "bench"
         Whether the rotation of a new mounting is part of the next use, or belongs to the bench.
 
@@ -196,7 +198,7 @@ def repeat(
 
 
 def _state(fit: SessionFit, scope: Scope, mount_owner: Owner) -> Repeatability:
-    """Return the two statements, on mean and next use, from the fitted sessions."""
+    """Return the statements on the mean and on the next use from the fitted sessions."""
     dof = fit.similar * (_count_of_scope(fit.matched, scope) - 1)
     next_use = _next_use_scatter(fit, scope)
     spread = _spread_ratio(fit)
@@ -222,7 +224,7 @@ def _count_of_scope(matched: MatchedSessions, scope: Scope) -> int:
 def _next_use_scatter(fit: SessionFit, scope: Scope) -> Array:
     """Return the covariance of the next use, (p, p), in the units of the fit.
 
-    A coefficient that scatters more than similar ones uses its own variance.
+    For a coefficient that scatters more than similar coefficients, its own variance is used.
     """
     size = len(fit.unit)
     pooled = _pooled_scatter(fit, scope)
@@ -235,18 +237,18 @@ def _next_use_scatter(fit: SessionFit, scope: Scope) -> Array:
 
 
 def _pooled_scatter(fit: SessionFit, scope: Scope) -> Array:
-    """Return the covariance of the next use, (p, p), from variances of similar coefficients."""
+    """Return the covariance of the next use, (p, p), from common variances of similar axes."""
     chosen = [one.is_in_next_use(scope) for one in fit.effects]
     pooled = scatter(fit.effects, fit.variances.variance, chosen, len(fit.unit))
     return pooled / np.outer(fit.unit, fit.unit)
 
 
 def _scatter_alone(fit: SessionFit) -> Array:
-    """Return the variance of each coefficient, (p,), from its own values in units of the fit.
+    """Return the variance of each coefficient, (p,), from its own values, in units of the fit.
 
-    The variance is zero if several sessions are from the same day, for misalignments that change
-    with a mounting that belongs to the bench, if the sessions' own uncertainties explain the
-    scatter, or if one session outweighs the others.
+    The variance is zero in four cases: if several sessions are from the same day; for misalignments
+    that a mounting changes, if the mounting belongs to the bench; if the sessions' own
+    uncertainties explain the scatter; or if one session has much more weight than the others.
     """
     if not fit.has_other_days:
         return np.zeros(len(fit.unit))
@@ -258,9 +260,9 @@ def _scatter_alone(fit: SessionFit) -> Array:
 
 
 def _spread_ratio(fit: SessionFit) -> Array:
-    """Return √max(1, q) of each coefficient, from similar axes together or from its own values.
+    """Return √max(1, q) of each coefficient, from similar axes or from its own values.
 
-    Its own values are used if the sessions' own uncertainties do not explain their scatter.
+    Its own values are used if the uncertainties of the sessions do not explain their scatter.
     """
     ratio = np.ones(len(fit.unit))
     if not fit.has_other_days:
@@ -294,7 +296,7 @@ def _component(fit: SessionFit, k: int) -> ScatterComponent:
 
 RELATIVE = 0.3  # desired relative standard deviation of σ
 _PLURAL = {"session": "sessions", "day": "days", "turn-on": "turn-ons", "mount": "mountings"}
-_LONGEST = 4.0  # λ above which longer sessions help more than additional ones
+_LONGEST = 4.0  # λ above which longer sessions help more than more sessions
 
 
 def required_sessions(noise_ratio: float, similar: int, relative: float = RELATIVE) -> int:
@@ -318,7 +320,7 @@ def required_sessions(noise_ratio: float, similar: int, relative: float = RELATI
 
 
 def noise_ratio(found: Repeatability, one: ScatterComponent) -> float:
-    """Return λ of a component; infinite if no scatter was found."""
+    """Return the ratio λ of a component; infinite if no scatter was found."""
     places = list(one.effect.places)
     own = np.diagonal(found.matched.own, axis1=1, axis2=2)[:, places].mean()
     shape = one.effect.effect.shape[places]
@@ -331,7 +333,7 @@ def advice_lines(found: Repeatability) -> list[str]:
     lines: list[str] = []
     for number, one in enumerate(found.components):
         if number in found.fit.unseen:
-            continue  # a finding already names it
+            continue  # a finding already names this component
         ratio, what = noise_ratio(found, one), f"{one.effect.name} ({one.effect.level})"
         if one.sd == 0:
             lines.append(f"{what}: the sessions scatter no more than their uncertainties explain")

@@ -17,9 +17,9 @@ _LEAST_SESSIONS = 4  # least number of sessions for finding an outlier
 
 
 def outlier_sessions(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
-    """Return the outliers among the sessions, each with its probability by chance.
+    """Return the outliers among the sessions, each with the probability of this by chance.
 
-    Each session is compared with the mean and scatter of the others, so it does not enlarge them.
+    Each session is compared with the mean and scatter of only the other sessions.
     """
     count, size = len(fit.values), len(fit.unit)
     found: dict[str, float] = {}
@@ -46,14 +46,14 @@ def outlier_sessions(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
 
 
 def single_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) -> list[str]:
-    """Return a line on coefficients that use their own scatter, with sizes for comparison.
+    """Return a line on the coefficients for which their own scatter is used, with both scatters.
 
     Parameters
     ----------
     pooled : (p,) array
         Variance that similar coefficients share, in units of the fit.
     places : sequence of int
-        Indices of the coefficients that use their own scatter.
+        Indices of the coefficients for which their own scatter is used.
     """
     parts: list[str] = []
     for j in places:
@@ -73,7 +73,7 @@ def single_scatter_lines(fit: SessionFit, pooled: Array, places: Sequence[int]) 
 
 
 def hidden_scatter_lines(fit: SessionFit) -> list[str]:
-    """Return lines on scatter that the sessions cannot reveal."""
+    """Return lines on scatter that the sessions cannot show."""
     return [
         f"{fit.effects[k].name}: one session is much better than the others, and these show no "
         "scatter beyond their uncertainties. U of the next use therefore includes none; add a "
@@ -85,12 +85,12 @@ def hidden_scatter_lines(fit: SessionFit) -> list[str]:
 def outlier_axes(
     values: Array, groups: Mapping[tuple[str, str, float], Sequence[int]]
 ) -> list[int]:
-    """Return the indices of coefficients that scatter more than the same ones of other axes.
+    """Return the indices of coefficients that scatter more than on other axes.
 
     Parameters
     ----------
     values : (k, p) array
-        Deviations from the mean, in units in which all sessions scatter alike.
+        Deviations from the mean, in units in which all sessions scatter equally.
     groups : mapping
         Indices of similar coefficients.
     """
@@ -108,7 +108,7 @@ def outlier_axes(
 
 
 def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
-    """Return lines that a reader must know about the result, the most serious first."""
+    """Return the lines about the result that a reader must know; the most serious comes first."""
     matched = fit.matched
     lines: list[str] = []
     if not fit.variances.converged:
@@ -143,7 +143,7 @@ def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
 
 
 def _standardized(fit: SessionFit) -> Array:
-    """Return deviations from the mean divided by their standard deviations."""
+    """Return the deviations from the mean, divided by their standard deviations."""
     return (fit.values - fit.mean) / np.sqrt(fit.variance)
 
 

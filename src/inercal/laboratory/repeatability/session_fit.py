@@ -25,7 +25,7 @@ from inercal.laboratory.repeatability.single_scatter import (
     single_scatter,
 )
 
-_LEAST_EFFECTIVE = 1.5  # effective sessions (Σw)²/Σw²; below, one has 80 % of the weight
+_LEAST_EFFECTIVE = 1.5  # effective sessions (Σw)²/Σw²; below this, one has 80 % of the weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,8 @@ class SessionFit:
     groups : mapping
         Indices of similar coefficients.
     unit : (p,) array
-        SI size of the units of all following fields, equal for similar coefficients.
+        SI size of the unit in which the following fields are stated; similar coefficients have the
+        same unit.
     values : (k, p) array
     own : (k, p, p) array
         Covariances without shared errors.
@@ -57,8 +58,9 @@ class SessionFit:
     alone : SingleScatter
         Scatter of each coefficient from its own values.
     unseen : tuple of int
-        Effects that the sessions cannot reveal, because one session outweighs the others and these
-        scatter no more than their own uncertainties explain. Their variance is 0.
+        Effects that the sessions cannot show, because one session has almost all the weight and the
+        scatter of the others is explained by their uncertainties. The variance of these effects is
+        set to 0.
     """
 
     matched: MatchedSessions
@@ -88,7 +90,7 @@ class SessionFit:
 
     @property
     def similar(self) -> Array:
-        """Number of similar coefficients of each coefficient, including itself, (p,)."""
+        """Number of coefficients similar to each coefficient, including itself, (p,)."""
         count = np.ones(len(self.unit))
         for places in self.groups.values():
             count[list(places)] = len(places)
@@ -96,7 +98,7 @@ class SessionFit:
 
 
 def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> SessionFit:
-    """Estimate the variances of the effects in the sessions, and the mean with these."""
+    """Estimate the variances of the effects in the sessions, and the mean with these variances."""
     k, p = len(matched.sessions), len(matched.names)
     groups = similar_coefficients(matched.sensor, matched.names)
     unit = _units(matched, groups)
@@ -106,7 +108,7 @@ def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> 
     columns = [(one.column / unit).ravel() for one in matched.shared]
     known = block_matrix(own)
     for one, column in zip(matched.shared, columns, strict=True):
-        if not one.is_common:  # an error of all sessions changes them in the same way
+        if not one.is_common:  # an error of all sessions changes all in the same way
             known += np.outer(column, column)
     by_coefficient = covariances_by_coefficient(matched, own, unit)
     alone = single_scatter(values, by_coefficient)
@@ -135,11 +137,11 @@ def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> 
 def _unseen_effects(
     effects: tuple[NamedEffect, ...], by_coefficient: Array, alone: SingleScatter
 ) -> tuple[int, ...]:
-    """Return the effects that the sessions cannot reveal at the size that matters.
+    """Return the effects that the sessions cannot show at a relevant size.
 
-    If one session has almost all the weight in the mean, only the others, with their large
-    uncertainties, contain information about the scatter. A chance estimate from them would outweigh
-    the good session.
+    If one session has almost all the weight in the mean, only the other sessions, with their large
+    uncertainties, contain information on the scatter. A random estimate of the scatter from them
+    would then dominate the uncertainty of the good session.
     """
     k = by_coefficient.shape[1]
     variance = np.diagonal(by_coefficient, axis1=1, axis2=2)
@@ -158,7 +160,7 @@ def _unseen_effects(
 def _seen_variances(
     values: Array, known: Array, effects: Sequence[RandomEffect], unseen: tuple[int, ...]
 ) -> EffectVariances:
-    """Return the variances of all effects, with 0 for the unseen ones."""
+    """Return the variances of all effects; the variance of unseen effects is 0."""
     seen = [k for k in range(len(effects)) if k not in unseen]
     whole = effect_variances(values, known, effects)
     if not unseen:
@@ -168,7 +170,7 @@ def _seen_variances(
         return EffectVariances(variance, whole.covariance, converged=True)
     part = effect_variances(values, known, [effects[k] for k in seen])
     variance[seen] = part.variance
-    covariance = whole.covariance.copy()  # the limits of unseen effects keep their width
+    covariance = whole.covariance.copy()  # the confidence limits of unseen effects stay as wide
     covariance[np.ix_(seen, seen)] = part.covariance
     return EffectVariances(variance, covariance, part.converged)
 
@@ -176,7 +178,7 @@ def _seen_variances(
 def _units(
     matched: MatchedSessions, groups: Mapping[tuple[str, str, float], tuple[int, ...]]
 ) -> Array:
-    """Return a unit for each coefficient from its u and scatter, equal for similar ones."""
+    """Return a unit for each coefficient from its u and scatter; similar ones share a unit."""
     unit = np.empty(len(matched.names))
     spread: Array = np.var(matched.values, axis=0, ddof=1)
     variance: Array = spread + np.diagonal(matched.stated, axis1=1, axis2=2).mean(axis=0)
@@ -186,6 +188,6 @@ def _units(
 
 
 def _weighting(matched: MatchedSessions, square: Array) -> Array:
-    """Return the covariances for weighting; as stated if a file does not name shared errors."""
+    """Return the covariances for weighting; as stated, if a file does not name shared errors."""
     silent = np.array([one.calibration.shared is None for one in matched.sessions])
     return np.where(silent[:, None, None], matched.stated, matched.own) / square

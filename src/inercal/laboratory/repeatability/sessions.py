@@ -1,7 +1,7 @@
-"""The sessions of a sensor, with their calibrations in the same frame and form.
+"""The sessions of a sensor, with their calibrations converted to the same frame and form.
 
 Errors that calibrations share, such as the error of local gravity, are not scatter and do not
-average out. They are removed from each session's own covariance with the columns that the
+average out. They are subtracted from the covariance of each session, with the columns that the
 calibrations store.
 """
 
@@ -21,8 +21,8 @@ from inercal.calibration.comparison import (
 )
 from inercal.physics.sensors import Sensor
 
-_OWN_OF_UNSTATED = 1e-6  # fraction of a covariance that counts as own if nothing is stated
-_LEAST_EIGENVALUE = 1e-9  # least eigenvalue of an own covariance, relative to the stated one
+_OWN_OF_UNSTATED = 1e-6  # fraction of a covariance that is not shared if nothing is stated
+_LEAST_EIGENVALUE = 1e-9  # least eigenvalue without shared errors, relative to the stated one
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +32,10 @@ class RepeatedSession:
     Parameters
     ----------
     label : str
-        Name for messages, such as the file name.
+        Name used in messages, such as the file name.
     calibration : Calibration
     day, mount, turn_on : str
-        Sessions with equal text belong to the same day, mounting in the fixture or power cycle.
+        Sessions with the same text belong to the same day, mounting in the fixture or power cycle.
     """
 
     label: str
@@ -57,8 +57,8 @@ class SharedColumn:
     ----------
     name : str
     column : (k, p) array
-        Covariance of coefficients and error, divided by the error's standard deviation; 0 for
-        sessions with another determination.
+        Covariance of the coefficients with the error, divided by the standard deviation of the
+        error; 0 for sessions with another determination.
     members : (k,) array of bool
         Whether each session has this determination.
     """
@@ -90,10 +90,11 @@ class MatchedSessions:
     own : (k, p, p) array
         Covariance without shared errors.
     stated : (k, p, p) array
-        Covariance as the calibrations state it.
+        Covariance that the calibrations state.
     shared : tuple of SharedColumn
     unstated : tuple of str
-        Sessions that do not state their shared errors; all their uncertainty is treated as shared.
+        Sessions that do not state their shared errors; their whole uncertainty is treated as
+        shared.
     left_out : tuple of str
         Coefficients that not all sessions measured.
     """
@@ -110,13 +111,13 @@ class MatchedSessions:
     left_out: tuple[str, ...]
 
     def level(self, which: int) -> NDArray[np.intp]:
-        """Return the index of each session's day (0), mount (1) or turn-on (2), (k,)."""
+        """Return the index of each session's day (0), mounting (1) or turn-on (2), (k,)."""
         words = [one.level_names()[which] for one in self.sessions]
         order = {word: n for n, word in enumerate(dict.fromkeys(words))}
         return np.array([order[word] for word in words], dtype=np.intp)
 
     def without(self, index: int) -> "MatchedSessions":
-        """Return all sessions except the one with this index."""
+        """Return all sessions except the session with this index."""
         return self.subset([k for k in range(len(self.sessions)) if k != index])
 
     def subset(self, kept: Sequence[int]) -> "MatchedSessions":
@@ -135,13 +136,13 @@ class MatchedSessions:
 
 
 def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
-    """Convert the sessions to the frame and form of the last one.
+    """Convert all sessions to the frame and form of the last session.
 
     Raises
     ------
     InputError
-        If there are fewer than two sessions, if two of them come from one recording, or if the
-        calibrations cannot be compared.
+        If there are fewer than two sessions, if two sessions come from the same recording, or if
+        the calibrations cannot be compared.
     """
     if len(sessions) < 2:
         raise InputError(
@@ -211,7 +212,7 @@ def _covariance(calibration: Calibration, names: Sequence[str]) -> Array:
 def _shared_columns(
     calibrations: Sequence[Calibration], names: Sequence[str], stated: Array
 ) -> tuple[SharedColumn, ...]:
-    """Return a column for each determination, and root columns if shared errors are not stated."""
+    """Return a column for each determination, and columns of a root for unstated shared errors."""
     k, p = len(calibrations), len(names)
     columns: dict[tuple[str, str], Array] = {}
     for i, one in enumerate(calibrations):
@@ -233,13 +234,13 @@ def _shared_columns(
 
 
 def _root(covariance: Array) -> Array:
-    """Return the symmetric root, which is equal for equal covariances."""
+    """Return the symmetric root of a covariance, which is the same for the same covariance."""
     values, vectors = np.linalg.eigh(covariance)
     return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
 
 
 def _nonnegative(own: Array, stated: Array) -> Array:
-    """Return an own covariance that is positive definite in spite of rounding."""
+    """Return a covariance without shared errors, made positive definite in spite of rounding."""
     scale = np.sqrt(np.diag(stated))
     values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
     values = np.maximum(values, _LEAST_EIGENVALUE)

@@ -1,10 +1,10 @@
-"""The scatter of one coefficient, if the uncertainties of its sessions do not explain it.
+"""The scatter of one coefficient that the uncertainties of its sessions do not explain.
 
 Let V be the covariance of the k values of one coefficient due to their own uncertainties. The
 variance σ² maximises the restricted likelihood of y ~ N(θ, V + σ²). Sessions are weighted by their
-uncertainty, so a session with a large uncertainty does not reveal a small scatter. Without scatter,
-the weighted sum of squares about the mean follows χ² with k − 1 degrees of freedom; σ² is used if
-the sum is larger than chance explains.
+uncertainty, because a session with a large uncertainty cannot show a small scatter. If there is no
+scatter, the weighted sum of squares about the mean follows χ² with k − 1 degrees of freedom. σ² is
+only used if this sum is larger than expected by chance.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -19,9 +19,9 @@ from inercal.basics.arrays import Array
 from inercal.laboratory.repeatability.sessions import MatchedSessions
 
 CHANCE = 0.05
-"""Probability without scatter below which the scatter enlarges U of the mean."""
+"""If chance is less probable than this, the scatter increases U of the mean."""
 CHANCE_IN_NEXT_USE = 0.2
-"""The same for the next use; 0.05 would reduce its coverage by 2 % if scatter equals noise."""
+"""The same for the next use; 0.05 would reduce coverage by 2 % if scatter equals noise."""
 _STEPS = 81  # number of steps in a grid of σ
 _REFINEMENTS = 3
 _LEAST = 1e-3  # σ relative to the spread of the values, next to 0
@@ -36,9 +36,9 @@ class SingleScatter:
     variance : (p,) array
         Variance σ² of the scatter.
     squares : (p,) array
-        Weighted sum of squares about the mean, without scatter.
+        Weighted sum of squares about the mean, computed without scatter.
     chance : (p,) array
-        Probability that the sum is this large without scatter.
+        Probability that the sum would be this large if there were no scatter.
     """
 
     variance: Array
@@ -52,7 +52,7 @@ class SingleScatter:
 
     @property
     def counts_in_next_use(self) -> NDArray[np.bool_]:
-        """Whether they hardly explain it, (p,); this is a weaker criterion for the next use."""
+        """Whether the uncertainties hardly explain the scatter, (p,); used for the next use."""
         return self.chance < CHANCE_IN_NEXT_USE
 
 
@@ -74,13 +74,13 @@ def single_scatter(values: Array, covariance: Array) -> SingleScatter:
 
 
 def covariances_by_coefficient(matched: MatchedSessions, own: Array, unit: Array) -> Array:
-    """Return V of each coefficient, (p, k, k), including errors that only some sessions share.
+    """Return V of each coefficient, (p, k, k), including errors shared by only some sessions.
 
     Parameters
     ----------
     matched : MatchedSessions
     own : (k, p, p) array
-        Own covariances in the units `unit`, (p,).
+        Covariances without shared errors, in the units `unit`, (p,).
     """
     k, size = own.shape[:2]
     result = np.zeros((size, k, k))

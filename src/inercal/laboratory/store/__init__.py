@@ -1,9 +1,9 @@
 """The register of a laboratory's sensors, in SQLite or on a PostgreSQL server.
 
-It stores sensors, benches, runs with the hashes of their raw data, and complete calibration files,
-each with its author and time of entry. The register is never the only copy of these: folders of
-runs and calibration files can be entered again at any time. For certificates the register is the
-record. `backup` makes a copy of the register.
+The register stores sensors, benches, runs with the hashes of their raw data, and complete
+calibration files, each with its author and time of entry. It is never the only copy of these data:
+folders of runs and calibration files can be entered again at any time. For certificates, however,
+the register is the official record. `backup` makes a copy of the register.
 """
 
 from inercal.basics.errors import require_extra

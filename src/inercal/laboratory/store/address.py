@@ -1,4 +1,4 @@
-"""Addresses of registers, which are SQLite files or databases on a PostgreSQL server."""
+"""Addresses of registers: SQLite files, or databases on a PostgreSQL server."""
 
 import os
 import re
@@ -17,7 +17,7 @@ _SQLITE = "sqlite:///"
 _SERVERS = ("postgresql", "postgres", "postgresql+psycopg")
 _SHOWN_PARAMETERS = frozenset(("sslmode", "connect_timeout", "application_name", "host", "port"))
 # Texts that look like a server address but are not valid: "postgresql:/u:secret@h/db",
-# "u:secret@h/db", "host=h password=secret". They are not taken as a file name, because they may
+# "u:secret@h/db", "host=h password=secret". They are not used as a file name, because they may
 # contain a password.
 _MISTYPED_SERVER = re.compile(
     r"""\W*postgres(?:ql)?(?:\+\w+)?(?::|//)  # the scheme without ://
@@ -35,14 +35,14 @@ class RegisterAddress:
     Parameters
     ----------
     url : URL
-        Address in the form that SQLAlchemy accepts.
+        Address as SQLAlchemy accepts it.
     file : Path or None
         Absolute path of the SQLite file; None for a server.
     display_url : str
         Address for printing, without a password.
     """
 
-    url: URL = field(repr=False)  # may contain a password in a place where SQLAlchemy shows it
+    url: URL = field(repr=False)  # may contain a password that SQLAlchemy would show
     file: Path | None
     display_url: str
 
@@ -54,7 +54,8 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
     ----------
     text : str, optional
         A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE". None or "default" means
-        $INERCAL_REGISTER, or else inercal/register.db in $XDG_DATA_HOME or ~/.local/share.
+        $INERCAL_REGISTER. If this is not set, it means inercal/register.db in $XDG_DATA_HOME or
+        ~/.local/share.
 
     Raises
     ------
@@ -86,7 +87,7 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
 
 
 def require_place_of_register(file: Path, *, create: bool) -> None:
-    """Refuse a missing register if it should not or cannot be created.
+    """Raise an error if a missing register must not or cannot be created.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ def require_place_of_register(file: Path, *, create: bool) -> None:
     Raises
     ------
     InputError
-        If it is refused; the message suggests the file with the most similar name.
+        If the register is not created; the message suggests the file with the most similar name.
     """
     folder = file.parent
     if create:
@@ -131,7 +132,7 @@ def require_place_of_register(file: Path, *, create: bool) -> None:
 def _default_path() -> Path:
     own = os.environ.get("XDG_DATA_HOME", "")
     try:
-        # A relative path in that variable is ignored (XDG Base Directory Specification).
+        # A relative path in this variable is ignored (XDG Base Directory Specification).
         folder = Path(own) if os.path.isabs(own) else Path.home() / ".local" / "share"
     except RuntimeError as error:
         raise InputError(
@@ -155,7 +156,7 @@ def _file_address(path: Path) -> RegisterAddress:
 
 
 def _unreadable_server_address() -> InputError:
-    # An address that cannot be parsed is not printed: any part of it may be a password.
+    # An address that cannot be parsed is not printed, because any part may be a password.
     return InputError(
         "this address of a PostgreSQL register is not valid: write "
         "postgresql://USER@HOST:PORT/DATABASE, with %40 for @, %2F for / and %3A for : in its "

@@ -1,6 +1,6 @@
 """Back up a register to one SQLite file with the same tables, and restore it.
 
-A backup is a consistent snapshot of the register. Numbers, times and names stay as they are, so a
+A backup is a consistent snapshot of the register. Numbers, times and names do not change, so a
 register can be moved from a server into a file and back.
 """
 
@@ -35,7 +35,7 @@ def backup_register(address: str | None, path: Path) -> dict[str, int]:
     Parameters
     ----------
     address : str or None
-        Address of the register, as for `Register`.
+        Address of the register; see `Register`.
     path : Path
 
     Raises
@@ -65,7 +65,7 @@ def restore_register(path: Path, address: str | None) -> dict[str, int]:
         )
     target = resolve_address(address)
     with tempfile.TemporaryDirectory() as folder:
-        # Use a copy, because the tables of an older backup are upgraded first.
+        # A copy is used, because the tables of an older backup are upgraded first.
         copy = Path(shutil.copy(path, Path(folder) / "backup.db"))
         if target.file is None or target.file.exists():
             return _copy(resolve_address(str(copy)), target)
@@ -138,7 +138,7 @@ def _copy_tables(old: Connection, new: Connection) -> dict[str, int]:
 
 def _require_hashes(row: Mapping[str, Any]) -> None:
     for name in ("pdf", "dcc"):
-        content = row[name]  # is text if the SQLite file was changed by hand
+        content = row[name]  # it is text if the SQLite file was changed by hand
         raw = content.encode() if isinstance(content, str) else bytes(content)
         if hashlib.sha256(raw).hexdigest() != row[f"{name}_sha256"]:
             raise InputError(
@@ -149,7 +149,7 @@ def _require_hashes(row: Mapping[str, Any]) -> None:
 
 
 def _advance_sequence(db: Connection, table: str) -> None:
-    """Set the next id after the restored ones, because the server has not counted them."""
+    """Make the server number new rows after the restored rows, which it has not counted."""
     db.execute(
         text(
             f"SELECT setval(pg_get_serial_sequence('{table}', 'id'), "

@@ -1,9 +1,9 @@
-"""Certificates in the register, whose numbers have no gaps and are issued only once.
+"""Certificates in the register; each number is issued only once, and without gaps.
 
-A number is `series` with "{year}" and "{sequence}" (or "{sequence:4}" for 4 digits) filled in; the
-sequence starts at 1 in each year of a series. The number, the files that contain it and the row are
-made in one transaction that locks the register, so a number is not used if its files cannot be
-made.
+A number is the text `series`, in which "{year}" and "{sequence}" (or "{sequence:4}" for 4 digits)
+are filled in. The sequence starts at 1 in each year. The number, the files that contain it and the
+row in the register are made in one transaction that locks the register. If the files cannot be
+made, the number remains unused.
 """
 
 import hashlib
@@ -44,9 +44,9 @@ class CertificateEntry:
     issued : str
         Date of issue, ISO 8601.
     change : "", "amended" or "substituted"
-        How it changes an earlier certificate; empty if it changes none.
+        How the certificate changes an earlier certificate; empty if it changes none.
     previous : str
-        Number of the earlier certificate; empty if it changes none.
+        Number of the earlier certificate; empty if there is none.
     files : CertificateFiles
     pdf_sha256, dcc_sha256 : str
     by, at : str
@@ -66,7 +66,7 @@ class CertificateEntry:
 
 
 class CertificateSummary(NamedTuple):
-    """A certificate without its files; the fields are those of `CertificateEntry`."""
+    """A certificate without its files; the fields are the same as in `CertificateEntry`."""
 
     number: str
     issued: str
@@ -87,9 +87,9 @@ class CertificateRequest:
         Pattern of the number.
     issued : date
     change, previous : str
-        As for `CertificateEntry`.
+        See `CertificateEntry`.
     make : callable
-        Function that makes the files from the number and the earlier certificate, if any.
+        Function that makes the files from the number and, if any, the earlier certificate.
     """
 
     series: str
@@ -100,7 +100,7 @@ class CertificateRequest:
 
 
 def require_series(series: str) -> None:
-    """Refuse a pattern whose numbers would not be distinct or could not be file names.
+    """Raise an error if numbers from a pattern would not be unique or could not be file names.
 
     Raises
     ------
@@ -176,7 +176,7 @@ def find_certificate(db: Connection, number: str) -> CertificateEntry:
     Raises
     ------
     InputError
-        If there is none.
+        If there is no such certificate.
     """
     found = db.execute(select(certificate).where(certificate.c.number == number)).one_or_none()
     if found is None:
@@ -220,7 +220,7 @@ def list_certificates(db: Connection) -> tuple[CertificateSummary, ...]:
 
 
 def successors(db: Connection, number: str) -> tuple[tuple[str, str], ...]:
-    """Return the number and kind of change of each certificate that changes this one."""
+    """Return number and kind of change of each certificate that changes the given certificate."""
     query = select(certificate.c.number, certificate.c.change).order_by(certificate.c.id)
     rows = db.execute(query.where(certificate.c.previous == number))
     return tuple((row.number, row.change) for row in rows)

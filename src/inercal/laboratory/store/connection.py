@@ -1,7 +1,7 @@
 """Connect to a register, report its errors in one line, and upgrade its tables.
 
-A transaction that writes locks the whole register, both on SQLite and on PostgreSQL, so the data
-that it has read cannot change before it writes. Other transactions wait for at most
+A transaction that writes locks the whole register, both on SQLite and on PostgreSQL. The data that
+it has read can therefore not change before it writes. Other transactions wait for at most
 `_LOCK_TIMEOUT`.
 """
 
@@ -23,7 +23,8 @@ from inercal.laboratory.store.address import RegisterAddress
 VERSION_TABLE = "inercal_version"
 _BEFORE_RELEASE = ("0001", "0002", "0003", "0004")  # revisions before the first release
 _LOCK_TIMEOUT = 30  # s
-# A server that disappears silently is detected within half a minute, not after hours.
+# With these settings, a server that stops answering is detected within half a minute, not after
+# hours.
 _KEEPALIVE_OPTIONS = {
     "connect_timeout": 10,  # s
     "keepalives_idle": 10,  # s
@@ -31,8 +32,8 @@ _KEEPALIVE_OPTIONS = {
     "keepalives_count": 3,
     "tcp_user_timeout": 30_000,  # ms
 }
-_LOCK_KEY = 0x696E6572  # "iner": key of PostgreSQL's advisory lock for writing
-_SQLITE_MESSAGES = {  # our messages by those of SQLite
+_LOCK_KEY = 0x696E6572  # "iner": key of the PostgreSQL advisory lock for writing
+_SQLITE_MESSAGES = {  # our messages, by SQLite's message
     "unable to open database file": "cannot be opened; its folder must exist and be writable",
     "file is not a database": "is not an SQLite database; give another file",
     "database disk image is malformed": "is damaged; restore it from a copy",
@@ -42,7 +43,7 @@ _SQLITE_MESSAGES = {  # our messages by those of SQLite
 
 
 def make_engine(address: RegisterAddress) -> Engine:
-    """Return an engine that keeps no connection open between transactions."""
+    """Return an engine that closes its connection after each transaction."""
     if address.file is None:
         query = address.url.query
         options = {name: value for name, value in _KEEPALIVE_OPTIONS.items() if name not in query}
@@ -65,7 +66,7 @@ def read_transaction(engine: Engine, address: RegisterAddress) -> Generator[Conn
 
 @contextmanager
 def write_transaction(engine: Engine, address: RegisterAddress) -> Generator[Connection]:
-    """Yield a connection in a transaction that locks the register and is written atomically."""
+    """Yield a connection in a transaction that locks the register; it is written as a whole."""
     with translate_errors(address), engine.execution_options(writes=True).begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text(f"SET LOCAL lock_timeout = '{_LOCK_TIMEOUT}s'"))
@@ -75,7 +76,7 @@ def write_transaction(engine: Engine, address: RegisterAddress) -> Generator[Con
 
 @contextmanager
 def translate_errors(address: RegisterAddress) -> Generator[None]:
-    """Convert database errors to one line with the register's address, without a password.
+    """Convert database errors to one line with the address of the register but no password.
 
     Raises
     ------
@@ -107,7 +108,7 @@ def _error_text(error: SQLAlchemyError) -> str:
 
 
 def _configure_sqlite(connection: Any, _: object) -> None:
-    # Begin transactions in `_begin_transaction` instead of where the driver chooses.
+    # Transactions begin in `_begin_transaction`, and not where the driver chooses.
     connection.isolation_level = None
     cursor = connection.cursor()
     cursor.execute("PRAGMA foreign_keys = ON")
@@ -117,12 +118,12 @@ def _configure_sqlite(connection: Any, _: object) -> None:
 
 def _begin_transaction(connection: Connection) -> None:
     writes = connection.get_execution_options().get("writes", False)
-    # A transaction that reads first might not get the lock when it writes.
+    # A transaction that starts by reading might not get the lock when it writes.
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
 
 def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool = True) -> None:
-    """Create the tables of a new register, or migrate an older one, in one transaction.
+    """Create the tables of a new register, or upgrade an older register, in one transaction.
 
     Raises
     ------
@@ -145,7 +146,7 @@ def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool =
             key="--register",
         )
     with write_transaction(engine, address) as connection:
-        # Another process may have upgraded it in the meantime.
+        # Another process may have upgraded the register in the meantime.
         revision = _revision(connection, address)
         if revision == head:
             return

@@ -1,4 +1,4 @@
-"""Verified calibrations, ready to be entered, with the columns that the register adds."""
+"""Verified calibrations that can be entered, with the additional columns of the register."""
 
 import json
 from dataclasses import dataclass
@@ -22,11 +22,11 @@ class CalibrationDocument:
     Parameters
     ----------
     source : str
-        Name for error messages.
+        Name used in error messages.
     text : str
         The whole calibration file as JSON.
     sha256 : str
-        Hash that the file states.
+        SHA-256 hash that the file states.
     calibration : Calibration
     created : str
         Time of creation, ISO 8601, UTC; empty if the file does not state it.
@@ -49,7 +49,7 @@ class CalibrationDocument:
 
 
 def make_document(source: Calibration | str | Path) -> CalibrationDocument:
-    """Return a calibration, or the calibration in a file, in the form of an entry.
+    """Convert a calibration, or a calibration file, to a document that can be entered.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def make_document(source: Calibration | str | Path) -> CalibrationDocument:
 
 
 def _content_defect(calibration: Calibration, content: dict[str, Any]) -> str:
-    """Return a defect of a file whose hash is right; empty if there is none."""
+    """Describe a defect in a file whose hash is correct; empty if there is none."""
     for name in ("conditions", "provenance"):
         given: Any = content[name]
         if not isinstance(given, dict) or not all(
@@ -109,9 +109,9 @@ def _content_defect(calibration: Calibration, content: dict[str, Any]) -> str:
 
 
 def to_utc(text: str) -> str:
-    """Return a time in ISO 8601 as the register stores it: in UTC, to the millisecond.
+    """Convert a time in ISO 8601 to the form in the register: in UTC, to the millisecond.
 
-    A time without a zone is taken as UTC, and a date means the beginning of that day.
+    A time without a zone is assumed to be UTC, and a date means the beginning of this day.
 
     Raises
     ------
@@ -126,11 +126,11 @@ def to_utc(text: str) -> str:
     time = datetime.fromisoformat(text)
     try:
         time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
-    except OverflowError:  # before the first year or after the last one in UTC
+    except OverflowError:  # in UTC, before the first year or after the last year
         raise ValueError(f"{text} is out of range") from None
     return time.isoformat(timespec="milliseconds")
 
 
 def utc_now() -> str:
-    """Return the current time as the register stores it."""
+    """Return the current time in the form that the register stores."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")

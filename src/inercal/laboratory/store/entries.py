@@ -52,14 +52,14 @@ class RunEntry:
     ----------
     id : int
     key : str
-        Identity of the run, which does not depend on its folder.
+        Text that identifies the run; it does not depend on the folder.
     sensor : str
     kind, bench : str
-        Kind of bench, and its name if the run file gives one.
+        Kind of bench, and its name if the run file states a name.
     begun : str
         Start of the run, ISO 8601, UTC.
     state : str
-        State as in `inercal.host.journal.JournalHeader`.
+        State of the run; see `inercal.host.journal.JournalHeader`.
     table, imu : str
         Addresses of the table and the IMU.
     folder : str
@@ -92,18 +92,18 @@ class CalibrationEntry:
     id : int
     sensor : str
     kind, bench : str
-        Kind of bench and its name; empty if they are not known.
+        Kind of bench and its name; each is empty if unknown.
     run : int or None
         The run whose recording was calibrated.
     measured : str
         Time of measurement, ISO 8601, UTC.
     measured_from : "stated", "run" or "created"
-        Source of that time: the user, the start of the run, or the calibration file.
+        Source of the time of measurement: the user, the start of the run, or the calibration file.
     method, estimator : str
     grade : str
         Grade of the verdict, "consistent", "reservations" or "unreliable"; empty if unknown.
     sha256 : str
-        SHA-256 of the calibration's content, as its file states it.
+        SHA-256 hash of the calibration's content, which its file states.
     by, at : str
         Author and time of the entry, ISO 8601, UTC.
     content : str
@@ -127,7 +127,7 @@ class CalibrationEntry:
 
     @cached_property
     def calibration(self) -> Calibration:
-        """The calibration itself; its hash is verified again.
+        """The calibration, after its hash was verified again.
 
         Raises
         ------
@@ -144,14 +144,14 @@ class RunFacts:
     Parameters
     ----------
     key : str
-        Identity of the run, which does not depend on the time of entry or the folder.
+        Text that identifies the run; it does not depend on the time of entry or on the folder.
     sensor : Sensor
     kind, bench : str
-        Kind of bench, and its name; empty if it has none.
+        Kind of bench, and its name; the name is empty if the bench has none.
     begun : str
         Start of the run, ISO 8601.
     state : str
-        State as in `inercal.host.journal.JournalHeader`.
+        State of the run; see `inercal.host.journal.JournalHeader`.
     table, imu : str
         Addresses of the table and the IMU.
     folder : str

@@ -29,7 +29,7 @@ from inercal.calibration.comparison.courses import (
 from inercal.laboratory.store.entries import CalibrationEntry, SensorEntry
 from inercal.physics.sensors.coefficient_selection import select_coefficients
 
-_LEAST_OWN = 1e-4  # least independent fraction of u if calibrations share all of it
+_LEAST_OWN = 1e-4  # assumed independent fraction of u if calibrations share all of u
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,14 +39,14 @@ class CoefficientTrend:
     Parameters
     ----------
     name : str
-        Full name, such as "ax.k0".
+        Full name of the coefficient, such as "ax.k0".
     meaning : str
     unit : str
-        Unit as printed.
+        Unit in which the coefficient is printed.
     si : float
         Size of the unit in SI units.
     points : tuple of int
-        Indices of the calibrations in the history that have the coefficient.
+        Indices of the calibrations in the history that state the coefficient.
     time : (n,) array
         Years since the first calibration in the history.
     values, std : (n,) arrays
@@ -54,7 +54,8 @@ class CoefficientTrend:
     step_std : (n - 1,) array
         Standard uncertainties of the differences between successive values.
     shared : (m, m) array
-        Covariance of the newest m values due to shared errors; m is at most `courses.NEWEST`.
+        Covariance of the newest m values that is due to shared errors; m is at most
+        `courses.NEWEST`.
     """
 
     name: str
@@ -70,7 +71,7 @@ class CoefficientTrend:
 
     @cached_property
     def normalised_errors(self) -> Array:
-        """E_n of each calibration relative to the previous one, (n,); NaN for the first."""
+        """E_n of each calibration relative to the previous calibration, (n,); NaN for the first."""
         steps = changes.normalised_errors(np.diff(self.values), self.step_std)
         return np.concatenate([[np.nan], steps])
 
@@ -82,7 +83,7 @@ class CoefficientTrend:
 
     @cached_property
     def courses(self) -> CourseComparison | None:
-        """Level, line and random walk fitted to the newest values; None for fewer than three."""
+        """Level, line and random walk fitted to the newest values; None if there are only two."""
         m = len(self.shared)
         return compare_courses(
             self.time[-m:], self.values[-m:], self.independent_variance, self.shared
@@ -115,9 +116,10 @@ class CoefficientTrend:
 
 @dataclass(frozen=True, eq=False)
 class SensorHistory:
-    """The calibrations of a sensor, oldest first, in the frame and form of the newest one.
+    """The calibrations of a sensor, oldest first, in the frame and form of the newest.
 
-    If the newest is in the mount frame but others are not, all are in the frame of the others.
+    If only the newest calibration is in the mount frame, it is converted to the frame of the
+    others.
 
     Parameters
     ----------
@@ -125,12 +127,13 @@ class SensorHistory:
     entries : tuple of CalibrationEntry
         The calibrations that can be compared.
     trends : tuple of CoefficientTrend
-        One for each coefficient of the newest calibration, in its order.
+        One trend for each coefficient of the newest calibration, in the same order.
     calibrations : tuple of Calibration
-        Calibrations of these entries, in the frame and form of the newest.
+        Calibrations of the entries, in the frame and form of the newest calibration.
     exclusions : tuple of str
-        Descriptions of excluded items: calibrations that cannot be compared or whose recording has
-        a later calibration, and coefficients that are not in the newest one or were not measured.
+        Descriptions of what is excluded: calibrations that cannot be compared or whose recording
+        has a later calibration, and coefficients that were not measured or that the newest
+        calibration does not contain.
     """
 
     sensor: SensorEntry
@@ -141,15 +144,16 @@ class SensorHistory:
 
     @cached_property
     def joint_test(self) -> tuple[changes.JointTest | None, ...]:
-        """The joint test of all coefficients for each calibration and the previous one.
+        """The joint test of all coefficients for each calibration and the previous calibration.
 
-        It is None for the first, and if two successive ones have no coefficient in common.
+        The test is None for the first calibration, and if two successive calibrations have no
+        coefficient in common.
         """
         return None, *(build_comparison(a, b).joint_test for a, b in pairwise(self.calibrations))
 
     @property
     def newest_joint_test(self) -> changes.JointTest | None:
-        """The last element of `joint_test`, without computing the others."""
+        """The last element of `joint_test`, without computing the other elements."""
         last = self.calibrations[-2:]
         return build_comparison(*last).joint_test if len(last) > 1 else None
 
@@ -175,7 +179,7 @@ class SensorHistory:
         return trends[name]
 
     def select(self, words: Sequence[str]) -> "SensorHistory":
-        """Return the history of coefficients chosen by name, group or axis; no words mean all.
+        """Return the history of coefficients chosen by name, group or axis; without words, of all.
 
         The joint tests still include all coefficients.
 
@@ -197,7 +201,7 @@ class SensorHistory:
         return replace(self, trends=trends)
 
     def date(self, years: float) -> str:
-        """Return the time, ISO 8601, this number of years after the first calibration."""
+        """Return the time, ISO 8601, that is some years after the first calibration."""
         first = datetime.fromisoformat(self.entries[0].measured)
         return (first + timedelta(seconds=years * changes.YEAR)).isoformat(timespec="seconds")
 
@@ -231,7 +235,7 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
     Raises
     ------
     InputError
-    If there are no calibrations.
+        If there are no calibrations.
     """
     if not entries:
         raise InputError(
@@ -273,7 +277,7 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
 
 
 def _common_terms(entries: Sequence[CalibrationEntry]) -> Calibration:
-    """Return the newest calibration in a frame that all can have, or unchanged if there is none.
+    """Return the newest calibration in a frame to which all can be converted, or unchanged.
 
     No other frame can be converted to "mount", because a hand-held calibration has no mount frame.
     """
@@ -289,7 +293,7 @@ def _common_terms(entries: Sequence[CalibrationEntry]) -> Calibration:
 
 
 def _can_have(entry: CalibrationEntry, terms: Calibration) -> bool:
-    """Return whether a calibration that is not in "mount" can be converted to these terms."""
+    """Return whether a calibration that is not in frame "mount" can be converted to these terms."""
     if entry.calibration.frame == "mount":
         return False
     try:
@@ -310,9 +314,9 @@ def _operating_hours(calibration: Calibration) -> float | None:
 def latest_per_recording(
     entries: Sequence[CalibrationEntry],
 ) -> tuple[list[CalibrationEntry], list[str]]:
-    """Return the last entered calibration of each recording, and a line for each other one.
+    """Return the last entered calibration of each recording, and a line for each omitted one.
 
-    Two calibrations of one recording have the same errors, so they are not independent repeats.
+    Two calibrations from one recording have the same errors, so they are not independent.
     """
     last: dict[str, int] = {}
     for entry in entries:
@@ -335,7 +339,7 @@ _SharedParts = Mapping[tuple[str, str], Sequence[float]]
 
 
 def _shared_parts(calibration: Calibration) -> _SharedParts:
-    """Return the signed u of each coefficient, SI, due to each error that may be shared.
+    """Return the signed u of each coefficient, SI, that is due to each error that may be shared.
 
     The keys are the name and the determination of the error.
     """

@@ -33,7 +33,7 @@ def format_slope(trend: CoefficientTrend) -> tuple[str, str]:
 
 
 def format_bands(trend: CoefficientTrend) -> tuple[str, str]:
-    """Return U of the mean and of the next use at the newest calibration; empty if too few."""
+    """Return U of the mean and of the next use, at the newest calibration; empty if unknown."""
     if trend.course is None:
         return "", ""
     at = trend.time[-1:]
@@ -47,7 +47,7 @@ def format_bands(trend: CoefficientTrend) -> tuple[str, str]:
 
 
 def drift_text(trend: CoefficientTrend) -> str:
-    """Return a text on the drift of a coefficient and the test of its constancy."""
+    """Describe the drift of a coefficient and the test of its constancy."""
     text = "a drift cannot be estimated from fewer than three calibrations"
     if (line := trend.line) is not None:
         text = f"drift {' ± '.join(format_slope(trend))} {trend.unit} per year"
@@ -94,7 +94,7 @@ def history_lines(history: SensorHistory) -> list[str]:
 
 
 def _date_lines(history: SensorHistory) -> list[str]:
-    """Return a line on dates that come only from files, if several calibrations are compared."""
+    """Return a line on dates that are known only from files, if calibrations are compared."""
     made = [f"#{one.id}" for one in history.entries if one.measured_from == "created"]
     if len(history.entries) < 2 or not made:
         return []

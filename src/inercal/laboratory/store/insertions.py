@@ -1,6 +1,6 @@
-"""Insert entries into a register; existing entries stay unchanged.
+"""Insert entries into a register; existing entries are not changed.
 
-Each function needs a connection in a transaction that has locked the register.
+Each function needs a connection with a transaction that has locked the register.
 """
 
 import json
@@ -45,7 +45,7 @@ def enter_sensor(db: Connection, entered: Sensor, who: EntryAuthor) -> int:
     Raises
     ------
     InputError
-        If an axis measures a different quantity from the axis with this name in the register.
+        If the register has an axis with the same name that measures a different quantity.
     """
     axes = {axis.name: str(axis.measures) for axis in entered.axes}
     return enter_axes(db, entered.name, axes, who)
@@ -57,7 +57,7 @@ def enter_axes(db: Connection, sensor_name: str, axes: dict[str, str], who: Entr
     Raises
     ------
     InputError
-        As `enter_sensor`.
+        See `enter_sensor`.
     """
     found = db.execute(select(sensor).where(sensor.c.name == sensor_name)).one_or_none()
     if found is None:
@@ -84,17 +84,17 @@ def _axes_json(axes: dict[str, str]) -> str:
 
 
 def enter_bench(db: Connection, kind: str, name: str, who: EntryAuthor) -> int:
-    """Enter a bench by its kind and, if it has one, its name; return its id."""
+    """Enter a bench by its kind and its name, if it has a name; return its id."""
     found = db.scalar(select(bench.c.id).where(bench.c.kind == kind, bench.c.name == name))
     return found or _insert_row(db, bench, {"kind": kind, "name": name}, who)
 
 
 def enter_run(db: Connection, facts: RunFacts, who: EntryAuthor) -> int:
-    """Enter a run, or update the state of a registered one; return its id.
+    """Enter a run, or update the state of a registered run; return its id.
 
-    Registered calibrations of its recording are assigned to it. Its folder is updated, because it
-    may have been moved. A finished run stays finished, even if an older copy of its folder says
-    otherwise.
+    Registered calibrations of its recording are assigned to the run. The folder of the run is
+    updated, because it may have been moved. A finished run stays finished, even if an older copy of
+    its folder states another state.
     """
     sensor_id = enter_sensor(db, facts.sensor, who)
     bench_id = enter_bench(db, facts.kind, facts.bench, who)
@@ -158,7 +158,7 @@ def enter_calibration(
     db : Connection
     entered : CalibrationDocument
     kind : str
-        Kind of bench that its method uses; empty if it is not known.
+        Kind of bench that the method uses; empty if unknown.
     measured : str or None
         Time of measurement, ISO 8601, if the user states it.
     who : EntryAuthor
@@ -223,7 +223,7 @@ def state_date(db: Connection, number: int, measured: str) -> None:
     Raises
     ------
     InputError
-        If the calibration already has another date, stated earlier or taken from its run.
+        If the calibration already has another date that was stated earlier or comes from its run.
     """
     query = select(calibration.c.measured, calibration.c.measured_from)
     there = db.execute(query.where(calibration.c.id == number)).one()

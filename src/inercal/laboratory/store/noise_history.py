@@ -1,8 +1,8 @@
 """Insert noise analyses into a register, read them, and compare them over time.
 
-E_n of a coefficient relative to the previous analysis is |Δ|/(2 √(u₁² + u₂²)), with the u of both;
-if it exceeds 1, the coefficient changed. Two analyses of one recording are not repeated
-measurements, so only the later entry counts.
+Relative to the previous analysis, E_n of a coefficient is |Δ|/(2 √(u₁² + u₂²)), with the u of both
+analyses. If E_n exceeds 1, the coefficient changed. Two analyses of one recording are not repeated
+measurements, so only the later entry is used.
 """
 
 import hashlib
@@ -77,14 +77,14 @@ class NoiseEntry:
     measured : str
         Time of measurement, ISO 8601, UTC.
     measured_from : "stated" or "entered"
-        Source of that time: the user, or the time of entry.
+        Source of the time of measurement: the user, or the time of entry.
     source : str
         Name of the recording file.
     recording_sha256 : str
     duration : float
         Duration of the recording, s.
     coefficients : dict of channel to tuple of NoiseCoefficient
-        Coefficients in SI units, without the significance of terms, which is in `content`.
+        Coefficients in SI units. The significance of terms is only in `content`.
     by, at : str
         Author and time of the entry, ISO 8601, UTC.
     content : str
@@ -125,7 +125,7 @@ class NoiseTrend:
 
     @property
     def normalised_errors(self) -> tuple[float | None, ...]:
-        """E_n relative to the previous value; None for the first and next to an upper limit."""
+        """E_n relative to the previous value; None for the first, or if one is only a limit."""
         found: list[float | None] = [None]
         for before, after in zip(self.values[:-1], self.values[1:], strict=True):
             u = hypot(before.u, after.u)
@@ -143,7 +143,7 @@ class NoiseTrend:
 def enter_noise(
     db: Connection, analysis: NoiseAnalysis, name: str, measured: str | None, who: EntryAuthor
 ) -> int:
-    """Enter a noise analysis, and its sensor if it is new; return the analysis's number.
+    """Enter a noise analysis, and also its sensor if it is new; return the analysis number.
 
     The same analysis of the same sensor is entered only once.
 
@@ -167,7 +167,7 @@ def enter_noise(
             ) from None
     found = db.scalar(select(sensor.c.id).where(sensor.c.name == name))
     axes = {one.channel: _MEASURES[one.quantity] for one in analysis.channels}
-    # A known sensor keeps its axes, because channels of a log may have other names.
+    # The axes of a known sensor are not changed, because channels of a log may have other names.
     sensor_id = enter_axes(db, name, axes, who) if found is None else int(found)
     content = json.dumps(analysis_object(analysis), ensure_ascii=False, allow_nan=False)
     digest = hashlib.sha256(content.encode()).hexdigest()
@@ -259,7 +259,7 @@ def _coefficients(
 
 
 def noise_trends(entries: tuple[NoiseEntry, ...]) -> tuple[NoiseTrend, ...]:
-    """Return the coefficients of all channels over time, using each recording's last entry."""
+    """Return the coefficients of all channels over time, from the last entry of each recording."""
     last = {one.recording_sha256 or f"#{one.id}": one.id for one in sorted(entries, key=_number)}
     kept = [one for one in entries if last[one.recording_sha256 or f"#{one.id}"] == one.id]
     points: dict[tuple[str, str, str], list[tuple[NoiseEntry, NoiseCoefficient]]] = {}

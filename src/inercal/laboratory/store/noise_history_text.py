@@ -11,7 +11,7 @@ HEADS = ("channel", "term", "number", "first", "newest", "U (k = 2)", "unit", "E
 
 
 def trend_rows(trends: Sequence[NoiseTrend]) -> list[tuple[str, ...]]:
-    """Return a row for each coefficient with its first and newest value, and E_n of the newest."""
+    """Return a row for each coefficient: first value, newest value, and E_n of the newest value."""
     rows: list[tuple[str, ...]] = []
     for one in trends:
         _, first, *_ = coefficient_cells(one.values[0])

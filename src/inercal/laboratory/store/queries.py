@@ -43,7 +43,7 @@ def sensors(db: Connection, *where: ColumnElement[bool]) -> tuple[SensorEntry, .
         )
         for row in _rows(db, query)
     )
-    # Sort here, because servers have their own sort orders for text.
+    # The names are sorted here, because servers have different sort orders for text.
     return tuple(sorted(found, key=lambda one: one.name))
 
 
@@ -53,7 +53,7 @@ def _rows(db: Connection, query: Select[Any]) -> list[Row[Any]]:
     Raises
     ------
     InputError
-        If a value has another type than its column.
+        If the type of a value differs from the type of its column.
     """
     columns = list(query.selected_columns)
     kinds = [(one.name, one.type.python_type) for one in columns]
@@ -83,7 +83,7 @@ def find_sensor(db: Connection, key: int | str) -> SensorEntry:
     Raises
     ------
     InputError
-        If there is no such sensor; the message lists some that exist.
+        If there is no such sensor; the message lists some sensors that exist.
     """
     column = sensor.c.id if isinstance(key, int) else sensor.c.name
     found = sensors(db, column == key)
@@ -101,7 +101,7 @@ def find_sensor(db: Connection, key: int | str) -> SensorEntry:
 def runs(
     db: Connection, *where: ColumnElement[bool], newest: int | None = None
 ) -> tuple[RunEntry, ...]:
-    """Return all runs, or only the newest, by start time; `where` filters the table of runs."""
+    """Return all runs, or only the newest, by start time; `where` selects some of the runs."""
     query = (
         select(run, sensor.c.name.label("sensor"), bench.c.kind, bench.c.name.label("bench"))
         .join(sensor, sensor.c.id == run.c.sensor_id)
@@ -146,7 +146,7 @@ def calibrations(
     )
     if newest is not None:
         query = query.order_by(calibration.c.measured.desc(), calibration.c.id.desc()).limit(newest)
-    # Sort here, because the database would sort whole calibration files.
+    # The rows are sorted here, because the database would sort whole calibration files.
     found = sorted(_rows(db, query), key=lambda row: (row.measured, row.id))
     return tuple(map(_calibration_entry, found))
 

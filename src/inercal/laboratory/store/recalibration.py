@@ -1,31 +1,32 @@
 """Find the date of the next calibration by the methods of ILAC-G24:2022 (OIML D 10).
 
 A limit is either the tolerance of a coefficient ([specification.limits] of its newest calibration)
-or the largest U that a user accepts. At a time Δt after the newest calibration, which gave the
-value y with its own variance s², the uncertainty of a coefficient is::
+or the largest U that a user accepts. The newest calibration gave the value y with its own variance
+s². At a time Δt after this calibration, the expanded uncertainty U and the expected value e of a
+coefficient are::
 
     U²(Δt) = t_ν² (2τ² + s² + q Δt + u_b² Δt²) + 4 u_B²,   e(Δt) = y + b Δt
 
-τ is the scatter of calibrations (it affects both this use and that calibration), q is the variance
-per year of a random walk, b ± u_b is the drift per year (0 ± u_b if no drift is found), and u_B is
-the uncertainty that calibrations share.
+τ is the scatter of calibrations; it counts twice, because it affects both the calibration and the
+later use. q is the variance per year of a random walk, and b ± u_b is the drift per year (0 ± u_b
+if no drift is found). u_B is the uncertainty that calibrations share.
 
 prediction
     The longest Δt for which U(Δt) + |b| Δt stays within the limit of U or, for a tolerance, for
     which the coefficient is within the tolerance with a probability of at least 95 %.
 chart
-    The time in which the newest value would reach the limit at the largest yearly change seen
+    The time in which the newest value would reach the limit, at the largest yearly change observed
     between two calibrations.
 staircase
     The last interval times 1.1 if the newest calibration found the coefficient within its limit,
-    otherwise times 0.45. In the long run this keeps 89 % within the limit.
+    and otherwise times 0.45. In the long run, 89 % of the results are then within the limit.
 time in use
     The prediction over operating hours instead of years, if three calibrations state them
     ([job] operating_hours).
 
-The prediction decides, but the house rule limits it to twice the longest interval seen so far. A
-sensor with fewer than five calibrations of its own uses U(Δt) and the largest yearly change of the
-sensors of its type (`type_pool`), unless its own calibrations scatter more.
+The date follows from the prediction, but the house rule limits the interval to twice the longest
+interval so far. If a sensor has fewer than five calibrations, U(Δt) and the largest yearly change
+come from all sensors of its type (`type_pool`), unless its own calibrations scatter more.
 """
 
 # scipy has no type stubs.
@@ -55,7 +56,7 @@ PROBABILITY = 0.95
 LONGER, SHORTER = 1.1, 0.45
 _LONGEST_RATIO = 2.0
 _HORIZON = 100.0  # years
-_LEAST = 3  # least number of calibrations for a prediction without other sensors
+_LEAST = 3  # least number of calibrations for a prediction without others
 _HOUR = 3600.0
 
 
@@ -66,7 +67,7 @@ class CoefficientLimit:
     Parameters
     ----------
     lower, upper : float
-        Tolerance; infinite if there is none.
+        Ends of the tolerance; infinite if there is no tolerance.
     expanded : float
         Largest U; infinite if none is stated.
     """
@@ -86,15 +87,15 @@ class CoefficientInterval:
     limit : CoefficientLimit
     prediction, chart, staircase : float or None
     hours : float or None
-        Interval from the time in use, hours.
+        Interval by the method "time in use", in hours.
     sensors : int
-        Number of sensors over which prediction and chart are pooled; 0 if they come from the
+        Number of sensors from which prediction and chart are pooled; 0 if they come from the
         sensor's own calibrations.
     is_apart : bool
-        Whether its calibrations scatter differently from those of its type, so that no pool is
-        used.
+        Whether the sensor's calibrations scatter differently from other sensors of its type. If so,
+        no pool is used.
     expanded : float or None
-        U predicted for a use just after the newest calibration, SI; None without a prediction.
+        U predicted for a use just after the newest calibration, SI; None if there is no prediction.
     """
 
     name: str
@@ -116,13 +117,13 @@ class Recalibration:
     ----------
     history : SensorHistory
     rows : tuple of CoefficientInterval
-        One for each coefficient with a limit.
+        The intervals of each coefficient that has a limit.
     longest : float
-        Twice the longest interval seen so far, years.
+        Twice the longest interval so far, years.
     in_use : float or None
-        Fraction of the time in which the sensor is in use.
+        Fraction of the time during which the sensor is in use.
     pool : TypePool or None
-        The sensors of the type, if any row is pooled over them.
+        The sensors of the same type, if any row is pooled from them.
     """
 
     history: SensorHistory
@@ -139,7 +140,7 @@ class Recalibration:
 
     @property
     def decided_by(self) -> str:
-        """The coefficient with the shortest prediction, or "house rule"; empty without one."""
+        """The coefficient with the shortest prediction, or "house rule"; empty without a date."""
         known = [one for one in self.rows if one.prediction is not None]
         if not known:
             return ""
@@ -155,7 +156,7 @@ class Recalibration:
 
     @property
     def hours_in_use(self) -> float | None:
-        """The interval in hours of use; None if the fraction of time in use is not stated."""
+        """The interval in hours of use; None if the fraction of the time in use is not stated."""
         if self.years is None or self.in_use is None:
             return None
         return self.years * YEAR / _HOUR * self.in_use
@@ -176,7 +177,7 @@ class Recalibration:
 
 
 def needs_pool(history: SensorHistory) -> bool:
-    """Return whether a sensor has too few calibrations of its own for an interval."""
+    """Return whether a sensor has too few calibrations to determine an interval from them."""
     return len(history.entries) < LEAST_FOR_DRIFT
 
 
@@ -194,14 +195,14 @@ def recalibration(
     stated : mapping of str to str, optional
         Largest U by coefficient, group or axis, such as {"bias": "1 mg"}.
     in_use : float, optional
-        Fraction of the time in which the sensor is in use, 0 to 1.
+        Fraction of the time during which the sensor is in use, 0 to 1.
     pool : TypePool, optional
         Sensors of the same type, for a sensor that `needs_pool`.
 
     Raises
     ------
     InputError
-        If a word selects no coefficient, a quantity does not fit, or a pool is given but not
+        If a word selects no coefficient, a quantity has the wrong unit, or a pool is given but not
         needed.
     """
     if in_use is not None and not 0 < in_use <= 1:
@@ -218,7 +219,7 @@ def recalibration(
         and len(history.entries) < _LEAST
         and pool.sensors == (history.sensor.name,)
     ):
-        pool = None  # two calibrations of this sensor cannot distinguish scatter from drift
+        pool = None  # two calibrations cannot distinguish scatter from drift
     hours = history.operating_hours
     rows = tuple(
         _interval(
@@ -241,9 +242,9 @@ def recalibration(
 def coefficient_limits(
     history: SensorHistory, stated: Mapping[str, str]
 ) -> dict[str, CoefficientLimit]:
-    """Return the tolerances of the newest calibration by full name, or the stated limits."""
+    """Return the stated limits, or the tolerances of the newest calibration, by full name."""
     newest = history.entries[-1].calibration
-    is_turned = history.calibrations[-1].frame != newest.frame  # the limits apply to its own frame
+    is_turned = history.calibrations[-1].frame != newest.frame  # the limits apply to this frame
     found = {
         one.name: CoefficientLimit(one.lower, one.upper)
         for one in (() if newest.conformity is None else newest.conformity.limits)
@@ -279,7 +280,7 @@ def coefficient_limits(
 
 
 def expanded_after(trend: CoefficientTrend, years: float) -> float:
-    """Return U, SI, this number of years after the newest calibration, without the drift."""
+    """Return U, SI, some years after the newest calibration, without the drift."""
     courses = trend.courses
     assert courses is not None  # `_interval`
     line = courses.line
@@ -331,9 +332,9 @@ def _interval(
 
 
 def _over_hours(trend: CoefficientTrend, hours: Sequence[float | None]) -> CoefficientTrend | None:
-    """Return a trend over years of operation; None if fewer than three are known.
+    """Return a trend over years of operation; None if fewer than three times are known.
 
-    It uses the newest calibrations that all state operating hours, which must not decrease.
+    It uses the newest calibrations, as far back as all state operating hours that do not decrease.
     """
     count = next((k for k, one in enumerate(reversed(hours)) if one is None), len(hours))
     count = min(count, len(trend.shared))
@@ -352,7 +353,7 @@ def _over_hours(trend: CoefficientTrend, hours: Sequence[float | None]) -> Coeff
 
 
 def _expanded(trend: CoefficientTrend, pooled: PooledChange | None, years: float) -> float:
-    """Return U, SI, some years after the newest calibration, from the sensor or its type."""
+    """Return U, SI, some years after the newest calibration, for the sensor or for its type."""
     if pooled is None:
         return expanded_after(trend, years)
     own, shared = float(trend.independent_variance[-1]), float(trend.shared[-1, -1])

@@ -11,7 +11,7 @@ _DAY = 86_400.0
 
 
 def interval_text(years: float | None) -> str:
-    """Return an interval in days as text; empty if there is none."""
+    """Return an interval as a text in days; empty if there is no interval."""
     return "" if years is None else f"{years * YEAR / _DAY:.0f}"
 
 
@@ -44,7 +44,7 @@ def interval_table(found: Recalibration) -> tuple[tuple[str, ...], list[tuple[st
 
 
 def expanded_text(found: Recalibration, one: CoefficientInterval) -> str:
-    """Return U for a use just after the newest calibration; empty without a prediction."""
+    """Return U for a use just after the newest calibration; empty if there is no prediction."""
     if one.expanded is None:
         return ""
     trend = found.history.trend(one.name)
@@ -53,7 +53,7 @@ def expanded_text(found: Recalibration, one: CoefficientInterval) -> str:
 
 
 def _exceedance_text(found: Recalibration) -> str:
-    """Return a text on the limit that is already exceeded."""
+    """Describe a limit that is already exceeded."""
     one = next(row for row in found.rows if row.name == found.decided_by)
     trend = found.history.trend(one.name)
     limit, expanded = limit_text(found, one), expanded_text(found, one)
@@ -92,12 +92,12 @@ def _too_few_text(found: Recalibration) -> str:
 
 
 def hours_text(hours: float | None) -> str:
-    """Return operating hours as text; empty if there are none."""
+    """Return operating hours as text; empty if they are unknown."""
     return "" if hours is None else f"{hours:.0f}"
 
 
 def _pool_lines(found: Recalibration) -> list[str]:
-    """Return lines on predictions that are pooled over sensors of the type."""
+    """Return lines on predictions that use several sensors of the type."""
     lines: list[str] = []
     if found.pool is not None:
         count = len(found.history.entries)

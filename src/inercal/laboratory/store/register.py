@@ -1,4 +1,4 @@
-"""The register itself, with methods for inserting and reading entries."""
+"""The register of a laboratory, with methods that insert and read entries."""
 
 import os
 from collections.abc import Callable, Collection, Generator, Sequence
@@ -43,10 +43,11 @@ class Register:
     Parameters
     ----------
     address : str, optional
-        A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE"; None or "default" means
-        $INERCAL_REGISTER, or else inercal/register.db in $XDG_DATA_HOME or ~/.local/share.
+        A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE". None or "default" means
+        $INERCAL_REGISTER. If this is not set, it means inercal/register.db in $XDG_DATA_HOME or
+        ~/.local/share.
     by : str, optional
-        Author of new entries; by default the user of the system.
+        Author of new entries; by default, the user of the system.
     create : bool
         Whether a missing register is created on first use.
 
@@ -57,7 +58,7 @@ class Register:
     address : str
         Address for printing, without a password.
     exists : bool
-        Whether the register exists; otherwise it is created on first use.
+        Whether the register exists. If not, it is created on first use.
 
     Raises
     ------
@@ -106,7 +107,7 @@ class Register:
     def runs(
         self, sensor: int | str | None = None, newest: int | None = None
     ) -> tuple[RunEntry, ...]:
-        """Return the runs of all sensors or one sensor by start time, or only the `newest`."""
+        """Return the runs of all sensors or of one, by start time; or only the `newest` runs."""
         with self._transaction(read_transaction) as db:
             if sensor is None:
                 return queries.runs(db, newest=newest)
@@ -116,14 +117,14 @@ class Register:
     def calibrations(
         self, sensor: int | str | None = None, newest: int | None = None
     ) -> tuple[CalibrationEntry, ...]:
-        """Return all calibrations, or those of one sensor, in the order of measurement.
+        """Return the calibrations of all sensors, or of one sensor, in the order of measurement.
 
         Parameters
         ----------
         sensor : int or str, optional
             Id or name of the sensor.
         newest : int, optional
-            Number of calibrations to return, the last measured ones; None returns all.
+            Number of calibrations to return, counted from the last measurement; None returns all.
         """
         with self._transaction(read_transaction) as db:
             if sensor is None:
@@ -132,13 +133,13 @@ class Register:
             return queries.calibrations(db, calibration.c.sensor_id == one.id, newest=newest)
 
     def entered_sha256(self, wanted: Collection[str]) -> set[str]:
-        """Return those of these SHA-256 of calibration files that are in the register."""
+        """Return which of these SHA-256 hashes of calibration files are in the register."""
         with self._transaction(read_transaction) as db:
             query = select(calibration.c.sha256).where(calibration.c.sha256.in_(wanted))
             return set(db.scalars(query))
 
     def calibration_numbers(self, run_id: int | None = None) -> tuple[int, ...]:
-        """Return the numbers of all calibrations, or those of one run, in order of measurement."""
+        """Return the numbers of all calibrations, or of one run's, in the order of measurement."""
         with self._transaction(read_transaction) as db:
             if run_id is None:
                 return queries.calibration_numbers(db)
@@ -177,7 +178,7 @@ class Register:
             return read_noise(db, queries.find_sensor(db, sensor).id)
 
     def enter_noise(self, analysis: NoiseAnalysis, sensor: str, measured: str | None = None) -> int:
-        """Enter a noise analysis of the named sensor, and return the analysis's number.
+        """Enter a noise analysis of the named sensor, and return the number of the analysis.
 
         Raises
         ------
@@ -201,14 +202,14 @@ class Register:
     def enter_run(
         self, facts: RunFacts, calibration: Calibration | str | Path | None = None
     ) -> int:
-        """Enter a run and its calibration, if any, and return the run's id.
+        """Enter a run and, if any, its calibration; return the id of the run.
 
         If the run is already registered, only its state, folder and files are updated.
 
         Raises
         ------
         InputError
-            If the calibration file cannot be used; then nothing is entered.
+            If the calibration file cannot be used. Nothing is entered in this case.
         """
         result = None if calibration is None else make_document(calibration)
         kind = "" if result is None else _bench_kind(result.calibration)
@@ -227,8 +228,8 @@ class Register:
         ----------
         source : Calibration or path
         measured : str, optional
-            Time of measurement, ISO 8601. By default it is the start of the run whose recording
-            was calibrated, if the run is registered, or else the time of the calibration.
+            Time of measurement, ISO 8601. By default, it is the start of the run whose recording
+            was calibrated, if the run is registered, and otherwise the time of the calibration.
 
         Raises
         ------
@@ -242,14 +243,14 @@ class Register:
     ) -> tuple[int, ...]:
         """Enter several calibrations, all or none of them, and return their numbers.
 
-        A calibration that is already registered stays unchanged, except that `measured` replaces a
-        date that comes only from its file.
+        A calibration that is already registered is not changed, except that `measured` replaces a
+        date that is known only from its file.
 
         Raises
         ------
         InputError
-            As `enter_calibration`; also if a registered calibration has another date, stated
-            earlier or taken from its run.
+            See `enter_calibration`. The error is also raised if a registered calibration has
+            another date that was stated earlier or comes from its run.
         """
         if measured is not None:
             try:
@@ -291,7 +292,7 @@ class Register:
         ------
         InputError
             If the file cannot be used, an earlier certificate is unknown, or the files of the
-            certificate cannot be made; then no number is used.
+            certificate cannot be made. In these cases, no number is used.
         """
         document = make_document(source)
         kind = _bench_kind(document.calibration)
@@ -337,7 +338,7 @@ class Register:
 
 def _bench_kind(calibration: Calibration) -> str:
     """Return the kind of bench that a calibration's method uses; empty for an unknown method."""
-    # Import here, because methods load compiled kernels, which reading does not need.
+    # The methods are imported here because they load compiled kernels, which reading does not need.
     from inercal.benches.kinds import kind_name_for_class
     from inercal.methods import METHODS
 

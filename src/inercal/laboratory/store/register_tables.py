@@ -28,7 +28,7 @@ metadata = MetaData(
 
 
 def _text_columns(*names: str) -> list[Column[str]]:
-    """Return text columns that must not be empty."""
+    """Return text columns in which every row must have a value."""
     return [Column(name, String, nullable=False) for name in names]
 
 
@@ -50,7 +50,7 @@ bench = Table(
     metadata,
     Column("id", Integer, primary_key=True),
     Column("kind", String, nullable=False),
-    Column("name", String, nullable=False),  # empty if the run file gives none
+    Column("name", String, nullable=False),  # empty if the run file states no name
     *_entry_columns(),
     UniqueConstraint("kind", "name"),
 )
@@ -80,7 +80,7 @@ calibration = Table(
     Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
     Column(
         "bench_id", Integer, ForeignKey("bench.id")
-    ),  # null if this version does not know its method
+    ),  # null if this version does not know the method
     Column("run_id", Integer, ForeignKey("run.id"), index=True),
     Column("measured", String, nullable=False),
     Column("measured_from", String, nullable=False),  # "stated", "run" or "created"
@@ -101,7 +101,7 @@ coefficient = Table(
     Column("std", Double, nullable=False),
     Column("unit", String, nullable=False),  # SI
 )
-certificate = Table(  # triggers of the database refuse to change or delete a row
+certificate = Table(  # database triggers prevent changes and deletion of rows
     "certificate",
     metadata,
     Column("id", Integer, primary_key=True),
@@ -111,8 +111,8 @@ certificate = Table(  # triggers of the database refuse to change or delete a ro
     Column("sequence", Integer, nullable=False),
     Column("calibration_id", Integer, ForeignKey("calibration.id"), nullable=False, index=True),
     *_text_columns("issued"),  # ISO date
-    *_text_columns("change"),  # "amended" or "substituted"; empty if it changes no other
-    *_text_columns("previous"),  # number of the certificate that it changes
+    *_text_columns("change"),  # "amended" or "substituted"; empty if it changes none
+    *_text_columns("previous"),  # number of the changed certificate
     *_text_columns("pdf_sha256", "dcc_sha256"),
     Column("pdf", LargeBinary, nullable=False),
     Column("dcc", LargeBinary, nullable=False),  # XML

@@ -10,7 +10,7 @@ from inercal.calibration.comparison.run_to_run import RunScatter, RunToRun, agai
 from inercal.laboratory.store.history import CoefficientTrend, SensorHistory
 
 LEAST = 3
-"""Least number of other calibrations for estimating the scatter of a coefficient."""
+"""Least number of other calibrations that the scatter of a coefficient is estimated from."""
 
 
 def run_scatter(history: SensorHistory, without: Collection[int]) -> RunScatter | None:
@@ -20,7 +20,7 @@ def run_scatter(history: SensorHistory, without: Collection[int]) -> RunScatter 
     ----------
     history : SensorHistory
     without : collection of int
-        Numbers of the calibrations to leave out, because they are being compared.
+        Numbers of the calibrations that are being compared and are therefore excluded.
     """
     kept = {k for k, one in enumerate(history.entries) if one.id not in without}
     names: list[str] = []
@@ -38,7 +38,7 @@ def run_scatter(history: SensorHistory, without: Collection[int]) -> RunScatter 
 
 
 def newest_run_to_run(history: SensorHistory) -> RunToRun | None:
-    """Compare the newest calibration with the previous one, using the scatter of earlier ones."""
+    """Compare the newest calibration with the previous one; earlier ones give the scatter."""
     if len(history.entries) < LEAST + 2:
         return None
     scatter = run_scatter(history, [one.id for one in history.entries[-2:]])

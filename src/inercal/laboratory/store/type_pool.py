@@ -1,21 +1,24 @@
 """Pool scatter and drift over sensors of a type, for a sensor with too few calibrations.
 
-Sensor s of the type has k_s calibrations of a coefficient at times t, with their own variances and
-a shared covariance S. Its level θ_s is free. All sensors and similar axes have the same variances::
+Sensor s of a type has k_s calibrations of a coefficient at times t, with their own variances s_i²
+and a shared covariance S. The level θ_s is different for each sensor. The variances τ², σ_b² and q
+are the same for all sensors and similar axes::
 
     y = θ_s + b_s t + w(t) + e,   cov(e) = diag(s_i²) + S + τ² I
     b_s ~ N(0, σ_b²),   w is a random walk with variance q per year
 
-σ_b² is the mean square of the drifts about zero, so it includes ageing that all sensors share.
-τ², σ_b² and q maximise the restricted likelihood of all sensors together. At a time Δt after a
-calibration with its own variance s², the coefficient of another sensor of the type has::
+σ_b² is the mean square of the drifts and not their variance, so it includes ageing that all sensors
+share. τ², σ_b² and q maximise the restricted likelihood of all sensors together. For another sensor
+of the type, at a time Δt after a calibration with its own variance s², the uncertainty of the
+coefficient is::
 
     U²(Δt) = t_ν² (2τ² + s² + q Δt) + t_m² σ_b² Δt² + 4 u_B²
 
-with ν = Σ (k_s − 1) over sensors and similar axes, and m their number. If no sensor has three
-calibrations, scatter and drift cannot be distinguished; the larger of two U(Δt) is then used, one
-with only scatter and one with only drift. If the variances of one coefficient give a larger U(Δt)
-than those of all similar axes together, they are used, with the same ν and m.
+Here ν is the sum of k_s − 1 over sensors and similar axes, and m is the number of these terms. If
+no sensor has three calibrations, scatter and drift cannot be distinguished. U(Δt) is then computed
+once with only scatter and once with only drift, and the larger is used. If the variances of one
+coefficient give a larger U(Δt) than the common variances of all similar axes, they are used, with
+the same ν and m.
 """
 
 from collections.abc import Sequence
@@ -36,7 +39,7 @@ if TYPE_CHECKING:
     from inercal.laboratory.store.register import Register
 
 MOST_SENSORS = 50
-"""Largest number of sensors of a type that are read, the last calibrated ones."""
+"""Largest number of sensors of a type that are read; they are the last calibrated sensors."""
 _ALL = (0, 1, 2)  # indices of all `ChangeVariances`
 _ALONE = ((0,), (2,))
 _LEAST_P = 0.01  # p-value below which a sensor does not belong to its type
@@ -58,7 +61,7 @@ class PooledChange:
     ----------
     sensors : int
     variances : tuple of ChangeVariances
-        Variances of all similar axes, and of this coefficient only; the larger U is used.
+        Variances from all similar axes, and from this coefficient only; the larger U is used.
     dof, slope_dof : float
         Degrees of freedom ν and m.
     rate : float
@@ -72,12 +75,13 @@ class PooledChange:
     rate: float
 
     def expanded_after(self, own: float, shared: float, years: float) -> float:
-        """Return U, SI, this number of years after a calibration.
+        """Return U, SI, some years after a calibration.
 
         Parameters
         ----------
         own, shared : float
-            Variances of that calibration: its own part, and the part that it shares with others.
+            Variances of the calibration: the independent part, and the part that calibrations
+            share.
         years : float
         """
         factor, of_slope = expanded_uncertainty(np.ones(2), np.array([self.dof, self.slope_dof]))
@@ -89,7 +93,7 @@ class PooledChange:
         return float(np.sqrt(max(squares) + COVERAGE**2 * shared))
 
     def is_of_type(self, trend: CoefficientTrend) -> bool:
-        """Return whether a sensor's own calibrations scatter like those of its type."""
+        """Return whether the calibrations of a sensor scatter like others of its type."""
         if trend.time.size < 2:
             return True
         block = _block(trend, 1.0, 1.0)
@@ -108,9 +112,9 @@ class TypePool:
     Parameters
     ----------
     type_name : str
-        Name of the type for printing, such as "QA 2000"; empty if the sensors were named.
+        Printed name of the type, such as "QA 2000"; empty if the user named the sensors.
     sensors : tuple of str
-        The sensors with two calibrations or more.
+        The sensors with two or more calibrations.
     changes : mapping of str to PooledChange
         Changes by full name of the coefficient.
     longest : float
@@ -134,15 +138,16 @@ def type_pool(
     ----------
     register : Register
     own : SensorHistory
-        History of the sensor in question, which belongs to the pool if it has two calibrations.
+        History of the sensor in question; it belongs to the pool if it has two calibrations.
     like : sequence of str
-        Names of the other sensors; by default those whose newest calibration states the same
-        model and maker in [job].
+        Names of the other sensors. By default, these are all sensors whose newest calibration
+        states the same model and maker in [job].
 
     Raises
     ------
     InputError
-        If a named sensor does not exist, was never calibrated, or has no axis of this sensor.
+        If a named sensor does not exist, was never calibrated, or has no axis in common with this
+        sensor.
     """
     name = "" if like else _type_name(own)
     others = (
@@ -167,7 +172,7 @@ def pool_of_histories(
 ) -> TypePool | None:
     """Return the pool of several histories; None if no sensor has two calibrations.
 
-    Calibrations in another frame or form than the newest of `own` are left out.
+    Calibrations are omitted if their frame or form differs from the newest calibration in `own`.
     """
     newest = own.entries[-1].calibration
     terms = newest.frame, newest.sensor.form
@@ -250,7 +255,7 @@ def _rate(trend: CoefficientTrend) -> float:
 
 
 def _block(trend: CoefficientTrend, unit: float, span: float) -> MeasurementBlock:
-    """Return the newest values in units of `unit` and `span`, with factors for τ, q and σ_b."""
+    """Return the newest values, scaled by `unit` and `span`, with factors for τ, q and σ_b."""
     n = len(trend.shared)
     at = (trend.time[-n:] - trend.time[-n]) / span
     walk = np.tril(np.ones((n, n))) * np.sqrt(np.diff(at, prepend=at[0]))
@@ -265,7 +270,7 @@ def _block(trend: CoefficientTrend, unit: float, span: float) -> MeasurementBloc
 
 
 def _variances(found: Sequence[CoefficientTrend], parts: tuple[int, ...]) -> ChangeVariances:
-    """Estimate the common variances of trends for the chosen parts; the others are 0."""
+    """Estimate the common variances of trends for the chosen parts; the other variances are 0."""
     newest = [(one.values[-len(one.shared) :], one.std[-len(one.shared) :]) for one in found]
     within = np.mean([np.var(values, ddof=1) for values, _ in newest])
     unit = float(np.sqrt(within + np.mean([np.mean(std**2) for _, std in newest])))

@@ -1,7 +1,8 @@
-"""Find the calibrations made on a bench, and those that used one of its qualifications.
+"""Find the calibrations made on a bench, and the calibrations that used a qualification.
 
-A calibration used a qualification if one of its shared errors comes from the determination, or if
-its provenance names the determination (a qualified scatter is not a shared error).
+A calibration used a qualification if one of its shared errors comes from this determination, or if
+its provenance names the determination. The provenance is needed because a qualified scatter is not
+a shared error.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,7 @@ _MOST_NAMED = 8
 def calibrations_of_bench(
     entries: Sequence[CalibrationEntry], word: str
 ) -> tuple[CalibrationEntry, ...]:
-    """Return the calibrations on a bench in their order, only the last one of each recording.
+    """Return the calibrations on a bench in order, but only the last of each recording.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ class QualificationUse(NamedTuple):
         Number of the calibration in the register.
     sensor, measured : str
     parameters : tuple of str
-        Shared errors from the determination; empty if there are none.
+        Shared errors that come from the determination; empty if there are none.
     certificates : tuple of str
         Numbers of the certificates.
     """
@@ -82,7 +83,7 @@ def qualification_uses(register: Register, determination: str) -> tuple[Qualific
     ----------
     register : Register
     determination : str
-        Identity of the qualification.
+        Text that identifies the qualification.
 
     Raises
     ------

@@ -1,7 +1,8 @@
 """The error budget: the contribution of each imperfection to each coefficient.
 
-A budget is valid for an estimator as configured and a bench as stated. An estimator that estimates
-an error with a prior removes a part of this error, or spreads it over other coefficients.
+A budget is valid for one configuration of the estimator and one stated bench. If the estimator
+estimates an error with a prior, it removes part of this error or spreads it over other
+coefficients.
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ class BudgetDeviations:
     Parameters
     ----------
     first_order : (p,) array
-        Standard deviations from derivatives; a total is the root of the sum of squares.
+        Standard deviations from derivatives. A total is the root sum of squares.
     monte_carlo : (p,) array
         Standard deviations from random draws.
     error : (p,) array
@@ -59,9 +60,9 @@ class Budget:
     bias : (p,) array
         Mean of the estimates with all imperfections minus the true values, SI.
     stated : (p,) array
-        Standard uncertainties that the estimator itself states, SI.
+        Standard uncertainties that the estimator states, SI.
     shifts : tuple of Shift
-        Shifts due to known effects that are left uncorrected.
+        Shifts due to known effects that are not corrected.
     """
 
     experiment: Experiment
@@ -74,7 +75,7 @@ class Budget:
     shifts: tuple[Shift, ...]
 
     def sorted_contributions(self, coefficient: int) -> list[tuple[Imperfection, BudgetDeviations]]:
-        """Return the imperfections with their contributions to one coefficient, largest first."""
+        """Return all imperfections and their contributions to one coefficient, largest first."""
         return sorted(
             self.contributions.items(), key=lambda line: -float(line[1].monte_carlo[coefficient])
         )
@@ -94,15 +95,15 @@ def budget(
     ----------
     experiment : Experiment
     trials : int
-        Number of Monte Carlo trials for each imperfection and for all of them together; the
+        Number of Monte Carlo trials for each imperfection, and for all imperfections together. The
         deviations have a relative standard error of 1/√(2 trials).
     seed : int
-        Seed of the random numbers; equal seeds give equal budgets.
+        Seed of the random numbers; the same seed gives the same budget.
     progress : callable, optional
-        Called with the number of finished trials and the total number of trials.
+        Function called with the number of finished trials and the total number of trials.
     executor : Executor, optional
-        Executor for the trials; by default they run in this process. The budget does not depend on
-        it.
+        Executor for the trials. By default, the trials run in this process. The budget does not
+        depend on the executor.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""An error budget as text rows, rounded according to the uncertainty, and as a JSON object."""
+"""An error budget as rows of text, rounded according to the uncertainty, or as a JSON object."""
 
 from dataclasses import dataclass
 from math import hypot
@@ -9,8 +9,8 @@ from inercal.physics.sensors import SI_UNITS
 from inercal.pipeline.budget import Budget, BudgetDeviations
 
 SCHEMA = "inercal budget 1"
-_SHOWN = 1e-4  # fraction of the total below which a contribution is only rounding
-_SMALL = 0.01  # fraction of the total below which contributions share one row
+_SHOWN = 1e-4  # fraction of the total; smaller contributions are only rounding errors
+_SMALL = 0.01  # fraction of the total; smaller contributions share one row
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class BudgetRow:
     name, stated : str
         Name of the imperfection and its stated deviation.
     first_order, monte_carlo, error : str
-        Contribution in the coefficient's unit; a combined row has no error.
+        Contribution in the unit of the coefficient; a combined row has no error.
     share : float
-        Fraction of the total variance, from Monte Carlo.
+        Fraction of the total Monte Carlo variance.
     kind : "line", "others" or "total"
     size, linear : float
         `monte_carlo` and `first_order` as numbers, for plotting.
@@ -44,9 +44,9 @@ class BudgetRow:
 def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
     """Return the budget rows of coefficient k.
 
-    The largest contribution comes first, small ones are combined, and the total comes last. The
-    total is computed with all imperfections drawn together; to first order it is the root of the
-    sum of squares.
+    The largest contribution comes first, small contributions are combined, and the total comes
+    last. The Monte Carlo total is computed with all imperfections drawn together. To first order,
+    the total is the root sum of squares.
     """
     sensor = budget.experiment.sensor
     si = sensor.coefficient(sensor.coefficients[k]).si
@@ -91,7 +91,7 @@ def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
 
 
 def uncertainty_and_bias_cells(budget: Budget, k: int) -> tuple[str, str, str]:
-    """Return the stated uncertainty, the Monte Carlo bias and the standard error of the bias."""
+    """Return the stated uncertainty, the Monte Carlo bias, and the standard error of the bias."""
     sensor = budget.experiment.sensor
     si = sensor.coefficient(sensor.coefficients[k]).si
     total, error = float(budget.total.monte_carlo[k]), float(budget.total.error[k])
@@ -100,7 +100,7 @@ def uncertainty_and_bias_cells(budget: Budget, k: int) -> tuple[str, str, str]:
 
 
 def shift_cells(budget: Budget, k: int) -> list[str]:
-    """Return the shifts of coefficient k in its unit with three digits; 0 for rounding errors."""
+    """Return the shifts of coefficient k in its unit, with three digits; 0 for rounding errors."""
     sensor = budget.experiment.sensor
     si = sensor.coefficient(sensor.coefficients[k]).si
     least = _SHOWN * float(budget.total.monte_carlo[k])
@@ -109,7 +109,7 @@ def shift_cells(budget: Budget, k: int) -> list[str]:
 
 
 def budget_as_dict(budget: Budget) -> dict[str, Any]:
-    """Return a budget as a JSON object; numbers are in the SI `unit` of each coefficient."""
+    """Return a budget as a JSON object; numbers are in the SI unit of each coefficient."""
     sensor = budget.experiment.sensor
 
     def coefficient(k: int, name: str) -> dict[str, Any]:

@@ -1,17 +1,17 @@
 """The contribution of each imperfection to each coefficient, and shifts due to known effects.
 
 First order (GUM, JCGM 100:2008, 5.1): c_k = ∂E/∂z_k is computed by central differences over one
-standard deviation. An effect that vanishes in rounding over this step counts as zero. The draws of
-one imperfection are combined in quadrature, and so are the imperfections. Monte Carlo (GUM
-Supplement 1, JCGM 101:2008, clause 7): each imperfection is drawn by itself, then all together, and
-both use the same draws.
+standard deviation. An effect that is not larger than rounding errors over this step counts as zero.
+The independent draws of an imperfection are combined in quadrature, and so are all imperfections.
+Monte Carlo (GUM Supplement 1, JCGM 101:2008, clause 7): each imperfection is drawn separately, and
+then all are drawn together, with the same random numbers.
 
-The two differ where an estimate depends nonlinearly on an error, or where errors interact.
+The two methods differ if an estimate depends nonlinearly on an error, or if errors interact.
 
-A known effect that is left uncorrected shifts an estimate. There are two kinds. The bench may
-correct for the effect, such as earth's rate: then the readings contain it, and the estimator gets
-a bench without it. Or the sensor may have a coefficient that is not estimated, such as a lever arm:
-then the readings contain it.
+A known effect that is not corrected shifts an estimate. There are two kinds of such effects. The
+first kind, such as earth's rate, is an effect that a bench can correct: the simulated readings
+contain the effect, but the bench that the estimator uses does not. The second kind is a coefficient
+of the sensor that is not estimated, such as a lever arm: only the readings contain its effect.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ ALL_IMPERFECTIONS = "together"
 
 
 def first_order_contributions(experiment: Experiment) -> dict[str, Array]:
-    """Return the contribution of each imperfection by name, as standard deviations (p,), SI."""
+    """Return the contribution of each imperfection, by name, as standard deviations (p,), SI."""
     n, z = experiment.size, experiment.expansion_point
     shifted = np.concatenate([z + np.eye(n), z - np.eye(n)])
     estimates = np.concatenate([experiment(shifted[k : k + BATCH]) for k in range(0, 2 * n, BATCH)])
@@ -52,7 +52,7 @@ def monte_carlo_estimates(
     progress: ProgressCallback | None = None,
     executor: Executor | None = None,
 ) -> dict[str, Array]:
-    """Return the estimates, (trials, p) SI, by the name of the imperfection that was drawn.
+    """Return estimates, (trials, p) SI, by the name of the imperfection that was drawn.
 
     The name `ALL_IMPERFECTIONS` gives the estimates with all imperfections drawn together.
 
@@ -64,10 +64,10 @@ def monte_carlo_estimates(
     progress : callable, optional
         Called with the number of finished trials and the total number of trials.
     executor : Executor, optional
-        Executor for the trials; by default they run in this process.
+        Executor for the trials. By default, the trials run in this process.
     """
     names = list(experiment.draw_columns)
-    # If the noise is the only imperfection, it is the same as all of them.
+    # If the noise is the only imperfection, its trials are the same as those of all imperfections.
     runs = [ImperfectionTrials(experiment, name) for name in names]
     if names != [NOISE]:
         runs.append(ImperfectionTrials(experiment, ALL_IMPERFECTIONS))
@@ -77,13 +77,13 @@ def monte_carlo_estimates(
 
 @dataclass(frozen=True, eq=False)
 class ImperfectionTrials:
-    """Trials in which one imperfection, or `ALL_IMPERFECTIONS`, is drawn at random."""
+    """Trials in which one imperfection, or all imperfections, are drawn at random."""
 
     experiment: Experiment
     name: str
 
     def __call__(self, rng: np.random.Generator, count: int) -> dict[str, Array]:
-        """Return the estimates of `count` trials, (count, p) SI, by the imperfection's name."""
+        """Return the estimates of some trials, (count, p) SI, by the name of the imperfection."""
         z = rng.standard_normal((count, self.experiment.size))
         if self.name == ALL_IMPERFECTIONS:
             return {self.name: self.experiment(z)}
@@ -94,10 +94,10 @@ class ImperfectionTrials:
 
 
 def sample_deviation(estimates: Array) -> tuple[Array, Array]:
-    """Return the standard deviation of estimates (trials, p) and its standard error, (p,) each.
+    """Return the standard deviation of estimates, (trials, p), and its standard error, (p,) each.
 
-    The standard error is valid for any distribution with a fourth moment,
-    √(m₄ − s⁴ (n−3)/(n−1)) / (2 s √n); for a normal distribution it is s / √(2n).
+    The standard error is √(m₄ − s⁴ (n−3)/(n−1)) / (2 s √n), which is valid for any distribution
+    with a fourth moment. For a normal distribution, it is s / √(2n).
     """
     n = len(estimates)
     sd = np.std(estimates, axis=0, ddof=1)
@@ -107,19 +107,19 @@ def sample_deviation(estimates: Array) -> tuple[Array, Array]:
 
 
 def root_sum_of_squares(parts: Sequence[Array]) -> Array:
-    """Return the root of the sum of squares of arrays (p,)."""
+    """Return the root sum of squares of arrays, (p,)."""
     return np.sqrt(np.sum(np.square(parts), axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class Shift:
-    """The shift of the estimates due to a known effect that is left uncorrected.
+    """The shift of the estimates due to a known effect that is not corrected.
 
     Parameters
     ----------
     name : str
     value : str
-        Size of the effect as printed.
+        Printed size of the effect.
     shift : (p,) array
         Shift of each estimate, SI.
     """
@@ -130,9 +130,9 @@ class Shift:
 
 
 def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
-    """Return the shift due to each known effect and, if there are several, due to all together."""
+    """Return the shift due to each known effect and, if there are several, to all together."""
     bench, own, z = experiment.bench, experiment.sensor.coefficients, experiment.expansion_point
-    # The mean over a draw of the noise and its mirror image cancels first-order noise.
+    # The mean over a draw of the noise and the negative draw cancels the noise to first order.
     readings, priors = experiment.simulated_readings(np.stack([z, -z]))
     q = {name: np.array(parameter.value) for name, parameter in experiment.bench_parameters.items()}
     quiet = experiment.readings(q, own)
@@ -164,13 +164,13 @@ def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
 
 
 def _effect_value(stated: Measured | float | None) -> float:
-    """Return the value of a field; zero if it is unknown, because it is not a known effect."""
+    """Return the value of a field; 0 if unknown, because the effect is then not a known effect."""
     if stated is None:
         return 0.0
     return stated.value if isinstance(stated, Measured) else stated
 
 
 def _effect_reaches_sensor(experiment: Experiment, effect: Effect) -> bool:
-    """Return whether the sensor measures the effect; by hand, only gyros measure earth's rate."""
+    """Return whether the sensor measures an effect; held by hand, only gyros sense earth's rate."""
     gyros = any(axis.measures == "w" for axis in experiment.sensor.axes)
     return gyros or not effect.affects_rates

@@ -1,4 +1,4 @@
-"""Build the virtual experiment for a budget from a run file, without reading its data."""
+"""Build the virtual experiment for a budget from a run file; the data are not read."""
 
 from collections.abc import Mapping
 
@@ -22,11 +22,11 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
     ----------
     run : Run
     free_attitudes : bool
-        Whether the method may estimate the attitudes from means.
+        Whether methods that estimate the attitudes from means are accepted.
 
-    The noise of a mean is its stated deviation ([data.sd]) or, if none is stated, the white noise
-    of the axis averaged over the step. The true value of a coefficient with a prior but without
-    [sensor.truth] is the value of the prior.
+    The noise of a mean is its stated deviation ([data.sd]). If none is stated, it is the white
+    noise of the axis, averaged over the step. If [sensor.truth] does not state a coefficient that
+    has a prior, the true value is the value of the prior.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
 
 
 def _noise_covariance(run: Run) -> Array:
-    """Return the covariance of the mean readings, (r, m, m) SI."""
+    """Return the covariance of the mean readings, (r, m, m), SI."""
     stated = stated_deviations(run)
     variance = np.array(
         [[_mean_variance(stated, a, step.seconds) for a in run.sensor.axes] for step in run.steps]

@@ -1,8 +1,8 @@
 """The imperfections of a calibration: errors of the bench, noise of the readings, and priors.
 
-Each imperfection consists of independent draws. If a bench declares an imperfection for every
-position, turn or dwell, or about every axis, it is one line of the budget, and its draws are
-combined in quadrature.
+Each imperfection consists of independent random numbers (draws). If a bench declares an
+imperfection for every position, turn or dwell, or about every axis, this imperfection is one line
+of the budget, and its draws are combined in quadrature.
 """
 
 import re
@@ -22,8 +22,8 @@ NOISE = "noise"
 _COPY_SUFFIX = re.compile(r"(_[abxyz]|_?\d)?(\[.*\])?$")  # axis and step at the end of a name
 _AXIS_SUFFIX = re.compile(
     r" about [xyz]$|, (toward the centre|along)$"
-)  # the part of a meaning that says which of several parameters it is
-_PARAMETER_TITLES = {  # titles of parameters whose names are not plain words
+)  # the part of a meaning that says which parameter of several it is
+_PARAMETER_TITLES = {  # titles of parameters whose names are not words
     "g": "gravity",
     "mount": "mounting",
     "index": "indexing",
@@ -44,7 +44,7 @@ _PARAMETER_TITLES = {  # titles of parameters whose names are not plain words
     "pier": "tilt of the base",
     "creep": "creep of the base",
 }
-_PRINTED_UNITS = {  # unit in SI: as printed, its SI size
+_PRINTED_UNITS = {  # unit in SI: printed unit, SI size
     "m": ("µm", 1e-6),
     "m/s²": ("µg", 1e-6 * G0),
     "(m/s²)⁻¹": ("ppm/g", 1e-6 / G0),
@@ -60,11 +60,11 @@ class Imperfection:
     Parameters
     ----------
     name : str
-        Name in one or two words.
+        Name of the imperfection in one or two words.
     meaning : str
-        Description in one line, for a report.
+        Description for a report, in one line.
     stated : str
-        Standard deviation as printed.
+        Printed standard deviation.
     draws : tuple of str
         Names of the independent draws: full names of bench parameters, readings ("x[p01_r1]"), or
         coefficients.
@@ -77,7 +77,7 @@ class Imperfection:
 
 
 def bench_imperfections(declared: Mapping[str, Parameter]) -> list[Imperfection]:
-    """Return the imperfections of a bench, except those that are stated as exact.
+    """Return the imperfections of a bench, without parameters that are stated as exact.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def prior_imperfection(sensor: Sensor, prior: Gaussian) -> Imperfection:
 
 
 def format_deviations(deviations: Sequence[float], unit: str) -> str:
-    """Return a standard deviation, or the range of several, as text in a convenient unit.
+    """Return a standard deviation, or a range of them, as text in a convenient unit.
 
     Examples
     --------

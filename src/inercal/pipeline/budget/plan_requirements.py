@@ -1,4 +1,4 @@
-"""Check that a plan suits a budget: each step must be one mean reading at a known motion."""
+"""Check that a plan suits a budget: each step must be a mean reading at a known motion."""
 
 from collections.abc import Sequence
 
@@ -9,13 +9,13 @@ from inercal.physics.plan import Spin, Step
 
 
 def require_budget_plan(bench: Bench, steps: Sequence[Step]) -> MeanBench:
-    """Return the bench, and refuse a plan that does not determine the motion of the sensor.
+    """Return the bench; raise an error if the plan does not define the motion of the sensor.
 
     Raises
     ------
     InputError
         If there are no steps, if the steps are for another bench, if attitudes on the arm are
-        unknown, or if the kind of bench refuses the plan.
+        unknown, or if this kind of bench does not accept the plan.
     """
     kind = kind_for_bench(bench)
     if steps and not all(isinstance(step, kind.steps) for step in steps):

@@ -1,4 +1,4 @@
-"""A calibration as a function of all imperfections.
+"""A simulated calibration, as a function of all imperfections.
 
 The estimator is treated as a black box. All imperfections together form a vector z of independent
 standard normal numbers, and the calibration is a function of this vector::
@@ -7,8 +7,8 @@ standard normal numbers, and the calibration is a function of this vector::
        ->  readings = forward(motion(bench's errors), truth) + noise
        ->  estimate(readings; the bench as stated, with its priors)  =  E(z)
 
-Its derivative at a point gives the budget to first order (GUM 5.1). Its spread for random z gives
-the Monte Carlo budget (GUM Supplement 1, JCGM 101:2008).
+The derivative of E at a point gives the budget to first order (GUM 5.1). The scatter of E(z) for
+random z gives the Monte Carlo budget (GUM Supplement 1, JCGM 101:2008).
 """
 
 from collections.abc import Callable, Mapping
@@ -46,7 +46,7 @@ class Experiment:
     sensor : Sensor
         Sensor with the p coefficients that are estimated.
     bench : MeanBench
-        Bench as stated to the estimator; its errors are drawn with its stated deviations.
+        Bench that is stated to the estimator. Its errors are drawn with the stated deviations.
     steps : tuple of r Step
         Steps of the plan.
     estimator : callable
@@ -54,9 +54,9 @@ class Experiment:
     noise : (r, m, m) array
         Covariance of the mean readings of each step, SI, positive definite.
     priors : tuple of Gaussian
-        Independent prior knowledge of coefficients; its means are drawn about the true values.
+        Independent priors of coefficients; their means are drawn about the true values.
     truth : mapping of str to float
-        True coefficients by full name, SI; missing ones are zero. Coefficients that are not
+        True coefficients by full name, SI; missing coefficients are zero. Coefficients that are not
         estimated are known effects and are not used here (see
         `inercal.pipeline.budget.contributions`).
 
@@ -96,12 +96,12 @@ class Experiment:
 
     @cached_property
     def bench_parameters(self) -> dict[str, Parameter]:
-        """The bench parameters by full name, including exact ones."""
+        """The bench parameters by full name, including exact parameters."""
         return dict(self.bench.nuisances(self.steps, self.sensor))
 
     @cached_property
     def imperfections(self) -> tuple[Imperfection, ...]:
-        """The lines of the budget, in the order of their draws in z."""
+        """The imperfections, in the order of their draws in z."""
         labels = [step.label for step in self.steps]
         noise = noise_imperfection(self.sensor, labels, self.noise)
         return (*bench_imperfections(self.bench_parameters), *self._prior_imperfections, noise)
@@ -128,16 +128,16 @@ class Experiment:
         Raises
         ------
         InputError
-            If the estimator does not converge, or refuses the readings.
+            If the estimator does not converge or does not accept the readings.
         """
         return self.estimates(*self.simulated_readings(z))
 
     @cached_property
     def expansion_point(self) -> Array:
-        """The point of expansion, (size,), without bench errors and with one draw of the noise.
+        """The point at which derivatives are computed, (size,): no bench errors, one noise draw.
 
-        Without noise, an estimator that uses residuals for its weights or its stopping rule would
-        see only rounding errors.
+        Some estimators use residuals for their weights or to decide when to stop. Without noise,
+        their residuals would only be rounding errors.
         """
         z = np.zeros(self.size)
         noise = self.draw_columns[NOISE]
@@ -145,7 +145,7 @@ class Experiment:
         return z
 
     def simulated_readings(self, z: Array) -> tuple[Array, tuple[Gaussian, ...]]:
-        """Return simulated readings, (n, r, m) SI, and priors with their drawn means, (n, k)."""
+        """Return simulated readings, (n, r, m) SI, and priors with random means, (n, k)."""
         loose = [name for name, parameter in self.bench_parameters.items() if parameter.sd > 0]
         q = {name: np.array(parameter.value) for name, parameter in self.bench_parameters.items()}
         drawn = {name: one for one in self.imperfections for name in one.draws if name in q}
@@ -170,7 +170,7 @@ class Experiment:
 
     @cached_property
     def _joint_draws(self) -> tuple[list[str], Array]:
-        """The qualified parameters that are drawn, and the Cholesky root of their covariance."""
+        """Return the qualified parameters to draw, and the Cholesky root of their covariance."""
         known: QualifiedParameters = getattr(self.bench, "qualified", NOT_QUALIFIED)
         declared = self.bench_parameters
         names = [
@@ -182,14 +182,14 @@ class Experiment:
         return names, np.asarray(np.linalg.cholesky(covariance), dtype=float)
 
     def readings(self, q: Mapping[str, Array], coefficients: tuple[str, ...]) -> Array:
-        """Return the readings without noise, (..., r, m) SI.
+        """Return readings without noise, (..., r, m), SI.
 
         Parameters
         ----------
         q : mapping of str to (...) array
             Bench parameters by full name.
         coefficients : tuple of str
-            Coefficients of the simulated sensor; their values are those in `truth`.
+            Coefficients of the simulated sensor, with values from `truth`.
         """
         sensor = replace(self.sensor, coefficients=coefficients)
         result = self.bench.mean_motion(self.steps, q).motion
@@ -207,7 +207,7 @@ class Experiment:
         priors : tuple of Gaussian
             Priors with means (n, k).
         bench : MeanBench, optional
-            Bench as stated to the estimator, if it differs from the bench of the readings.
+            Bench that is stated to the estimator, if it differs from the bench of the readings.
         """
         if self._accepts_trials:
             found = self._run_estimator(readings, priors, bench)
@@ -228,26 +228,26 @@ class Experiment:
 
     @cached_property
     def _accepts_trials(self) -> bool:
-        """Whether the estimator accepts many tables at once; closed formulas accept only one."""
+        """Whether the estimator accepts many tables at once; closed formulas do not."""
         readings, priors = self.simulated_readings(self.expansion_point[None])
         try:
             self._run_estimator(readings, priors)
         except InputError:
-            return False  # any other error is raised again for a single table
+            return False  # any other error will occur again with a single table
         return True
 
     def stated(self) -> Array:
-        """Return the standard uncertainties, (p,) SI, that the estimator itself states."""
+        """Return the standard uncertainties that the estimator states, (p,), SI."""
         variance = np.diagonal(self.estimate().covariance)
         return np.sqrt(variance[: len(self.sensor.coefficients)])
 
     def estimate(self) -> Estimate:
-        """Return the estimate from the readings at the point of expansion.
+        """Return the estimate from the readings at `expansion_point`.
 
         Raises
         ------
         InputError
-            If the estimator refuses the readings.
+            If the estimator does not accept the readings.
         NotObserved
             If the plan does not determine all coefficients.
         """

@@ -1,8 +1,8 @@
 """Bundle a calibration with all its input files, and reproduce it from the bundle.
 
-A bundle is a ZIP file. It contains the run file, the files that the run file names with their
-relative paths, the calibration file, and `manifest.json` with versions, machine and the SHA-256 of
-every file.
+A bundle is a ZIP file. It contains the run file, the files that the run file names (with their
+relative paths), the calibration file, and `manifest.json`. The manifest states versions, the
+machine and the SHA-256 hash of every file.
 """
 
 import json
@@ -29,14 +29,14 @@ from inercal.runfile import read
 SCHEMA = "inercal/bundle/1"
 MANIFEST = "manifest.json"
 TOLERANCE = 1e-3
-"""Largest difference of a value or of its u, in u, at which a calibration counts as reproduced."""
+"""Largest difference of a value or its u, in u, for which a calibration counts as reproduced."""
 _LARGEST_MANIFEST = 10_000_000  # bytes
-_FIRST_DAY = (1980, 1, 1, 0, 0, 0)  # the earliest ZIP date: equal files give equal bundles
+_FIRST_DAY = (1980, 1, 1, 0, 0, 0)  # earliest ZIP date, so equal files give equal bundles
 
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """The calibration from a bundle, and the result of the same data on this machine.
+    """The calibration from a bundle, and the result from the same data on this machine.
 
     Parameters
     ----------
@@ -45,10 +45,9 @@ class Reproduction:
     outcome : Outcome
         Result computed on this machine.
     made_with, here : mapping of str to str
-        Versions and machine of the bundle, and of this computation.
+        Versions and machine with which the bundle was made, and versions and machine used now.
     difference : float
-        Largest difference of a value or its u, in stored u; inf if the lists of coefficients
-        differ.
+        Largest difference of a value or its u, in stored u; inf if the coefficients differ.
     """
 
     stored: Calibration
@@ -131,8 +130,8 @@ def reproduce_bundle(path: Path) -> Reproduction:
     Raises
     ------
     InputError
-        If the file is not a bundle, is damaged or was changed, or if its run cannot be calibrated
-        on this machine.
+        If the file is not a bundle, is damaged or was changed, or if the run in it cannot be
+        calibrated on this machine.
     """
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -151,8 +150,8 @@ def reproduce_bundle(path: Path) -> Reproduction:
 def _extract(path: Path, folder: Path) -> dict[str, Any]:
     """Extract the files of a bundle into a folder, and return its manifest.
 
-    Only files listed in the manifest are written, under plain relative names, and only if their
-    size and SHA-256 match.
+    Only files that the manifest lists with a plain relative name are written, and only if their
+    size and SHA-256 hash match.
     """
     try:
         with refuse_damage(path, "a bundle", "bundle it again"), ZipFile(path) as archive:

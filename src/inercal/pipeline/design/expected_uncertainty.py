@@ -1,4 +1,4 @@
-"""Expected uncertainties: the uncertainties that a run's estimator states for its plan.
+"""Expected uncertainties: the uncertainties that the estimator of a run states for its plan.
 
 The readings are simulated for the declared bench, with the stated noise and priors
 (`inercal.pipeline.budget.virtual_experiment`). The data of the run are not read.
@@ -18,13 +18,13 @@ from inercal.runfile import Run
 
 @dataclass(frozen=True)
 class ExpectedUncertainty:
-    """The expected uncertainty of a coefficient, or of a sum of two.
+    """The expected uncertainty of a coefficient, or of the sum of two coefficients.
 
     Parameters
     ----------
     name, meaning : str
     unit : str
-        Unit as printed.
+        Unit in which the coefficient is printed.
     size : float
         Size of the unit in SI units.
     std : float
@@ -39,19 +39,19 @@ class ExpectedUncertainty:
 
 
 def estimate_of_plan(run: Run, rows: str) -> Estimate:
-    """Run the estimator of a run on simulated readings of its plan, and return the estimate.
+    """Run the estimator on simulated readings of a run's plan, and return the estimate.
 
     Parameters
     ----------
     run : Run
-        Run with a method with known attitudes, or with means.
+        Run with known attitudes or with means.
     rows : str
-        Word for the rows of the plan, "positions" or "states".
+        Word for the rows of the plan in messages, "positions" or "states".
 
     Raises
     ------
     InputError
-        If no noise is stated, or the estimator has no result for this plan.
+        If no noise is stated, or the estimator gives no result for this plan.
     NotObserved
         If the plan does not determine all coefficients.
     """
@@ -74,7 +74,8 @@ def estimate_of_plan(run: Run, rows: str) -> Estimate:
 
 def estimated_uncertainties(estimate: Estimate, sensor: Sensor) -> tuple[ExpectedUncertainty, ...]:
     """Return the expected uncertainty of each coefficient of the sensor."""
-    # Not scaled by residuals: the scatter of one draw of the noise does not depend on the plan.
+    # The covariance is not scaled by the residuals, because the scatter of one draw of the noise
+    # says nothing about the plan.
     std = np.sqrt(np.diagonal(estimate.covariance)[: len(sensor.coefficients)])
     return coefficient_uncertainties(
         sensor, dict(zip(sensor.coefficients, std.tolist(), strict=True))
@@ -84,7 +85,7 @@ def estimated_uncertainties(estimate: Estimate, sensor: Sensor) -> tuple[Expecte
 def coefficient_uncertainties(
     sensor: Sensor, std: Mapping[str, float]
 ) -> tuple[ExpectedUncertainty, ...]:
-    """Combine the coefficients of the sensor with standard uncertainties given by name, SI."""
+    """Combine the coefficients of the sensor with standard uncertainties by name, SI."""
     lines = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
     return tuple(
         ExpectedUncertainty(name, line.meaning, line.unit, line.si, std[name])

@@ -1,10 +1,10 @@
-"""Search a better turntable path for a calibration by navigation, within a given time.
+"""Search for a better turntable path for a calibration by navigation, within a given time.
 
 A path is a sequence of quarter turns about level axes of a three-axis table, within its limits. The
-middle axis is always level; the inner axis is level when the middle axis is at 0° or 180°. The
-search starts from the named path, which is extended or shortened to the given time, with rests of
-several lengths. It then replaces turns at random, and keeps a change if the mean of ln u of the
-coefficients decreases (D-optimality without the correlations).
+middle axis is always level. The inner axis is level when the middle axis is at 0° or 180°. The
+search starts from the path that the run file names. It extends or shortens this path to the given
+time and tries several lengths of the rests. It then replaces turns at random. A change is kept if
+the mean of ln u of the coefficients decreases (D-optimality without the correlations).
 
 Source: Fedorov 1972, Theory of Optimal Experiments (exchange algorithm).
 """
@@ -25,12 +25,12 @@ from inercal.runfile import Run
 
 _REST_SECONDS = (20.0, 30.0, 40.0, 60.0)
 _LEAST_RESTS = 9
-_RATE = 10.0  # Hz, sampling rate for judging plans
+_RATE = 10.0  # Hz, sampling rate when plans are judged
 _QUARTERS = 4
 _MIDDLE, _INNER = 1, 2
 
 Turn = tuple[int, int]
-"""The axis, and the direction of the quarter turn: +1 or −1."""
+"""The axis and the direction of a quarter turn: +1 or −1."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class FoundPath:
     ----------
     steps : tuple of Position
     ratio : float
-        Ratio of u with this path to u with the path of the run file, as the geometric mean over the
-        coefficients; zero if the path of the run file does not determine all coefficients.
+        Ratio of u with this path to u with the path of the run file: the geometric mean over all
+        coefficients. It is zero if the path of the run file does not determine all coefficients.
     tried : int
         Number of paths that were judged.
     """
@@ -55,19 +55,19 @@ class FoundPath:
 def search_path(
     run: Run, seconds: float, trials: int, seed: int, progress: Callable[[int], None]
 ) -> FoundPath:
-    """Search the best path that takes at most the given time.
+    """Search for the best path that takes at most the given time.
 
     Parameters
     ----------
     run : Run
         Run with a method that does not use the table's angles.
     seconds : float
-        Duration of the path including its turns.
+        Duration of the path, including its turns.
     trials : int
         Number of paths to judge.
     seed : int
     progress : callable
-        Called with the number of judged paths.
+        Function called with the number of judged paths.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def search_path(
         If the run has another method, if the table does not have three axes, or if the time is too
         short.
     NotObserved
-        If none of the paths determines all coefficients.
+        If no path determines all coefficients.
     """
     bench = require_turntable(run)
     if not run.method.without_angles or len(bench.names) != len("xyz"):
@@ -125,7 +125,7 @@ def _cost(run: Run, steps: Sequence[TableStep]) -> float:
 
 
 def _longest(bench: Turntable, rest: float, seconds: float) -> list[Turn] | None:
-    """Return the turns of the named path, repeated to fill the time; None if there are too few."""
+    """Return the turns of the named path, repeated to fill the time; None if too few fit."""
     named = _turns_of(systematic_path(rest))
     turns = list(named)
     while turntable_path_duration(bench, _steps(turns, rest)) <= seconds:
@@ -147,7 +147,7 @@ def _turns_of(steps: Sequence[TableStep]) -> list[Turn]:
 
 
 def _legal(turns: Sequence[Turn]) -> list[Turn]:
-    """Adjust turns so that both axes stay within 0° to 270° and each turn has a level axis."""
+    """Adjust turns to keep both axes within 0° to 270° and to give each turn a level axis."""
     at, result = {_MIDDLE: 0, _INNER: 0}, list[Turn]()
     for wanted, way in turns:
         axis = _MIDDLE if at[_MIDDLE] % 2 else wanted
@@ -158,7 +158,7 @@ def _legal(turns: Sequence[Turn]) -> list[Turn]:
 
 
 def _exchanged(turns: Sequence[Turn], rng: np.random.Generator) -> list[Turn]:
-    """Return the turns after replacing one or two of them at random."""
+    """Return the turns after one or two of them were replaced at random."""
     result = list(turns)
     for k in rng.integers(len(result), size=rng.integers(1, 3)).tolist():
         result[k] = (int(rng.choice([_MIDDLE, _INNER])), int(rng.choice([-1, 1])))
@@ -175,7 +175,7 @@ def _steps(turns: Sequence[Turn], rest: float) -> tuple[Position, ...]:
 
 
 def path_table(steps: Sequence[Position], names: Sequence[str]) -> str:
-    """Return a path of positions as the text of a file for [method] `path`."""
+    """Return a path of positions as text for a file that [method] `path` names."""
     head = ["label", "kind", *(f"{name} [°]" for name in names), "seconds [s]"]
     rows = [
         [one.label, "position", *(f"{np.degrees(a):.10g}" for a in one.angles), f"{one.seconds:g}"]

@@ -39,9 +39,9 @@ class RehearsalResult:
     sensor : Sensor
         Sensor with the coefficients that are estimated.
     std : (p,) array
-        Expected standard uncertainties, SI, as the median over the rehearsals.
+        Expected standard uncertainties, SI: the median over the rehearsals.
     seconds : float
-        Duration of the complete plan including its moves.
+        Duration of the complete plan, including its moves.
     """
 
     steps: tuple[Step, ...]
@@ -63,17 +63,17 @@ def rehearse_plan(
     Parameters
     ----------
     run : Run
-        Run with a method with unknown attitudes; only the noise of its sensor and its bench matter.
+        Run with unknown attitudes. Only the noise of the sensor and the bench matter.
     sessions : int
-        Number of simulations; their median is robust against a single large χ² by chance.
+        Number of simulations; their median is used because a single χ² may be large by chance.
     executor : Executor, optional
-        Executor for the simulations; by default they run in this process. The result does not
-        depend on it.
+        Executor for the simulations. By default, they run in this process. The result does not
+        depend on the executor.
 
     Raises
     ------
     InputError
-        If the sensor's noise or the rate is not stated, or if the method has known attitudes.
+        If the noise of the sensor or the rate is not stated, or if the method has known attitudes.
     """
     if not run.method.unknown_attitudes:
         raise InputError(
@@ -107,7 +107,7 @@ def rehearse_plan(
 
 
 class _Session(NamedTuple):
-    """Standard uncertainties, (p,) SI, from one simulation, and its duration, s."""
+    """Standard uncertainties from one simulation, (p,), SI, and its duration, s."""
 
     std: Array
     seconds: float
@@ -115,7 +115,7 @@ class _Session(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Rehearsal:
-    """One simulation of a plan and its calibration, which can be sent to another process."""
+    """A simulation of a plan and its calibration; another process can execute this."""
 
     simulate: Simulate[Any]
     bench: Any
@@ -156,7 +156,7 @@ class _Rehearsal:
 
 
 def _trimmed_marks(recording: Recording) -> tuple[Mark, ...]:
-    # The hand is only steady some time after it arrives and until some time before it leaves.
+    # The hand is not steady just after it arrives and just before it leaves.
     trim = round(_SETTLING * recording.rate_hz)
     return tuple(
         replace(mark, start=mark.start + trim, stop=mark.stop - trim)

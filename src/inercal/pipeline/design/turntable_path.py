@@ -1,8 +1,8 @@
-"""The planned path of a turntable: its steps, duration and expected uncertainties.
+"""The planned path of a turntable: steps, duration and expected uncertainties.
 
-The covariance of an estimate does not depend on the random noise, and hardly on the sensor.
-Therefore the method's own estimator processes the path as an ideal sensor would record it on an
-ideal table, with the stated noise and the stated uncertainties of the table.
+The covariance of an estimate does not depend on the random noise, and it hardly depends on the
+sensor. The estimator of the method therefore processes a recording of an ideal sensor on an ideal
+table, with the stated noise and the stated uncertainties of the table.
 """
 
 from collections.abc import Sequence
@@ -31,14 +31,15 @@ from inercal.recordings import Observations, Track
 from inercal.runfile import Run
 
 
-# Expected uncertainties of a path for a method that does not use the table's angles.
+# The following computes expected uncertainties of a path for a method that does not use the table's
+# angles.
 #
-# A sensor that has no errors except white noise records the path on an ideal table; the method
-# finds the rests in its gyro readings.
+# A sensor without errors except white noise records the path on an ideal table. The method finds
+# the rests in the gyro readings of this sensor.
 def still_table_uncertainties(
     run: Run, bench: Turntable, track: Track
 ) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
-    """Return the expected uncertainties, and warnings about turns about the vertical.
+    """Return expected uncertainties, and warnings about turns around the vertical.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def still_table_uncertainties(
         If the path does not determine all coefficients.
     """
     noises = [axis.noise.white for axis in run.sensor.axes]
-    # Without noise the readings would be constant in a rest, like those of a coarse converter.
+    # Without noise, the readings would be constant in a rest, as from a coarse converter.
     drawn = np.random.default_rng(0).standard_normal(track.reading.shape)
     root_rate = (track.time.size / max(float(np.ptp(track.time)), 1e-9)) ** 0.5
     track = replace(track, reading=track.reading + root_rate * np.array(noises) * drawn)
@@ -88,7 +89,7 @@ def still_table_uncertainties(
 
 
 _RATE = 100.0  # Hz
-_OPEN = 0.2  # fraction of the expected size; above, a coefficient counts as not determined
+_OPEN = 0.2  # u over expected size, above which a coefficient is not determined
 _SETTLING = 0.25  # s at the beginning of each hold
 
 
@@ -122,10 +123,10 @@ class PathSheet:
     run : Run
     rows : tuple of PathStep
     expected : tuple of ExpectedUncertainty
-        Expected uncertainty of each coefficient; NaN where the path does not improve the first
-        guess.
+        Expected uncertainty of each coefficient; NaN if the path does not improve the initial
+        value.
     undecided : tuple of str
-        Descriptions of the directions of the coefficients that the path does not determine.
+        Descriptions of combinations of coefficients that the path does not determine.
     warnings : tuple of str
         Warnings about turns that the method cannot observe.
     """
@@ -138,12 +139,12 @@ class PathSheet:
 
     @property
     def seconds(self) -> float:
-        """Duration of the path including its moves."""
+        """Duration of the path, including its moves."""
         return sum(row.move + row.seconds for row in self.rows)
 
 
 def turntable_path_sheet(run: Run) -> PathSheet:
-    """Return the steps and expected uncertainties of a turntable run without reading its data.
+    """Return the steps and expected uncertainties of a turntable run; data are not read.
 
     Raises
     ------
@@ -151,7 +152,7 @@ def turntable_path_sheet(run: Run) -> PathSheet:
         If the run is on another bench, if no noise is stated, if the table cannot follow the path,
         or if the path does not start with a rest of 20 s.
     NotObserved
-        If the path does not determine all directions; for filters they are listed in the sheet
+        If the path does not determine all coefficients. For filters, the sheet lists the directions
         instead.
     """
     bench = require_turntable(run)
@@ -177,14 +178,14 @@ def turntable_path_sheet(run: Run) -> PathSheet:
 def path_uncertainties(
     run: Run, steps: Sequence[TableStep], rate_hz: float
 ) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
-    """Return expected uncertainties and warnings for a method that does not use table angles.
+    """Return expected uncertainties and warnings if the method does not use table angles.
 
     Parameters
     ----------
     run : Run
         Run with a method that does not use the table's angles.
     steps : sequence of Position or Rotation
-        Steps of the path, which replace those of the run.
+        Steps of the path; they replace the steps of the run.
     rate_hz : float
         Sampling rate.
 
@@ -207,7 +208,7 @@ def ideal_track(
     steps: Sequence[TableStep],
     rate_hz: float | None = None,
 ) -> Track:
-    """Return the track of an ideal sensor on an ideal table, at the given or the run's rate.
+    """Return the track of an ideal sensor on an ideal table, by default at the rate of the run.
 
     Parameters
     ----------
@@ -233,7 +234,7 @@ def ideal_track(
 
 
 def _section_steps(way: PathProfile, steps: Sequence[TableStep]) -> list[TableStep | None]:
-    """Return the step of each section of the path; None for a move between steps."""
+    """Return the step to which each section of the path belongs; None for a move."""
     following = iter(steps)
     return [next(following) if label else None for label in way.labels]
 
@@ -265,7 +266,7 @@ def _filter_uncertainties(
         p = len(names)
         covariance = filtered.covariance[:p, :p]
         std = np.sqrt(np.diagonal(covariance))
-        # A coefficient that is hardly better known than before the run does not count as a result.
+        # A coefficient that is hardly better known than before the run is not a result.
         std = np.where(std < _OPEN * model.expected_size(filtered.triad), std, np.nan)
         found |= dict(zip(names, std.tolist(), strict=True))
         undecided += [free.words for free in model.undecided_directions(filtered.triad, covariance)]
@@ -275,7 +276,7 @@ def _filter_uncertainties(
 def _estimator_uncertainties(
     run: Run, bench: Turntable, track: Track, sections: Sequence[TableStep | None], way: PathProfile
 ) -> tuple[ExpectedUncertainty, ...]:
-    """Return expected uncertainties from an estimator that uses all sections at once."""
+    """Return expected uncertainties from an estimator that uses all sections at the same time."""
     spans = [
         (step, float(start), float(stop))
         for step, start, stop in zip(sections, np.append(0.0, way.ends), way.ends, strict=False)

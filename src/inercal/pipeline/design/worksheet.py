@@ -1,4 +1,4 @@
-"""The worksheet of a run: operator steps, a table to fill in, and expected uncertainties."""
+"""The worksheet of a run: steps for the operator, a table to fill in, and uncertainties."""
 
 import csv
 from collections import Counter
@@ -30,7 +30,7 @@ class Worksheet:
     expected : tuple of ExpectedUncertainty
         Expected uncertainty of each coefficient.
     together : tuple of ExpectedUncertainty
-        Expected uncertainties of sums that are determined far better than their terms, if the sheet
+        Expected uncertainties of sums that are far better determined than their terms, if the sheet
         lists sums.
     """
 
@@ -41,12 +41,12 @@ class Worksheet:
 
 
 def run_sheet(run: Run) -> Sheet:
-    """Return the sheet with the steps for the operator of a run.
+    """Return the sheet with the steps that the operator of a run must carry out.
 
     Raises
     ------
     InputError
-        If the bench has fixed plans, or cannot carry out the plan.
+        If the bench has fixed plans or cannot carry out the plan.
     """
     if run.kind.sheet is None:
         raise InputError(
@@ -62,7 +62,7 @@ def run_sheet(run: Run) -> Sheet:
 
 
 def build_worksheet(run: Run) -> Worksheet:
-    """Return the worksheet of a run without reading its data.
+    """Return the worksheet of a run; the data are not read.
 
     Raises
     ------
@@ -78,15 +78,15 @@ def build_worksheet(run: Run) -> Worksheet:
 
 
 def worksheet_csv(made: Worksheet) -> str:
-    """Return the table to fill in as CSV, with the settings filled in and the readings empty.
+    """Return the table to fill in as CSV; settings are filled in, and readings are empty.
 
-    The completed table serves as the [data] file of a run with kind = "means".
+    The completed table can be the [data] file of a run with kind = "means".
 
     Raises
     ------
     InputError
-        If a column is given by its number or is used for two quantities, or if the run needs more
-        than means in a table.
+        If a column is given by number or is used for two quantities, or if the run needs more than
+        a table of means.
     """
     return rows_as_csv(table_rows(made.run, made.sheet))
 
@@ -104,7 +104,7 @@ def table_rows(run: Run, sheet: Sheet) -> list[list[str]]:
     Raises
     ------
     InputError
-        As `worksheet_csv`.
+        See `worksheet_csv`.
     """
     if sheet.table_error is not None:
         raise sheet.table_error

@@ -1,10 +1,10 @@
-"""Self-check: run each method on stored data and compare with the stored answers of a release.
+"""Self-check: run each method on stored data, and compare results with stored answers.
 
-A laboratory must validate software before it uses it, and after each change of program, libraries
-or machine (ISO/IEC 17025:2017, 7.11.2). The data of a case are a stored table of means, or a
-recording that is simulated from a stored run file and seed, for which the true coefficients are
-known. `answers.json` contains the results of each case at the time when they were stored;
-`python -m tools.self_check_answers` writes it.
+A laboratory must validate software before using it, and after each change of program, libraries or
+machine (ISO/IEC 17025:2017, 7.11.2). Some cases use a stored table of means. The other cases use a
+recording that is simulated from a stored run file and seed, so its true coefficients are known.
+`answers.json` contains the stored results of all cases. `python -m tools.self_check_answers` writes
+this file.
 """
 
 import json
@@ -49,9 +49,9 @@ CASES = {
 }
 """The run file with data for each method; its [method] is replaced by the method's name."""
 TOLERANCE = 0.01
-"""The largest permitted difference of a value, or of its u, from the stored one, in stored u."""
+"""Largest permitted difference of a value, or its u, from the stored answer, in stored u."""
 LEAST_PROBABILITY = 1e-4
-"""A simulated case fails if the χ² of its errors has a probability below this."""
+"""A simulated case fails if the probability of the χ² of its errors is below this limit."""
 _SEED = 0
 _LIBRARIES = ("numpy", "scipy", "numba", "pydantic")
 _HEADS = (
@@ -74,16 +74,16 @@ class CaseResult:
     method : str
     coefficients : int
     deviation : float
-        Largest difference of a value or of its u from the stored answer, in stored u; NaN if there
-        is no result.
+        Largest difference of a value or its u from the stored answer, in stored u; NaN if there is
+        no result.
     probability : float or None
-        Probability of a χ² of the errors, relative to the true values, that is at least as large;
-        None for stored tables.
+        Probability of a χ² at least as large, where χ² is computed from the errors relative to the
+        true values; None for stored tables.
     grade : str
         Grade of the verdict.
     seconds : float
     reason : str
-        Why the case failed; empty if it passed.
+        Reason why the case failed; empty if it passed.
     """
 
     method: str
@@ -129,9 +129,9 @@ def self_check(
     Parameters
     ----------
     methods : tuple of str
-        Names of the methods; empty for all.
+        Names of the methods; empty means all methods.
     progress : callable or None
-        Called with the name of each method before its case.
+        Function called with the name of each method before its case starts.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def copy_cases(folder: Path) -> Path:
 
 
 def compute(method: str, folder: Path) -> tuple[Calibration, str, Array | None]:
-    """Run a case; return its calibration, its grade and, for a simulation, the true values."""
+    """Run a case; return the calibration, the grade and, for a simulation, the true values."""
     path = folder / f"{CASES[method]}.toml"
     text = path.read_text(encoding="utf-8")
     own = folder / f"{method}.toml"
@@ -236,7 +236,7 @@ def _reasons(
 
 
 def report_text(check: SelfCheck) -> str:
-    """Return the report as text: date, versions, machine, a line per method, and failures."""
+    """Return the report as text: date, versions, machine, a line for each method, and failures."""
     rows = [_HEADS, *(_cells(one) for one in check.results)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(_HEADS))]
     table = [

@@ -1,4 +1,4 @@
-"""Run all migrations for Alembic in the transaction of the given connection."""
+"""Script in which Alembic runs all migrations, in the transaction of a given connection."""
 
 from alembic import context
 
@@ -16,5 +16,5 @@ def migrate() -> None:
     context.run_migrations()
 
 
-if __name__ == "env_py":  # the name under which Alembic runs it; other imports do not run it
+if __name__ == "env_py":  # Alembic runs this file under this name; other imports do nothing
     migrate()

@@ -1,1 +1,1 @@
-"""The revisions of the tables, one in each module."""
+"""The revisions of the tables; each module contains one revision."""
