@@ -303,15 +303,16 @@ def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | N
         return None, 0, 0.0
     first, second, swept = turns
 
-    def best(scales: Array) -> tuple[int, float]:
-        misfits = [_misfit(first, second, scale * swept) for scale in scales]
+    def best(scales: Array, angles: Array) -> tuple[int, float]:
+        misfits = [_misfit(first, second, scale * angles) for scale in scales]
         return int(np.argmin(misfits)), min(misfits)
 
     grid = _likely_scales(swept, 240)
-    k, _ = best(grid)
+    # A quarter of the steps tells where the scale is, in a quarter of the time.
+    k, _ = best(grid, swept.reshape(len(swept), -1, 4, 3).sum(axis=2))
     low, high = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, len(grid) - 1)])
     near = np.geomspace(low, high, 25)
-    k, misfit = best(near)
+    k, misfit = best(near, swept)
     return (None, 0, 0.0) if misfit > _MOST_MISFIT else (float(near[k]), len(swept), misfit)
 
 
