@@ -1,5 +1,6 @@
 """Settings for the program's own processes; importing inercal does not change other programs."""
 
+import atexit
 import ctypes
 import gc
 import sys
@@ -20,6 +21,9 @@ _RETURNED_BEYOND = 2**31 - 1  # bytes of free memory at the end of the heap
 def prepare_process() -> None:
     """Keep freed array memory for later arrays, and run the garbage collector less often."""
     gc.set_threshold(_OBJECTS)
+    # When a process ends, the system frees its memory. Searching all objects of the libraries for
+    # cycles before that takes 0.3 s.
+    atexit.register(gc.freeze)
     if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "mallopt"):
         library.mallopt(_MMAP_THRESHOLD, _RETURNED_FROM)
         library.mallopt(_TRIM_THRESHOLD, _RETURNED_BEYOND)
