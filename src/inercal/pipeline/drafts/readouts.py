@@ -81,12 +81,7 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     InputError
         If all means are zero.
     """
-    if not means.any():
-        raise InputError(
-            "the accelerometers read 0 at rest: check that the sensor is connected and awake, "
-            "and that the columns are right",
-            key="data.accelerometer",
-        )
+    _require_gravity(means.any(), "at rest")
     centre, radius = sphere(means)
     if stated is not None and stated not in COUNTED_UNITS:
         size = si_factor(stated, "m/s²")
@@ -108,6 +103,15 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     unit = stated or "LSB"
     reason = f"gravity reads {counts:.4g} {'counts' if unit == 'LSB' else unit}{why}"
     return GuessedReadout(unit, f"{per_g:.6g} {unit}/g", offset, G0 / per_g, reason)
+
+
+def _require_gravity(reads: object, when: str) -> None:
+    if not reads:
+        raise InputError(
+            f"the accelerometers read 0 {when}: check that the sensor is connected and awake, "
+            "and that the columns are right",
+            key="data.accelerometer",
+        )
 
 
 def far_off(means: Array, names: Sequence[str]) -> tuple[str, ...]:
@@ -145,6 +149,7 @@ def guess_from_norms(
         Radius in m, if it is known.
     """
     norm = np.linalg.norm(force, axis=-1)
+    _require_gravity(np.median(norm), "in most rows")
     slow = np.abs(rate) <= _SLOW * np.abs(rate).max()
     if radius is None and not slow.any():
         text = "it follows from the radius"
@@ -167,6 +172,7 @@ def guess_from_norms(
 def guess_from_turned_axis(force: Array) -> GuessedReadout:
     """Guess the readout of accelerometers, (n, k), that a head turned through gravity."""
     plain = float(np.max(np.abs(force - 0.5 * (force.max(axis=0) + force.min(axis=0)))))
+    _require_gravity(plain, "or the same at all angles")
     for unit, size in _ACCELEROMETER_UNITS.items():
         if abs(plain * size / G0 - 1) < _NEAR:
             reason = f"the largest reading is {plain:.4g}"
@@ -317,7 +323,12 @@ def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | N
 
 
 def turns_of_readings(rests: QuietMeans, gyro: Array, offset: float) -> GravityTurns | None:
-    """Return the large turns of gravity between rests, with angles in counts times samples."""
+    """Return the large turns of gravity between rests, with angles in counts times samples.
+
+    Fewer than three accelerometers do not show them.
+    """
+    if rests.force.shape[1] != gyro.shape[1]:
+        return None
     centre, _ = sphere(rests.force)
     force = rests.force - (offset if centre is None else centre)
     unit = force / np.linalg.norm(force, axis=-1, keepdims=True)
