@@ -86,3 +86,11 @@ def test_a_dead_sensor_on_a_bench_is_refused(tmp_path: Path, extra: tuple[str, .
     path.write_text("\n".join([",".join((*extra, "ax", "ay", "az")), *rows]) + "\n")
     with refused(file=path):
         draft_run_file([path], tmp_path / "run.toml")
+
+
+def test_an_arm_that_never_turns_is_refused(tmp_path: Path):
+    path = tmp_path / "means.csv"
+    rows = [f"0,{k % 2},{k % 3},1" for k in range(12)]
+    path.write_text("\n".join(["rpm,ax,ay,az", *rows]) + "\n")
+    with refused(file=path, key="data.arm_rate"):
+        draft_run_file([path], tmp_path / "run.toml")

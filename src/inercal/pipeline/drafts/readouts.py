@@ -150,6 +150,8 @@ def guess_from_norms(
     """
     norm = np.linalg.norm(force, axis=-1)
     _require_gravity(np.median(norm), "in most rows")
+    if not rate.any():
+        raise InputError("the arm's rate is 0 in all rows", key="data.arm_rate")
     slow = np.abs(rate) <= _SLOW * np.abs(rate).max()
     if radius is None and not slow.any():
         text = "it follows from the radius"
