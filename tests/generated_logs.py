@@ -24,10 +24,12 @@ def _turn(angle: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(size) * k + (1 - np.cos(size)) * k @ k
 
 
-def by_hand(seed: int, rests: int = 16, hz: float = 100.0) -> dict[str, np.ndarray]:
+def by_hand(
+    seed: int, rests: int = 16, hz: float = 100.0, still: float = 2.5
+) -> dict[str, np.ndarray]:
     """Return time, force (g), rate (°/s) and number of the rest, −1 in motion, of a device."""
     rng = np.random.default_rng(seed)
-    n, moving = int(2.5 * hz), int(1.0 * hz)
+    n, moving = int(still * hz), int(1.0 * hz)
     attitude, rates, forces, number = np.eye(3), [], [], []
     for k in range(rests):
         forces += [attitude.T @ [0, 0, 1]] * n

@@ -113,6 +113,15 @@ def test_a_wrong_column_or_option_is_refused(
         read_table(bags[bag], [name], options=options)
 
 
+@pytest.mark.parametrize("name", ["plain.bag", "plain.mcap"])
+def test_readings_that_a_topic_does_not_measure_are_left_out_of_all_columns(
+    bags: dict[str, Path], name: str
+):
+    names = read_table(bags[name]).names
+    assert {f"{ACCEL}.linear_acceleration.x", f"{GYRO}.angular_velocity.x", X} <= {*names}
+    assert not any(one.startswith((f"{ACCEL}.angular", f"{GYRO}.linear")) for one in names)
+
+
 def test_headers_without_time_are_refused(tmp_path: Path):
     path = write_bag2(tmp_path / "a.mcap", messages(SAMPLES, False, stamped=False))
     with refused(key="[data] stamp"):

@@ -29,7 +29,11 @@ from inercal.estimation.residual_scatter import ScatterModel
 from inercal.methods.multi_position import METHOD, gyro_delay, joint, sequential
 from inercal.methods.multi_position._kernels import integrate_transitions
 from inercal.methods.multi_position.rest_observations import Rests, Scatter
-from inercal.methods.multi_position.rotations import inverse_model
+from inercal.methods.multi_position.rotations import (
+    inverse_model,
+    rotations_only,
+    transition_rotations,
+)
 from inercal.methods.multi_position.row_whitening import whitener
 from inercal.physics.sensors import Sensor, imu
 from inercal.pipeline.stated_values import gravity_notes
@@ -293,6 +297,26 @@ def test_what_is_carried_along_is_the_product_of_all_steps():
         expected = dense_carry(way, i, model.matrix, model.offset, white)
         for one, other in zip(found, expected, strict=True):
             np.testing.assert_allclose(one[i], other, rtol=0, atol=1e-10 * np.abs(other).max())
+
+
+def test_samples_that_no_transition_uses_change_nothing():
+    rests, x = session()
+    way, c = rests.transitions, x[: len(rests.sensor.coefficients)]
+    assert way is not None
+    n, k, far = len(way.time), len(way.rest), 100.0
+    more = np.concatenate([way.output, np.full((3 * n, way.output.shape[1]), np.nan)])
+    later = np.concatenate([way.time, way.time[-1] + far + np.arange(3 * n)])
+    long = replace(way, time=later, output=more)
+    short = long.compact()
+    assert len(short.time) <= n
+    for one in (long, short):
+        found = transition_rotations(one, rests.sensor, c, np.eye(3))
+        assert found.rotation.shape == (k, 3, 3)
+        np.testing.assert_array_equal(found.rotation, rotations_only(one, rests.sensor, c, 0, None))
+    np.testing.assert_array_equal(short.duration, way.duration)
+    expected = transition_rotations(way, rests.sensor, c, np.eye(3))
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("axis", range(3))

@@ -61,6 +61,22 @@ class Transitions:
         ends = t[self.left] - t[self.start] + t[self.stop] - t[self.reached]
         return t[self.reached] - t[self.left] + 0.5 * ends
 
+    def compact(self) -> "Transitions":
+        """Return the transitions with only the samples that they use, if at most half are used."""
+        used = np.zeros(self.time.size, np.bool_)
+        for start, stop in zip(self.start.tolist(), self.stop.tolist(), strict=True):
+            used[start : stop + 1] = True
+        at = np.flatnonzero(used)
+        if 2 * at.size > used.size:
+            return self
+        start, left, reached, stop = np.searchsorted(
+            at, np.stack([self.start, self.left, self.reached, self.stop])
+        )
+        kelvin = None if self.temperature is None else self.temperature[at]
+        return Transitions(
+            self.time[at], self.output[at], self.rest, start, left, reached, stop, kelvin
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class HalfSectionChanges:

@@ -33,7 +33,13 @@ def _corrected_motion(sensed: Array, back: Array, zero: Array, output: Array, i:
 
 
 def integrate_transitions(
-    time: Array, output: Array, ends: Ends, back: Array, zero: Array, white: Array, weight: Array
+    time: Array,
+    output: Array,
+    ends: Ends,
+    back: Array,
+    zero: Array,
+    white: Array,
+    weight: Array | None,
 ) -> tuple[Array, Array, Array]:
     """Return the rotation, sensitivity and noise of each of k transitions.
 
@@ -45,8 +51,9 @@ def integrate_transitions(
         Matrix and offset that compute f and ω from the output: back @ y + zero, SI.
     white : (3, 3) array
         Covariance of the white part of one rate sample, (rad/s)².
-    weight : (n,) array
-        Weight of each sample in the sensitivity; shape (0,) means 1 for all.
+    weight : (n,) array or None
+        Weight of each sample in the sensitivity; shape (0,) means 1 for all. With None, only the
+        rotations are computed, and the other arrays are empty.
 
     Returns
     -------
@@ -61,8 +68,10 @@ def integrate_transitions(
     """
     count = ends[0].size
     # Allocated here, because in a kernel each shape takes a tenth of a second to compile.
-    found = np.empty((count, 3, 3)), np.empty((count, 3, 3, 7)), np.empty((count, 3, 3))
-    _integrate(time, output, ends, back, zero, white, weight, found)
+    rows = 0 if weight is None else count
+    found = np.empty((count, 3, 3)), np.empty((rows, 3, 3, 7)), np.empty((rows, 3, 3))
+    weights = np.zeros(0) if weight is None else weight
+    _integrate(time, output, ends, back, zero, white, weights, found)
     return found
 
 
@@ -86,6 +95,7 @@ def _integrate(
     r, p, e, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     sensed[6] = 1.0
     weighted, before, now = weight.size > 0, 1.0, 1.0
+    only_rotation = noise.size == 0
     for k in range(start.size):
         for a in range(3):
             for b in range(3):
@@ -128,6 +138,8 @@ def _integrate(
                 r0, r1, r2 = r[0, j], r[1, j], r[2, j]
                 for a in range(3):
                     r[a, j] = e[a, 0] * r0 + e[a, 1] * r1 + e[a, 2] * r2
+            if only_rotation:
+                continue
             e00, e01, e02 = e[0, 0], e[0, 1], e[0, 2]
             e10, e11, e12 = e[1, 0], e[1, 1], e[1, 2]
             e20, e21, e22 = e[2, 0], e[2, 1], e[2, 2]
@@ -163,7 +175,12 @@ def _integrate(
                     )
         for a in range(3):
             for b in range(3):
-                rotation[k, a, b], noise[k, a, b] = r[a, b], p[a, b]
+                rotation[k, a, b] = r[a, b]
+        if only_rotation:
+            continue
+        for a in range(3):
+            for b in range(3):
+                noise[k, a, b] = p[a, b]
         for b in range(3):
             for j in range(7):
                 sensitivity[k, 0, b, j] = s0[7 * b + j]

@@ -50,7 +50,7 @@ from inercal.methods.multi_position import rotations
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
 from inercal.methods.multi_position.row_whitening import reading_sensitivities, sum_over_rests
 from inercal.physics.earth import earth_rate_up_north
-from inercal.physics.frames import skew
+from inercal.physics.frames import exp_so3, skew
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import G0, Sensor
@@ -159,7 +159,8 @@ def _rotation_column(
     r, k = len(rows.norm.residual), len(way.rest)
     earth = rows.attitude[way.rest + 1] * way.duration[:, None, None]
     turned, clock = earth @ x[p + 1 : p + 4], x[-1]
-    force, across = rows.norm.specific_force, rests.cross_directions
+    across = rests.cross_directions[way.rest + 1] @ exp_so3(turned)
+    up = rows.norm.up[way.rest, :, None]
 
     def column(axis: int, basis: Callable[[Motion, slice], Array]) -> Array:
         # In chunks, because the motion of all samples takes more memory than the samples.
@@ -172,12 +173,11 @@ def _rotation_column(
         before = changed[:, axis].copy()
         try:
             changed[:, axis] += size
-            there = rests.rotations(replace(way, output=changed), x[:p], clock)
+            there = rests.rotations_only(replace(way, output=changed), x[:p], clock)
         finally:
             changed[:, axis] = before
-        moved = rotations.rotation_residuals(way.rest, there, force, across, turned)
         found = nothing.copy()
-        found[r : r + 2 * k] = ((moved.residual - turns.residual) / step).ravel()
+        found[r : r + 2 * k] = (across @ (turns.way.rotation - there) @ up).ravel() / step
         return found
 
     return column

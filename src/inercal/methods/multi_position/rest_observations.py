@@ -36,6 +36,7 @@ from inercal.methods.multi_position.rotations import (
     RotationResiduals,
     TransitionRotations,
     rotation_residuals,
+    rotations_only,
     transition_rotations,
 )
 from inercal.methods.residuals import NormResiduals, norm_residuals
@@ -96,10 +97,11 @@ class Rests:
         """The sensor with only its accelerometers."""
         return self.sensor.select_axes("f")
 
-    @property
+    @cached_property
     def transitions(self) -> Transitions | None:
         """Transitions between the rests; None for a sensor without gyros."""
-        return self.observations.transitions if len(self.sensor.axes) > self.m else None
+        way = self.observations.transitions
+        return None if way is None or len(self.sensor.axes) == self.m else way.compact()
 
     @property
     def m(self) -> int:
@@ -324,14 +326,18 @@ class Rests:
 
         @lru_cache(maxsize=2)
         def at(c: bytes, timebase: float) -> TransitionRotations:
-            return self.rotations(transitions, np.frombuffer(c), timebase)
+            warmth = self.transition_temperature_offsets
+            coefficients = np.frombuffer(c)
+            return transition_rotations(
+                transitions, self.sensor, coefficients, self.rate_noise, timebase, warmth
+            )
 
         return at
 
-    def rotations(self, way: Transitions, c: Array, timebase: float) -> TransitionRotations:
-        """Return the rotations during transitions for coefficients c, (p,), and a clock error."""
+    def rotations_only(self, way: Transitions, c: Array, timebase: float) -> Array:
+        """Return R, (k, 3, 3), for other readings, coefficients c, (p,), and a clock error."""
         warmth = self.transition_temperature_offsets
-        return transition_rotations(way, self.sensor, c, self.rate_noise, timebase, warmth)
+        return rotations_only(way, self.sensor, c, timebase, warmth)
 
     def _attitudes(self, at: NormResiduals, way: TransitionRotations) -> Array:
         """Return the rotation from the level frame to the body's at each rest, (r, 3, 3).

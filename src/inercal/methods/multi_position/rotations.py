@@ -16,7 +16,9 @@ without external equipments", ICRA 2014, 3042–3049, equations 14 to 16. The er
 neighbouring transitions share, and the errors of the rate during transitions are our own addition.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -181,17 +183,12 @@ def transition_rotations(
     dT : (n,) array, optional
         Temperature of each sample minus the sensor's reference temperature, K.
     """
-    from inercal.methods.multi_position._kernels import integrate_transitions  # loads Numba
-
-    model, way = inverse_model(sensor, c), transitions
-    time = way.time * (1 + timebase)
-    output = way.output if dT is None else output_at_reference(way.output, sensor, c, dT)
-    ends = way.start, way.left, way.reached, way.stop
-    given = time, output, ends, model.matrix, model.offset, np.ascontiguousarray(white)
-    turn, sensitivity, noise = integrate_transitions(*given, np.zeros(0))
+    model = inverse_model(sensor, c)
+    integrate = _integral(transitions, sensor, c, model, white, timebase, dT)
+    turn, sensitivity, noise = integrate(np.zeros(0))
     coefficient_derivatives = np.einsum("kabq,bqp->kap", sensitivity, model.coefficient_derivatives)
     if dT is not None:
-        _, warmed, _ = integrate_transitions(*given, dT)
+        _, warmed, _ = integrate(dT)
         by_kelvin = (
             inverse_model(sensor, c, 1.0).coefficient_derivatives - model.coefficient_derivatives
         )
@@ -200,6 +197,33 @@ def transition_rotations(
     return TransitionRotations(
         turn, coefficient_derivatives, sensitivity[..., 6], to_timebase, noise
     )
+
+
+def rotations_only(
+    transitions: Transitions, sensor: Sensor, c: Array, timebase: float, dT: Array | None
+) -> Array:
+    """Return R of each transition, (k, 3, 3), which takes a third of `transition_rotations`."""
+    model, white = inverse_model(sensor, c), np.zeros((3, 3))
+    return _integral(transitions, sensor, c, model, white, timebase, dT)(None)[0]
+
+
+def _integral(
+    way: Transitions,
+    sensor: Sensor,
+    c: Array,
+    model: InverseModel,
+    white: Array,
+    timebase: float,
+    dT: Array | None,
+) -> Callable[[Array | None], tuple[Array, Array, Array]]:
+    """Return `integrate_transitions` as a function of the samples' weights."""
+    from inercal.methods.multi_position._kernels import integrate_transitions  # loads Numba
+
+    time = way.time * (1 + timebase)
+    output = way.output if dT is None else output_at_reference(way.output, sensor, c, dT)
+    ends = way.start, way.left, way.reached, way.stop
+    noise = np.ascontiguousarray(white)
+    return partial(integrate_transitions, time, output, ends, model.matrix, model.offset, noise)
 
 
 def rotation_residuals(

@@ -155,7 +155,10 @@ def _groups_of_kind(
     complete = [
         (stem, found)
         for stem, found in groups.items()
-        if len(found) == len(_AXES) and _ends_with(_UNIT_END.sub("", stem), pattern)
+        if len(found) == len(_AXES)
+        and _ends_with(_UNIT_END.sub("", stem), pattern)
+        # A topic "/accel" also contains an orientation.
+        and (_WITHOUT_GRAVITY.fullmatch(stem) or not _NO_SENSOR.fullmatch(stem))
     ]
     complete.sort(key=lambda one: _WITHOUT_GRAVITY.fullmatch(one[0]) is not None)
     return [found for _, found in complete]

@@ -21,6 +21,7 @@ from inercal.pipeline.drafts.column_values import (
     accelerometers_by_values,
     aligned_triads,
     clock_by_values,
+    columns_of_numbers,
     counts_rows,
     follows_rate,
     grows,
@@ -222,10 +223,14 @@ def _judge_unknown(
         return
     if "time" not in single and (clock := clock_by_values(table, free)) is not None:
         single["time"], reasons["time"] = clock, "it increases in equal steps"
+    whole = columns_of_numbers(table)
     free = [
         n
         for n in free
-        if n != single.get("time") and not is_other_quantity(n) and not never_falls(table, n)
+        if n in whole
+        and n != single.get("time")
+        and not is_other_quantity(n)
+        and not never_falls(table, n)
     ]
     if "accelerometer" not in triads:
         found = accelerometers_by_values(table, free)
@@ -235,7 +240,7 @@ def _judge_unknown(
         reasons["accelerometer"] = value_reason("accelerometer")
         free = [name for name in free if name not in found]
     accelerometers = triads["accelerometer"]
-    if "gyro" not in triads and len(accelerometers) == len("xyz"):
+    if "gyro" not in triads and len(accelerometers) == len("xyz") and whole >= {*accelerometers}:
         found = gyros_by_values(table, free, accelerometers, need_turns=table.header)
         if found is not None:
             triads["gyro"], reasons["gyro"] = in_axis_order(found), value_reason("gyro")

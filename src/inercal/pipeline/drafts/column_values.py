@@ -56,6 +56,11 @@ def grows(table: Table, name: str) -> bool:
     return steps.size > 0 and bool(np.median(steps) > 0)
 
 
+def columns_of_numbers(table: Table) -> set[str]:
+    """Return the columns that contain a finite number in each row."""
+    return {name for name, bad in _bad_rows(table, table.names) if not bad.any()}
+
+
 def never_falls(table: Table, name: str) -> bool:
     """Return whether a column of numbers never decreases, like times and counters."""
     steps = np.diff(table.columns[name].astype(np.float64))
@@ -236,6 +241,7 @@ def _motion(data: Array, spans: Indices) -> float:
 def _varies_between_rests(table: Table, columns: Sequence[str]) -> bool:
     """Return whether readings differ far more between quiet blocks than within a block."""
     data = _stacked(table, columns)
+    data = data[np.isfinite(data).all(axis=1)]
     block = max(20, len(data) // 1000)
     blocks = data[: len(data) // block * block].reshape(-1, block, len(columns))
     if len(blocks) < _FEWEST_RESTS:
@@ -247,6 +253,13 @@ def _varies_between_rests(table: Table, columns: Sequence[str]) -> bool:
 
 
 _MOSTLY = 0.5  # fraction of rows; a column with another rate, or an empty one, has fewer numbers
+
+
+def without_unusable(table: Table) -> Table:
+    """Return the table with NaN for all numbers that are infinite, or too large to be squared."""
+    found = {name: bad for name, bad in _bad_rows(table, table.names) if bad.any()}
+    usable = {name: np.where(bad, np.nan, table.numbers(name)) for name, bad in found.items()}
+    return replace(table, columns={**table.columns, **usable}, block=None) if usable else table
 
 
 def finite_rows(table: Table, names: Iterable[str] | None = None) -> Table:

@@ -30,7 +30,7 @@ from inercal.pipeline.drafts.readouts import (
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
 from inercal.recordings.io.row_checks import shared_stamps_text
-from inercal.recordings.io.time_stamps import times_from_origin
+from inercal.recordings.io.time_stamps import times_from_iso, times_from_origin
 from inercal.recordings.io.wrapped_stamps import unwrap_stamps, wrap_modulus
 from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
@@ -67,22 +67,16 @@ def clock_keys(
     entry = DraftKey("data", "time", _column(name), roles.reasons.get("time", ""))
     column = table.columns[name]
     if column.dtype.kind == "U":
-        seconds = (column.astype("M8[ns]") - column[:1].astype("M8[ns]")) / np.timedelta64(1, "s")
-        return np.asarray(seconds, dtype=np.float64), (entry,)
+        seconds, _ = times_from_iso(column.tolist(), name, table)
+        _require_steps(table, name, seconds, "s")
+        return seconds, (entry,)
     stamps = column.astype(np.float64)
     wrap: tuple[DraftKey, ...] = ()
     if (modulus := wrap_modulus(stamps)) is not None:
         reason = f"{name} falls by nearly this number, so it restarts"
         wrap = (DraftKey("data", "counter_modulus", modulus, reason),)
         stamps = unwrap_stamps(stamps, modulus).astype(np.float64)
-    step = float(np.median(np.diff(stamps)))
-    if not step > 0:
-        raise InputError(
-            f"{table.source}: column {name!r} cannot be the time: "
-            f"{_why_no_times(stamps, roles.units.get('time'))}; remove [data] time",
-            names=(name,),
-            key="data.time",
-        )
+    step = _require_steps(table, name, stamps, roles.units.get("time"))
     if step == 1.0 and np.all(stamps == np.rint(stamps)):
         counter = DraftKey("data", "time_unit", "sample", "its steps are 1, so it counts samples")
         return by_rate, (entry, counter, *wrap, rate_key)
@@ -91,6 +85,19 @@ def clock_keys(
     reason = f"its steps are {step:.6g} {unit}, {1 / (step * si_factor(unit)):.5g} Hz"
     units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
     return seconds, (replace(entry, reason=reason) if not units else entry, *units, *wrap)
+
+
+def _require_steps(table: Table, name: str, stamps: Array, unit: str | None) -> float:
+    """Return the typical step of times, and refuse times that mostly stand still or fall."""
+    step = float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.0
+    if not step > 0:
+        raise InputError(
+            f"{table.source}: column {name!r} cannot be the time: "
+            f"{_why_no_times(stamps, unit)}; remove [data] time",
+            names=(name,),
+            key="data.time",
+        )
+    return step
 
 
 def _unit_of_step(step: float) -> str:

@@ -16,7 +16,11 @@ import numpy as np
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts.column_names import in_axis_order, role_of_name
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
-from inercal.pipeline.drafts.column_values import finite_rows, require_finite_rows
+from inercal.pipeline.drafts.column_values import (
+    finite_rows,
+    require_finite_rows,
+    without_unusable,
+)
 from inercal.pipeline.drafts.draft_entries import DraftKey
 from inercal.pipeline.drafts.signed_columns import sign_columns
 from inercal.pipeline.drafts.stated_keys import stated_columns, stated_gyros, stated_options
@@ -250,7 +254,7 @@ def _read(log: Path, values: Mapping[str, Any]) -> tuple[Table, tuple[DraftKey, 
     text: list[str] = []
     while True:
         try:
-            table = read_table(log, text=text, options=options)
+            table = without_unusable(read_table(log, text=text, options=options))
             return sign_columns(table, values.get("data.signed_bits"))
         except InputError as error:
             column = error.names[0] if error.names else ""

@@ -82,12 +82,7 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     InputError
         If all means are zero.
     """
-    if not means.any():
-        raise InputError(
-            "the accelerometers read 0 at rest: check that the sensor is connected and awake, "
-            "and that the columns are right",
-            key="data.accelerometer",
-        )
+    _require_gravity(means.any(), "at rest")
     centre, radius = sphere(means)
     if stated is not None and stated not in COUNTED_UNITS:
         size = si_factor(stated, "m/s²")
@@ -109,6 +104,15 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     unit = stated or "LSB"
     reason = f"gravity reads {counts:.4g} {'counts' if unit == 'LSB' else unit}{why}"
     return GuessedReadout(unit, f"{per_g:.6g} {unit}/g", offset, G0 / per_g, reason)
+
+
+def _require_gravity(reads: object, when: str) -> None:
+    if not reads:
+        raise InputError(
+            f"the accelerometers read 0 {when}: check that the sensor is connected and awake, "
+            "and that the columns are right",
+            key="data.accelerometer",
+        )
 
 
 def far_off(means: Array, names: Sequence[str]) -> tuple[str, ...]:
@@ -146,6 +150,9 @@ def guess_from_norms(
         Radius in m, if it is known.
     """
     norm = np.linalg.norm(force, axis=-1)
+    _require_gravity(np.median(norm), "in most rows")
+    if not rate.any():
+        raise InputError("the arm's rate is 0 in all rows", key="data.arm_rate")
     slow = np.abs(rate) <= _SLOW * np.abs(rate).max()
     if radius is None and not slow.any():
         text = "it follows from the radius"
@@ -168,6 +175,7 @@ def guess_from_norms(
 def guess_from_turned_axis(force: Array) -> GuessedReadout:
     """Guess the readout of accelerometers, (n, k), that a head turned through gravity."""
     plain = float(np.max(np.abs(force - 0.5 * (force.max(axis=0) + force.min(axis=0)))))
+    _require_gravity(plain, "or the same at all angles")
     for unit, size in _ACCELEROMETER_UNITS.items():
         if abs(plain * size / G0 - 1) < _NEAR:
             reason = f"the largest reading is {plain:.4g}"
@@ -305,20 +313,26 @@ def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | N
         return None, 0, 0.0
     first, second, swept = turns
 
-    def best(scales: Array) -> tuple[int, float]:
-        misfits = [_misfit(first, second, scale * swept) for scale in scales]
+    def best(scales: Array, angles: Array) -> tuple[int, float]:
+        misfits = [_misfit(first, second, scale * angles) for scale in scales]
         return int(np.argmin(misfits)), min(misfits)
 
     grid = _likely_scales(swept, 240)
-    k, _ = best(grid)
+    # A quarter of the steps tells where the scale is, in a quarter of the time.
+    k, _ = best(grid, swept.reshape(len(swept), -1, 4, 3).sum(axis=2))
     low, high = float(grid[max(k - 1, 0)]), float(grid[min(k + 1, len(grid) - 1)])
     near = np.geomspace(low, high, 25)
-    k, misfit = best(near)
+    k, misfit = best(near, swept)
     return (None, 0, 0.0) if misfit > _MOST_MISFIT else (float(near[k]), len(swept), misfit)
 
 
 def turns_of_readings(rests: QuietMeans, gyro: Array, offset: float) -> GravityTurns | None:
-    """Return the large turns of gravity between rests, with angles in counts times samples."""
+    """Return the large turns of gravity between rests, with angles in counts times samples.
+
+    Fewer than three accelerometers do not show them.
+    """
+    if rests.force.shape[1] != gyro.shape[1]:
+        return None
     centre, _ = sphere(rests.force)
     force = rests.force - (offset if centre is None else centre)
     unit = force / np.linalg.norm(force, axis=-1, keepdims=True)

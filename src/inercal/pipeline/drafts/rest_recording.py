@@ -15,6 +15,7 @@ from inercal.basics.errors import InputError
 from inercal.physics.section_settings import si_value
 from inercal.physics.sensors.axis import Readout
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
+from inercal.pipeline.drafts.column_values import without_unusable
 from inercal.pipeline.drafts.draft_sections import clock_keys
 from inercal.pipeline.drafts.readouts import guess_accelerometer
 from inercal.pipeline.drafts.signed_columns import sign_columns
@@ -109,7 +110,7 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
     """
     _require_used_keys(stated)
     values = stated_values(stated)
-    table, signs = sign_columns(table, values.get("data.signed_bits"))
+    table, signs = sign_columns(without_unusable(table), values.get("data.signed_bits"))
     columns = stated_columns(values, table, second_file=False)
     roles = recognise_columns(table, detect_reader(log).name, columns)
     # An empty list states that a triad is not wanted.

@@ -267,7 +267,8 @@ def _topics(path: Path, reader: Any, wanted: ReadRequest, stamp: str) -> Iterato
                     names=(f"{topic}.{field}",),
                 )
             fields = [field for field in fields if field in named]
-        yield _messages(path, reader, by_topic[topic], fields, stamp, decode)
+        named = wanted.names is not None
+        yield _messages(path, reader, by_topic[topic], fields, stamp, decode, named=named)
 
 
 def _decoder(path: Path) -> tuple[Any, Mapping[str, Any]]:
@@ -302,16 +303,20 @@ def _messages(
     fields: list[str],
     stamp: str,
     decode: Any,
+    *,
+    named: bool,
 ) -> Messages:
-    """Return the messages of a topic, decoded one by one."""
+    """Return the messages of a topic, decoded one by one.
+
+    Readings that the driver does not measure are refused if the user names them, and else left out.
+    """
     topic, kind = connections[0].topic, connections[0].msgtype
-    times = array("q")
-    values = [array("d") for _ in fields]
-    getters = [attrgetter(field) for field in fields]
+    times, values, getters = array("q"), [array("d") for _ in fields], list[Any]()
     for _, received, raw in reader.messages(connections):
         message = decode(_zstd().decompress(raw) if raw.startswith(_ZSTD) else raw, kind)
         if not times:
-            _refuse_absent_readings(path, topic, message, fields)
+            fields = _measured_fields(path, topic, message, fields, named=named)
+            values, getters = [array("d") for _ in fields], [attrgetter(field) for field in fields]
         times.append(received if stamp == "received" else _stamped(path, topic, message))
         for column, get in zip(values, getters, strict=True):
             column.append(get(message))
@@ -338,18 +343,23 @@ def _stamped(path: Path, topic: str, message: Any) -> int:
     return ns
 
 
-def _refuse_absent_readings(path: Path, topic: str, message: Any, fields: list[str]) -> None:
-    """Refuse readings whose covariance begins with −1, because the driver does not measure them."""
+def _measured_fields(
+    path: Path, topic: str, message: Any, fields: list[str], *, named: bool
+) -> list[str]:
+    """Return the fields without readings whose covariance begins with −1, or refuse these."""
     for name in _READINGS:
         covariance = getattr(message, f"{name}_covariance", None)
         if covariance is None or not any(field.startswith(name) for field in fields):
             continue
         if covariance[0] == -1:
-            raise InputError(
-                f"{path.name}: messages of {topic!r} state that they have no {name} (its "
-                "covariance begins with -1): name the topic of the sensor that measures it",
-                names=(topic,),
-            )
+            if named:
+                raise InputError(
+                    f"{path.name}: messages of {topic!r} state that they have no {name} (its "
+                    "covariance begins with -1): name the topic of the sensor that measures it",
+                    names=(topic,),
+                )
+            fields = [field for field in fields if not field.startswith(name)]
+    return fields
 
 
 READER = Reader(
