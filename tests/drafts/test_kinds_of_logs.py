@@ -1,5 +1,6 @@
 """Drafts of logs with text that is no label, of tables of poses and rates, and of several files."""
 
+import json
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -222,6 +223,52 @@ def test_a_file_for_each_pose_is_a_section(tmp_path: Path):
         )
     draft = drafted([folder], tmp_path)
     assert (chosen(draft)["data.marks"], chosen(draft)["method.name"]) == ("labels", "six_position")
+    assert_true(calibrated(draft), BIASES)
+
+
+def marked_log(folder: Path, *columns: str) -> Path:
+    log = logs.by_hand(5, rests=12, hz=50.0)
+    names = [f"p{k}" if k >= 0 else "" for k in log["rest"]]
+    more = [names for _ in columns]
+    return logs.write(
+        folder / "log.csv", ("t", *columns, "ax", "ay", "az"), [log["t"], *more, *log["f"].T]
+    )
+
+
+def test_a_file_of_marks_beside_the_log_is_used(tmp_path: Path):
+    path = marked_log(tmp_path)
+    rest = logs.by_hand(5, rests=12, hz=50.0)["rest"]
+    marks = {
+        f"p{k}": {"start": int(at[0]), "end": int(at[-1]) + 1}
+        for k in range(12)
+        if (at := np.flatnonzero(rest == k)).size
+    }
+    (tmp_path / "marks.json").write_text(json.dumps(marks))
+    out = tmp_path / "elsewhere"
+    out.mkdir()
+    draft = drafted([path], out)
+    assert chosen(draft)["data.marks"] == "../marks.json"
+    assert_true(calibrated(draft), BIASES)
+
+
+@pytest.mark.parametrize(
+    ("text", "columns"),
+    [
+        ('{"p1": {"start": 0, "end": 10000000}}', ()),
+        ("[1, 2]", ()),
+        ("no marks", ()),
+        ('{"p1": {"start": 0, "end": 100}}', ("where",)),
+        ('{"p1": {"start": 0, "end": 100}, "p2": {"start": 150, "end": 250}}', ()),
+    ],
+)
+def test_marks_that_do_not_suit_the_log_are_left_out_and_named(
+    text: str, columns: tuple[str, ...], tmp_path: Path
+):
+    path = marked_log(tmp_path, *columns)
+    (tmp_path / "marks.json").write_text(text)
+    draft = drafted([path], tmp_path)
+    assert chosen(draft).get("data.marks", "found") == ("labels" if columns else "found")
+    assert any("marks.json" in fact for fact in draft.facts)
     assert_true(calibrated(draft), BIASES)
 
 

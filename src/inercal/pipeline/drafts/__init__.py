@@ -14,15 +14,17 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.physics.section_settings import measured_constant
 from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import (
     NO_GYROS,
     NO_LABEL,
+    NO_MARKS,
     ColumnRoles,
     UnknownAccelerometers,
     unknown_accelerometers,
-    without_label,
+    without_sections,
 )
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections, run_file_text
 from inercal.pipeline.drafts.draft_sections import (
@@ -41,9 +43,11 @@ from inercal.pipeline.drafts.draft_sections import (
 )
 from inercal.pipeline.drafts.log_files import read_logs, recording_name
 from inercal.pipeline.drafts.method_trials import (
+    RAMP,
     Candidate,
     MethodTrial,
     candidate_methods,
+    rests_in_ramp,
     try_methods,
 )
 from inercal.pipeline.drafts.quiet_sections import QuietMeans
@@ -67,6 +71,7 @@ _REASONS = {
     ("temperature_order", "auto"): "chosen by tests; U includes errors that the rows of a soak "
     "share only if [environment] states them",
 }
+_HEATED = 10.0  # K
 _WORST = "unreliable"
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
@@ -168,14 +173,15 @@ def draft_run_file(
     found = _draft(
         logs, path, stated, values, (table, gyros, roles), read.signs, name, typical=typical
     )
-    guessed = "label" in roles.single and "data.label" not in stated and not roles.means
+    labelled = "label" in roles.single and "data.label" not in stated and not roles.means
+    guessed = labelled or roles.marks not in ("", "labels", "found")
     if found.method is None and guessed:
         other = _draft(
             logs,
             path,
             stated,
             values,
-            (table, gyros, without_label(roles)),
+            (table, gyros, without_sections(roles)),
             read.signs,
             name,
             typical=typical,
@@ -230,6 +236,7 @@ def _draft(
             axis=-1,
         )
         for kind, columns in roles.triads.items()
+        if columns
     }
     time, clock = clock_keys(table, roles, stated)
     bench = candidates[0][0]
@@ -251,7 +258,8 @@ def _draft(
     except InputError as error:
         raise error.located(logs[0]) from None
     guessed = roles.means and "accelerometer" in readings
-    noise = noise_keys(readings, readouts, rests, time) if bench == "turntable" else {}
+    ramp = candidates[0][1] == RAMP
+    noise = noise_keys(readings, readouts, rests, time) if bench == "turntable" or ramp else {}
     entries = (
         DraftKey("sensor", "name", name, "change it to the sensor's serial number"),
         *(
@@ -262,7 +270,7 @@ def _draft(
         *(
             rate_bench_keys(table, roles, typical=typical)
             if at_rates
-            else bench_keys(bench, radius)
+            else bench_keys(bench, candidates[0][1], radius)
         ),
         *data_keys(logs, path, table, roles, bench, values),
         *signs,
@@ -276,7 +284,9 @@ def _draft(
         start = start_deviation(roles)
         entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
     seen = facts(logs, table, roles, rests, time, readings)
-    why_unused = [roles.reasons[key] for key in (NO_GYROS, NO_LABEL) if key in roles.reasons]
+    why_unused = [
+        roles.reasons[key] for key in (NO_GYROS, NO_LABEL, NO_MARKS) if key in roles.reasons
+    ]
     if at_rates and typical:
         why_unused.append("errors of the rate table are typical values: replace them by your own")
     seen = (*seen, *unused_columns(table, entries), *why_unused)
@@ -298,7 +308,7 @@ def _without_key(trial: MethodTrial) -> str:
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
     """Return the methods that may fit, and refuse columns that suit no method."""
-    if "table_rate" in roles.single:
+    if "table_rate" in roles.single or rests_in_ramp(roles):
         return candidate_methods(roles)
     if roles.triads.get("accelerometer") == ():
         raise InputError(
@@ -309,12 +319,14 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
         )
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
-    candidates = candidate_methods(roles)
+    thermometer = roles.single.get("temperature")
+    heated = thermometer is not None and bool(np.ptp(table.numbers(thermometer)) > _HEATED)
+    candidates = candidate_methods(roles, heated=heated)
     if not candidates:
+        count = format_count(len(roles.triads["accelerometer"]), "accelerometer column")
         raise InputError(
-            f"{log}: no method fits {len(roles.triads['accelerometer'])} accelerometer columns "
-            f"together with these other columns: {', '.join(roles.single) or 'none'}; see "
-            f"inercal show {log}",
+            f"{log}: no method fits {count} together with these other columns: "
+            f"{', '.join(roles.single) or 'none'}; see inercal show {log}",
             file=log,
         )
     return candidates
@@ -375,7 +387,7 @@ def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tu
             value=value,
             reason="as stated",
         )
-    if "bench.latitude" in stated:
+    if "bench.latitude" in stated and "bench.gravity" not in stated:
         known.pop("bench.gravity", None)
         weighs_gravity = any(one.section == "sensor.accelerometer" for one in entries)
         if "bench.height" not in stated and weighs_gravity:

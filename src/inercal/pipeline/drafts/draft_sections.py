@@ -16,6 +16,7 @@ from inercal.pipeline.drafts.column_names import is_reversed, role_of_name, time
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.column_values import never_falls
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
+from inercal.pipeline.drafts.method_trials import RAMP
 from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
 from inercal.pipeline.drafts.rate_tables import rate_unit
 from inercal.pipeline.drafts.readouts import (
@@ -25,6 +26,7 @@ from inercal.pipeline.drafts.readouts import (
     guess_from_norms,
     guess_from_turned_axis,
     guess_gyro,
+    guess_resting_gyro,
     white_noise,
 )
 from inercal.recordings.io.column_table import Table, shorten
@@ -129,14 +131,18 @@ def find_rest_means(
 ) -> tuple[QuietMeans, tuple[tuple[int, int], ...]]:
     """Return the rests and, if a column marks sections, the marked sections with motion."""
     data = np.hstack([readings[kind] for kind in readings])
-    if roles.part_marks == "labels":
+    if "accelerometer" not in readings:  # gyros at rest
+        return QuietMeans(np.array([[0, len(data)]]), data[:1, :0], data.mean(axis=0)[None]), ()
+    if roles.marks == "labels":
         spans = np.array(roles.parts)
         return rest_means(spans, readings["accelerometer"], readings.get("gyro")), ()
+    spans = np.array(roles.parts if roles.marks not in ("", "found") else ())
     if "label" in roles.single and "time" in roles.single:
         labels = table.columns[roles.single["label"]]
         change = np.flatnonzero(labels[1:] != labels[:-1]) + 1
         edges = np.concatenate([[0], change, [len(labels)]])
         spans = np.column_stack([edges[:-1], edges[1:]])
+    if len(spans):
         spans = spans[spans[:, 1] - spans[:, 0] >= 8]
         scatter = np.array([data[a:b].std(axis=0).max() for a, b in spans])
         still = scatter <= 5 * np.quantile(scatter, 0.3) if len(spans) else np.zeros(0, bool)
@@ -162,13 +168,15 @@ def guess_readouts(
     radius: float | None,
 ) -> tuple[dict[str, GuessedReadout], float | None]:
     """Guess the readout of each triad and, if possible, the radius of an arm in m."""
+    if "accelerometer" not in readings:
+        return {"gyro": guess_resting_gyro(roles.units.get("gyro"))}, None
     force, stated = readings["accelerometer"], roles.units.get("accelerometer")
     if "arm_rate" in roles.single:
         name = roles.single["arm_rate"]
         rate = table.numbers(name) * _rate_size(name)
-        readout, radius = guess_from_norms(force, rate, radius)
+        readout, radius = guess_from_norms(force, rate, radius, stated)
     elif "angle" in roles.single:
-        readout = guess_from_turned_axis(force)
+        readout = guess_from_turned_axis(force, stated)
     else:
         readout = guess_accelerometer(force if rests is None else rests.force, stated)
     found = {"accelerometer": readout}
@@ -219,9 +227,11 @@ def noise_keys(
     return found
 
 
-def bench_keys(bench: str, radius: float | None) -> tuple[DraftKey, ...]:
+def bench_keys(bench: str, method: str, radius: float | None) -> tuple[DraftKey, ...]:
     """Return the keys of [bench]; `radius` is the radius of an arm in m, if it is known."""
     entries = [] if bench == "hand" else [DraftKey("bench", "kind", bench, "by the columns")]
+    if method == RAMP:
+        return (DraftKey("bench", "kind", bench, "a sensor at rest, whose temperature changes"),)
     if bench == "turntable":
         return (*entries, DraftKey("bench", "latitude", UNKNOWN, "", 'latitude, such as "48.1 °"'))
     reason = "valid anywhere near sea level: state latitude and height instead for less uncertainty"
@@ -277,6 +287,10 @@ def data_keys(
         entries.append(DraftKey("data", "gyro_file", file(logs[1])))
     for kind, columns in roles.triads.items():
         entries.append(DraftKey("data", kind, [_column(c) for c in columns], roles.reasons[kind]))
+    if not roles.triads.get("accelerometer"):
+        entries.append(DraftKey("data", "accelerometer", [], "gyros only"))
+    if roles.table_file:
+        entries.append(DraftKey("data", "table_file", file(Path(roles.table_file))))
     if roles.table:
         entries.append(DraftKey("data", "table", list(roles.table), "by their names"))
     if roles.attitude and roles.means:
@@ -286,7 +300,7 @@ def data_keys(
         "rate_platform": ("axis", "table_rate", "roll", "pitch", "seconds", "temperature"),
         "rate_table": ("arm_rate", "mounting", "temperature"),
         "dividing_head": ("angle", "autocollimator", "level", "label", "temperature"),
-        "turntable": ("label", "hold", "temperature"),
+        "turntable": ("table_time", "label", "hold", "temperature"),
         "hand": ("label", "gyro_time", "temperature"),
     }[bench]
     for role in wanted:
@@ -299,9 +313,11 @@ def data_keys(
                 entries.append(DraftKey("data", "arm_rate_unit", _rate_unit(name), "by its name"))
             if role == "temperature":
                 entries += _thermometer_keys(table, name, values)
-    if roles.part_marks:
-        reason = "each file is a section" if roles.part_marks == "labels" else ""
-        entries.append(DraftKey("data", "marks", roles.part_marks, reason))
+    if roles.marks in ("labels", "found"):
+        reason = "each file is a section" if roles.marks == "labels" else ""
+        entries.append(DraftKey("data", "marks", roles.marks, reason))
+    elif roles.marks:
+        entries.append(DraftKey("data", "marks", file(Path(roles.marks)), roles.reasons["marks"]))
     if bench == "hand" and not roles.means and "label" in roles.single:
         entries.append(DraftKey("data", "marks", "labels", "the column names the sections"))
     return tuple(entries)

@@ -15,14 +15,18 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.pipeline.drafts.column_names import in_axis_order, role_of_name
-from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
+from inercal.pipeline.drafts.column_roles import NO_MARKS, ColumnRoles, recognise_columns
 from inercal.pipeline.drafts.column_values import finite_rows, require_finite_rows
 from inercal.pipeline.drafts.draft_entries import DraftKey
 from inercal.pipeline.drafts.signed_columns import sign_columns
 from inercal.pipeline.drafts.stated_keys import stated_columns, stated_gyros, stated_options
+from inercal.recordings.data.rest_marks import marks_from_file
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.recordings.io.read import detect_reader, read_table
+
+MARKS_FILE = "marks.json"
+"""Name of a file of marks beside a log."""
 
 _MOST_TEXTS = 4  # columns of text
 _SAME_TIME = 0.25  # of a step
@@ -71,6 +75,10 @@ def read_logs(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
     InputError
         If a file cannot be read, or if the files do not belong together.
     """
+    return _with_marks(_read_files(logs, values), values)
+
+
+def _read_files(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
     files = [file for log in logs for file in _expanded(log)]
     if twice := next((file for file in files if files.count(file) > 1), None):
         raise InputError(f"{twice} is given twice: name each file once", file=twice)
@@ -78,8 +86,10 @@ def read_logs(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
         return _single_file(files[0], values)
     read = [_read(file, values) for file in files]
     tables, signs = [table for table, _ in read], next((one for _, one in read if one), ())
-    if len(files) == 2 and (found := _separate_gyros(files, tables, values)) is not None:
-        return replace(found, signs=signs)
+    if len(files) == 2:
+        found = _separate_angles(files, tables, values) or _separate_gyros(files, tables, values)
+        if found is not None:
+            return replace(found, signs=signs)
     if any(table.names != tables[0].names or not table.header for table in tables):
         raise InputError(
             f"{files[1]} is neither the gyros' file for {files[0]} nor a file with the same "
@@ -89,6 +99,26 @@ def read_logs(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
             names=tuple(map(str, files)),
         )
     return replace(_parts(files, tables, values), signs=signs)
+
+
+def _with_marks(found: LogFiles, values: Mapping[str, Any]) -> LogFiles:
+    """Return the recording with the file of marks beside it, if its marks suit the recording."""
+    roles, path = found.roles, found.files[0].parent / MARKS_FILE
+    if roles.means or roles.marks or "data.marks" in values or not path.is_file():
+        return found
+    rows = next(iter(found.table.columns.values())).size
+    try:
+        spans = tuple((mark.start, mark.stop) for mark in marks_from_file(path))
+        why = "" if all(0 <= a < b <= rows for a, b in spans) else f"the log has {rows} rows"
+    except InputError as error:
+        spans, why = (), str(error).removeprefix(f"{path}: ")
+    if "label" in roles.single and not why:
+        why = f"the column {roles.single['label']} names the sections"
+    if why:
+        reasons = {**roles.reasons, NO_MARKS: f"{path.name} beside the log is not used: {why}"}
+        return replace(found, roles=replace(roles, reasons=reasons))
+    reasons = {**roles.reasons, "marks": "a file of marks beside the log"}
+    return replace(found, roles=replace(roles, marks=str(path), parts=spans, reasons=reasons))
 
 
 def _expanded(log: Path) -> tuple[Path, ...]:
@@ -113,6 +143,28 @@ def _single_file(log: Path, values: Mapping[str, Any]) -> LogFiles:
         return LogFiles((log,), finite_rows(table, used), None, roles, signs)
     require_finite_rows(log, table, used)
     return LogFiles((log,), table, None, roles, signs)
+
+
+def _separate_angles(
+    files: Sequence[Path], tables: Sequence[Table], values: Mapping[str, Any]
+) -> LogFiles | None:
+    """Return a recording with a file of the turntable's angles; None if there is none."""
+    found = [recognise_columns(table) for table in tables]
+    for first, second in ((0, 1), (1, 0)):
+        table, angles = tables[first], found[second]
+        if not angles.table or angles.triads or found[first].table or "time" not in angles.single:
+            continue
+        stated = stated_columns(values, table, second_file=False)
+        roles = recognise_columns(table, detect_reader(files[first]).name, stated)
+        roles = replace(
+            roles,
+            table=angles.table,
+            table_file=str(files[second]),
+            single={**roles.single, "table_time": angles.single["time"]},
+            reasons={**roles.reasons, "table_time": angles.reasons["time"]},
+        )
+        return LogFiles((files[first],), table, None, roles)
+    return None
 
 
 def _separate_gyros(
@@ -204,7 +256,7 @@ def _parts(files: Sequence[Path], tables: Sequence[Table], values: Mapping[str, 
         scatter = [part.std(axis=0).max() for part in np.split(force, edges)]
         still = max(scatter) <= _STILL * np.ptp(force, axis=0).max()
         marks = "labels" if still and len(files) >= _FEWEST_POSES else "found"
-    roles = replace(roles, single=single, part_marks=marks, parts=spans)
+    roles = replace(roles, single=single, marks=marks, parts=spans)
     return LogFiles((pattern,), table, None, roles)
 
 
