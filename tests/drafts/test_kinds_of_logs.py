@@ -315,6 +315,29 @@ def test_the_printed_command_answers_all_questions_at_once(tmp_path: Path):
     assert inercal.calibrate(tmp_path / "run.toml").verdict.grade == "consistent"
 
 
+@pytest.mark.parametrize(
+    ("name", "unit", "size"), [("rate (rad/s)", "rad/s", np.pi / 30), ("arm_rate_dps", "°/s", 6.0)]
+)
+def test_the_unit_of_an_arm_s_rate_is_that_of_its_column(
+    name: str, unit: str, size: float, tmp_path: Path
+):
+    turns = np.repeat([60.0, 90.0, 120.0], 20)
+    rng = np.random.default_rng(3)
+    out = rng.normal(size=(60, 3))
+    out /= np.linalg.norm(out, axis=-1, keepdims=True)
+    up = np.cross(out, rng.normal(size=(60, 3)))
+    up /= np.linalg.norm(up, axis=-1, keepdims=True)
+    across = (turns * np.pi / 30) ** 2
+    force = (up * 9.8 - out * across[:, None]) / logs.G * (1 + logs.SCALE) + logs.BIAS
+    columns = [range(60), turns * size, *force.T]
+    path = logs.write(tmp_path / "arm.csv", ("position", name, "ax", "ay", "az"), columns)
+    draft = drafted([path], tmp_path, bench__radius="1 m ± 10 µm")
+    assert chosen(draft)["data.arm_rate_unit"] == unit
+    found = calibrated(draft)
+    for axis, bias in BIASES.items():
+        assert abs(found.value(axis) - bias) < 0.05 * logs.G
+
+
 HEADS = [
     "t,U1_Accel_LN_X_CAL,U1_Accel_LN_Y_CAL,U1_Accel_LN_Z_CAL,U1_Gyro_X_CAL,U1_Gyro_Y_CAL,U1_Gyro_Z_CAL",
     "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"

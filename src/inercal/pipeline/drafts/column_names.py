@@ -37,7 +37,9 @@ NAMES = {
     "temperature": re.compile(
         r"((imu|chip|sensor|die|mpu|gyro?|acc\w*)_?)?(temp|tmp)\w*|t_?c(elsius)?"
     ),
-    "arm_rate": re.compile(r"rpm|arm_?rate|rate|speed_?rpm|omega_over_pi|table_?rate"),
+    "arm_rate": re.compile(
+        r"rpm|arm_?rate(_?(rpm|rad_?s|deg_?s|dps))?|rate|speed_?rpm|omega_over_pi|table_?rate"
+    ),
     "axis": re.compile(r"axis|up"),
     "angle": re.compile(r"(?!roll|pitch|yaw|euler)(\w+_)?angle(_?deg)?|head"),
     "autocollimator": re.compile(r"autocollimator|collimator"),

@@ -12,7 +12,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
 from inercal.physics.section_settings import si_value
-from inercal.pipeline.drafts.column_names import is_reversed, role_of_name, time_unit
+from inercal.pipeline.drafts.column_names import column_unit, is_reversed, role_of_name, time_unit
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.column_values import never_falls
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
@@ -245,7 +245,7 @@ def bench_keys(bench: str, method: str, radius: float | None) -> tuple[DraftKey,
 
 
 def _rate_unit(name: str) -> str:
-    return _RATE_UNITS.get(name.strip().lower(), "rpm")
+    return column_unit(name) or _RATE_UNITS.get(name.strip().lower(), "rpm")
 
 
 def _rate_size(name: str) -> float:
