@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests import generated_logs as logs
+from tests.io.log_files import SAMPLES
 from tests.program import run_program
 from tests.reports import report_file
 
@@ -270,6 +271,20 @@ def test_marks_that_do_not_suit_the_log_are_left_out_and_named(
     assert chosen(draft).get("data.marks", "found") == ("labels" if columns else "found")
     assert any("marks.json" in fact for fact in draft.facts)
     assert_true(calibrated(draft), BIASES)
+
+
+@pytest.mark.parametrize("given", ["folder", "parts"])
+def test_a_split_bag_is_one_recording(given: str, tmp_path: Path):
+    ros = pytest.importorskip("tests.io.ros_files", reason="needs the extra inercal[ros]")
+    listed = ros.write_split_bag(tmp_path / "bag", ros.messages(SAMPLES, first=False), ".mcap", 3)
+    files = sorted(listed.parent.glob("*.mcap")) if given == "parts" else [listed.parent]
+    marks = (Path(__file__).parents[2] / "examples" / "logs" / "marks.json").read_text()
+    (listed.parent / "marks.json").write_text(marks)
+    draft = drafted(files, tmp_path)
+    keys = chosen(draft)
+    assert (keys["data.file"], keys["method.name"]) == ("bag/metadata.yaml", "six_position")
+    assert keys["sensor.name"] == "bag"
+    calibrated(draft)
 
 
 def test_files_that_do_not_belong_together_are_refused(tmp_path: Path):

@@ -28,6 +28,9 @@ _NO_SENSOR = re.compile(  # names of triads that are neither accelerometers nor 
     r"(\w*_)?(mag\w*|[mhb]_?[xyz]|roll|pitch|yaw|azimuth|heading|euler\w*|quat\w*|q[0-3wxyz]|gravity\w*"
     r"|(linear|user|free)_?acc\w*|orientation\w*|lat\w*|lon\w*|alt\w*|press\w*|hum\w*|gps\w*)"
 )
+_OTHER_FIELDS = re.compile(
+    r"orientation|quat(ernion)?|euler|magnetic_field"
+)  # "/accel.orientation"
 NAMES = {
     "time": re.compile(
         r"t(_?(s|ms|us|ns))?|(\w*_)?time\w*|\w*timestamp\w*|stamp|date\w*|secs?|seconds?\w*"
@@ -157,7 +160,9 @@ def _groups_of_kind(
     complete = [
         (stem, found)
         for stem, found in groups.items()
-        if len(found) == len(_AXES) and _ends_with(_UNIT_END.sub("", stem), pattern)
+        if len(found) == len(_AXES)
+        and _ends_with(_UNIT_END.sub("", stem), pattern)
+        and not _ends_with(stem, _OTHER_FIELDS)
     ]
     complete.sort(key=lambda one: _WITHOUT_GRAVITY.fullmatch(one[0]) is not None)
     return [found for _, found in complete]

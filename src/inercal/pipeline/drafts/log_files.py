@@ -24,6 +24,7 @@ from inercal.recordings.data.rest_marks import marks_from_file
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.recordings.io.read import detect_reader, read_table
+from inercal.recordings.io.split_bags import METADATA, bag_parts
 
 MARKS_FILE = "marks.json"
 """Name of a file of marks beside a log."""
@@ -79,7 +80,7 @@ def read_logs(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
 
 
 def _read_files(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
-    files = [file for log in logs for file in _expanded(log)]
+    files = _whole_bag([file for log in logs for file in _expanded(log)])
     if twice := next((file for file in files if files.count(file) > 1), None):
         raise InputError(f"{twice} is given twice: name each file once", file=twice)
     if len(files) == 1:
@@ -121,9 +122,19 @@ def _with_marks(found: LogFiles, values: Mapping[str, Any]) -> LogFiles:
     return replace(found, roles=replace(roles, marks=str(path), parts=spans, reasons=reasons))
 
 
+def _whole_bag(files: list[Path]) -> list[Path]:
+    """Return the file that lists the parts of a split ROS 2 bag, if these are all of them."""
+    listed = files[0].parent / METADATA
+    if len(files) < 2 or not listed.is_file() or set(files) != set(bag_parts(listed)):
+        return files
+    return [listed]
+
+
 def _expanded(log: Path) -> tuple[Path, ...]:
     """Return the files that a name with a star or a folder stands for."""
     if log.is_dir():
+        if (log / METADATA).is_file():
+            return (log / METADATA,)
         files = sorted(one for one in log.iterdir() if one.is_file() and one.name[0] != ".")
         suffixes = [one.suffix for one in files if one.suffix not in (".toml", ".json", ".html")]
         if not suffixes:

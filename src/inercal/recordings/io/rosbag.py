@@ -1,4 +1,4 @@
-"""Read bags from ROS 1 (.bag) and ROS 2 (.db3, .mcap) with the rosbags library.
+"""Read bags from ROS 1 (.bag) and ROS 2 (.db3, .mcap, or split) with the rosbags library.
 
 A column is named "topic.field": "/imu/data_raw.linear_acceleration.x". Readings are in SI, as ROS
 specifies (REP 103, REP 145). Only message types that ROS itself defines are read, with the
@@ -18,6 +18,7 @@ import sys
 from array import array
 from collections.abc import Iterator, Mapping
 from contextlib import closing
+from dataclasses import replace
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
@@ -31,6 +32,13 @@ from inercal.recordings.io.column_table import ReadRequest, Table
 from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.message_columns import Messages, table_from_messages, wanted_topics
 from inercal.recordings.io.readers import Option, Reader
+from inercal.recordings.io.split_bags import (
+    METADATA_START,
+    SplitBag,
+    bag_parts,
+    bag_sha256,
+    bag_size,
+)
 
 BAG, MCAP, SQLITE = b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _MSG_DATA, _BAG_HEADER, _CHUNK, _CHUNK_INFO = 2, 3, 5, 6
@@ -182,7 +190,7 @@ _IMU = "sensor_msgs/msg/Imu"
 _ZSTD = b"\x28\xb5\x2f\xfd"  # start of a message that was compressed individually
 _LIBRARIES = ("rosbags.rosbag1", "rosbags.rosbag2", "rosbags.typesys")
 _DEEPEST = 8  # levels of nested messages
-_READINGS = ("linear_acceleration", "angular_velocity")
+_READINGS = ("linear_acceleration", "angular_velocity", "orientation")
 
 
 def read_rosbag(path: Path, wanted: ReadRequest, stamp: str = "header") -> Table:
@@ -208,9 +216,13 @@ def read_rosbag(path: Path, wanted: ReadRequest, stamp: str = "header") -> Table
             f'{path.name}: [data] stamp is {stamp!r}; it is "header" or "received"',
             key="[data] stamp",
         )
-    with closing(_open(path)) as reader:
+    with path.open("rb") as file:
+        split = file.read(len(METADATA_START)) == METADATA_START
+    parts = bag_parts(path) if split else (path,)
+    with closing(SplitBag([_open(part) for part in parts])) as reader:
         messages = list(_topics(path, reader, wanted, stamp))
-    return table_from_messages(path, messages, wanted)
+    table = table_from_messages(path, messages, wanted)
+    return replace(table, sha256=bag_sha256(parts)) if split else table
 
 
 def _open(path: Path) -> Any:
@@ -267,7 +279,8 @@ def _topics(path: Path, reader: Any, wanted: ReadRequest, stamp: str) -> Iterato
                     names=(f"{topic}.{field}",),
                 )
             fields = [field for field in fields if field in named]
-        yield _messages(path, reader, by_topic[topic], fields, stamp, decode)
+        stated = wanted.names is not None
+        yield _messages(path, reader, by_topic[topic], fields, stamp, decode, stated=stated)
 
 
 def _decoder(path: Path) -> tuple[Any, Mapping[str, Any]]:
@@ -302,16 +315,26 @@ def _messages(
     fields: list[str],
     stamp: str,
     decode: Any,
+    *,
+    stated: bool,
 ) -> Messages:
-    """Return the messages of a topic, decoded one by one."""
+    """Return the messages of a topic, decoded one by one.
+
+    Readings that the messages declare as absent are left out, or refused if `stated`.
+    """
     topic, kind = connections[0].topic, connections[0].msgtype
     times = array("q")
-    values = [array("d") for _ in fields]
-    getters = [attrgetter(field) for field in fields]
+    values: list[array[float]] = []
+    getters: list[attrgetter[Any]] = []
     for _, received, raw in reader.messages(connections):
         message = decode(_zstd().decompress(raw) if raw.startswith(_ZSTD) else raw, kind)
         if not times:
-            _refuse_absent_readings(path, topic, message, fields)
+            absent = _absent_readings(message, fields)
+            if absent and stated:
+                raise _absent_error(path, topic, absent[0])
+            fields = [field for field in fields if not field.startswith(absent)]
+            values = [array("d") for _ in fields]
+            getters = [attrgetter(field) for field in fields]
         times.append(received if stamp == "received" else _stamped(path, topic, message))
         for column, get in zip(values, getters, strict=True):
             column.append(get(message))
@@ -338,24 +361,29 @@ def _stamped(path: Path, topic: str, message: Any) -> int:
     return ns
 
 
-def _refuse_absent_readings(path: Path, topic: str, message: Any, fields: list[str]) -> None:
-    """Refuse readings whose covariance begins with −1, because the driver does not measure them."""
-    for name in _READINGS:
-        covariance = getattr(message, f"{name}_covariance", None)
-        if covariance is None or not any(field.startswith(name) for field in fields):
-            continue
-        if covariance[0] == -1:
-            raise InputError(
-                f"{path.name}: messages of {topic!r} state that they have no {name} (its "
-                "covariance begins with -1): name the topic of the sensor that measures it",
-                names=(topic,),
-            )
+def _absent_readings(message: Any, fields: list[str]) -> tuple[str, ...]:
+    """Return the readings whose covariance begins with −1: the driver does not measure them."""
+    return tuple(
+        name
+        for name in _READINGS
+        if any(field.startswith(name) for field in fields)
+        and (covariance := getattr(message, f"{name}_covariance", None)) is not None
+        and covariance[0] == -1
+    )
+
+
+def _absent_error(path: Path, topic: str, name: str) -> InputError:
+    return InputError(
+        f"{path.name}: messages of {topic!r} state that they have no {name} (its covariance begins "
+        "with -1): name the topic of the sensor that measures it",
+        names=(topic,),
+    )
 
 
 READER = Reader(
     "rosbag",
     read_rosbag,
-    content=((0, BAG), (0, MCAP), (0, SQLITE)),
+    content=((0, BAG), (0, MCAP), (0, SQLITE), (0, METADATA_START)),
     suffixes=(".bag", ".db3", ".mcap"),
     options=(
         Option(
@@ -365,5 +393,5 @@ READER = Reader(
             '"header" for the driver\'s times, "received" for recording times',
         ),
     ),
-    isolation=Isolation("a ROS bag", "repair or record it again", _LIBRARIES, "ros"),
+    isolation=Isolation("a ROS bag", "repair or record it again", _LIBRARIES, "ros", size=bag_size),
 )
