@@ -21,6 +21,7 @@ from inercal.pipeline.drafts.column_roles import (
     NO_GYROS,
     NO_LABEL,
     NO_MARKS,
+    NO_SENSOR,
     ColumnRoles,
     UnknownAccelerometers,
     unknown_accelerometers,
@@ -72,6 +73,7 @@ _REASONS = {
     "share only if [environment] states them",
 }
 _HEATED = 10.0  # K
+_LEFT_OUT = (NO_GYROS, NO_LABEL, NO_MARKS, NO_SENSOR)
 _WORST = "unreliable"
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
@@ -284,9 +286,7 @@ def _draft(
         start = start_deviation(roles)
         entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
     seen = facts(logs, table, roles, rests, time, readings)
-    why_unused = [
-        roles.reasons[key] for key in (NO_GYROS, NO_LABEL, NO_MARKS) if key in roles.reasons
-    ]
+    why_unused = [roles.reasons[key] for key in _LEFT_OUT if key in roles.reasons]
     if at_rates and typical:
         why_unused.append("errors of the rate table are typical values: replace them by your own")
     seen = (*seen, *unused_columns(table, entries), *why_unused)

@@ -44,6 +44,9 @@ NO_LABEL = "no label"
 NO_MARKS = "no marks"
 """Key for the reason why a file of marks beside the log is not used."""
 
+NO_SENSOR = "no sensor"
+"""Key for the files of other sensors, such as magnetometers, which are not used."""
+
 _TABLE = ("outer", "middle", "inner")
 _ATTITUDE = ("psi", "theta")
 _TRIADS = ("accelerometer", "gyro")

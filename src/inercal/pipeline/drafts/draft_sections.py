@@ -32,7 +32,7 @@ from inercal.pipeline.drafts.readouts import (
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
 from inercal.recordings.io.row_checks import shared_stamps_text
-from inercal.recordings.io.time_stamps import times_from_origin
+from inercal.recordings.io.time_stamps import times_from_iso, times_from_origin
 from inercal.recordings.io.wrapped_stamps import unwrap_stamps, wrap_modulus
 from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
@@ -69,8 +69,7 @@ def clock_keys(
     entry = DraftKey("data", "time", _column(name), roles.reasons.get("time", ""))
     column = table.columns[name]
     if column.dtype.kind == "U":
-        seconds = (column.astype("M8[ns]") - column[:1].astype("M8[ns]")) / np.timedelta64(1, "s")
-        return np.asarray(seconds, dtype=np.float64), (entry,)
+        return times_from_iso(column.tolist(), name, table)[0], (entry,)
     stamps = column.astype(np.float64)
     wrap: tuple[DraftKey, ...] = ()
     if (modulus := wrap_modulus(stamps)) is not None:

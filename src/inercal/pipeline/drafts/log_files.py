@@ -14,9 +14,20 @@ from typing import Any
 import numpy as np
 
 from inercal.basics.errors import InputError
-from inercal.pipeline.drafts.column_names import in_axis_order, role_of_name
-from inercal.pipeline.drafts.column_roles import NO_MARKS, ColumnRoles, recognise_columns
-from inercal.pipeline.drafts.column_values import finite_rows, require_finite_rows
+from inercal.pipeline.drafts.column_names import (
+    in_axis_order,
+    is_other_quantity,
+    plain_name,
+    role_of_name,
+)
+from inercal.pipeline.drafts.column_roles import (
+    NO_GYROS,
+    NO_MARKS,
+    NO_SENSOR,
+    ColumnRoles,
+    recognise_columns,
+)
+from inercal.pipeline.drafts.column_values import FEWEST_SAMPLES, finite_rows, require_finite_rows
 from inercal.pipeline.drafts.draft_entries import DraftKey
 from inercal.pipeline.drafts.signed_columns import sign_columns
 from inercal.pipeline.drafts.stated_keys import stated_columns, stated_gyros, stated_options
@@ -25,15 +36,23 @@ from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.recordings.io.read import detect_reader, read_table
 from inercal.recordings.io.split_bags import METADATA, bag_parts
+from inercal.recordings.io.time_stamps import times_from_iso
 
 MARKS_FILE = "marks.json"
 """Name of a file of marks beside a log."""
 
+_OTHER_SENSORS = re.compile(
+    r"(\w*_)?(magneto\w*|magnet(ic)?|mag|compass|orientation|gravity|location|gps)(_\w*)?"
+)  # names of files
 _MOST_TEXTS = 4  # columns of text
 _SAME_TIME = 0.25  # of a step
 _PAUSE_STEPS = 50.0  # between the parts in a draft
 _STILL = 0.02  # scatter of a part at rest, relative to the range of all parts
 _FEWEST_POSES = 6
+
+
+class NoCommonClock(InputError):
+    """Two files, or arrays, of different lengths have no times by which to pair their samples."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +105,13 @@ def _read_files(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
     if len(files) == 1:
         return _single_file(files[0], values)
     read = [_read(file, values) for file in files]
+    others = [file for file, (one, _) in zip(files, read, strict=True) if _is_other(file, one)]
+    if 0 < len(others) < len(files):
+        kept = [file for file in files if file not in others]
+        found = _read_files(kept, values)
+        text = f"left out, because no method uses them: {', '.join(one.name for one in others)}"
+        reasons = {**found.roles.reasons, NO_SENSOR: text}
+        return replace(found, roles=replace(found.roles, reasons=reasons))
     tables, signs = [table for table, _ in read], next((one for _, one in read if one), ())
     if len(files) == 2:
         found = _separate_angles(files, tables, values) or _separate_gyros(files, tables, values)
@@ -122,6 +148,14 @@ def _with_marks(found: LogFiles, values: Mapping[str, Any]) -> LogFiles:
     return replace(found, roles=replace(roles, marks=str(path), parts=spans, reasons=reasons))
 
 
+def _is_other(file: Path, table: Table) -> bool:
+    """Return whether a file contains the readings of another sensor, such as a magnetometer."""
+    names = [name for name in table.names if role_of_name(name) is None]
+    named = bool(names) and all(map(is_other_quantity, names))
+    bare = sorted(map(plain_name, names)) == list("xyz")
+    return named or (bare and _OTHER_SENSORS.fullmatch(plain_name(file.stem)) is not None)
+
+
 def _whole_bag(files: list[Path]) -> list[Path]:
     """Return the file that lists the parts of a split ROS 2 bag, if these are all of them."""
     listed = files[0].parent / METADATA
@@ -146,6 +180,8 @@ def _expanded(log: Path) -> tuple[Path, ...]:
 
 def _single_file(log: Path, values: Mapping[str, Any]) -> LogFiles:
     table, signs = _read(log, values)
+    if (found := _arrays_of_two_lengths(log, table, values)) is not None:
+        return replace(found, signs=signs)
     stated = stated_columns(values, table, second_file=False)
     roles = recognise_columns(finite_rows(table), detect_reader(log).name, stated)
     used = [column for triad in roles.triads.values() for column in triad]
@@ -154,6 +190,31 @@ def _single_file(log: Path, values: Mapping[str, Any]) -> LogFiles:
         return LogFiles((log,), finite_rows(table, used), None, roles, signs)
     require_finite_rows(log, table, used)
     return LogFiles((log,), table, None, roles, signs)
+
+
+def _arrays_of_two_lengths(log: Path, table: Table, values: Mapping[str, Any]) -> LogFiles | None:
+    """Return accelerometers and gyros of a file in which they have different lengths.
+
+    None if all columns have the usual length, or if the others are no gyros. Gyros without times of
+    their own are left out, with the reason.
+    """
+    rows = next(iter(table.columns.values())).size
+    for length in sorted({n for n in table.other_lengths.values() if n >= FEWEST_SAMPLES}):
+        names = tuple(name for name, n in table.other_lengths.items() if n == length)
+        other = read_table(log, names, options=stated_options(values, log))
+        try:
+            found = _separate_gyros((log, log), (table, replace(other, names=names)), values)
+        except NoCommonClock:
+            roles = recognise_columns(table, detect_reader(log).name)
+            why = (
+                f"{', '.join(names)}: left out, because they have {length} values and "
+                f"{', '.join(table.names)} {rows}, and not both have a column of times"
+            )
+            roles = replace(roles, reasons={**roles.reasons, NO_GYROS: why})
+            return LogFiles((log,), table, None, roles)
+        if found is not None:
+            return found
+    return None
 
 
 def _separate_angles(
@@ -192,7 +253,7 @@ def _separate_gyros(
             if first == 0:
                 continue
             raise
-        own = found.triads.get("gyro") or _bare_axes(gyros)
+        own = found.triads.get("gyro") or _bare_axes(gyros, found)
         if "accelerometer" not in roles.triads or "gyro" in roles.triads or own is None:
             continue
         if "accelerometer" in found.triads:
@@ -204,14 +265,17 @@ def _separate_gyros(
             units={**found.units, **roles.units},
         )
         joined, gyros = _with_own_clock(files[second], table, gyros, joined, found)
-        return LogFiles((files[first], files[second]), table, gyros, joined)
+        both = tuple(dict.fromkeys((files[first], files[second])))
+        return LogFiles(both, table, gyros, joined)
     return None
 
 
-def _bare_axes(table: Table) -> tuple[str, ...] | None:
+def _bare_axes(table: Table, found: ColumnRoles) -> tuple[str, ...] | None:
     """Return the columns of a file that contains only times and one triad."""
     names = [n for n in table.names if table.columns[n].dtype.kind != "U"]
-    free = [n for n in names if role_of_name(n) is None]
+    free = [n for n in names if role_of_name(n) is None and n not in found.single.values()]
+    if any(map(is_other_quantity, free)):
+        return None
     return in_axis_order(free) if table.header and len(free) == len("xyz") else None
 
 
@@ -219,26 +283,32 @@ def _with_own_clock(
     file: Path, table: Table, gyros: Table, roles: ColumnRoles, found: ColumnRoles
 ) -> tuple[ColumnRoles, Table]:
     """Return the roles with `gyro_time` if the gyros have another clock, and the gyros then."""
-    clocks = [one.single.get("time") for one in (roles, found)]
+    names = [one.single.get("time") for one in (roles, found)]
     rows = [next(iter(one.columns.values())).size for one in (table, gyros)]
-    if None in clocks or any(
-        one.columns[str(clock)].dtype.kind == "U"
-        for one, clock in zip((table, gyros), clocks, strict=True)
-    ):
+    dates = [
+        name is not None and one.columns[name].dtype.kind == "U"
+        for one, name in zip((table, gyros), names, strict=True)
+    ]
+    clock, own = names
+    if clock is None or own is None or dates[0] != dates[1]:
         if rows[0] == rows[1]:
             return roles, gyros
-        raise InputError(
+        raise NoCommonClock(
             f"{file} has {rows[1]} rows instead of {rows[0]}, and not both files have a column of "
-            "times in numbers, by which to pair the samples",
+            "times, both in numbers or both as dates, by which to pair the samples",
             file=file,
         )
-    time, other = table.numbers(str(clocks[0])), gyros.numbers(str(clocks[1]))
+    if dates[0]:
+        time, origin = times_from_iso(table.columns[clock].tolist(), clock, table)
+        other, _ = times_from_iso(gyros.columns[own].tolist(), own, gyros, origin)
+    else:
+        time, other = table.numbers(clock), gyros.numbers(own)
     step = float(np.median(np.diff(time)))
     if rows[0] == rows[1] and np.abs(time - other).max() <= _SAME_TIME * step:
         return roles, gyros
     nearest = np.rint(np.interp(time, other, np.arange(other.size))).astype(int)
     paired = {name: column[nearest] for name, column in gyros.columns.items()}
-    single = {**roles.single, "gyro_time": str(clocks[1])}
+    single = {**roles.single, "gyro_time": own}
     reasons = {**roles.reasons, "gyro_time": "the gyros were sampled at other times"}
     return replace(roles, single=single, reasons=reasons), replace(
         gyros, columns=paired, block=None
