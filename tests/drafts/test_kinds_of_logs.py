@@ -212,6 +212,48 @@ def test_a_file_for_each_temperature_is_calibrated_at_the_first_try(given: str, 
     assert_true(outcome, BIASES | slopes)
 
 
+@pytest.mark.parametrize(
+    "name", ["imu_{}C.csv", "{}degC.csv", "{} °C, run 1.csv", "{}degC/run.csv", "t{}_celsius/x.csv"]
+)
+def test_temperatures_in_the_names_of_files_or_folders_are_used(name: str, tmp_path: Path):
+    files = []
+    for file, celsius in zip(chamber(tmp_path), (-20, 20, 60), strict=True):
+        named = tmp_path / "soaks" / name.format(celsius)
+        named.parent.mkdir(parents=True, exist_ok=True)
+        lines = file.read_text("utf-8").splitlines()
+        named.write_text("\n".join(line.rpartition(",")[0] for line in lines) + "\n", "utf-8")
+        files.append(named)
+    draft = drafted(files, tmp_path)
+    keys = chosen(draft)
+    assert (keys["data.temperature"], keys["method.temperature_order"]) == ("*", "auto")
+    assert keys["data.file"] == f"soaks/{name.format('*')}"
+    slopes = {f"a{a}.k0_dT": s * logs.G for a, s in zip("xyz", (2e-4, -1e-4, 3e-4), strict=True)}
+    assert_true(calibrated(draft), BIASES | slopes)
+
+
+@pytest.mark.parametrize("names", [("a-20C", "b20C", "c60C"), ("s20", "s40", "s60")])
+def test_names_without_a_temperature_are_not_read_as_one(names: tuple[str, ...], tmp_path: Path):
+    files = chamber(tmp_path)
+    (tmp_path / "soaks").mkdir()
+    moved = [
+        file.rename(tmp_path / "soaks" / f"{n}.csv") for file, n in zip(files, names, strict=True)
+    ]
+    for file in moved:
+        lines = file.read_text("utf-8").splitlines()
+        file.write_text("\n".join(line.rpartition(",")[0] for line in lines) + "\n", "utf-8")
+    assert "data.temperature" not in chosen(drafted(moved, tmp_path))
+
+
+def test_a_star_that_is_no_temperature_is_refused(tmp_path: Path):
+    files = chamber(tmp_path)
+    draft = drafted(files, tmp_path)
+    text = draft.text.replace('temperature = "temp"', 'temperature = "*"')
+    draft.path.write_text(text.replace("soak_*", "soa*"), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        inercal.calibrate(draft.path)
+    assert caught.value.key == "[data] temperature"
+
+
 def test_a_file_for_each_pose_is_a_section(tmp_path: Path):
     rng = np.random.default_rng(4)
     folder = tmp_path / "poses"

@@ -35,6 +35,7 @@ from inercal.recordings.data.rest_marks import marks_from_file
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.recordings.io.read import detect_reader, read_table
+from inercal.recordings.io.section_files import NAMED
 from inercal.recordings.io.split_bags import METADATA, bag_parts
 from inercal.recordings.io.time_stamps import times_from_iso
 
@@ -46,6 +47,9 @@ _OTHER_SENSORS = re.compile(
 )  # names of files
 _MOST_TEXTS = 4  # columns of text
 _SAME_TIME = 0.25  # of a step
+_BEFORE_NUMBER = re.compile(r"[-+−]?[\d.,]*$")
+_NUMBER = re.compile(r"[-+−]?\d+(\.\d+)?")
+_CELSIUS = re.compile(r"[ _]?(°|deg)?[ _]?(C|c|Celsius|celsius)(?![A-Za-z])")
 _PAUSE_STEPS = 50.0  # between the parts in a draft
 _STILL = 0.02  # scatter of a part at rest, relative to the range of all parts
 _FEWEST_POSES = 6
@@ -317,12 +321,19 @@ def _with_own_clock(
 
 def _parts(files: Sequence[Path], tables: Sequence[Table], values: Mapping[str, Any]) -> LogFiles:
     """Return several files with the same columns as one recording."""
-    pattern = _pattern(files)
+    heated = None
+    if not any(role_of_name(name) == "temperature" for name in tables[0].names):
+        heated = _temperature_pattern(files)
+    pattern = heated or _pattern(files)
     by_path = dict(zip(files, tables, strict=True))
-    ordered = [by_path[file] for file in matching_files(pattern).values()]
+    labelled = matching_files(pattern)
+    ordered = [by_path[file] for file in labelled.values()]
     names = [n for n in ordered[0].names if all(n in one.columns for one in ordered)]
     columns = {name: np.concatenate([one.columns[name] for one in ordered]) for name in names}
-    table = replace(ordered[0], columns=columns, block=None)
+    if heated is not None:
+        lengths = [next(iter(one.columns.values())).size for one in ordered]
+        columns[NAMED] = np.repeat([float(one.replace("−", "-")) for one in labelled], lengths)
+    table = replace(ordered[0], names=(*columns,), columns=columns, block=None)
     ends = np.cumsum([next(iter(one.columns.values())).size for one in ordered])
     edges, spans = ends[:-1], tuple(pairwise([0, *ends.tolist()]))
     stated = stated_columns(values, table, second_file=False)
@@ -331,6 +342,11 @@ def _parts(files: Sequence[Path], tables: Sequence[Table], values: Mapping[str, 
         columns[first] = _one_after_the_other(np.split(table.numbers(first), edges))
     roles = recognise_columns(table, stated=stated)
     single = {role: name for role, name in roles.single.items() if role != "label"}
+    if heated is not None:
+        single["temperature"] = NAMED
+        roles = replace(
+            roles, reasons={**roles.reasons, "temperature": "it stands in the names, at the star"}
+        )
     marks = "found"
     if (triad := roles.triads.get("accelerometer")) is not None:
         force = np.stack([table.numbers(name) for name in triad], axis=-1)
@@ -359,7 +375,7 @@ def _shared_begin(names: Sequence[str]) -> str:
 def _pattern(files: Sequence[Path]) -> Path:
     """Return the name with a star that stands for exactly these files."""
     folder, names = files[0].parent, [file.name for file in files]
-    before = re.sub(r"[-+]?[\d.,]*$", "", _shared_begin(names))
+    before = _BEFORE_NUMBER.sub("", _shared_begin(names))
     pattern = folder / f"{before}*{files[0].suffix}"
     same = all(file.parent == folder and file.suffix == files[0].suffix for file in files)
     others = sorted(set(matching_files(pattern).values()) - set(files)) if same else []
@@ -372,6 +388,26 @@ def _pattern(files: Sequence[Path]) -> Path:
             names=tuple(map(str, files)),
         )
     return pattern
+
+
+def _temperature_pattern(files: Sequence[Path]) -> Path | None:
+    """Return the name with a star in place of each file's temperature; None if there is none.
+
+    The temperature with its unit stands in the names of the files, or in those of their folders.
+    """
+    in_folder = len({file.name for file in files}) == 1
+    varied = [file.parent if in_folder else file for file in files]
+    names = [one.name for one in varied]
+    if len({one.parent for one in varied}) > 1 or len(set(names)) < len(names):
+        return None
+    before = _BEFORE_NUMBER.sub("", _shared_begin(names))
+    after = _shared_begin([name[::-1] for name in names])[::-1].lstrip("0123456789.,")
+    stars = [name[len(before) : len(name) - len(after)] for name in names]
+    if not (_CELSIUS.match(after) and all(map(_NUMBER.fullmatch, stars))):
+        return None
+    pattern = varied[0].with_name(f"{before}*{after}")
+    pattern = pattern / files[0].name if in_folder else pattern
+    return pattern if set(matching_files(pattern).values()) == set(files) else None
 
 
 def _read(log: Path, values: Mapping[str, Any]) -> tuple[Table, tuple[DraftKey, ...]]:
