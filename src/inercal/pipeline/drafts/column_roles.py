@@ -44,6 +44,9 @@ NO_LABEL = "no label"
 NO_MARKS = "no marks"
 """Key for the reason why a file of marks beside the log is not used."""
 
+STATED = "as stated"
+"""Reason for a column that the user states."""
+
 NO_SENSOR = "no sensor"
 """Key for the files of other sensors, such as magnetometers, which are not used."""
 
@@ -123,7 +126,7 @@ def recognise_columns(
         single = _named_columns([n for n in names if n not in used], table, reasons)
     triads |= {kind: stated[kind] for kind in _TRIADS if kind in stated}
     single |= {role: columns[0] for role, columns in stated.items() if role not in _TRIADS}
-    reasons |= dict.fromkeys(stated, "as stated")
+    reasons |= dict.fromkeys(stated, STATED)
     by_lower = {plain_name(name): name for name in table.names}
     angles = tuple(by_lower[name] for name in _TABLE if name in by_lower)
     attitude = tuple(by_lower[name] for name in _ATTITUDE if name in by_lower)

@@ -13,7 +13,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
 from inercal.physics.section_settings import si_value
 from inercal.pipeline.drafts.column_names import column_unit, is_reversed, role_of_name, time_unit
-from inercal.pipeline.drafts.column_roles import ColumnRoles
+from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.pipeline.drafts.column_values import never_falls
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.method_trials import RAMP
@@ -29,6 +29,8 @@ from inercal.pipeline.drafts.readouts import (
     guess_resting_gyro,
     white_noise,
 )
+from inercal.recordings import Recording
+from inercal.recordings.io.audit import burst_findings
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
 from inercal.recordings.io.row_checks import shared_stamps_text
@@ -89,9 +91,17 @@ def clock_keys(
         return by_rate, (entry, counter, *wrap, rate_key)
     unit = roles.units.get("time") or _unit_of_step(step)
     seconds, _ = times_from_origin(stamps, si_factor(unit))
+    if roles.reasons.get("time") != STATED and (why := _bursts(seconds)):
+        return by_rate, (replace(rate_key, ask=f"{ask}; {name} is no clock: {why}"),)
     reason = f"its steps are {step:.6g} {unit}, {1 / (step * si_factor(unit)):.5g} Hz"
     units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
     return seconds, (replace(entry, reason=reason) if not units else entry, *units, *wrap)
+
+
+def _bursts(seconds: Array) -> str:
+    """Return why stamps that come in bursts are no times of samples; empty if they are."""
+    alone = Recording(seconds, np.zeros((seconds.size, 1)), ("t",), ("s",))
+    return "; ".join(finding.message for finding in burst_findings(alone))
 
 
 def _unit_of_step(step: float) -> str:
