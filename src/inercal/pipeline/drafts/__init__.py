@@ -29,6 +29,7 @@ from inercal.pipeline.drafts.column_roles import (
 )
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections, run_file_text
 from inercal.pipeline.drafts.draft_sections import (
+    arm_rate_unit,
     bench_keys,
     clock_keys,
     data_keys,
@@ -170,6 +171,8 @@ def draft_run_file(
     read = read_logs(logs, values)
     table, gyros = read.table, read.gyros
     roles = replace(read.roles, units={**read.roles.units, **stated_units(values)})
+    if "data.arm_rate_unit" in values:
+        roles = replace(roles, units={**roles.units, "arm_rate": values["data.arm_rate_unit"]})
     roles = with_rate_table(table, roles)
     name, logs = recording_name(logs), read.files
     found = _draft(
@@ -247,6 +250,13 @@ def _draft(
     length = partial(measured_constant, like="m", key="[bench] radius", last_digit=False)
     radius = None if radius_text is None else length(radius_text).value
     at_rates = "table_rate" in roles.single
+    if "arm_rate" in roles.single:
+        unit, reason = arm_rate_unit(table, roles, readings["accelerometer"], radius)
+        roles = replace(
+            roles,
+            units={**roles.units, "arm_rate": unit},
+            reasons={**roles.reasons, "arm_rate_unit": reason},
+        )
     try:
         if at_rates:
             readouts = {"gyro": gyro_readout(table, roles)}

@@ -27,9 +27,11 @@ from inercal.pipeline.drafts.readouts import (
     guess_from_turned_axis,
     guess_gyro,
     guess_resting_gyro,
+    norm_spread,
     white_noise,
 )
 from inercal.recordings import Recording
+from inercal.recordings.data import unit_size
 from inercal.recordings.io.audit import burst_findings
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
@@ -44,6 +46,8 @@ _WINDOW_SAMPLES = 50  # the same window if the rate is not known
 _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs
 _RATE_UNITS = {"rpm": "rpm", "omega_over_pi": "0.5 rev/s"}
+_ARM_UNITS = ("rpm", "rad/s", "rev/s", "°/s")
+_CLEAR = 0.5  # ratio of the scatter of norms in two units that decides
 _ARM_DEVIATION = 1e-2
 _MOST_LISTED = 12  # columns in a line
 _MEAN_DEVIATION = 1e-4  # in gravity, for means without a stated scatter
@@ -182,7 +186,7 @@ def guess_readouts(
     force, stated = readings["accelerometer"], roles.units.get("accelerometer")
     if "arm_rate" in roles.single:
         name = roles.single["arm_rate"]
-        rate = table.numbers(name) * _rate_size(name)
+        rate = table.numbers(name) * unit_size(roles.units["arm_rate"], "rad/s", "arm_rate_unit")
         readout, radius = guess_from_norms(force, rate, radius, stated)
     elif "angle" in roles.single:
         readout = guess_from_turned_axis(force, stated)
@@ -253,14 +257,32 @@ def bench_keys(bench: str, method: str, radius: float | None) -> tuple[DraftKey,
     return tuple(entries)
 
 
-def _rate_unit(name: str) -> str:
-    return column_unit(name) or _RATE_UNITS.get(name.strip().lower(), "rpm")
+def arm_rate_unit(
+    table: Table, roles: ColumnRoles, force: Array, radius: float | None
+) -> tuple[str, str]:
+    """Return the unit of an arm's rate, with a reason.
 
-
-def _rate_size(name: str) -> float:
-    from inercal.recordings.data import unit_size
-
-    return unit_size(_rate_unit(name), "rad/s", "arm_rate_unit")
+    If neither the user nor the column's name states it, it is rpm unless the norms of the readings
+    agree far better in another unit.
+    """
+    name = roles.single["arm_rate"]
+    if (unit := roles.units.get("arm_rate")) is not None:
+        return unit, STATED
+    known = "rpm" if "rpm" in name.lower() else _RATE_UNITS.get(name.strip().lower())
+    if (unit := column_unit(name) or known) is not None:
+        return unit, "by its name"
+    if radius is None:
+        return "rpm", ""
+    rate = table.numbers(name)
+    spread = {
+        unit: norm_spread(force, rate * si_factor(unit, "rad/s"), radius) for unit in _ARM_UNITS
+    }
+    best = min(spread, key=lambda unit: spread[unit])
+    return (
+        (best, "by the norms of the readings")
+        if spread[best] < _CLEAR * spread["rpm"]
+        else ("rpm", "")
+    )
 
 
 def _column(name: str) -> str | int:
@@ -318,8 +340,9 @@ def data_keys(
             entries.append(DraftKey("data", role, _column(name), roles.reasons[role]))
             if role == "table_rate":
                 entries.append(DraftKey("data", "table_rate_unit", *rate_unit(table, roles)))
-            if role == "arm_rate" and _rate_unit(name) != "rpm":
-                entries.append(DraftKey("data", "arm_rate_unit", _rate_unit(name), "by its name"))
+            if role == "arm_rate" and (unit := roles.units["arm_rate"]) != "rpm":
+                reason = roles.reasons["arm_rate_unit"]
+                entries.append(DraftKey("data", "arm_rate_unit", unit, reason))
             if role == "temperature":
                 entries += _thermometer_keys(table, name, values)
     if roles.marks in ("labels", "found"):
