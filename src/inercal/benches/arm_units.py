@@ -59,7 +59,7 @@ def other_arm_units(run: RunBase[Any], radius: float) -> tuple[ArmUnit, ...]:
     ]
     for factor, unit in _LENGTHS.items():
         true = format_quantity(radius * factor, 0.0, "m", 3)
-        text = f"the radius is about {true}, not {radius:.4g} m; state it in m or {unit} correctly"
+        text = f"the radius is about {true}, not {radius:.4g} m; check whether it is in m or {unit}"
         found.append(ArmUnit(factor**0.5, "[bench] radius", text, unit))
     return tuple(one for one in found if not 0.99 < one.times < 1.01)
 

@@ -16,6 +16,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.physics.section_settings import measured_constant
+from inercal.pipeline.drafts.arm_units import arm_rate_unit
 from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import (
     NO_GYROS,
@@ -29,7 +30,6 @@ from inercal.pipeline.drafts.column_roles import (
 )
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey, as_sections, run_file_text
 from inercal.pipeline.drafts.draft_sections import (
-    arm_rate_unit,
     bench_keys,
     clock_keys,
     data_keys,
@@ -43,7 +43,8 @@ from inercal.pipeline.drafts.draft_sections import (
     suggest_rate,
     unused_columns,
 )
-from inercal.pipeline.drafts.log_files import read_logs, recording_name
+from inercal.pipeline.drafts.file_parts import recording_name
+from inercal.pipeline.drafts.log_files import read_logs
 from inercal.pipeline.drafts.method_trials import (
     RAMP,
     Candidate,

@@ -283,8 +283,9 @@ def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> Unkno
     if len(numbers) < len("xyz"):
         raise InputError(
             f"{log} is no recording of an IMU and no table of its readings: it has "
-            f"{format_count(len(numbers), 'column')} of numbers, and three are needed, or an "
-            f"angle of a dividing head; the columns are {', '.join(map(shorten, table.names))}",
+            f"{format_count(len(numbers), 'column')} of numbers, but a calibration needs three "
+            "accelerometers, or the angle of a dividing head and a reading; the columns are "
+            f"{', '.join(map(shorten, table.names[:_MOST_LISTED]))}",
             file=log,
             names=table.names,
         )

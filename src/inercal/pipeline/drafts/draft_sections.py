@@ -12,7 +12,8 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
 from inercal.physics.section_settings import si_value
-from inercal.pipeline.drafts.column_names import column_unit, is_reversed, role_of_name, time_unit
+from inercal.pipeline.drafts.arm_units import require_radius_unit
+from inercal.pipeline.drafts.column_names import is_reversed, role_of_name, time_unit
 from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.pipeline.drafts.column_values import never_falls
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
@@ -27,7 +28,6 @@ from inercal.pipeline.drafts.readouts import (
     guess_from_turned_axis,
     guess_gyro,
     guess_resting_gyro,
-    norm_spread,
     white_noise,
 )
 from inercal.recordings import Recording
@@ -45,9 +45,6 @@ _WINDOW = 0.5  # s, window in which a rest must be quiet
 _WINDOW_SAMPLES = 50  # the same window if the rate is not known
 _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs
-_RATE_UNITS = {"rpm": "rpm", "omega_over_pi": "0.5 rev/s"}
-_ARM_UNITS = ("rpm", "rad/s", "rev/s", "°/s")
-_CLEAR = 0.5  # ratio of the scatter of norms in two units that decides
 _ARM_DEVIATION = 1e-2
 _MOST_LISTED = 12  # columns in a line
 _MEAN_DEVIATION = 1e-4  # in gravity, for means without a stated scatter
@@ -187,6 +184,8 @@ def guess_readouts(
     if "arm_rate" in roles.single:
         name = roles.single["arm_rate"]
         rate = table.numbers(name) * unit_size(roles.units["arm_rate"], "rad/s", "arm_rate_unit")
+        if radius is not None:
+            require_radius_unit(force, rate, radius)
         readout, radius = guess_from_norms(force, rate, radius, stated)
     elif "angle" in roles.single:
         readout = guess_from_turned_axis(force, stated)
@@ -255,34 +254,6 @@ def bench_keys(bench: str, method: str, radius: float | None) -> tuple[DraftKey,
         ask = 'the radius of the arm with its uncertainty, such as "1 m ± 0.1 mm"'
         entries.append(DraftKey("bench", "radius", text, reason, ask))
     return tuple(entries)
-
-
-def arm_rate_unit(
-    table: Table, roles: ColumnRoles, force: Array, radius: float | None
-) -> tuple[str, str]:
-    """Return the unit of an arm's rate, with a reason.
-
-    If neither the user nor the column's name states it, it is rpm unless the norms of the readings
-    agree far better in another unit.
-    """
-    name = roles.single["arm_rate"]
-    if (unit := roles.units.get("arm_rate")) is not None:
-        return unit, STATED
-    known = "rpm" if "rpm" in name.lower() else _RATE_UNITS.get(name.strip().lower())
-    if (unit := column_unit(name) or known) is not None:
-        return unit, "by its name"
-    if radius is None:
-        return "rpm", ""
-    rate = table.numbers(name)
-    spread = {
-        unit: norm_spread(force, rate * si_factor(unit, "rad/s"), radius) for unit in _ARM_UNITS
-    }
-    best = min(spread, key=lambda unit: spread[unit])
-    return (
-        (best, "by the norms of the readings")
-        if spread[best] < _CLEAR * spread["rpm"]
-        else ("rpm", "")
-    )
 
 
 def _column(name: str) -> str | int:

@@ -35,8 +35,6 @@ _WIDEST = 2.0  # largest radius of a sphere, relative to the range of the readin
 _MID_SCALES = tuple(2.0**k for k in range(7, 32))
 _NEAR = 0.12  # relative to a unit's size: bias and scale errors of a plain MEMS sensor
 _NEAR_NOMINAL = 0.04  # relative to a nominal scale factor
-_LENGTHS = {1.0: "m", 1e-3: "mm", 1e-2: "cm", 100.0: "cm", 1000.0: "mm"}
-_CLEAR = 0.3  # ratio of the scatter of norms with two radii that decides
 _ANGLES = (np.deg2rad(20), np.deg2rad(160))  # between two attitudes, for a gyro's scale
 _LIKELY = (10.0, 2500.0)  # Hz, likely rates of a log without times
 _MOST_TURNS = 40
@@ -160,38 +158,9 @@ def guess_from_norms(
         radius = float(np.median(across[fast] / rate[fast] ** 2))
         reason = f"at rest the readings have a norm of {plain:.4g}"
     else:
-        require_radius_unit(force, rate, radius)
         plain = float(np.median(norm * G0 / np.hypot(G0, rate**2 * radius)))
         reason = f"with this radius gravity is {plain:.4g}"
     return _readout_at_gravity(plain, reason, stated), radius
-
-
-def norm_spread(force: Array, rate: Array, radius: float) -> float:
-    """Return how much the readings, (n, 3), scatter about norms on an arm, relative to the norm.
-
-    The scatter is independent of the readings' unit.
-    """
-    norm = np.maximum(np.linalg.norm(force, axis=-1), np.finfo(float).tiny)
-    return float(np.std(np.log(norm / np.hypot(G0, rate**2 * radius))))
-
-
-def require_radius_unit(force: Array, rate: Array, radius: float) -> None:
-    """Refuse a radius, m, if the norms of the readings agree far better in another unit.
-
-    Raises
-    ------
-    InputError
-        The message names the radius that agrees.
-    """
-    spread = {factor: norm_spread(force, rate, radius * factor) for factor in _LENGTHS}
-    best = min(spread, key=lambda factor: spread[factor])
-    if spread[best] < min(_CLEAR * spread[1.0], _NEAR):
-        raise InputError(
-            f"[bench] radius: {radius:.4g} m does not agree with the norms of the readings, but "
-            f"{radius * best:.4g} m does: check whether the radius is in m or {_LENGTHS[best]}",
-            key="[bench] radius",
-            names=(_LENGTHS[best],),
-        )
 
 
 def guess_from_turned_axis(force: Array, stated: str | None) -> GuessedReadout:
