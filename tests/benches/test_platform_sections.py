@@ -122,6 +122,31 @@ def test_turns_by_an_angle_lie_between_rests():
     assert along.sum() / HZ == pytest.approx(702, abs=0.5)
 
 
+@pytest.mark.parametrize("bias", [0.0, 2.0])
+def test_turns_without_a_steady_part_lie_between_rests(bias: float):
+    rng = np.random.default_rng(4)
+    rest = np.zeros((round(12 * HZ), 3))
+    parts, stated, spans = [rest], ["x rest"], []
+    for k, axis in enumerate("xyz"):
+        for sense in (1, -1):
+            seconds = 6.0 + 2 * k + sense  # turned by hand, so no two turns are alike
+            at = np.arange(round(seconds * HZ)) / HZ
+            turn = np.zeros((at.size, 3))
+            turn[:, k] = sense * 360 * (1 - np.cos(2 * np.pi * at / seconds)) / seconds
+            start = sum(map(len, parts))
+            spans.append((start, start + at.size))
+            parts += [turn, rest]
+            stated += [f"{axis} turn {sense * 360:+d}", f"{axis} rest"]
+    read_ = np.concatenate(parts) + bias * np.array(BIAS)
+    read_ = read_ + 0.02 * rng.standard_normal(read_.shape)
+    wanted = [step_of_label(f"{what} ({k})", 1.0) for k, what in enumerate(stated)]
+    marks, steps = find_sections(in_si(read_), SENSOR, wanted)
+    turns = [m for m, s in zip(marks, steps, strict=True) if isinstance(s, KnownTurn)]
+    assert len(turns) == len(spans)
+    for mark, (start, stop) in zip(turns, spans, strict=True):
+        assert mark.start < start < stop < mark.stop
+
+
 LISTS: Mapping[str, tuple[slice, int]] = {
     "one less": (slice(None, -1), 0),
     "one setting less": (slice(None, 12), 0),

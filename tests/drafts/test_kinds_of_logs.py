@@ -1,5 +1,6 @@
 """Drafts of logs with text that is no label, of tables of poses and rates, and of several files."""
 
+import json
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests import generated_logs as logs
+from tests.io.log_files import SAMPLES
 from tests.program import run_program
 from tests.reports import report_file
 
@@ -210,6 +212,48 @@ def test_a_file_for_each_temperature_is_calibrated_at_the_first_try(given: str, 
     assert_true(outcome, BIASES | slopes)
 
 
+@pytest.mark.parametrize(
+    "name", ["imu_{}C.csv", "{}degC.csv", "{} °C, run 1.csv", "{}degC/run.csv", "t{}_celsius/x.csv"]
+)
+def test_temperatures_in_the_names_of_files_or_folders_are_used(name: str, tmp_path: Path):
+    files = []
+    for file, celsius in zip(chamber(tmp_path), (-20, 20, 60), strict=True):
+        named = tmp_path / "soaks" / name.format(celsius)
+        named.parent.mkdir(parents=True, exist_ok=True)
+        lines = file.read_text("utf-8").splitlines()
+        named.write_text("\n".join(line.rpartition(",")[0] for line in lines) + "\n", "utf-8")
+        files.append(named)
+    draft = drafted(files, tmp_path)
+    keys = chosen(draft)
+    assert (keys["data.temperature"], keys["method.temperature_order"]) == ("*", "auto")
+    assert keys["data.file"] == f"soaks/{name.format('*')}"
+    slopes = {f"a{a}.k0_dT": s * logs.G for a, s in zip("xyz", (2e-4, -1e-4, 3e-4), strict=True)}
+    assert_true(calibrated(draft), BIASES | slopes)
+
+
+@pytest.mark.parametrize("names", [("a-20C", "b20C", "c60C"), ("s20", "s40", "s60")])
+def test_names_without_a_temperature_are_not_read_as_one(names: tuple[str, ...], tmp_path: Path):
+    files = chamber(tmp_path)
+    (tmp_path / "soaks").mkdir()
+    moved = [
+        file.rename(tmp_path / "soaks" / f"{n}.csv") for file, n in zip(files, names, strict=True)
+    ]
+    for file in moved:
+        lines = file.read_text("utf-8").splitlines()
+        file.write_text("\n".join(line.rpartition(",")[0] for line in lines) + "\n", "utf-8")
+    assert "data.temperature" not in chosen(drafted(moved, tmp_path))
+
+
+def test_a_star_that_is_no_temperature_is_refused(tmp_path: Path):
+    files = chamber(tmp_path)
+    draft = drafted(files, tmp_path)
+    text = draft.text.replace('temperature = "temp"', 'temperature = "*"')
+    draft.path.write_text(text.replace("soak_*", "soa*"), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        inercal.calibrate(draft.path)
+    assert caught.value.key == "[data] temperature"
+
+
 def test_a_file_for_each_pose_is_a_section(tmp_path: Path):
     rng = np.random.default_rng(4)
     folder = tmp_path / "poses"
@@ -223,6 +267,66 @@ def test_a_file_for_each_pose_is_a_section(tmp_path: Path):
     draft = drafted([folder], tmp_path)
     assert (chosen(draft)["data.marks"], chosen(draft)["method.name"]) == ("labels", "six_position")
     assert_true(calibrated(draft), BIASES)
+
+
+def marked_log(folder: Path, *columns: str) -> Path:
+    log = logs.by_hand(5, rests=12, hz=50.0)
+    names = [f"p{k}" if k >= 0 else "" for k in log["rest"]]
+    more = [names for _ in columns]
+    return logs.write(
+        folder / "log.csv", ("t", *columns, "ax", "ay", "az"), [log["t"], *more, *log["f"].T]
+    )
+
+
+def test_a_file_of_marks_beside_the_log_is_used(tmp_path: Path):
+    path = marked_log(tmp_path)
+    rest = logs.by_hand(5, rests=12, hz=50.0)["rest"]
+    marks = {
+        f"p{k}": {"start": int(at[0]), "end": int(at[-1]) + 1}
+        for k in range(12)
+        if (at := np.flatnonzero(rest == k)).size
+    }
+    (tmp_path / "marks.json").write_text(json.dumps(marks))
+    out = tmp_path / "elsewhere"
+    out.mkdir()
+    draft = drafted([path], out)
+    assert chosen(draft)["data.marks"] == "../marks.json"
+    assert_true(calibrated(draft), BIASES)
+
+
+@pytest.mark.parametrize(
+    ("text", "columns"),
+    [
+        ('{"p1": {"start": 0, "end": 10000000}}', ()),
+        ("[1, 2]", ()),
+        ("no marks", ()),
+        ('{"p1": {"start": 0, "end": 100}}', ("where",)),
+        ('{"p1": {"start": 0, "end": 100}, "p2": {"start": 150, "end": 250}}', ()),
+    ],
+)
+def test_marks_that_do_not_suit_the_log_are_left_out_and_named(
+    text: str, columns: tuple[str, ...], tmp_path: Path
+):
+    path = marked_log(tmp_path, *columns)
+    (tmp_path / "marks.json").write_text(text)
+    draft = drafted([path], tmp_path)
+    assert chosen(draft).get("data.marks", "found") == ("labels" if columns else "found")
+    assert any("marks.json" in fact for fact in draft.facts)
+    assert_true(calibrated(draft), BIASES)
+
+
+@pytest.mark.parametrize("given", ["folder", "parts"])
+def test_a_split_bag_is_one_recording(given: str, tmp_path: Path):
+    ros = pytest.importorskip("tests.io.ros_files", reason="needs the extra inercal[ros]")
+    listed = ros.write_split_bag(tmp_path / "bag", ros.messages(SAMPLES, first=False), ".mcap", 3)
+    files = sorted(listed.parent.glob("*.mcap")) if given == "parts" else [listed.parent]
+    marks = (Path(__file__).parents[2] / "examples" / "logs" / "marks.json").read_text()
+    (listed.parent / "marks.json").write_text(marks)
+    draft = drafted(files, tmp_path)
+    keys = chosen(draft)
+    assert (keys["data.file"], keys["method.name"]) == ("bag/metadata.yaml", "six_position")
+    assert keys["sensor.name"] == "bag"
+    calibrated(draft)
 
 
 def test_files_that_do_not_belong_together_are_refused(tmp_path: Path):
@@ -266,6 +370,29 @@ def test_the_printed_command_answers_all_questions_at_once(tmp_path: Path):
     second = run_program(*words)
     assert (second.status, "please state" in second.output) == (0, False)
     assert inercal.calibrate(tmp_path / "run.toml").verdict.grade == "consistent"
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "size"), [("rate (rad/s)", "rad/s", np.pi / 30), ("arm_rate_dps", "°/s", 6.0)]
+)
+def test_the_unit_of_an_arm_s_rate_is_that_of_its_column(
+    name: str, unit: str, size: float, tmp_path: Path
+):
+    turns = np.repeat([60.0, 90.0, 120.0], 20)
+    rng = np.random.default_rng(3)
+    out = rng.normal(size=(60, 3))
+    out /= np.linalg.norm(out, axis=-1, keepdims=True)
+    up = np.cross(out, rng.normal(size=(60, 3)))
+    up /= np.linalg.norm(up, axis=-1, keepdims=True)
+    across = (turns * np.pi / 30) ** 2
+    force = (up * 9.8 - out * across[:, None]) / logs.G * (1 + logs.SCALE) + logs.BIAS
+    columns = [range(60), turns * size, *force.T]
+    path = logs.write(tmp_path / "arm.csv", ("position", name, "ax", "ay", "az"), columns)
+    draft = drafted([path], tmp_path, bench__radius="1 m ± 10 µm")
+    assert chosen(draft)["data.arm_rate_unit"] == unit
+    found = calibrated(draft)
+    for axis, bias in BIASES.items():
+        assert abs(found.value(axis) - bias) < 0.05 * logs.G
 
 
 HEADS = [

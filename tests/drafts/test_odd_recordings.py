@@ -238,3 +238,29 @@ def test_reported_rows_are_read(name: str, columns: int):
 )
 def test_reported_parameters_are_imported(name: str, of: str, value: float):
     assert inercal.import_calibration(report_file(name), of).value("ax.k0") == value
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02])
+def test_bursts_of_a_link_are_reported_as_bursts(share: float, tmp_path: Path):
+    stamps = (COUNT // 10 * 10 + share * (COUNT % 10)) / HZ
+    log = written(tmp_path / "log.csv", with_readings({"t": stamps.tolist()}))
+    (question,) = draft_run_file([log], tmp_path / "run.toml").questions
+    assert question.name == "[data] rate"
+    assert "bursts" in question.question
+    calibrated(log, {"data.rate": "50 Hz"}, tmp_path)
+
+
+@pytest.mark.parametrize("names", [("Euler_X", "Euler_Y", "Euler_Z", "Mag_X", "Mag_Y", "Mag_Z"),
+                                   ("roll", "pitch", "yaw", "mx", "my", "mz")])  # fmt: skip
+def test_attitudes_and_magnetic_fields_are_not_offered_to_the_noise_analysis(
+    names: tuple[str, ...], tmp_path: Path
+):
+    data = np.random.default_rng(1).normal(size=(1000, 6))
+    columns = {
+        "t": (np.arange(1000) / 100).tolist(),
+        **dict(zip(names, data.T.tolist(), strict=True)),
+    }
+    log = written(tmp_path / "log.csv", columns)
+    with refused(file=log, key="data.accelerometer") as refusal:
+        read_rest_recording(log, {})
+    assert "--set" not in str(refusal.value)

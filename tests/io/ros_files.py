@@ -95,3 +95,17 @@ def write_bag2(path: Path, sent: Iterable[Sent], compression: str = "") -> Path:
     shutil.move(made, path)
     shutil.rmtree(folder)
     return path
+
+
+def write_split_bag(folder: Path, sent: Iterable[Sent], suffix: str, count: int) -> Path:
+    """Write a bag of ROS 2 in several parts, and return the file that lists them."""
+    kept = list(sent)
+    folder.mkdir()
+    names = [f"{folder.name}_{k}{suffix}" for k in range(count)]
+    for k, name in enumerate(names):
+        part = kept[k * len(kept) // count : (k + 1) * len(kept) // count]
+        write_bag2(folder / name, part)
+    listed = "".join(f"  - {name}\n" for name in names)
+    text = f"rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n{listed}"
+    (folder / "metadata.yaml").write_text(f"{text}  duration:\n    nanoseconds: 1\n")
+    return folder / "metadata.yaml"

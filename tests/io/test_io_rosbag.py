@@ -25,6 +25,7 @@ from tests.io.ros_files import (
     messages,
     write_bag,
     write_bag2,
+    write_split_bag,
 )
 
 from inercal.recordings.io.read import Columns, read_recording, read_table
@@ -74,6 +75,28 @@ def test_readings_are_read_bit_for_bit_from_one_topic_or_two(
     np.testing.assert_allclose(found.time, SAMPLES.time, atol=1e-12)
     assert found.temperature is not None
     np.testing.assert_allclose(found.temperature - 273.15, SAMPLES.temperature, atol=0.095)
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+def test_a_split_bag_is_read_like_a_single_file(bags: dict[str, Path], suffix: str, tmp_path: Path):
+    sent = list(messages(SAMPLES, first=False))
+    listed, other = (
+        write_split_bag(tmp_path / name, some, suffix, 3)
+        for name, some in (("bag", sent), ("other", sent[: len(sent) // 2]))
+    )
+    listed = listed.parent.rename(tmp_path / "a bag, #1") / listed.name
+    whole = read_recording(bags[f"plain{suffix}"], columns(ACCEL, GYRO))
+    found = read_recording(listed, columns(ACCEL, GYRO))
+    assert found.data.tobytes() == whole.data.tobytes()
+    assert found.time.tobytes() == whole.time.tobytes()
+    assert len({one.sha256 for one in (found, read_recording(other, columns(ACCEL, GYRO)))}) == 2
+    part = next(listed.parent.glob("*_2.*"))
+    part.unlink()
+    with refused(file=listed, names=(part.name,)):
+        read_recording(listed, columns(ACCEL, GYRO))
+    listed.write_text("rosbag2_bagfile_information:\n  version: 5\n")
+    with refused(file=listed):
+        read_recording(listed, columns(ACCEL, GYRO))
 
 
 def test_times_of_recording_are_taken_on_wish(bags: dict[str, Path]):

@@ -347,3 +347,76 @@ def test_the_report_of_an_arm_run_shows_bench_norms_and_dwells(tmp_path: Path):
         "norm of the specific force on the bench",
     ):
         assert text in page
+
+
+def in_unit(unit: str) -> tuple[str, str]:
+    return ('arm_rate = "rpm"', f'arm_rate = "rpm"\narm_rate_unit = "{unit}"')
+
+
+def of_radius(text: str) -> tuple[str, str]:
+    return ('"1.5 m ± 20 µm"', f'"{text}"')
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "unit"),
+    [
+        *((in_unit(unit), "[data] arm_rate_unit", "rpm") for unit in ("rad/s", "°/s", "rev/s")),
+        (of_radius("1500 m ± 20 mm"), "[bench] radius", "mm"),
+        (of_radius("1.5 mm ± 0.02 µm"), "[bench] radius", "mm"),
+        (of_radius("150 m ± 2 mm"), "[bench] radius", "cm"),
+    ],
+)
+def test_a_wrong_unit_of_rate_or_radius_is_named(
+    change: tuple[str, str], key: str, unit: str, tmp_path: Path
+):
+    with pytest.raises(InputError) as caught:
+        calibrate(changed(tmp_path, "lab", change))
+    assert (caught.value.key, caught.value.names) == (key, (unit,))
+
+
+@pytest.mark.parametrize(("unit", "size"), [("rad/s", np.pi / 30), ("°/s", 6.0), ("rev/s", 1 / 60)])
+def test_rates_of_a_table_in_another_unit_than_rpm_are_named(
+    unit: str, size: float, tmp_path: Path
+):
+    path = changed(tmp_path, "lab")
+    head, *rows = (tmp_path / "lab.csv").read_text(encoding="utf-8").splitlines()[1:]
+    place = head.split(",").index("rpm")
+    cells = [row.split(",") for row in rows]
+    for row in cells:
+        row[place] = repr(float(row[place]) * size)
+    text = "\n".join([head, *(",".join(row) for row in cells)])
+    (tmp_path / "lab.csv").write_text(text + "\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        calibrate(path)
+    assert (caught.value.key, caught.value.names) == ("[data] arm_rate_unit", (unit,))
+
+
+def test_a_wrong_unit_of_the_rate_is_named_before_dwells_are_sought(tmp_path: Path):
+    run = read(changed(tmp_path, "arm_run", ("turns = 10", "turns = 5")))
+    write_recording(apply_data_columns(run, simulate(run, 0)), run.file(run.data.file))
+    change = ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "0.1 rpm"')
+    with pytest.raises(InputError) as caught:
+        calibrate(changed(tmp_path, "arm_run", change))
+    assert (caught.value.key, caught.value.names) == ("[data] arm_rate_unit", ("rpm",))
+
+
+def test_a_wrong_unit_of_the_readings_is_told_apart_by_gravity(tmp_path: Path):
+    scale = ('scale = "0.1 V/g"', 'scale = "0.1 V/(m/s²)"')
+    with pytest.raises(InputError) as caught:
+        calibrate(changed(tmp_path, "lab", scale))
+    assert "[sensor.accelerometer]" in str(caught.value)
+    assert "[bench] radius" not in str(caught.value).partition(" give ")[2]
+
+
+def test_units_that_gravity_cannot_tell_apart_are_both_named(tmp_path: Path):
+    path = changed(tmp_path, "lab", ('scale = "0.1 V/g"', 'scale = "0.0001 V/g"'))
+    rows = (tmp_path / "lab.csv").read_text(encoding="utf-8").splitlines()
+    place = rows[1].split(",").index("rpm")
+    fast = max(float(row.split(",")[place]) for row in rows[2:])
+    kept = [row for row in rows[2:] if float(row.split(",")[place]) == fast]
+    (tmp_path / "lab.csv").write_text("\n".join([*rows[:2], *kept, ""]), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        calibrate(path)
+    after = str(caught.value).partition(" give ")[2]
+    assert "[sensor.accelerometer]" in after
+    assert "[bench] radius" in after

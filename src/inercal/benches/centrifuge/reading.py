@@ -9,10 +9,10 @@ from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_quantity
 from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.benches.centrifuge.checks import norm_refusal, require_arm_units
 from inercal.benches.centrifuge.settings import CentrifugeData
 from inercal.physics.plan import Spin, arm_attitude
 from inercal.physics.section_settings import key_error
-from inercal.recordings import Finding
 from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import (
     load_recording,
@@ -24,7 +24,6 @@ from inercal.recordings.data.recording_loader import (
     stated_deviations,
 )
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
-from inercal.recordings.io.rest_norm import norm_finding
 from inercal.recordings.segments import average_dwells, find_dwells
 
 _HARMONICS = 2  # harmonics of a reading quadratic in the motion; a cubic reading has a third
@@ -67,29 +66,8 @@ def observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
             run.path,
         )
     result = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
-    refusal = _norm_finding(run, bench, result)
+    refusal = norm_refusal(run, bench, result)
     return replace(result, findings=result.findings + require_not_refused(run.data.file, refusal))
-
-
-def _norm_finding(
-    run: RunBase[CentrifugeData], bench: Centrifuge, inputs: EstimatorInput
-) -> Finding | None:
-    """Return a refusal if the norms of the readings disagree with radius, rate and gravity."""
-    rates = np.array([step.rate for step in inputs.steps if isinstance(step, Spin)])
-    if not rates.size or bench.platform != "locked":
-        return None  # on a counter-rotating platform the centripetal acceleration has no mean
-    expected = np.hypot(bench.gravity.value, rates**2 * bench.radius.value)
-    norms = np.linalg.norm(
-        inputs.observations.mean[:, : len(run.sensor.select_axes("f").axes)], axis=-1
-    )
-    k = int(np.argsort(norms / expected)[rates.size // 2])
-    text = (
-        f"{inputs.observations.labels[k]}: the norm of the readings is {norms[k]:.4g} m/s², but "
-        f"gravity, [bench] radius and the rate give {expected[k]:.4g} m/s²"
-    )
-    finding = norm_finding(float(norms[k]), float(expected[k]), text)
-    # If the ratio is less than two, the method itself judges radius and scale.
-    return finding if finding is not None and finding.severity == "refused" else None
 
 
 def _table(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
@@ -148,6 +126,7 @@ def _recording(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInpu
         recording,
         readback={name: values * units[name] for name, values in recording.readback.items()},
     )
+    require_arm_units(run, bench, recording)
     dwells, left_out = find_dwells(recording)
     harmonics = 0
     if bench.platform != "locked":

@@ -73,8 +73,9 @@ def find_sections(
             key="[data] marks",
         )
     columns = [recording.channels.index(name) for name in gyros.channels]
-    runs = steady_runs(gyros.to_si(recording.data[:, columns]), recording.rate_hz)
-    pieces = _matched(recording, gyros, runs, stated)
+    rate = gyros.to_si(recording.data[:, columns])
+    runs = steady_runs(rate, recording.rate_hz)
+    pieces = _matched(recording, gyros, runs, stated, _fastest(rate, recording.rate_hz))
     marks: list[Mark] = []
     steps: list[PlatformStep] = []
     for step, (start, stop) in zip(stated, pieces, strict=True):
@@ -107,13 +108,33 @@ def steady_runs(rate: Array, rate_hz: float) -> list[SteadyRun]:
     return runs
 
 
+def _fastest(rate: Array, rate_hz: float) -> float:
+    """Return the highest rate in blocks of a recording, (n, 3) rad/s, also outside steady runs."""
+    size = max(round(_BLOCK * rate_hz), 1)
+    count = len(rate) // size
+    blocks = rate[: count * size].reshape(count, size, -1).mean(axis=1)
+    return float(np.linalg.norm(blocks, axis=-1).max(initial=0.0))
+
+
 def _matched(
-    recording: Recording, gyros: Sensor, runs: Sequence[SteadyRun], stated: Sequence[PlatformStep]
+    recording: Recording,
+    gyros: Sensor,
+    runs: Sequence[SteadyRun],
+    stated: Sequence[PlatformStep],
+    fastest: float,
 ) -> list[tuple[int, int]]:
-    """Return the range of samples for each stated step."""
+    """Return the range of samples for each stated step.
+
+    If no turn has a steady part, the fastest steady run is a rest, so rests are then compared with
+    the highest rate of all.
+    """
     turning = any(isinstance(step, KnownTurn) for step in stated)
-    tokens = _without_turns(runs, stated) if turning else list(runs)
     steady = [step for step in stated if not isinstance(step, KnownTurn)]
+    tokens = list(runs)
+    if turning:
+        speeds = (float(np.linalg.norm(run.rate)) for run in runs)
+        ways = [_without_turns(runs, stated, one) for one in (max(speeds, default=0.0), fastest)]
+        tokens = next((one for one in ways if len(one) == len(steady)), ways[0])
     if len(tokens) != len(steady):
         further = " besides the turns" * turning
         raise InputError(
@@ -143,10 +164,13 @@ def _matched(
     return pieces
 
 
-def _without_turns(runs: Sequence[SteadyRun], stated: Sequence[PlatformStep]) -> list[SteadyRun]:
+def _without_turns(
+    runs: Sequence[SteadyRun], stated: Sequence[PlatformStep], fastest: float
+) -> list[SteadyRun]:
     """Return the rests and the stated rates, without steady parts of turns through an angle.
 
     A steady part of a turn is faster than a rest, and its rate is not one of the stated rates.
+    `fastest` is a rate in turns, rad/s.
     """
     dwells = [
         abs(s.rate)
@@ -154,7 +178,7 @@ def _without_turns(runs: Sequence[SteadyRun], stated: Sequence[PlatformStep]) ->
         if isinstance(s, RateDwell) and s.rate and not isinstance(s, KnownTurn)
     ]
     speeds = [float(np.linalg.norm(run.rate)) for run in runs]
-    slow = _SLOW * min([*dwells, _SLOW * max(speeds, default=0.0)])
+    slow = _SLOW * min([*dwells, _SLOW * fastest])
     return [
         run
         for run, speed in zip(runs, speeds, strict=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import si_factor
+from inercal.benches.arm_units import fitting_arm_unit
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.settings import RateTableData
 from inercal.physics.plan import Spin
@@ -17,7 +17,6 @@ from inercal.physics.sensors import G0
 from inercal.physics.sensors.affine import AffineModel
 from inercal.recordings import Observations, Recording
 from inercal.recordings.data import RunBase
-from inercal.recordings.data.recording_loader import readback_units
 from inercal.recordings.segments.dwells import ARM_RATE
 
 _OFF = 0.2  # largest relative error of a norm, after correction by a rough model of the triad
@@ -25,7 +24,6 @@ _USABLE = (0.5, 2.0)  # times nominal: range of scale factors if the run file is
 _DETERMINED = 0.05  # times the largest singular value: below this, a triad is not determined
 _ALIKE = 1e-3  # g: smaller residuals have equal weight
 _REWEIGHTED = 20
-_UNITS = ("rad/s", "rpm", "rev/s", "°/s")
 _FEWEST = 4  # states needed to identify the axes
 _FAST = 0.9  # times the fastest rate: samples above this show the unit
 
@@ -57,21 +55,16 @@ def require_unit(run: RunBase[RateTableData], recording: Recording, bench: RateT
         return float(abs(np.median(read / result) - 1))
 
     if off(1.0) > _OFF:
-        _refuse_unit(run, off)
+        _refuse_unit(run, bench, off)
 
 
-def _refuse_unit(run: RunBase[RateTableData], off: Callable[[float], float]) -> None:
-    """Refuse rates that fit another unit; `off` gives the error of norms for a rate factor."""
-    given = readback_units(run)["arm_rate"]
-    for unit in _UNITS:
-        if off(si_factor(unit, "rad/s") / given) < _OFF / 2:
-            raise key_error(
-                "[data] arm_rate_unit",
-                f"according to the norms of the readings, the rates are in {unit}, not in "
-                f'{run.data.arm_rate_unit}; state arm_rate_unit = "{unit}"',
-                run.path,
-                (unit,),
-            )
+def _refuse_unit(
+    run: RunBase[RateTableData], bench: RateTable, off: Callable[[float], float]
+) -> None:
+    """Refuse a rate or radius that fits another unit; `off` is as in `fitting_arm_unit`."""
+    unit, left = fitting_arm_unit(run, bench.radius.value, off)
+    if left < _OFF / 2:
+        raise unit.error(run)
 
 
 def _nominal_force(bench: RateTable, steps: Sequence[Spin], times: float = 1.0) -> Array:
@@ -136,7 +129,7 @@ def require_rates(
 
     if off(1.0) <= _OFF:
         return
-    _refuse_unit(run, off)
+    _refuse_unit(run, bench, off)
     read, result = norms(1.0)
     worst = int(np.argmax(np.abs(read / result - 1) * turning))
     raise InputError(

@@ -14,15 +14,19 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.physics.section_settings import measured_constant
+from inercal.pipeline.drafts.arm_units import arm_rate_unit
 from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import (
     NO_GYROS,
     NO_LABEL,
+    NO_MARKS,
+    NO_SENSOR,
     ColumnRoles,
     UnknownAccelerometers,
     unknown_accelerometers,
-    without_label,
+    without_sections,
 )
 from inercal.pipeline.drafts.draft_entries import (
     UNKNOWN,
@@ -45,11 +49,14 @@ from inercal.pipeline.drafts.draft_sections import (
     suggest_rate,
     unused_columns,
 )
-from inercal.pipeline.drafts.log_files import read_logs, recording_name
+from inercal.pipeline.drafts.file_parts import recording_name
+from inercal.pipeline.drafts.log_files import read_logs
 from inercal.pipeline.drafts.method_trials import (
+    RAMP,
     Candidate,
     MethodTrial,
     candidate_methods,
+    rests_in_ramp,
     try_methods,
 )
 from inercal.pipeline.drafts.quiet_sections import QuietMeans
@@ -73,6 +80,8 @@ _REASONS = {
     ("temperature_order", "auto"): "chosen by tests; U includes errors that the rows of a soak "
     "share only if [environment] states them",
 }
+_HEATED = 10.0  # K
+_LEFT_OUT = (NO_GYROS, NO_LABEL, NO_MARKS, NO_SENSOR)
 _WORST = "unreliable"
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
@@ -201,19 +210,22 @@ def draft_run_file(
     read = read_logs(logs, values)
     table, gyros = read.table, read.gyros
     roles = replace(read.roles, units={**read.roles.units, **stated_units(values)})
+    if "data.arm_rate_unit" in values:
+        roles = replace(roles, units={**roles.units, "arm_rate": values["data.arm_rate_unit"]})
     roles = with_rate_table(table, roles)
     name, logs = recording_name(logs), read.files
     found = _draft(
         logs, path, stated, values, (table, gyros, roles), read.signs, name, typical=typical
     )
-    guessed = "label" in roles.single and "data.label" not in stated and not roles.means
+    labelled = "label" in roles.single and "data.label" not in stated and not roles.means
+    guessed = labelled or roles.marks not in ("", "labels", "found")
     if found.method is None and guessed:
         other = _draft(
             logs,
             path,
             stated,
             values,
-            (table, gyros, without_label(roles)),
+            (table, gyros, without_sections(roles)),
             read.signs,
             name,
             typical=typical,
@@ -268,6 +280,7 @@ def _draft(
             axis=-1,
         )
         for kind, columns in roles.triads.items()
+        if columns
     }
     time, clock = clock_keys(table, roles, stated)
     bench = candidates[0][0]
@@ -276,6 +289,13 @@ def _draft(
     length = partial(measured_constant, like="m", key="[bench] radius", last_digit=False)
     radius = None if radius_text is None else length(radius_text).value
     at_rates = "table_rate" in roles.single
+    if "arm_rate" in roles.single:
+        unit, reason = arm_rate_unit(table, roles, readings["accelerometer"], radius)
+        roles = replace(
+            roles,
+            units={**roles.units, "arm_rate": unit},
+            reasons={**roles.reasons, "arm_rate_unit": reason},
+        )
     try:
         if at_rates:
             readouts = {"gyro": gyro_readout(table, roles)}
@@ -289,7 +309,8 @@ def _draft(
     except InputError as error:
         raise error.located(logs[0]) from None
     guessed = roles.means and "accelerometer" in readings
-    noise = noise_keys(readings, readouts, rests, time) if bench == "turntable" else {}
+    ramp = candidates[0][1] == RAMP
+    noise = noise_keys(readings, readouts, rests, time) if bench == "turntable" or ramp else {}
     entries = (
         DraftKey("sensor", "name", name, "change it to the sensor's serial number"),
         *(
@@ -297,7 +318,7 @@ def _draft(
             for kind, readout in readouts.items()
             for entry in (*readout_keys(kind, readout), *noise.get(kind, ()))
         ),
-        *(rate_bench_keys(roles) if at_rates else bench_keys(bench, radius)),
+        *(rate_bench_keys(roles) if at_rates else bench_keys(bench, candidates[0][1], radius)),
         *data_keys(logs, path, table, roles, bench, values),
         *signs,
         *suggest_rate(clock, readouts.get("gyro")),
@@ -312,7 +333,7 @@ def _draft(
         start = start_deviation(roles)
         entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
     seen = facts(logs, table, roles, rests, time, readings)
-    why_unused = [roles.reasons[key] for key in (NO_GYROS, NO_LABEL) if key in roles.reasons]
+    why_unused = [roles.reasons[key] for key in _LEFT_OUT if key in roles.reasons]
     seen = (*seen, *unused_columns(table, entries), *why_unused)
     return Draft(tuple(logs), path, entries, trials, seen, roles, rests, time, readings)
 
@@ -332,7 +353,7 @@ def _without_key(trial: MethodTrial) -> str:
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
     """Return the methods that may fit, and refuse columns that suit no method."""
-    if "table_rate" in roles.single:
+    if "table_rate" in roles.single or rests_in_ramp(roles):
         return candidate_methods(roles)
     if roles.triads.get("accelerometer") == ():
         raise InputError(
@@ -343,12 +364,14 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
         )
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
-    candidates = candidate_methods(roles)
+    thermometer = roles.single.get("temperature")
+    heated = thermometer is not None and bool(np.ptp(table.numbers(thermometer)) > _HEATED)
+    candidates = candidate_methods(roles, heated=heated)
     if not candidates:
+        count = format_count(len(roles.triads["accelerometer"]), "accelerometer column")
         raise InputError(
-            f"{log}: no method fits {len(roles.triads['accelerometer'])} accelerometer columns "
-            f"together with these other columns: {', '.join(roles.single) or 'none'}; see "
-            f"inercal show {log}",
+            f"{log}: no method fits {count} together with these other columns: "
+            f"{', '.join(roles.single) or 'none'}; see inercal show {log}",
             file=log,
         )
     return candidates
@@ -413,7 +436,7 @@ def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tu
             value=value,
             reason="as stated",
         )
-    if "bench.latitude" in stated:
+    if "bench.latitude" in stated and "bench.gravity" not in stated:
         known.pop("bench.gravity", None)
         weighs_gravity = any(one.section == "sensor.accelerometer" for one in entries)
         if "bench.height" not in stated and weighs_gravity:

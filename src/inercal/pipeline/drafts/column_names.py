@@ -28,16 +28,21 @@ _NO_SENSOR = re.compile(  # names of triads that are neither accelerometers nor 
     r"(\w*_)?(mag\w*|[mhb]_?[xyz]|roll|pitch|yaw|azimuth|heading|euler\w*|quat\w*|q[0-3wxyz]|gravity\w*"
     r"|(linear|user|free)_?acc\w*|orientation\w*|lat\w*|lon\w*|alt\w*|press\w*|hum\w*|gps\w*)"
 )
+_OTHER_FIELDS = re.compile(
+    r"orientation|quat(ernion)?|euler|magnetic_field"
+)  # "/accel.orientation"
 NAMES = {
     "time": re.compile(
         r"t(_?(s|ms|us|ns))?|(\w*_)?time\w*|\w*timestamp\w*|stamp|date\w*|secs?|seconds?\w*"
         r"|sample(?!_?time_?fine)\w*|n_samples|\w*counter|ms|msecs?|millis\w*|us|usecs?"
-        r"|micros\w*|nanos\w*|elapsed\w*|epoch\w*|uptime\w*"
+        r"|hours?|micros\w*|nanos\w*|elapsed\w*|epoch\w*|uptime\w*"
     ),
     "temperature": re.compile(
         r"((imu|chip|sensor|die|mpu|gyro?|acc\w*)_?)?(temp|tmp)\w*|t_?c(elsius)?"
     ),
-    "arm_rate": re.compile(r"rpm|arm_?rate|rate|speed_?rpm|omega_over_pi|table_?rate"),
+    "arm_rate": re.compile(
+        r"rpm|arm_?rate(_?(rpm|rad_?s|deg_?s|dps))?|rate|speed_?rpm|omega_over_pi|table_?rate"
+    ),
     "axis": re.compile(r"axis|up"),
     "angle": re.compile(r"(?!roll|pitch|yaw|euler)(\w+_)?angle(_?deg)?|head"),
     "autocollimator": re.compile(r"autocollimator|collimator"),
@@ -90,7 +95,7 @@ def role_of_name(name: str) -> str | None:
     >>> role_of_name("millis"), role_of_name("Tmp"), role_of_name("volume")
     ('time', 'temperature', None)
     """
-    words = _words(name.rpartition(".")[2])  # a log's columns are "topic.field"
+    words = plain_name(name.rpartition(".")[2])  # a log's columns are "topic.field"
     return next((role for role, pattern in NAMES.items() if pattern.fullmatch(words)), None)
 
 
@@ -101,12 +106,12 @@ def is_reversed(name: str) -> bool:
 
 def is_other_quantity(name: str) -> bool:
     """Return whether a name states a quantity that neither accelerometers nor gyros measure."""
-    return _NO_SENSOR.fullmatch(_words(name)) is not None
+    return _NO_SENSOR.fullmatch(plain_name(name)) is not None
 
 
 def has_axes(names: Sequence[str]) -> bool:
     """Return whether three names are those of the axes x, y and z, in any order."""
-    return sorted(_words(name)[-1:] for name in names) == list(_AXES)
+    return sorted(plain_name(name)[-1:] for name in names) == list(_AXES)
 
 
 def in_axis_order(names: Sequence[str]) -> tuple[str, ...]:
@@ -115,7 +120,7 @@ def in_axis_order(names: Sequence[str]) -> tuple[str, ...]:
     >>> in_axis_order(("z", "y", "x"))
     ('x', 'y', 'z')
     """
-    axes = [_AXIS_ENDS.get(_words(name)[-1:]) for name in names]
+    axes = [_AXIS_ENDS.get(plain_name(name)[-1:]) for name in names]
     if sorted(axis for axis in axes if axis is not None) != [0, 1, 2]:
         return tuple(names)
     return tuple(names[axes.index(k)] for k in range(len(_AXES)))
@@ -127,7 +132,7 @@ def named_triads(
     """Find the accelerometers and gyros by names that differ only in their axis."""
     groups: dict[str, dict[int, str]] = {}
     for name in names:
-        stem, axis = _stem_and_axis(_words(name))
+        stem, axis = _stem_and_axis(plain_name(name))
         if axis is not None:
             groups.setdefault(stem, {}).setdefault(axis, name)
     triads: dict[str, tuple[str, ...]] = {}
@@ -158,7 +163,7 @@ def _groups_of_kind(
         if len(found) == len(_AXES)
         and _ends_with(_UNIT_END.sub("", stem), pattern)
         # A topic "/accel" also contains an orientation.
-        and (_WITHOUT_GRAVITY.fullmatch(stem) or not _NO_SENSOR.fullmatch(stem))
+        and (_WITHOUT_GRAVITY.fullmatch(stem) or not _ends_with(stem, _OTHER_FIELDS))
     ]
     complete.sort(key=lambda one: _WITHOUT_GRAVITY.fullmatch(one[0]) is not None)
     return [found for _, found in complete]
@@ -170,7 +175,7 @@ def _ends_with(stem: str, pattern: re.Pattern[str]) -> bool:
     return any(pattern.fullmatch("_".join(words[k:])) for k in range(len(words)))
 
 
-def _words(name: str) -> str:
+def plain_name(name: str) -> str:
     """Return a name in lower case, with words joined by "_" and without units in brackets."""
     if is_reversed(name):
         name = name[2:-1]

@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.pipeline.drafts.column_names import (
     has_axes,
     in_axis_order,
     is_other_quantity,
     named_triads,
+    plain_name,
     role_of_name,
     time_unit,
 )
@@ -40,6 +42,15 @@ NO_GYROS = "no gyros"
 NO_LABEL = "no label"
 """Key for the reason why a column of text, or one that is named like labels, is ignored."""
 
+NO_MARKS = "no marks"
+"""Key for the reason why a file of marks beside the log is not used."""
+
+STATED = "as stated"
+"""Reason for a column that the user states."""
+
+NO_SENSOR = "no sensor"
+"""Key for the files of other sensors, such as magnetometers, which are not used."""
+
 _TABLE = ("outer", "middle", "inner")
 _ATTITUDE = ("psi", "theta")
 _TRIADS = ("accelerometer", "gyro")
@@ -61,27 +72,30 @@ class ColumnRoles:
         Column for each role: "time", "label", "temperature", "arm_rate", "angle", ….
     table, attitude : tuple of str
         Columns with a turntable's angles, outermost first, and with ψ and θ on a centrifuge.
+    table_file : str
+        Path of the file with a turntable's angles, if they are in a separate file.
     reasons : mapping of str to str
         How each role was recognised.
     units : mapping of str to str
         Unit stated in the column's name, for each role.
     means : bool
         Whether the rows are means instead of samples.
-    part_marks : str
-        For a recording in several files with the same columns: "labels" if each file is a section,
-        otherwise "found"; empty for a single file.
+    marks : str
+        The key `marks`: "labels" if each of several files is a section, "found" for other files
+        with the same columns, or the path of a file of marks; empty if it is not needed.
     parts : tuple of (start, stop)
-        Samples of each of these files.
+        Samples of each of these files, or of each mark.
     """
 
     triads: Mapping[str, tuple[str, ...]]
     single: Mapping[str, str]
     table: tuple[str, ...] = ()
     attitude: tuple[str, ...] = ()
+    table_file: str = ""
     reasons: Mapping[str, str] = field(default_factory=dict[str, str])
     units: Mapping[str, str] = field(default_factory=dict[str, str])
     means: bool = False
-    part_marks: str = ""
+    marks: str = ""
     parts: tuple[tuple[int, int], ...] = ()
 
 
@@ -113,8 +127,8 @@ def recognise_columns(
         single = _named_columns([n for n in names if n not in used], table, reasons)
     triads |= {kind: stated[kind] for kind in _TRIADS if kind in stated}
     single |= {role: columns[0] for role, columns in stated.items() if role not in _TRIADS}
-    reasons |= dict.fromkeys(stated, "as stated")
-    by_lower = {name.lower(): name for name in table.names}
+    reasons |= dict.fromkeys(stated, STATED)
+    by_lower = {plain_name(name): name for name in table.names}
     angles = tuple(by_lower[name] for name in _TABLE if name in by_lower)
     attitude = tuple(by_lower[name] for name in _ATTITUDE if name in by_lower)
     free = [n for n in numbers if n not in {*used, *single.values(), *angles, *attitude}]
@@ -151,9 +165,9 @@ def recognise_columns(
         single,
         angles,
         attitude if len(attitude) == len(_ATTITUDE) else (),
-        reasons,
-        units,
-        means,
+        reasons=reasons,
+        units=units,
+        means=means,
     )
 
 
@@ -248,12 +262,12 @@ def _judge_unknown(
             reasons[NO_GYROS] = why
 
 
-def without_label(roles: ColumnRoles) -> ColumnRoles:
-    """Return the roles without the column of labels, whose sections suit no method."""
+def without_sections(roles: ColumnRoles) -> ColumnRoles:
+    """Return the roles without the labels or the file of marks, whose sections suit no method."""
     single = dict(roles.single)
-    name = single.pop("label")
+    name = single.pop("label", Path(roles.marks).name)
     reasons = {**roles.reasons, NO_LABEL: f"ignored, because no method suits its sections: {name}"}
-    return replace(roles, single=single, reasons=reasons)
+    return replace(roles, single=single, reasons=reasons, marks="", parts=())
 
 
 _MOST_LISTED = 12
@@ -271,6 +285,15 @@ class UnknownAccelerometers(InputError):
 def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> UnknownAccelerometers:
     """Return the error for a recording, with its columns and how to state those of a triad."""
     numbers = tuple(n for n in table.names if table.columns[n].dtype.kind != "U")
+    if len(numbers) < len("xyz"):
+        raise InputError(
+            f"{log} is no recording of an IMU and no table of its readings: it has "
+            f"{format_count(len(numbers), 'column')} of numbers, but a calibration needs three "
+            "accelerometers, or the angle of a dividing head and a reading; the columns are "
+            f"{', '.join(map(shorten, table.names[:_MOST_LISTED]))}",
+            file=log,
+            names=table.names,
+        )
     used = {*roles.single.values(), *(c for triad in roles.triads.values() for c in triad)}
     free = [name for name in numbers if name not in used]
     example = free if len(free) >= 3 else list(numbers)

@@ -12,10 +12,12 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
 from inercal.physics.section_settings import si_value
+from inercal.pipeline.drafts.arm_units import require_radius_unit
 from inercal.pipeline.drafts.column_names import is_reversed, role_of_name, time_unit
-from inercal.pipeline.drafts.column_roles import ColumnRoles
+from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.pipeline.drafts.column_values import never_falls
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
+from inercal.pipeline.drafts.method_trials import RAMP
 from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
 from inercal.pipeline.drafts.rate_tables import rate_unit
 from inercal.pipeline.drafts.readouts import (
@@ -25,8 +27,12 @@ from inercal.pipeline.drafts.readouts import (
     guess_from_norms,
     guess_from_turned_axis,
     guess_gyro,
+    guess_resting_gyro,
     white_noise,
 )
+from inercal.recordings import Recording
+from inercal.recordings.data import unit_size
+from inercal.recordings.io.audit import burst_findings
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
 from inercal.recordings.io.row_checks import shared_stamps_text
@@ -39,7 +45,6 @@ _WINDOW = 0.5  # s, window in which a rest must be quiet
 _WINDOW_SAMPLES = 50  # the same window if the rate is not known
 _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs
-_RATE_UNITS = {"rpm": "rpm", "omega_over_pi": "0.5 rev/s"}
 _ARM_DEVIATION = 1e-2
 _MOST_LISTED = 12  # columns in a line
 _MEAN_DEVIATION = 1e-4  # in gravity, for means without a stated scatter
@@ -82,6 +87,8 @@ def clock_keys(
         return by_rate, (entry, counter, *wrap, rate_key)
     unit = roles.units.get("time") or _unit_of_step(step)
     seconds, _ = times_from_origin(stamps, si_factor(unit))
+    if roles.reasons.get("time") != STATED and (why := _bursts(seconds)):
+        return by_rate, (replace(rate_key, ask=f"{ask}; {name} is no clock: {why}"),)
     reason = f"its steps are {step:.6g} {unit}, {1 / (step * si_factor(unit)):.5g} Hz"
     units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
     return seconds, (replace(entry, reason=reason) if not units else entry, *units, *wrap)
@@ -98,6 +105,12 @@ def _require_steps(table: Table, name: str, stamps: Array, unit: str | None) -> 
             key="data.time",
         )
     return step
+
+
+def _bursts(seconds: Array) -> str:
+    """Return why stamps that come in bursts are no times of samples; empty if they are."""
+    alone = Recording(seconds, np.zeros((seconds.size, 1)), ("t",), ("s",))
+    return "; ".join(finding.message for finding in burst_findings(alone))
 
 
 def _unit_of_step(step: float) -> str:
@@ -136,14 +149,18 @@ def find_rest_means(
 ) -> tuple[QuietMeans, tuple[tuple[int, int], ...]]:
     """Return the rests and, if a column marks sections, the marked sections with motion."""
     data = np.hstack([readings[kind] for kind in readings])
-    if roles.part_marks == "labels":
+    if "accelerometer" not in readings:  # gyros at rest
+        return QuietMeans(np.array([[0, len(data)]]), data[:1, :0], data.mean(axis=0)[None]), ()
+    if roles.marks == "labels":
         spans = np.array(roles.parts)
         return rest_means(spans, readings["accelerometer"], readings.get("gyro")), ()
+    spans = np.array(roles.parts if roles.marks not in ("", "found") else ())
     if "label" in roles.single and "time" in roles.single:
         labels = table.columns[roles.single["label"]]
         change = np.flatnonzero(labels[1:] != labels[:-1]) + 1
         edges = np.concatenate([[0], change, [len(labels)]])
         spans = np.column_stack([edges[:-1], edges[1:]])
+    if len(spans):
         spans = spans[spans[:, 1] - spans[:, 0] >= 8]
         scatter = np.array([data[a:b].std(axis=0).max() for a, b in spans])
         still = scatter <= 5 * np.quantile(scatter, 0.3) if len(spans) else np.zeros(0, bool)
@@ -169,13 +186,17 @@ def guess_readouts(
     radius: float | None,
 ) -> tuple[dict[str, GuessedReadout], float | None]:
     """Guess the readout of each triad and, if possible, the radius of an arm in m."""
+    if "accelerometer" not in readings:
+        return {"gyro": guess_resting_gyro(roles.units.get("gyro"))}, None
     force, stated = readings["accelerometer"], roles.units.get("accelerometer")
     if "arm_rate" in roles.single:
         name = roles.single["arm_rate"]
-        rate = table.numbers(name) * _rate_size(name)
-        readout, radius = guess_from_norms(force, rate, radius)
+        rate = table.numbers(name) * unit_size(roles.units["arm_rate"], "rad/s", "arm_rate_unit")
+        if radius is not None:
+            require_radius_unit(force, rate, radius)
+        readout, radius = guess_from_norms(force, rate, radius, stated)
     elif "angle" in roles.single:
-        readout = guess_from_turned_axis(force)
+        readout = guess_from_turned_axis(force, stated)
     else:
         readout = guess_accelerometer(force if rests is None else rests.force, stated)
     found = {"accelerometer": readout}
@@ -227,9 +248,11 @@ def noise_keys(
     return found
 
 
-def bench_keys(bench: str, radius: float | None) -> tuple[DraftKey, ...]:
+def bench_keys(bench: str, method: str, radius: float | None) -> tuple[DraftKey, ...]:
     """Return the keys of [bench]; `radius` is the radius of an arm in m, if it is known."""
     entries = [] if bench == "hand" else [DraftKey("bench", "kind", bench, "by the columns")]
+    if method == RAMP:
+        return (DraftKey("bench", "kind", bench, "a sensor at rest, whose temperature changes"),)
     if bench == "turntable":
         return (*entries, DraftKey("bench", "latitude", UNKNOWN, "", 'latitude, such as "48.1 °"'))
     reason = "valid anywhere near sea level: state latitude and height instead for less uncertainty"
@@ -240,16 +263,6 @@ def bench_keys(bench: str, radius: float | None) -> tuple[DraftKey, ...]:
         ask = 'the radius of the arm with its uncertainty, such as "1 m ± 0.1 mm"'
         entries.append(DraftKey("bench", "radius", text, reason, ask))
     return tuple(entries)
-
-
-def _rate_unit(name: str) -> str:
-    return _RATE_UNITS.get(name.strip().lower(), "rpm")
-
-
-def _rate_size(name: str) -> float:
-    from inercal.recordings.data import unit_size
-
-    return unit_size(_rate_unit(name), "rad/s", "arm_rate_unit")
 
 
 def _column(name: str) -> str | int:
@@ -285,6 +298,10 @@ def data_keys(
         entries.append(DraftKey("data", "gyro_file", file(logs[1])))
     for kind, columns in roles.triads.items():
         entries.append(DraftKey("data", kind, [_column(c) for c in columns], roles.reasons[kind]))
+    if not roles.triads.get("accelerometer"):
+        entries.append(DraftKey("data", "accelerometer", [], "gyros only"))
+    if roles.table_file:
+        entries.append(DraftKey("data", "table_file", file(Path(roles.table_file))))
     if roles.table:
         entries.append(DraftKey("data", "table", list(roles.table), "by their names"))
     if roles.attitude and roles.means:
@@ -294,7 +311,7 @@ def data_keys(
         "rate_platform": ("axis", "table_rate", "roll", "pitch", "seconds", "temperature"),
         "rate_table": ("arm_rate", "mounting", "temperature"),
         "dividing_head": ("angle", "autocollimator", "level", "label", "temperature"),
-        "turntable": ("label", "hold", "temperature"),
+        "turntable": ("table_time", "label", "hold", "temperature"),
         "hand": ("label", "gyro_time", "temperature"),
     }[bench]
     for role in wanted:
@@ -303,13 +320,16 @@ def data_keys(
             entries.append(DraftKey("data", role, _column(name), roles.reasons[role]))
             if role == "table_rate":
                 entries.append(DraftKey("data", "table_rate_unit", *rate_unit(table, roles)))
-            if role == "arm_rate" and _rate_unit(name) != "rpm":
-                entries.append(DraftKey("data", "arm_rate_unit", _rate_unit(name), "by its name"))
+            if role == "arm_rate" and (unit := roles.units["arm_rate"]) != "rpm":
+                reason = roles.reasons["arm_rate_unit"]
+                entries.append(DraftKey("data", "arm_rate_unit", unit, reason))
             if role == "temperature":
                 entries += _thermometer_keys(table, name, values)
-    if roles.part_marks:
-        reason = "each file is a section" if roles.part_marks == "labels" else ""
-        entries.append(DraftKey("data", "marks", roles.part_marks, reason))
+    if roles.marks in ("labels", "found"):
+        reason = "each file is a section" if roles.marks == "labels" else ""
+        entries.append(DraftKey("data", "marks", roles.marks, reason))
+    elif roles.marks:
+        entries.append(DraftKey("data", "marks", file(Path(roles.marks)), roles.reasons["marks"]))
     if bench == "hand" and not roles.means and "label" in roles.single:
         entries.append(DraftKey("data", "marks", "labels", "the column names the sections"))
     return tuple(entries)

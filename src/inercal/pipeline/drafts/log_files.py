@@ -7,32 +7,54 @@ the same columns are parts of one recording: one for each pose, or for each temp
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from inercal.basics.errors import InputError
-from inercal.pipeline.drafts.column_names import in_axis_order, role_of_name
-from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
+from inercal.pipeline.drafts.column_names import (
+    in_axis_order,
+    is_other_quantity,
+    plain_name,
+    role_of_name,
+)
+from inercal.pipeline.drafts.column_roles import (
+    NO_GYROS,
+    NO_MARKS,
+    NO_SENSOR,
+    ColumnRoles,
+    recognise_columns,
+)
 from inercal.pipeline.drafts.column_values import (
+    FEWEST_SAMPLES,
     finite_rows,
     require_finite_rows,
     without_unusable,
 )
 from inercal.pipeline.drafts.draft_entries import DraftKey
+from inercal.pipeline.drafts.file_parts import join_parts
 from inercal.pipeline.drafts.signed_columns import sign_columns
 from inercal.pipeline.drafts.stated_keys import stated_columns, stated_gyros, stated_options
+from inercal.recordings.data.rest_marks import marks_from_file
 from inercal.recordings.io.column_table import Table
 from inercal.recordings.io.file_patterns import is_pattern, matching_files
 from inercal.recordings.io.read import detect_reader, read_table
+from inercal.recordings.io.split_bags import METADATA, bag_parts
+from inercal.recordings.io.time_stamps import times_from_iso
 
+MARKS_FILE = "marks.json"
+"""Name of a file of marks beside a log."""
+
+_OTHER_SENSORS = re.compile(
+    r"(\w*_)?(magneto\w*|magnet(ic)?|mag|compass|orientation|gravity|location|gps)(_\w*)?"
+)  # names of files
 _MOST_TEXTS = 4  # columns of text
 _SAME_TIME = 0.25  # of a step
-_PAUSE_STEPS = 50.0  # between the parts in a draft
-_STILL = 0.02  # scatter of a part at rest, relative to the range of all parts
-_FEWEST_POSES = 6
+
+
+class NoCommonClock(InputError):
+    """Two files, or arrays, of different lengths have no times by which to pair their samples."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +81,6 @@ class LogFiles:
     signs: tuple[DraftKey, ...] = ()
 
 
-def recording_name(logs: Sequence[Path]) -> str:
-    """Return a name for a recording: that of its file, its folder, or what its files share."""
-    stem = logs[0].resolve().stem.partition("*")[0]
-    if len(logs) > 1:
-        stem = _shared_begin([log.stem for log in logs]) or logs[0].stem
-    return stem.strip(" _-.+") or "recording"
-
-
 def read_logs(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
     """Read the files of a recording and find the roles of their columns.
 
@@ -75,15 +89,28 @@ def read_logs(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
     InputError
         If a file cannot be read, or if the files do not belong together.
     """
-    files = [file for log in logs for file in _expanded(log)]
+    return _with_marks(_read_files(logs, values), values)
+
+
+def _read_files(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
+    files = _whole_bag([file for log in logs for file in _expanded(log)])
     if twice := next((file for file in files if files.count(file) > 1), None):
         raise InputError(f"{twice} is given twice: name each file once", file=twice)
     if len(files) == 1:
         return _single_file(files[0], values)
     read = [_read(file, values) for file in files]
+    others = [file for file, (one, _) in zip(files, read, strict=True) if _is_other(file, one)]
+    if 0 < len(others) < len(files):
+        kept = [file for file in files if file not in others]
+        found = _read_files(kept, values)
+        text = f"left out, because no method uses them: {', '.join(one.name for one in others)}"
+        reasons = {**found.roles.reasons, NO_SENSOR: text}
+        return replace(found, roles=replace(found.roles, reasons=reasons))
     tables, signs = [table for table, _ in read], next((one for _, one in read if one), ())
-    if len(files) == 2 and (found := _separate_gyros(files, tables, values)) is not None:
-        return replace(found, signs=signs)
+    if len(files) == 2:
+        found = _separate_angles(files, tables, values) or _separate_gyros(files, tables, values)
+        if found is not None:
+            return replace(found, signs=signs)
     if any(table.names != tables[0].names or not table.header for table in tables):
         raise InputError(
             f"{files[1]} is neither the gyros' file for {files[0]} nor a file with the same "
@@ -92,12 +119,51 @@ def read_logs(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
             file=files[1],
             names=tuple(map(str, files)),
         )
-    return replace(_parts(files, tables, values), signs=signs)
+    pattern, table, roles = join_parts(files, tables, values)
+    return LogFiles((pattern,), table, None, roles, signs)
+
+
+def _with_marks(found: LogFiles, values: Mapping[str, Any]) -> LogFiles:
+    """Return the recording with the file of marks beside it, if its marks suit the recording."""
+    roles, path = found.roles, found.files[0].parent / MARKS_FILE
+    if roles.means or roles.marks or "data.marks" in values or not path.is_file():
+        return found
+    rows = next(iter(found.table.columns.values())).size
+    try:
+        spans = tuple((mark.start, mark.stop) for mark in marks_from_file(path))
+        why = "" if all(0 <= a < b <= rows for a, b in spans) else f"the log has {rows} rows"
+    except InputError as error:
+        spans, why = (), str(error).removeprefix(f"{path}: ")
+    if "label" in roles.single and not why:
+        why = f"the column {roles.single['label']} names the sections"
+    if why:
+        reasons = {**roles.reasons, NO_MARKS: f"{path.name} beside the log is not used: {why}"}
+        return replace(found, roles=replace(roles, reasons=reasons))
+    reasons = {**roles.reasons, "marks": "a file of marks beside the log"}
+    return replace(found, roles=replace(roles, marks=str(path), parts=spans, reasons=reasons))
+
+
+def _is_other(file: Path, table: Table) -> bool:
+    """Return whether a file contains the readings of another sensor, such as a magnetometer."""
+    names = [name for name in table.names if role_of_name(name) is None]
+    named = bool(names) and all(map(is_other_quantity, names))
+    bare = sorted(map(plain_name, names)) == list("xyz")
+    return named or (bare and _OTHER_SENSORS.fullmatch(plain_name(file.stem)) is not None)
+
+
+def _whole_bag(files: list[Path]) -> list[Path]:
+    """Return the file that lists the parts of a split ROS 2 bag, if these are all of them."""
+    listed = files[0].parent / METADATA
+    if len(files) < 2 or not listed.is_file() or set(files) != set(bag_parts(listed)):
+        return files
+    return [listed]
 
 
 def _expanded(log: Path) -> tuple[Path, ...]:
     """Return the files that a name with a star or a folder stands for."""
     if log.is_dir():
+        if (log / METADATA).is_file():
+            return (log / METADATA,)
         files = sorted(one for one in log.iterdir() if one.is_file() and one.name[0] != ".")
         suffixes = [one.suffix for one in files if one.suffix not in (".toml", ".json", ".html")]
         if not suffixes:
@@ -109,6 +175,8 @@ def _expanded(log: Path) -> tuple[Path, ...]:
 
 def _single_file(log: Path, values: Mapping[str, Any]) -> LogFiles:
     table, signs = _read(log, values)
+    if (found := _arrays_of_two_lengths(log, table, values)) is not None:
+        return replace(found, signs=signs)
     stated = stated_columns(values, table, second_file=False)
     roles = recognise_columns(finite_rows(table), detect_reader(log).name, stated)
     used = [column for triad in roles.triads.values() for column in triad]
@@ -117,6 +185,53 @@ def _single_file(log: Path, values: Mapping[str, Any]) -> LogFiles:
         return LogFiles((log,), finite_rows(table, used), None, roles, signs)
     require_finite_rows(log, table, used)
     return LogFiles((log,), table, None, roles, signs)
+
+
+def _arrays_of_two_lengths(log: Path, table: Table, values: Mapping[str, Any]) -> LogFiles | None:
+    """Return accelerometers and gyros of a file in which they have different lengths.
+
+    None if all columns have the usual length, or if the others are no gyros. Gyros without times of
+    their own are left out, with the reason.
+    """
+    rows = next(iter(table.columns.values())).size
+    for length in sorted({n for n in table.other_lengths.values() if n >= FEWEST_SAMPLES}):
+        names = tuple(name for name, n in table.other_lengths.items() if n == length)
+        other = read_table(log, names, options=stated_options(values, log))
+        try:
+            found = _separate_gyros((log, log), (table, replace(other, names=names)), values)
+        except NoCommonClock:
+            roles = recognise_columns(table, detect_reader(log).name)
+            why = (
+                f"{', '.join(names)}: left out, because they have {length} values and "
+                f"{', '.join(table.names)} {rows}, and not both have a column of times"
+            )
+            roles = replace(roles, reasons={**roles.reasons, NO_GYROS: why})
+            return LogFiles((log,), table, None, roles)
+        if found is not None:
+            return found
+    return None
+
+
+def _separate_angles(
+    files: Sequence[Path], tables: Sequence[Table], values: Mapping[str, Any]
+) -> LogFiles | None:
+    """Return a recording with a file of the turntable's angles; None if there is none."""
+    found = [recognise_columns(table) for table in tables]
+    for first, second in ((0, 1), (1, 0)):
+        table, angles = tables[first], found[second]
+        if not angles.table or angles.triads or found[first].table or "time" not in angles.single:
+            continue
+        stated = stated_columns(values, table, second_file=False)
+        roles = recognise_columns(table, detect_reader(files[first]).name, stated)
+        roles = replace(
+            roles,
+            table=angles.table,
+            table_file=str(files[second]),
+            single={**roles.single, "table_time": angles.single["time"]},
+            reasons={**roles.reasons, "table_time": angles.reasons["time"]},
+        )
+        return LogFiles((files[first],), table, None, roles)
+    return None
 
 
 def _separate_gyros(
@@ -133,7 +248,7 @@ def _separate_gyros(
             if first == 0:
                 continue
             raise
-        own = found.triads.get("gyro") or _bare_axes(gyros)
+        own = found.triads.get("gyro") or _bare_axes(gyros, found)
         if "accelerometer" not in roles.triads or "gyro" in roles.triads or own is None:
             continue
         if "accelerometer" in found.triads:
@@ -145,14 +260,17 @@ def _separate_gyros(
             units={**found.units, **roles.units},
         )
         joined, gyros = _with_own_clock(files[second], table, gyros, joined, found)
-        return LogFiles((files[first], files[second]), table, gyros, joined)
+        both = tuple(dict.fromkeys((files[first], files[second])))
+        return LogFiles(both, table, gyros, joined)
     return None
 
 
-def _bare_axes(table: Table) -> tuple[str, ...] | None:
+def _bare_axes(table: Table, found: ColumnRoles) -> tuple[str, ...] | None:
     """Return the columns of a file that contains only times and one triad."""
     names = [n for n in table.names if table.columns[n].dtype.kind != "U"]
-    free = [n for n in names if role_of_name(n) is None]
+    free = [n for n in names if role_of_name(n) is None and n not in found.single.values()]
+    if any(map(is_other_quantity, free)):
+        return None
     return in_axis_order(free) if table.header and len(free) == len("xyz") else None
 
 
@@ -160,89 +278,36 @@ def _with_own_clock(
     file: Path, table: Table, gyros: Table, roles: ColumnRoles, found: ColumnRoles
 ) -> tuple[ColumnRoles, Table]:
     """Return the roles with `gyro_time` if the gyros have another clock, and the gyros then."""
-    clocks = [one.single.get("time") for one in (roles, found)]
+    names = [one.single.get("time") for one in (roles, found)]
     rows = [next(iter(one.columns.values())).size for one in (table, gyros)]
-    if None in clocks or any(
-        one.columns[str(clock)].dtype.kind == "U"
-        for one, clock in zip((table, gyros), clocks, strict=True)
-    ):
+    dates = [
+        name is not None and one.columns[name].dtype.kind == "U"
+        for one, name in zip((table, gyros), names, strict=True)
+    ]
+    clock, own = names
+    if clock is None or own is None or dates[0] != dates[1]:
         if rows[0] == rows[1]:
             return roles, gyros
-        raise InputError(
+        raise NoCommonClock(
             f"{file} has {rows[1]} rows instead of {rows[0]}, and not both files have a column of "
-            "times in numbers, by which to pair the samples",
+            "times, both in numbers or both as dates, by which to pair the samples",
             file=file,
         )
-    time, other = table.numbers(str(clocks[0])), gyros.numbers(str(clocks[1]))
+    if dates[0]:
+        time, origin = times_from_iso(table.columns[clock].tolist(), clock, table)
+        other, _ = times_from_iso(gyros.columns[own].tolist(), own, gyros, origin)
+    else:
+        time, other = table.numbers(clock), gyros.numbers(own)
     step = float(np.median(np.diff(time)))
     if rows[0] == rows[1] and np.abs(time - other).max() <= _SAME_TIME * step:
         return roles, gyros
     nearest = np.rint(np.interp(time, other, np.arange(other.size))).astype(int)
     paired = {name: column[nearest] for name, column in gyros.columns.items()}
-    single = {**roles.single, "gyro_time": str(clocks[1])}
+    single = {**roles.single, "gyro_time": own}
     reasons = {**roles.reasons, "gyro_time": "the gyros were sampled at other times"}
     return replace(roles, single=single, reasons=reasons), replace(
         gyros, columns=paired, block=None
     )
-
-
-def _parts(files: Sequence[Path], tables: Sequence[Table], values: Mapping[str, Any]) -> LogFiles:
-    """Return several files with the same columns as one recording."""
-    pattern = _pattern(files)
-    by_path = dict(zip(files, tables, strict=True))
-    ordered = [by_path[file] for file in matching_files(pattern).values()]
-    names = [n for n in ordered[0].names if all(n in one.columns for one in ordered)]
-    columns = {name: np.concatenate([one.columns[name] for one in ordered]) for name in names}
-    table = replace(ordered[0], columns=columns, block=None)
-    ends = np.cumsum([next(iter(one.columns.values())).size for one in ordered])
-    edges, spans = ends[:-1], tuple(pairwise([0, *ends.tolist()]))
-    stated = stated_columns(values, table, second_file=False)
-    first = recognise_columns(ordered[0], stated=stated).single.get("time")
-    if first is not None and columns[first].dtype.kind != "U":
-        columns[first] = _one_after_the_other(np.split(table.numbers(first), edges))
-    roles = recognise_columns(table, stated=stated)
-    single = {role: name for role, name in roles.single.items() if role != "label"}
-    marks = "found"
-    if (triad := roles.triads.get("accelerometer")) is not None:
-        force = np.stack([table.numbers(name) for name in triad], axis=-1)
-        scatter = [part.std(axis=0).max() for part in np.split(force, edges)]
-        still = max(scatter) <= _STILL * np.ptp(force, axis=0).max()
-        marks = "labels" if still and len(files) >= _FEWEST_POSES else "found"
-    roles = replace(roles, single=single, part_marks=marks, parts=spans)
-    return LogFiles((pattern,), table, None, roles)
-
-
-def _one_after_the_other(times: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the times of all parts, with a gap between them as the loader leaves one."""
-    moved: list[np.ndarray] = []
-    for time in times:
-        step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
-        start = float(moved[-1][-1]) + _PAUSE_STEPS * step if moved else 0.0
-        moved.append(time - time[0] + start)
-    return np.concatenate(moved)
-
-
-def _shared_begin(names: Sequence[str]) -> str:
-    same = [len(set(letters)) == 1 for letters in zip(*names, strict=False)]
-    return names[0][: [*same, False].index(False)]
-
-
-def _pattern(files: Sequence[Path]) -> Path:
-    """Return the name with a star that stands for exactly these files."""
-    folder, names = files[0].parent, [file.name for file in files]
-    before = re.sub(r"[-+]?[\d.,]*$", "", _shared_begin(names))
-    pattern = folder / f"{before}*{files[0].suffix}"
-    same = all(file.parent == folder and file.suffix == files[0].suffix for file in files)
-    others = sorted(set(matching_files(pattern).values()) - set(files)) if same else []
-    if not same or others:
-        why = f"{pattern} also stands for {others[0].name}" if others else "their names differ"
-        raise InputError(
-            f"{files[0]} and {files[-1]}: {why}; put the files of the recording in a folder of "
-            "their own, with names of the same kind",
-            file=files[0],
-            names=tuple(map(str, files)),
-        )
-    return pattern
 
 
 def _read(log: Path, values: Mapping[str, Any]) -> tuple[Table, tuple[DraftKey, ...]]:

@@ -19,6 +19,8 @@ _LONGEST_REASON = 160  # characters
 Candidate = tuple[str, str, dict[str, Any]]
 """Kind of bench, name of a method, and further keys of [method]."""
 
+RAMP = "temperature_ramp"
+"""Method for gyros at rest while their temperature changes."""
 
 AUTO = {"also": "auto"}
 """Key for a method that can estimate more than it does by default."""
@@ -60,12 +62,26 @@ class MethodTrial(NamedTuple):
         return f"{self.called}: {format_count(count, 'coefficient')}, {self.outcome.verdict.word}"
 
 
-def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
+def rests_in_ramp(roles: ColumnRoles) -> bool:
+    """Return whether the columns are those of gyros at rest while their temperature changes."""
+    gyros_only = "gyro" in roles.triads and not roles.triads.get("accelerometer")
+    return gyros_only and not roles.means and {"temperature", "time"} <= roles.single.keys()
+
+
+def candidate_methods(roles: ColumnRoles, *, heated: bool = False) -> tuple[Candidate, ...]:
     """Return the methods that may fit the columns, each with its bench and further keys.
 
     The first method that works on the data is proposed.
+
+    Parameters
+    ----------
+    roles : ColumnRoles
+    heated : bool
+        Whether the temperature changes much.
     """
     triad = len(roles.triads.get("accelerometer", ()))
+    if rests_in_ramp(roles):
+        return (("hand", RAMP, {"temperature_order": "auto"}),)
     gyros = "gyro" in roles.triads
     if roles.table:
         return (("turntable", "turntable_kalman", AUTO),)
@@ -94,11 +110,13 @@ def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
     ferraris = ferraris if gyros else []
     free: list[Candidate] = [("hand", "multi_position", AUTO)]
     six: list[Candidate] = [("hand", "six_position", AUTO)]
-    if roles.part_marks == "found" and "temperature" in roles.single:
-        warm: list[Candidate] = [("hand", "six_position", {"temperature_order": "auto"})]
+    warm: list[Candidate] = [("hand", "six_position", {"temperature_order": "auto"})]
+    if roles.marks == "found" and "temperature" in roles.single:
         return tuple(warm + free + six)
-    marked = "label" in roles.single or roles.part_marks == "labels"
-    return tuple(ferraris + six + free if marked else free + ferraris + six)
+    marked = "label" in roles.single or roles.marks not in ("", "found")
+    if marked:
+        return tuple(ferraris + (warm if heated else []) + six + free)
+    return tuple(free + ferraris + six)
 
 
 def try_methods(

@@ -133,7 +133,7 @@ def far_off(means: Array, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def guess_from_norms(
-    force: Array, rate: Array, radius: float | None
+    force: Array, rate: Array, radius: float | None, stated: str | None
 ) -> tuple[GuessedReadout, float | None]:
     """Guess the accelerometers' readout and the arm's radius, m, from norms at several rates.
 
@@ -148,6 +148,8 @@ def guess_from_norms(
         ω, rad/s.
     radius : float or None
         Radius in m, if it is known.
+    stated : str or None
+        Unit that the user states.
     """
     norm = np.linalg.norm(force, axis=-1)
     _require_gravity(np.median(norm), "in most rows")
@@ -166,26 +168,27 @@ def guess_from_norms(
     else:
         plain = float(np.median(norm * G0 / np.hypot(G0, rate**2 * radius)))
         reason = f"with this radius gravity is {plain:.4g}"
-    for unit, size in _ACCELEROMETER_UNITS.items():
-        if abs(plain * size / G0 - 1) < _NEAR:
-            return GuessedReadout(unit, "", 0.0, size, reason), radius
-    return _counts_per_g(plain, reason), radius
+    return _readout_at_gravity(plain, reason, stated), radius
 
 
-def guess_from_turned_axis(force: Array) -> GuessedReadout:
+def guess_from_turned_axis(force: Array, stated: str | None) -> GuessedReadout:
     """Guess the readout of accelerometers, (n, k), that a head turned through gravity."""
     plain = float(np.max(np.abs(force - 0.5 * (force.max(axis=0) + force.min(axis=0)))))
     _require_gravity(plain, "or the same at all angles")
+    return _readout_at_gravity(plain, f"the largest reading is {plain:.4g}", stated)
+
+
+def _readout_at_gravity(plain: float, reason: str, stated: str | None) -> GuessedReadout:
+    """Return the readout of accelerometers that read `plain` at gravity, in the stated unit."""
+    if stated is not None and stated not in COUNTED_UNITS:
+        return GuessedReadout(stated, "", 0.0, si_factor(stated, "m/s²"), _STATED)
     for unit, size in _ACCELEROMETER_UNITS.items():
-        if abs(plain * size / G0 - 1) < _NEAR:
-            reason = f"the largest reading is {plain:.4g}"
+        if stated is None and abs(plain * size / G0 - 1) < _NEAR:
             return GuessedReadout(unit, "", 0.0, size, reason)
-    return _counts_per_g(plain, f"the largest reading is {plain:.4g}")
-
-
-def _counts_per_g(plain: float, reason: str) -> GuessedReadout:
-    text = f"{reason}; the unit may also be V or mA, but is called LSB here"
-    return GuessedReadout("LSB", f"{plain:.4g} LSB/g", 0.0, G0 / float(f"{plain:.4g}"), text)
+    unit = stated or "LSB"
+    if stated is None:
+        reason += "; the unit may also be V or mA, but is called LSB here"
+    return GuessedReadout(unit, f"{plain:.4g} {unit}/g", 0.0, G0 / float(f"{plain:.4g}"), reason)
 
 
 def norm_misfit(means: Array) -> float:
@@ -288,6 +291,16 @@ def guess_gyro(
     unit = stated or "LSB"
     text = f"{per_degree:.6g} {unit}/(°/s)"
     return GuessedReadout(unit, text, offset, np.pi / 180 / per_degree, reason + why)
+
+
+def guess_resting_gyro(stated: str | None) -> GuessedReadout:
+    """Return the readout of gyros that never turn, from the stated unit if there is one."""
+    why = "a sensor at rest does not show it; for raw counts use LSB and a sensor.gyro.scale"
+    if stated is None:
+        return GuessedReadout("°/s", "", 0.0, np.pi / 180, why, certain=False)
+    if stated in COUNTED_UNITS:
+        return GuessedReadout(stated, UNKNOWN, 0.0, np.pi / 180, "only you can state the scale")
+    return GuessedReadout(stated, "", 0.0, si_factor(stated, "rad/s"), _STATED)
 
 
 def _norm_of_sum(rate: Array) -> float:

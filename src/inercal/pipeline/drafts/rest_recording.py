@@ -14,6 +14,7 @@ import numpy as np
 from inercal.basics.errors import InputError
 from inercal.physics.section_settings import si_value
 from inercal.physics.sensors.axis import Readout
+from inercal.pipeline.drafts.column_names import is_other_quantity
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
 from inercal.pipeline.drafts.column_values import without_unusable
 from inercal.pipeline.drafts.draft_sections import clock_keys
@@ -145,12 +146,14 @@ def _what_to_state(table: Table, roles: ColumnRoles) -> str:
     clock = roles.single.get("time")
     readings: list[str] = []
     for name, column in table.columns.items():
-        if column.dtype.kind == "U" or name in roles.single.values():
+        if column.dtype.kind == "U" or name in roles.single.values() or is_other_quantity(name):
             continue
         if np.all(np.diff(table.numbers(name)) > 0):
             clock = clock or name
         else:
             readings.append(name)
+    if not readings:
+        return "these columns are none; give a recording of accelerometers or gyros"
     pairs = [("data.accelerometer", ",".join(readings[:3]) or "ax,ay,az"),
              ("data.gyro", ",".join(readings[3:6]) or "gx,gy,gz"),
              ("sensor.gyro.unit", "°/s")]  # fmt: skip

@@ -5,7 +5,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from fractions import Fraction
 from pathlib import Path
@@ -107,6 +107,8 @@ class Table:
     time_zero : Fraction or None
         Time 0 of the time column on the clock of a message log, ns. None for other files, in which
         the columns contain clock readings.
+    other_lengths : mapping of str to int
+        Lengths of the columns of numbers that do not have the usual length, by name.
     """
 
     names: tuple[str, ...]
@@ -121,6 +123,7 @@ class Table:
     devices: str = ""
     time_zero: Fraction | None = None
     simulation: str = ""
+    other_lengths: Mapping[str, int] = field(default_factory=dict[str, int])
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes for pickling; views of the block are stored as column numbers."""

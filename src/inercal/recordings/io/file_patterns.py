@@ -1,4 +1,4 @@
-"""File names with a star that stand for several files, such as "rest_*.csv"."""
+"""Names with a star that stand for several files, such as "rest_*.csv" or "*degC/run.csv"."""
 
 import re
 from pathlib import Path
@@ -11,8 +11,11 @@ _MOST_FILES = 1000
 
 
 def is_pattern(path: Path) -> bool:
-    """Return whether a path stands for several files: its name has a star and is no file."""
-    return _STAR in path.name and not is_file(path)
+    """Return whether a path stands for several files: its name has a star and is no file.
+
+    The star is in the name of the file, or in that of its folder.
+    """
+    return _STAR in f"{path.parent.name}{path.name}" and not is_file(path)
 
 
 def matching_files(pattern: Path) -> dict[str, Path]:
@@ -23,13 +26,16 @@ def matching_files(pattern: Path) -> dict[str, Path]:
     InputError
         The pattern has more than one star, or it matches no file or more than 1000 files.
     """
-    before, _, after = pattern.name.partition(_STAR)
-    if _STAR in after:
+    in_folder = _STAR in pattern.parent.name
+    varied = pattern.parent if in_folder else pattern
+    before, _, after = varied.name.partition(_STAR)
+    if _STAR in after or (in_folder and _STAR in pattern.name):
         raise InputError(f"{pattern}: use only one star, which stands for the label", file=pattern)
     files: dict[str, Path] = {}
-    if pattern.parent.is_dir():
-        for path in pattern.parent.iterdir():
-            name = path.name
+    if varied.parent.is_dir():
+        for one in varied.parent.iterdir():
+            name = one.name
+            path = one / pattern.name if in_folder else one
             fits = len(name) > len(before) + len(after) and path.is_file()
             if fits and name.startswith(before) and name.endswith(after):
                 files[name[len(before) : len(name) - len(after)]] = path

@@ -101,6 +101,11 @@ _ENVIRONMENT = {
 }
 
 
+def file_size(path: Path) -> int:
+    """Return the number of bytes of a file."""
+    return path.stat().st_size
+
+
 class Isolation(NamedTuple):
     """Description of a kind of file that is read in a separate process.
 
@@ -116,6 +121,8 @@ class Isolation(NamedTuple):
         Name of the extra to install for these modules; empty if they come with inercal.
     key : str
         Key that raises the limits; empty if there is none.
+    size : callable
+        Function that returns the number of bytes of a file, with others that it names.
     """
 
     kind: str
@@ -123,6 +130,7 @@ class Isolation(NamedTuple):
     libraries: tuple[str, ...] = ()
     extra: str = ""
     key: str = MOST_VALUES_KEY
+    size: Callable[[Path], int] = file_size
 
 
 class ReadingLimits(NamedTuple):
@@ -188,7 +196,7 @@ def stream_isolated(
     if isolation.extra:
         package = isolation.libraries[0].partition(".")[0]
         require_installed(isolation.extra, f"{isolation.kind} needs {package}", (package,))
-    size = path.stat().st_size
+    size = isolation.size(path)
     limits = _limits(size, most_values)
     process, ended = _idle_process(), False
     try:

@@ -24,8 +24,7 @@ _QUIETEST = 0.1  # share of all windows
 _POSSIBLE = (0.5, 2.0)  # of gravity; outside this range the unit is wrong, not the sensor
 _USUAL = (0.9, 1.1)
 
-# For each ratio of the norm to its true value: the apparent unit of the columns, the stated unit.
-_CONFUSIONS = {
+UNIT_CONFUSIONS = {
     1 / G0: ("g", "m/s²"),
     G0: ("m/s²", "g"),
     1000.0: ("mg", "g"),
@@ -33,6 +32,8 @@ _CONFUSIONS = {
     1000 / G0: ("mg", "m/s²"),
     G0 / 1000: ("m/s²", "mg"),
 }
+"""For each ratio of the norm to its true value: the columns' apparent unit, the stated unit."""
+
 _NEAR = 1.25  # factor within which a confusion is recognised; the ratios differ by much more
 
 
@@ -57,7 +58,7 @@ def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
         return None
     if _POSSIBLE[0] <= ratio <= _POSSIBLE[1]:
         return Finding("warning", "units", f"{text}: check the nominal scale")
-    near = (units for r, units in _CONFUSIONS.items() if 1 / _NEAR < ratio / r < _NEAR)
+    near = (units for r, units in UNIT_CONFUSIONS.items() if 1 / _NEAR < ratio / r < _NEAR)
     if (units := next(near, None)) is None:
         advice = "check the units and the nominal scale of the columns in [sensor.accelerometer]"
     else:

@@ -1,4 +1,4 @@
-"""Read bags from ROS 1 (.bag) and ROS 2 (.db3, .mcap) with the rosbags library.
+"""Read bags from ROS 1 (.bag) and ROS 2 (.db3, .mcap, or split) with the rosbags library.
 
 A column is named "topic.field": "/imu/data_raw.linear_acceleration.x". Readings are in SI, as ROS
 specifies (REP 103, REP 145). Only message types that ROS itself defines are read, with the
@@ -18,6 +18,7 @@ import sys
 from array import array
 from collections.abc import Iterator, Mapping
 from contextlib import closing
+from dataclasses import replace
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
@@ -31,6 +32,13 @@ from inercal.recordings.io.column_table import ReadRequest, Table
 from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.message_columns import Messages, table_from_messages, wanted_topics
 from inercal.recordings.io.readers import Option, Reader
+from inercal.recordings.io.split_bags import (
+    METADATA_START,
+    SplitBag,
+    bag_parts,
+    bag_sha256,
+    bag_size,
+)
 
 BAG, MCAP, SQLITE = b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _MSG_DATA, _BAG_HEADER, _CHUNK, _CHUNK_INFO = 2, 3, 5, 6
@@ -182,7 +190,7 @@ _IMU = "sensor_msgs/msg/Imu"
 _ZSTD = b"\x28\xb5\x2f\xfd"  # start of a message that was compressed individually
 _LIBRARIES = ("rosbags.rosbag1", "rosbags.rosbag2", "rosbags.typesys")
 _DEEPEST = 8  # levels of nested messages
-_READINGS = ("linear_acceleration", "angular_velocity")
+_READINGS = ("linear_acceleration", "angular_velocity", "orientation")
 
 
 def read_rosbag(path: Path, wanted: ReadRequest, stamp: str = "header") -> Table:
@@ -208,9 +216,13 @@ def read_rosbag(path: Path, wanted: ReadRequest, stamp: str = "header") -> Table
             f'{path.name}: [data] stamp is {stamp!r}; it is "header" or "received"',
             key="[data] stamp",
         )
-    with closing(_open(path)) as reader:
+    with path.open("rb") as file:
+        split = file.read(len(METADATA_START)) == METADATA_START
+    parts = bag_parts(path) if split else (path,)
+    with closing(SplitBag([_open(part) for part in parts])) as reader:
         messages = list(_topics(path, reader, wanted, stamp))
-    return table_from_messages(path, messages, wanted)
+    table = table_from_messages(path, messages, wanted)
+    return replace(table, sha256=bag_sha256(parts)) if split else table
 
 
 def _open(path: Path) -> Any:
@@ -365,7 +377,7 @@ def _measured_fields(
 READER = Reader(
     "rosbag",
     read_rosbag,
-    content=((0, BAG), (0, MCAP), (0, SQLITE)),
+    content=((0, BAG), (0, MCAP), (0, SQLITE), (0, METADATA_START)),
     suffixes=(".bag", ".db3", ".mcap"),
     options=(
         Option(
@@ -375,5 +387,5 @@ READER = Reader(
             '"header" for the driver\'s times, "received" for recording times',
         ),
     ),
-    isolation=Isolation("a ROS bag", "repair or record it again", _LIBRARIES, "ros"),
+    isolation=Isolation("a ROS bag", "repair or record it again", _LIBRARIES, "ros", size=bag_size),
 )

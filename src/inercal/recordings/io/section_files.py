@@ -21,6 +21,8 @@ from inercal.recordings.io.file_patterns import matching_files
 from inercal.recordings.io.read import read_unaudited
 from inercal.recordings.io.table_recording import Columns
 
+NAMED = "*"
+"""Value of [data] temperature if the temperature stands in place of the star."""
 _PAUSE_S = 1.0  # between files that have their own times
 
 
@@ -52,13 +54,35 @@ def read_sections(
                 key=f"[data] {key}",
             )
     parts: dict[str, Recording] = {}
+    named = columns.temperature == NAMED
+    columns = replace(columns, temperature=None) if named else columns
     for label, path in matching_files(pattern).items():
         read = read_unaudited(path, columns)
+        if named:
+            read = replace(read, temperature=_named_temperature(label, path, read, columns))
         columns = replace(columns, origin=read.origin)  # count from the first file
         # Channels may be constant in a short rest, so audit them only after joining the files.
         parts[label] = require_accepted(audit_rows(read, columns.nonfinite, in_place=True))
     joined = _join(pattern.name, parts)
     return require_accepted(audit(joined, columns.nonfinite, limits, in_place=True))
+
+
+def _named_temperature(label: str, path: Path, read: Recording, columns: Columns) -> Array:
+    """Return the temperature that stands in a name in place of the star, for each sample, K."""
+    try:
+        value = float(label.replace("−", "-"))
+    except ValueError:
+        raise InputError(
+            f'{path}: [data] temperature = "{NAMED}", but the star stands for {label!r}, which is '
+            "no number: put only the temperature in place of the star",
+            file=path,
+            key="[data] temperature",
+            names=(label,),
+        ) from None
+    kelvin = columns.thermometer.possible_kelvin(
+        np.array([value]), NAMED, lambda _: "its name", str(path)
+    )
+    return np.repeat(kelvin, read.time.size)
 
 
 def _join(source: str, parts: Mapping[str, Recording]) -> Recording:

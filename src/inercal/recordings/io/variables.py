@@ -137,7 +137,11 @@ def table_from_variables(path: Path, variables: Sequence[Variable], wanted: Read
     found = {name: (v, k) for name, v, k in columns if name in chosen}
     refuse_unequal_lengths({name: found[name][0].length for name in chosen}, source)
     read, block = _read([found[name][0] for name in chosen], chosen, wanted, source)
-    return Table(tuple(names), read, source, file_sha256(path), 0, header=True, block=block)
+    others = {name: v.length for name, v, _ in columns if name not in names and not v.text}
+    digest = file_sha256(path)
+    return Table(
+        tuple(names), read, source, digest, 0, header=True, block=block, other_lengths=others
+    )
 
 
 def number_columns(variables: Sequence[Variable]) -> tuple[tuple[str, ...], int] | None:

@@ -1,0 +1,104 @@
+"""Drafts of logs in which the accelerometers, the gyros and a magnetometer have own clocks."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.io
+from tests import generated_logs as logs
+from tests.drafts.test_kinds_of_logs import BIASES, assert_true, calibrated, chosen, drafted
+
+GYRO_BIASES = {
+    f"g{axis}.bias": np.radians(b) for axis, b in zip("xyz", (1.5, -0.8, 0.6), strict=True)
+}
+LATE = 5e-3  # s, so that no sample of one clock is one of the other
+
+
+def both(step: float = 0.0103) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+    """Return a recording, and times and readings, rad/s, of gyros with another clock."""
+    log = logs.by_hand(11, rests=16)
+    at = np.arange(3e-3, log["t"][-1], step)
+    rate = np.stack([np.interp(at, log["t"] + LATE, np.radians(w)) for w in log["w"].T], axis=1)
+    return log, at, rate
+
+
+def field(at: np.ndarray) -> np.ndarray:
+    return np.stack([30 * np.cos(at / 9), 30 * np.sin(at / 9), np.full(at.size, 40.0)], axis=1)
+
+
+@pytest.mark.parametrize("step", [0.0103, 0.0052])
+@pytest.mark.parametrize("form", ["matrices", "structs"])
+def test_arrays_of_a_mat_file_with_own_clocks_are_paired(form: str, step: float, tmp_path: Path):
+    log, at, rate = both(step)
+    slow = np.arange(0.0, log["t"][-1], 0.05)
+    time, force = log["t"] + LATE, log["f"] * logs.G
+    content: dict[str, Any] = {"acc": force, "t_acc": time, "gyr": rate, "t_gyr": at}
+    content |= {"mag": field(slow), "t_mag": slow, "settings": np.arange(9.0).reshape(3, 3)}
+    if form == "structs":
+        axes = {"Acceleration": (time, force), "AngularVelocity": (at, rate)}
+        axes["MagneticField"] = (slow, field(slow))
+        content = {
+            name: {"Timestamp": t, **dict(zip("XYZ", data.T, strict=True))}
+            for name, (t, data) in axes.items()
+        }
+    scipy.io.savemat(tmp_path / "phone.mat", content)
+    draft = drafted([tmp_path / "phone.mat"], tmp_path, sensor__gyro__unit="rad/s")
+    keys = chosen(draft)
+    assert "data.gyro_file" not in keys
+    assert (
+        keys["data.gyro_time"]
+        == {"matrices": "t_gyr", "structs": "AngularVelocity.Timestamp"}[form]
+    )
+    assert_true(calibrated(draft), BIASES | GYRO_BIASES, k=4)
+
+
+def test_arrays_of_unequal_length_without_clocks_are_named(tmp_path: Path):
+    log, _, rate = both()
+    scipy.io.savemat(tmp_path / "log.mat", {"acc": log["f"], "gyr": rate})
+    draft = drafted([tmp_path / "log.mat"], tmp_path, data__rate="100 Hz")
+    (told,) = (fact for fact in draft.facts if "gyr(1)" in fact)
+    assert str(len(rate)) in told
+    assert str(len(log["f"])) in told
+    assert "data.gyro" not in chosen(draft)
+    assert_true(calibrated(draft), BIASES)
+
+
+@pytest.mark.parametrize("names", ["phone", "columns"])
+def test_a_magnetometer_in_a_third_file_is_left_out(names: str, tmp_path: Path):
+    log, at, rate = both()
+    slow = np.arange(0.0, log["t"][-1], 0.05)
+    heads = {"phone": "{}", "columns": "Magnetic field {} (µT)"}
+    files = [
+        logs.write(tmp_path / f"{name}.csv", ("time", *map(head.format, "xyz")), [t, *data.T])
+        for name, head, t, data in (
+            ("Accelerometer", "{}", log["t"] + LATE, log["f"]),
+            ("Gyroscope", "{}", at, rate),
+            ("Magnetometer" if names == "phone" else "third", heads[names], slow, field(slow)),
+        )
+    ]
+    draft = drafted(files[::-1], tmp_path, sensor__gyro__unit="rad/s")
+    assert any(files[2].name in fact for fact in draft.facts)
+    keys = chosen(draft)
+    assert (keys["data.file"], keys["data.gyro_file"]) == ("Accelerometer.csv", "Gyroscope.csv")
+    assert_true(calibrated(draft), BIASES | GYRO_BIASES, k=4)
+
+
+@pytest.mark.parametrize("zone", ["", "Z", "+02:00"])
+def test_dates_of_two_files_are_paired(zone: str, tmp_path: Path):
+    log, at, rate = both()
+
+    def dates(seconds: np.ndarray) -> list[str]:
+        ns = np.datetime64("2026-11-23T03:10:09", "ns") + np.rint(seconds * 1e9).astype("m8[ns]")
+        return [f"{one}{zone}" for one in ns]
+
+    files = [
+        logs.write(tmp_path / f"{name}.csv", ("time", *axes), [dates(t), *data.T])
+        for name, axes, t, data in (
+            ("acc", ("ax", "ay", "az"), log["t"] + LATE, log["f"]),
+            ("gyr", ("gx", "gy", "gz"), at, rate),
+        )
+    ]
+    draft = drafted(files, tmp_path, sensor__gyro__unit="rad/s")
+    assert chosen(draft)["data.gyro_time"] == "time"
+    assert_true(calibrated(draft), BIASES | GYRO_BIASES, k=4)
