@@ -8,8 +8,8 @@ is also quiet. Each run is therefore reduced to the longest part in which the qu
 are stable. The means of the accelerometers must be within five deviations of the run's median. The
 deviation is the median over all runs; it is at least the scatter at rest and at most the threshold.
 The means of the gyros must be within their threshold of their usual mean. A run is discarded if
-less than half of it remains. Rests are not accepted if they make up less than one twentieth of the
-quiet samples.
+less than half of it remains. Rests are not accepted if they make up less than 5 % of the quiet
+samples.
 """
 
 from collections.abc import Sequence

@@ -163,7 +163,7 @@ def search_sections(
 class _Channel:
     """Scatter and mean of a channel over a sliding window, and the largest scatter at rest.
 
-    This limit is three times the scatter of the quietest tenth of the windows.
+    The largest scatter at rest is three times the scatter of the quietest 10 % of the windows.
     """
 
     def __init__(self, x: Array, window: int):
@@ -193,7 +193,7 @@ class _Channel:
 
 
 def _class_thresholds(recording: Recording, sensor: Sensor, window: int) -> dict[str, float]:
-    """Return the threshold between rest and motion, SI, for the kinds of axis that have one."""
+    """Return the threshold between rest and motion for the kinds of axis that have one, SI."""
     segments = gapless_segments(recording)
     found: dict[str, float] = {}
     for kind in axis_kinds(recording, sensor):
