@@ -90,7 +90,9 @@ def issue(
     force: Force = False,
     by: Annotated[
         str | None,
-        typer.Option(help="Name of the person who issues it; by default your user name."),
+        typer.Option(
+            help="Name of the person who issues the certificate; by default your user name."
+        ),
     ] = None,
     register: RegisterOption = None,
     json: Json = False,
