@@ -297,7 +297,7 @@ def apply_filter(bins: Bins, symbols: Sequence[str], search: FilterSearch) -> Bi
 
 
 def settled_filter(bins: Bins, fit: NoiseFit) -> OutputFilter | None:
-    """Return the filter with the cut-off and floor from a fit of terms to its bins, or None."""
+    """Return the filter with the fitted cut-off and floor; None if the bins are not filtered."""
     if bins.effect is None:
         return None
     output, nuisance = bins.effect.output, fit.nuisance
