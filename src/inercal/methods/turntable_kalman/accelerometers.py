@@ -146,7 +146,7 @@ class AccelerometerFilter(Filter[VelocityState]):
 
     @cached_property
     def shared_covariance(self) -> Array:
-        """The coefficients' covariance due to gravity, (p, p), which no innovation shows."""
+        """The coefficients' covariance due to gravity, which no innovation shows, (p, p)."""
         g = self.bench.gravity
         along = model.gravity_sensitivity(self.triad) * g.sd / g.value
         return np.outer(along, along)
