@@ -56,7 +56,7 @@ class LogFiles:
 
 
 def recording_name(logs: Sequence[Path]) -> str:
-    """Return a name for a recording: that of its file, its folder, or what its files share."""
+    """Return a name for a recording: its file's or folder's, or what its files' names share."""
     stem = logs[0].resolve().stem.partition("*")[0]
     if len(logs) > 1:
         stem = _shared_begin([log.stem for log in logs]) or logs[0].stem
@@ -118,7 +118,7 @@ def _single_file(log: Path, values: Mapping[str, Any]) -> LogFiles:
 def _separate_gyros(
     files: Sequence[Path], tables: Sequence[Table], values: Mapping[str, Any]
 ) -> LogFiles | None:
-    """Return the two files as accelerometers and gyros; None if that is not what they are."""
+    """Return the two files as accelerometers and gyros; None if they contain something else."""
     for first, second in ((0, 1), (1, 0)):
         table, gyros = tables[first], tables[second]
         try:
@@ -155,7 +155,7 @@ def _bare_axes(table: Table) -> tuple[str, ...] | None:
 def _with_own_clock(
     file: Path, table: Table, gyros: Table, roles: ColumnRoles, found: ColumnRoles
 ) -> tuple[ColumnRoles, Table]:
-    """Return the roles with `gyro_time` if the gyros have another clock, and the gyros then."""
+    """Return the roles, with `gyro_time` if the gyros have their own clock, and the gyros."""
     clocks = [one.single.get("time") for one in (roles, found)]
     rows = [next(iter(one.columns.values())).size for one in (table, gyros)]
     if None in clocks or any(
