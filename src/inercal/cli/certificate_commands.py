@@ -76,7 +76,8 @@ def issue(
         str | None, typer.Option(help="Reason for changing an earlier certificate.")
     ] = None,
     font: Annotated[
-        Path | None, typer.Option(help="A font file, for characters that the built-in fonts lack.")
+        Path | None,
+        typer.Option(help="A font file, for characters that are not in the built-in fonts."),
     ] = None,
     sign: Annotated[
         Path | None,

@@ -135,7 +135,7 @@ def steps_in_words(missing: HandSteps) -> str:
     if not missing:
         return ""
     texts = [f"{step.label} ({step.describe()})" for step in missing]
-    return "; the recording lacks " + ", ".join(texts)
+    return "; the recording does not contain " + ", ".join(texts)
 
 
 def direction_in_words(direction: Array, names: Sequence[str]) -> str:

@@ -100,7 +100,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         readback_sd, velocity_sd : float
             Standard deviations, rad and m/s; None means the bench's noise.
         run_duration : float, optional
-            Planned duration, s; None means that of the track.
+            Planned duration, s; None means the track's duration.
         epoch, alignment_sd : float
             s, rad; as for the class.
         expected_sizes : mapping of str to float

@@ -103,7 +103,7 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     counts = radius if radius is not None else plain
     offset = 0.0 if centre is None else _offset(float(np.median(centre)), counts)
     if counts < _FEWEST_COUNTS and stated is None:
-        reason = f"gravity reads {counts:.4g}, which is no usual unit"
+        reason = f"gravity reads {counts:.4g}, which fits none of the usual units"
         return GuessedReadout(UNKNOWN, "", 0.0, G0 / counts, reason, certain=False)
     per_g, why = _nominal(counts, _COUNTS_PER_G)
     unit = stated or "LSB"

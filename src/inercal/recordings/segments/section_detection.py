@@ -31,7 +31,7 @@ from inercal.recordings.segments.motion_thresholds import (
 
 MARGIN = 0.25  # s cut off at both ends of a rest, where the hand grips and lets go
 SHORTEST = 1.0  # s
-# Ratio to the quietest tenth: white noise over a window of 50 samples stays below 1.5, and the
+# Ratio to the quietest 10 %: white noise over a window of 50 samples stays below 1.5, and the
 # movement of a hand gives tens to thousands.
 _RESTLESS = 3.0
 # A resting rate may differ between attitudes by so many quietest scatters, or by so many rad/s. No
