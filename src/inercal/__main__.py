@@ -1,7 +1,7 @@
 """Entry point of the `inercal` program and of `python -m inercal`.
 
-It prepares the process and then loads the verbs. Worker processes import this module, but they do
-not need the verbs.
+`main` prepares the process and then loads the verbs. Worker processes import this module, but they
+do not need the verbs.
 """
 
 import sys

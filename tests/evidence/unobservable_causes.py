@@ -47,13 +47,13 @@ by finite differences with simulation programs that are independent of inercal. 
 visible before it shifts a coefficient by 5 u, this cause is only listed in [the table of
 violations](../evidence/violations.md).
 
-There are three ways to deal with such a cause. You can state a standard deviation in the run file,
-so that U includes the cause. You can let the method estimate the coefficient. If the run file has
-no key for the cause, remember that the result is only valid if the cause is smaller than the size
-in the second column. For causes without a key, the last column counts the simulated devices for
-which the verdict names the cause. The verdict lists most of these causes under "not detectable from
-these data and not included in U", with the size that shifts a coefficient by 5 u in that run. If
-norms do not reveal swapped or reversed axes or lever arms, the verdict names these causes in the
+There are three ways to deal with such a cause. You can state a standard deviation for the cause in
+the run file; then U includes it. You can let the method estimate the coefficient. If the run file
+has no key for the cause, remember that the result is only valid if the cause is smaller than the
+size in the second column. For causes without a key, the last column counts the simulated devices
+for which the verdict names the cause. The verdict lists most of these causes under "not detectable
+from these data and not included in U", with the size that shifts a coefficient by 5 u in that run.
+If norms do not reveal swapped or reversed axes or lever arms, the verdict names these causes in the
 line "norms … do not tell …" instead.
 {sections}"""
 _ABOUT = {

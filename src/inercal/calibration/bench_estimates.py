@@ -7,7 +7,7 @@ q, the prior can be removed from the result. The estimate q' then comes only fro
 
 P is the covariance of all parameters with the prior, and P_q is its column for q. P'_qq contains
 the part Σ P'_qr²/u_r² from other lasting parameters r of the bench. This part is the same in all
-runs that use the same determinations. The rest belongs only to this run.
+runs that use the same determinations. The remaining part of P' belongs only to this run.
 """
 
 from dataclasses import dataclass

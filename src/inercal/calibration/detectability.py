@@ -9,7 +9,7 @@ standard uncertainty u by 5 u, the norm of the residual is::
 At η = 6, a test nearly always detects the cause. Causes with η below 7 are listed, because 7 also
 includes marginal causes. Because of a listed cause, the result can be wrong by 5 u although its
 verdict is "consistent". A coefficient is not listed if the size that causes a shift of 5 u exceeds
-a tenth of its natural size, because such a size is implausible.
+10 % of the coefficient's natural size, because such a size is implausible.
 
 If a candidate has one component, R does not depend on the data. If a candidate has several
 components, R is computed in the direction of their estimate. The largest R over all directions may

@@ -140,7 +140,7 @@ class NoiseFactor(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """How reliable a result is, with the reasons; an iteration yields the lines.
+    """How reliable a result is, with the reasons; iterating over the verdict yields its lines.
 
     Parameters
     ----------

@@ -162,7 +162,7 @@ def verdict(
         *(
             _Step(
                 f"State the uncertainty of {bench_words(name, (name,), expected)} in the run file; "
-                "it is taken as exact now.",
+                "it is now treated as exact.",
                 Advice(name, action="state its uncertainty"),
                 needed=False,
             )

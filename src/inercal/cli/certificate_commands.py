@@ -76,7 +76,8 @@ def issue(
         str | None, typer.Option(help="Reason for changing an earlier certificate.")
     ] = None,
     font: Annotated[
-        Path | None, typer.Option(help="A font file, for characters that the built-in fonts lack.")
+        Path | None,
+        typer.Option(help="A font file, for characters that are not in the built-in fonts."),
     ] = None,
     sign: Annotated[
         Path | None,
@@ -90,7 +91,9 @@ def issue(
     force: Force = False,
     by: Annotated[
         str | None,
-        typer.Option(help="Name of the person who issues it; by default your user name."),
+        typer.Option(
+            help="Name of the person who issues the certificate; by default your user name."
+        ),
     ] = None,
     register: RegisterOption = None,
     json: Json = False,

@@ -114,7 +114,7 @@ class _AnswerFile:
         """Do nothing, because an answer in a file counts no matter when the request comes."""
 
     def answer(self, request: "MountingRequest", _: Callable[[], bool]) -> Answer | None:
-        """Return the next confirmation of the requested mounting, or None."""
+        """Return the next confirmation of the requested mounting; None if there is none."""
         for answer in self._left:
             if answer.mounting == request.mounting:
                 self._left.remove(answer)

@@ -80,7 +80,7 @@ def run(
         None, help="Date of the recording, such as 2026-03-01; by default now."
     ),
     by: str | None = typer.Option(
-        None, help="Name of the person who enters it; by default your user name."
+        None, help="Name of the person who enters the analysis; by default your user name."
     ),
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder for the files to write."),
     force: Force = False,

@@ -265,7 +265,7 @@ def import_(
     ] = None,
     by: Annotated[
         str | None,
-        typer.Option(help="Name of the person who enters it; by default your user name."),
+        typer.Option(help="Name of the person who enters the data; by default your user name."),
     ] = None,
     register: RegisterOption = None,
     json: Json = False,

@@ -79,7 +79,7 @@ def print_sensor(
     runs: Sequence[RunEntry],
     limit: int | None = None,
 ) -> None:
-    """Print a sensor, its calibrations and its runs, with a note about those beyond `limit`."""
+    """Print a sensor, its calibrations and its runs, with a note about entries beyond `limit`."""
     print_line(
         f"{sensor.name}: {', '.join(sensor.axes)}; entered by {sensor.by} on {_date(sensor.at)}"
     )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TextIO
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
-# Replacements for characters that the terminal's encoding lacks.
+# Replacements for characters that are not in the terminal's encoding.
 _PLAIN = {
     "−": "-", "–": "-", "—": "-", "·": "*", "…": "...", "±": "+/-", "×": "x", "√": "sqrt",
     "°": "deg", "µ": "u", "μ": "u", "²": "2", "³": "3", "⁴": "4", "≤": "<=", "≥": ">=",
@@ -22,7 +22,7 @@ _PLAIN = {
 
 
 def _in_plain_characters(error: UnicodeError) -> tuple[str, int]:
-    """Return the replacement for characters that an encoding lacks (a handler for `codecs`)."""
+    """Return the replacement for characters not in an encoding (a handler for `codecs`)."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     hidden = error.object[error.start : error.end]
@@ -76,7 +76,7 @@ class StandardStreams:
             sys.stderr, _ = _guarded(sys.stderr, 2)
 
     def output_error(self) -> OSError | None:
-        """Return the write error on standard output, or None; a closed pipe is not an error."""
+        """Return the write error on standard output, if any; a closed pipe is not an error."""
         if self._output is None:
             return None
         sys.stdout.flush()

@@ -1,6 +1,6 @@
 """Decorators for kernels, with variants that compile faster and call each other without overhead.
 
-These kernels allocate nothing and count no references to arrays. Their caller allocates the arrays
+The kernels allocate nothing and count no references to arrays. Their caller allocates the arrays
 that they use. Only this module uses options and parts of Numba that are not public, and the allowed
 versions of Numba are limited because of them. All kernels use the `njit` defined here, which also
 accepts kernels cached by another version of inercal.
@@ -47,8 +47,8 @@ def kernel(function: F) -> F:
 def kernel_step(function: F) -> F:
     """Compile a function that only kernels call; a call from Python would crash the process.
 
-    It has no Python wrapper, because for many array arguments the wrapper takes longer to compile
-    than the function.
+    The compiled function has no Python wrapper, because for many array arguments the wrapper takes
+    longer to compile than the function.
     """
     result: F = _compile(**INNER_OPTIONS)(function)
     return result
@@ -57,7 +57,8 @@ def kernel_step(function: F) -> F:
 def kernel_piece(function: F) -> F:
     """Compile a function inline in its calling kernels, each of which should call it once.
 
-    An ordinary call would pass every array of its tuples, which is hundreds of numbers.
+    Without inlining, each call would have to pass all arrays in its tuples, which are hundreds of
+    numbers.
     """
     result: F = _compile(**INNER_OPTIONS, inline="always")(function)
     return result

@@ -220,8 +220,8 @@ class Estimate:
     def largest_birge_ratio(self) -> Array:
         """Ratio of the residuals' scatter to the stated scatter, (...), at least 1.
 
-        This is the Birge ratio, or the largest ratio among the groups whose uncertainties were
-        enlarged by it or by an excess.
+        The result is the Birge ratio, or the largest ratio among the groups whose uncertainties
+        were enlarged by it or by an excess.
         """
         ratios = [one.scatter_ratio for one in self.groups if one.enlarged or one.spread.excess]
         return np.maximum(self.birge, max(ratios, default=1.0))
@@ -302,10 +302,10 @@ def with_prior_covariance(
         M = ΔΛ (1 + P_bb ΔΛ)⁻¹,   x′ = x + P_xb M (b₀ − b),   P′ = P − P_xb M P_bx
         χ²′ = χ² + (b₀ − b)ᵀ M (b₀ − b),   ∂x′/∂b₀ = P′_xb Σ⁻¹
 
-    This is exact for a linear problem. A quantity that is not a parameter of the estimate but has a
-    sensitivity J = ∂x/∂b₀ is treated as not determined by the data: P_xb = J D and P_bb = D, which
-    gives P′ = P + J (Σ − D) Jᵀ. Source: the update of a Gaussian by information (Bar-Shalom, Li &
-    Kirubarajan 2001, 3.4.2).
+    The formulas are exact for a linear problem. A quantity that is not a parameter of the estimate
+    but has a sensitivity J = ∂x/∂b₀ is treated as not determined by the data: P_xb = J D and P_bb =
+    D, which gives P′ = P + J (Σ − D) Jᵀ. Source: the update of a Gaussian by information
+    (Bar-Shalom, Li & Kirubarajan 2001, 3.4.2).
 
     Parameters
     ----------

@@ -86,8 +86,7 @@ def remaining_p_value(remaining: float, dof: int, explained: float, noise_dof: f
     """Return the p-value of the χ² that remains after a candidate is explained; 1 if dof is 0.
 
     A candidate's size is a first-order estimate, so part of a large effect remains in the
-    residuals. The remainder is treated as a noncentral χ² with a twentieth of the explained
-    amplitude.
+    residuals. The remainder is treated as a noncentral χ² with 5 % of the explained amplitude.
 
     Parameters
     ----------

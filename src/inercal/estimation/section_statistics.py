@@ -116,10 +116,10 @@ class SectionStatistics:
     def significant_trend_sd(self) -> Array:
         """Standard deviation of the channels' trends in excess of noise, per second.
 
-        It is a moment estimate over all channels together, in units of each channel's noise effect.
-        It is zero if the trend test does not reject at 5 %, the level at which residuals also
-        enlarge uncertainties: the slopes of short sections are so uncertain that random values must
-        not count.
+        The value is a moment estimate over all channels together, in units of each channel's noise
+        effect. It is zero if the trend test does not reject at 5 %, the level at which residuals
+        also enlarge uncertainties: the slopes of short sections are so uncertain that random values
+        must not count.
         """
         if self.trend_test is None or self.trend_test.p_value >= _BEYOND:
             return np.zeros(len(self.trend))
@@ -385,6 +385,6 @@ def largest_change_test(
 
 
 def model_test_from_p_value(name: str, p: float) -> ModelTest:
-    """Return a test with one degree of freedom that has this p-value."""
+    """Return a test with this p-value, stated as a χ² with one degree of freedom."""
     p = min(max(p, _RAREST), 1.0)
     return ModelTest(name, float(scipy.special.chdtri(1, p)), 1)

@@ -10,7 +10,7 @@ from inercal.basics.arrays import Array
 
 
 def column_lengths(matrix: Array) -> Array:
-    """Return the length of each column of a matrix, (m, n), with zeros replaced by 1."""
+    """Return the length of each column of an (m, n) matrix; a length of 0 is replaced by 1."""
     size = np.linalg.norm(matrix, axis=0)
     return np.where(size > 0, size, 1.0)
 

@@ -132,7 +132,7 @@ def possible_samples(
 
 
 def _corrected(model: ExportModel, motion: Motion, y: Array) -> Samples:
-    """Return samples for readings y of the sensor's axes, (n, m), in SI."""
+    """Return samples for readings y of the sensor's axes in SI, (n, m)."""
     calibration, sensor = model.calibration, model.sensor
     output = sensor.to_output(y)
     dT = np.broadcast_to(np.asarray(motion.dT, dtype=float), y.shape[:1])
@@ -217,7 +217,7 @@ def _unmeasured(sensor: Sensor, basis: Basis) -> str:
 
 
 def _expanded(model: ExportModel, samples: Samples) -> Array:
-    """Return U (k = 2) of the result of `correct`, (n, k), in the target's axes."""
+    """Return U (k = 2) of the result of `correct` in the target's axes, (n, k)."""
     calibration: Calibration = model.calibration
     kinds = [kind for kind, _ in model.triads]
     columns = [k for k in range(6) if ("f" if k < 3 else "w") in kinds]

@@ -124,7 +124,7 @@ def _frame_text(model: ExportModel) -> str:
     names = [
         ("-" if row.sum() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in model.turn
     ]
-    return f"{text} with axes {' '.join(names)}; the channels are rotated with them"
+    return f"{text} with axes {' '.join(names)}; the channels are along these axes, in this order"
 
 
 def _loss_text(one: Loss) -> str:

@@ -62,7 +62,7 @@ class Triad:
         return np.asarray(np.linalg.inv(self.matrix), dtype=float)
 
     def bias_at(self, dT: Array) -> Array:
-        """Return the bias, (n, 3), at temperature differences dT, (n,), from the reference."""
+        """Return the bias, (n, 3), at the differences dT from the reference temperature, (n,)."""
         total = np.broadcast_to(self.bias, (dT.size, 3)).copy()
         for power, coefficients in enumerate(self.bias_powers, start=1):
             total += dT[:, None] ** power * coefficients

@@ -95,7 +95,7 @@ class CodeModel:
         return self.model.sensor.reference_temperature - ZERO_CELSIUS
 
     def correct(self, readings: Array, dT: Array, digits: type[Any] = np.float64) -> Array:
-        """Return the motion, (n, k), that the code computes from readings in SI.
+        """Return the motion that the code computes from readings in SI, (n, k).
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ def code_model(request: Request) -> CodeModel:
 
 
 def nonlinear(model: ExportModel, x: Array, dT: Array) -> Array:
-    """Return n(x, ΔT), SI, (n, k), for the target's channels at a motion (n, k)."""
+    """Return n(x, ΔT) for the target's channels at a motion (n, k), in SI, (n, k)."""
     parts = {kind: x[:, 3 * k : 3 * k + 3] @ model.turn for k, (kind, _) in enumerate(model.triads)}
     zero = np.zeros((1, 3))
     motion = Motion(parts.get("f", zero), parts.get("w", zero), zero, dT)

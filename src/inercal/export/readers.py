@@ -153,7 +153,7 @@ def _axes(stated: StatedCalibration, like: Calibration | None, kind: Measures) -
 
 
 def _nominal_axes(stated: StatedCalibration, kind: Measures) -> list[Axis]:
-    """Return axes x, y and z, with readings in the unit of the file or in SI."""
+    """Return axes x, y and z, with readings in the unit that the file uses or in SI."""
     like = QUANTITIES[kind].ascii_unit
     unit = like if stated.units is None else stated.units["fw".index(kind)]
     try:

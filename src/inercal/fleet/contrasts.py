@@ -1,7 +1,7 @@
-"""Trends and differences in a fleet: contrasts aᵀy, with a variance that considers lots.
+"""Trends and differences in a fleet: contrasts aᵀy, whose variance allows for production lots.
 
-Sensors in one lot are similar, so they provide less information than independent sensors. The
-variance of a contrast is therefore::
+Sensors from one production lot are similar, so they provide less information than independent
+sensors. The variance of a contrast is therefore::
 
     var aᵀy = Σ a_i² (u_i² + σ²) + σ_L² Σ_lots (Σ_i∈lot a_i)²
 

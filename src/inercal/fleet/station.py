@@ -1,4 +1,4 @@
-"""A station of a line: it calibrates each recording as soon as this arrives in a folder."""
+"""A station of a line, which calibrates each recording as soon as it arrives in a folder."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
@@ -190,7 +190,7 @@ def _result_within(
 
 
 def find_row(line: Line, path: Path) -> SensorRow | None:
-    """Return the row of an arrived recording, with the path filled in, or None."""
+    """Return the row of an arrived recording with its path; None if the table has no such row."""
     place = path.resolve()
     for row in line.rows:
         if (line.folder / row.recording).resolve() == place:

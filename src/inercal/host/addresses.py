@@ -87,11 +87,12 @@ def allows_second_connection(address: str) -> bool:
 
 
 def table_places(address: str) -> tuple[str, ...]:
-    """Return the places (hosts and ports) to which a table's address leads, in any notation.
+    """Return the network hosts and ports, or the serial port, to which a table's address refers.
 
-    Two addresses lead to the same controller if they have a place in common. The function resolves
-    host names to IP addresses, omitted default ports, different names of this machine, and symbolic
-    links to a serial port. It ignores the axes in an address and opens no connection.
+    Two addresses refer to the same controller if they have one of these places in common. The
+    function resolves host names to IP addresses, omitted default ports, different names of this
+    machine, and symbolic links to a serial port. It ignores the axes in an address and opens no
+    connection.
     """
     scheme, _ = _scheme(address)
     link = address.partition("?")[0]

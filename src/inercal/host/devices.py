@@ -210,5 +210,5 @@ def table_lines(table: TableConnection) -> list[str]:
             + (f"; {', '.join(axis.faults)}" if axis.faults else "")
         )
     if isfinite(table.wrap_period):
-        lines.append(f"  its clock restarts after {table.wrap_period:.0f} s")
+        lines.append(f"  its clock wraps around after {table.wrap_period:.0f} s")
     return lines

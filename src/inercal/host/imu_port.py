@@ -308,7 +308,7 @@ class ImuReceiver:
                 self.trouble = None
 
     def set_trouble(self, words: str, now: float) -> None:
-        """Report a problem; it is considered over 1 s after the last report."""
+        """Report a problem, which counts as solved 1 s after the last report."""
         self._steady_since = now
         if self.trouble is None:
             self.trouble, self.trouble_since = words, now

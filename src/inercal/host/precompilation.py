@@ -1,4 +1,4 @@
-"""Compiles the kernels of a run before the table moves, because it must not wait for them.
+"""Compiles the kernels of a run in advance, because a moving table must not wait for them.
 
 The module calls each kernel with the kinds of arrays that occur in a run: it polls a table at rest,
 encodes packets and converts them to samples, and runs the sequential estimator of the method.

@@ -54,7 +54,7 @@ class LogEnd(NamedTuple):
     session: tuple[float, HostUptime] | None = None
 
     def resumed_time(self, table: RotaryTable) -> float:
-        """Return the present run time, s, from the end of the log, without the date.
+        """Return the present run time, s; it is found from the end of the log, without the date.
 
         The host's uptime shows for how long the run had no host. If the host was rebooted, the
         table's clock shows this, up to one wrap of the clock. If neither is possible, the gap is
@@ -163,7 +163,7 @@ class RunRecorder(Closeable):
             Number of the next step. This step and all later steps must be repeated if they were
             begun.
         wraps : float
-            Time after which the table's clock restarts, s.
+            Time after which the table's clock wraps around, s.
         uptime : HostUptime, optional
             The host's uptime at `time`, if the run uses the host's clock.
         """

@@ -1,4 +1,4 @@
-"""Enters the folder of a run in the register; if they differ, the folder is authoritative."""
+"""Enters a run's folder in the register; if folder and register differ, the folder is right."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -20,8 +20,8 @@ if TYPE_CHECKING:  # a bench does not need a register
 def register_run(register: "Register", folder: str | Path) -> int:
     """Enter a run, its files and, if any, its calibration in the register; return the run's id.
 
-    This can be repeated. Existing entries are kept, and the state, the folder and the files are
-    updated.
+    A run can be entered repeatedly. Existing entries are kept, and the state, the folder and the
+    files are updated.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class RegisterSync:
 
     @contextmanager
     def background_work(self) -> Generator[None]:
-        """Enter the run in a separate thread, because a slow server must not delay the run."""
+        """Update the register in a separate thread, so that a slow server does not delay runs."""
         thread = Thread(target=self.update, daemon=True)
         thread.start()
         try:
@@ -127,7 +127,7 @@ class RegisterSync:
             thread.join()
 
     def history(self, sensor: str) -> "SensorHistory | None":
-        """Enter the present state of the run, and return the history of its sensor, or None."""
+        """Enter the run's present state, and return its sensor's history; None without one."""
         self.update()
         if self._register is None or self.trouble:
             return None

@@ -236,8 +236,8 @@ def _referenced_files(run_file: Path) -> list[str]:
     for name in files:
         if Path(name).parent != Path():
             raise InputError(
-                f"{run_file}: [method] names {name}, which is in another folder; "
-                "put this file into the run file's folder, from which a run copies it",
+                f"{run_file}: [method] names {name}, but a run can only copy files from the folder "
+                "of the run file; move this file to that folder",
                 file=run_file,
                 key="[method]",
                 names=(name,),

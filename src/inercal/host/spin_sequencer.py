@@ -1,4 +1,4 @@
-"""Carries out the states of a plan on a rate table, on which an operator mounts the sensor.
+"""Runs the states of a plan on a rate table, on which an operator mounts the sensor.
 
 ::
 

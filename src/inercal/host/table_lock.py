@@ -1,9 +1,10 @@
 """The lock of a table: only one program at a time can command a table.
 
-A table is identified by the place to which its address leads (`addresses.table_places`), not by the
-text of the address. For each place, there are two lock files. One is for all users of the machine.
-The other is in the user's home folder; it also works if programs have different temporary folders,
-like services and containers, and if several machines share the home folder.
+A table is identified by its network host and port or its serial port (`addresses.table_places`),
+because several addresses can mean the same table. For each of these places, there are two lock
+files. One is for all users of the machine. The other is in the user's home folder; it also works if
+programs have different temporary folders, like services and containers, and if several machines
+share the home folder.
 
 The system releases a lock when its process ends for any reason. The lock cannot detect programs on
 machines that share no folder, but `table_driver` detects the motion that they command.

@@ -265,7 +265,7 @@ class Method(MethodBase, Generic[Bench, Step]):
         Raises
         ------
         InputError
-            The sensor lacks axes that the method needs, or the method cannot estimate a
+            The sensor does not have the axes that the method needs, or the method cannot estimate a
             coefficient.
         """
         kinds = {axis.measures for axis in sensor.axes}

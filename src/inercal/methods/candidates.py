@@ -307,7 +307,7 @@ def prior_candidates(sensor: Sensor, priors: Priors, column: Columns) -> list[Ca
 
 
 def unit_scale(parameter: Parameter) -> float:
-    """Return the natural size of a bench parameter, SI, which makes columns comparable."""
+    """Return the natural size of a bench parameter in SI; it makes columns comparable."""
     return _NATURAL_SIZES.get(parameter.unit, 1.0)
 
 
@@ -318,7 +318,7 @@ def _largest_departure(parameter: Parameter) -> float:
 
 
 def largest_angle(name: str, otherwise: float = LARGEST_RELATIVE_SIZE) -> float:
-    """Look up the largest plausible error of a bench angle, rad, by the name of the angle."""
+    """Look up the largest plausible error, rad, of the bench angle with a name."""
     if re.match(r"(sin|cos)\d", name):
         return _LARGEST_HARMONIC
     return _LARGEST_ANGLES.get(name, otherwise)

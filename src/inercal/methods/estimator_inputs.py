@@ -126,7 +126,7 @@ def require_plain_means(
 ) -> None:
     """Raise InputError for inputs that formulas cannot use.
 
-    These are priors, temperature coefficients and many trials.
+    Such inputs are priors, temperature coefficients and many trials.
 
     Raises
     ------

@@ -50,7 +50,7 @@ def classical(
     estimator_inputs.require_plain_means(observations, sensor, priors, "classical", "ml")
     if missing := tuple(step.label for step in steps if step.label not in observations.labels):
         raise NotObserved(
-            "estimator classical needs every position and turn, but the recording lacks "
+            "estimator classical needs every position and turn, but the recording does not contain "
             f"{', '.join(missing)}; record these, or use estimator ml",
             names=missing,
         )

@@ -96,7 +96,7 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: HandSteps) -> 
 def not_observed_error(
     sensor: Sensor, directions: Sequence[str], missing: HandSteps
 ) -> NotObserved:
-    """Return an error with the coefficients, the free directions in natural units, and a remedy.
+    """Return an error with the coefficients, the undetermined combinations, and a remedy.
 
     Parameters
     ----------
@@ -122,9 +122,9 @@ def not_observed_error(
             names=named,
         )
     return NotObserved(
-        f"these data do not determine {', '.join(named)} (free directions, in units of g and "
-        f"rad/s: {'; '.join(plain)}){steps_in_words(missing)}; record what is missing, choose "
-        "fewer coefficients, or give a prior",
+        f"these data do not determine {', '.join(named)} (undetermined combinations, in units "
+        f"of g and rad/s: {'; '.join(plain)}){steps_in_words(missing)}; record what is missing, "
+        "choose fewer coefficients, or give a prior",
         plain,
         names=named,
     )
@@ -135,7 +135,7 @@ def steps_in_words(missing: HandSteps) -> str:
     if not missing:
         return ""
     texts = [f"{step.label} ({step.describe()})" for step in missing]
-    return "; the recording lacks " + ", ".join(texts)
+    return "; the recording does not contain " + ", ".join(texts)
 
 
 def direction_in_words(direction: Array, names: Sequence[str]) -> str:

@@ -70,7 +70,7 @@ def row_covariance(
 ) -> Array:
     """Return the covariance of M a + p − f over all rows, (..., 3 r, 3 r) g².
 
-    It includes noise and bench errors.
+    The covariance includes noise and bench errors.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def comparison_map(
 
 
 def _whitener(spread: Array) -> Array:
-    """Return the symmetric W with W S W = I, (..., m, m), which mixes the rows least."""
+    """Return the symmetric W that mixes the rows least, with W S W = I, (..., m, m)."""
     variance, directions = np.linalg.eigh(spread)
     variance = np.maximum(variance, _VARIANCE_FLOOR * variance[..., -1:])
     return (directions / np.sqrt(variance)[..., None, :]) @ np.swapaxes(directions, -1, -2)

@@ -16,7 +16,7 @@ from inercal.recordings.temperature import TEMPERATURE_VARIATION
 
 
 def row_offsets(observations: Observations, sensor: Sensor) -> Array:
-    """Return ΔT of each row, (..., r) K, or () of 0 if the sensor does not depend on it.
+    """Return ΔT of each row, (..., r) K; a scalar 0 if the sensor does not depend on temperature.
 
     Rows that differ by less than `TEMPERATURE_VARIATION` get their mean temperature, because
     smaller differences are noise of the temperature sensor.

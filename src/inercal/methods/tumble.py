@@ -67,7 +67,7 @@ from inercal.physics.plan import Indexings
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 
-_MAX_ANGLE_CORRECTION = 0.01  # rad, from a stated to an even angle, in `fourier`
+_MAX_ANGLE_CORRECTION = 0.01  # rad, from a stated to the evenly spaced angle, in `fourier`
 # Each iteration reduces the error at least by the factor `_MAX_ANGLE_CORRECTION`.
 _CORRECTION_ITERATIONS = 6
 _ROUNDING_LIMIT = 1e-12  # relative to g
@@ -134,15 +134,16 @@ def fourier(
     All readings have equal weight, including those near level, where angle errors have the largest
     effect. A white error can therefore increase the uncertainty of k2 by a factor √2 compared with
     `least_squares`. The uncertainties due to noise, drift, angles and gravity are propagated. If
-    the level, autocollimator or certificate states a difference from the even angle, the reading is
-    corrected for it along the fitted curve. Coefficients that are not selected are assumed to be
-    zero. The arguments are as for `least_squares`, with one recording and without priors.
+    the level, autocollimator or certificate states a difference from the evenly spaced angle, the
+    reading is corrected for it along the fitted curve. Coefficients that are not selected are
+    assumed to be zero. The arguments are as for `least_squares`, with one recording and without
+    priors.
 
     Raises
     ------
     InputError
         The same as for `least_squares`; or positions are not evenly spaced, not visited equally
-        often, or far from their even angles; or there are priors, the tilted form, or other
+        often, or too far from evenly spaced angles; or there are priors, the tilted form, or other
         coefficients.
     NotObserved
         Harmonics fold; the message names their coefficients and says which harmonic folds onto
@@ -204,18 +205,18 @@ def fourier(
 
 
 def _nominal_angles(steps: Indexings) -> Array:
-    """Return the angle of each step, (r,) rad, on the even grid if the steps have one."""
+    """Return the evenly spaced angles of the steps, (r,) rad, or the stated angles if uneven."""
     grid = even_angles(steps)
     return np.array([step.angle for step in steps]) if grid is None else grid
 
 
 def _force_at_even_angles(bench: DividingHead, steps: Indexings, f: Array) -> Array:
-    """Return the force at the nominal angles from the force f, (r, 3) m/s², at the stated angles.
+    """Return the force at the nominal angles, given the force f at the stated ones, (r, 3) m/s².
 
     Raises
     ------
     InputError
-        A position is far from its even angle.
+        A position is more than 0.57° from its evenly spaced angle.
     """
     plain = [
         replace(step, angle=float(a), level=0.0, reading=0.0)

@@ -28,7 +28,7 @@ _ANGLE_TOLERANCE = 1e-9  # rad; equal nominal angles differ only by rounding
 
 
 def harmonic_names(terms: Sequence[str]) -> tuple[str, ...]:
-    """Return the harmonics that these terms need, one each: "A0", "S1", "C1", "S2", "C2", "S3"."""
+    """Return the harmonic that determines each term, such as "S1" for "k1" and "C2" for "k2"."""
     return tuple(_HARMONIC_OF_TERM[term] for term in terms)
 
 
@@ -173,7 +173,7 @@ def require_distinct_harmonics(
 def not_observed_error(
     sensor: Sensor, directions: Sequence[str], angle: Array, remedy: str, names: Sequence[str] = ()
 ) -> NotObserved:
-    """Return an error with the coefficients, the free directions, and the harmonics that fold.
+    """Return an error with the undetermined coefficients and combinations, and folded harmonics.
 
     Parameters
     ----------
@@ -190,7 +190,8 @@ def not_observed_error(
     plain = tuple(words.partition(" (in units")[0] for words in directions)
     touched = {word for words in plain for word in words.replace("−", " ").split()} | set(names)
     named = tuple(name for name in sensor.coefficients if name in touched)
-    free = f" (free directions, in units of g and rad: {'; '.join(plain)})" if plain else ""
+    combinations = f"undetermined combinations, in units of g and rad: {'; '.join(plain)}"
+    free = f" ({combinations})" if plain else ""
     folded = folded_harmonics(angle)
     n = len(distinct_angles(angle)[0])
     why = f". With {n} positions {'; '.join(folded)}; use 7 positions or more" if folded else ""

@@ -176,7 +176,7 @@ class ChannelNoise:
         return self.deviations["oadev"]
 
     def coefficient(self, symbol: str) -> NoiseCoefficient | None:
-        """Return a coefficient by its symbol, or None."""
+        """Return a coefficient by its symbol; None if it was not estimated."""
         return next((one for one in self.coefficients if one.symbol == symbol), None)
 
     def value_or_limit(self, symbol: str) -> float:

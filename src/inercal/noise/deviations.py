@@ -157,7 +157,7 @@ def averaging_factors(n: int, spacing: Spacing, phases: int = 2) -> np.ndarray:
 
 
 def cumulative_sum(y: Array) -> Array:
-    """Return the cumulative sum x, (n + 1,), of y without its mean, which has no effect later."""
+    """Return the cumulative sum of y minus its mean, (n + 1,); the mean has no effect later."""
     x = np.empty(y.size + 1)
     x[0] = 0.0
     np.cumsum(y - y.mean(), out=x[1:])

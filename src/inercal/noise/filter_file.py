@@ -52,7 +52,7 @@ class FlickerStates:
 
 
 def flicker_states(shortest: float, longest: float, states: int) -> FlickerStates:
-    """Return the processes for averaging times between a shortest and a longest time, s.
+    """Return processes that approximate flicker for averaging times between two limits, s.
 
     Parameters
     ----------

@@ -6,8 +6,8 @@ filter. The fit uses Fisher scoring as in `inercal.noise.likelihood`, with dS/d 
 additional column. The shape with the smallest Bayesian criterion is chosen. A penalty of 4 is added
 for a shape other than one pole, and another 4 for the floor.
 
-A filter is accepted if it improves the criterion by more than 10 and the floor is at most a tenth
-of the white noise. If the floor is larger, the spectrum is attributed to white noise and a
+A filter is accepted if it improves the criterion by more than 10 and the floor is at most 10 % of
+the white noise. If the floor is larger, the spectrum is attributed to white noise and a
 Gauss–Markov process, which has the same spectrum. The caller must test whether the fit with the
 filter describes the recording.
 """
@@ -297,7 +297,7 @@ def apply_filter(bins: Bins, symbols: Sequence[str], search: FilterSearch) -> Bi
 
 
 def settled_filter(bins: Bins, fit: NoiseFit) -> OutputFilter | None:
-    """Return the filter with the cut-off and floor from a fit of terms to its bins, or None."""
+    """Return the filter with the fitted cut-off and floor; None if the bins are not filtered."""
     if bins.effect is None:
         return None
     output, nuisance = bins.effect.output, fit.nuisance

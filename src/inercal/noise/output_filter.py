@@ -194,7 +194,7 @@ def filtered_model_avar(
     markov_time: float,
     output: OutputFilter | None,
 ) -> Array:
-    """Return the Allan variance of several terms after a filter, SI, from squared coefficients."""
+    """Return the Allan variance, SI, of several terms after a filter, from squared coefficients."""
     tau = np.asarray(tau)
     if output is None:
         return model_avar(variances, tau, dt, markov_time)

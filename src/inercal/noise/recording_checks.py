@@ -1,8 +1,9 @@
 """Check the units, motion and rounding in a recording of a sensor that should be at rest.
 
-Units are checked as in a calibration: three accelerometers together must read gravity. One or two
-accelerometers may be perpendicular to gravity, and more than three are not at right angles. In
-these cases, only readings that are too large are detected.
+Units are checked as in a calibration: the norm of three perpendicular accelerometers must be
+gravity. This is not possible with one or two accelerometers, which may be perpendicular to gravity,
+or with more than three, which are not at right angles to each other. In these cases, only readings
+that are too large are detected.
 
 Motion is a change that no disturbance at rest can explain. (a) Accelerometers: the direction of
 gravity in the sensor's case changes. The median of each window is compared with the median of all

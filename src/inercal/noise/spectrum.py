@@ -37,7 +37,7 @@ _BLOCK_SHARE = 0.1  # share of the block means' frequencies used next to segment
 
 @lru_cache(maxsize=64)  # each entry takes up to 1 MB
 def expected_periodogram(symbol: str, n: int, dt: float, markov_time: float = 1.0) -> Array:
-    """Return the expected c_k² of a term with a coefficient of 1, (n−1,), for k = 1 … n−1.
+    """Return the expected c_k² for k = 1 … n−1, (n−1,), of a term with a coefficient of 1.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ class Bins:
 
     @property
     def output(self) -> OutputFilter | None:
-        """The sensor's own filter, or None."""
+        """The sensor's own filter; None if the bins are not filtered."""
         return None if self.effect is None else self.effect.output
 
     @cached_property

@@ -133,7 +133,7 @@ class NoiseStream:
         self._temperatures.append(StreamedMeans())
 
     def add(self, values: Array, temperature: Array | None = None) -> None:
-        """Add the next samples of all channels, (k, m), in their units.
+        """Add the next samples of all channels in their units, (k, m).
 
         Parameters
         ----------
@@ -251,7 +251,7 @@ class NoiseStream:
         )
 
     def block_mean_recording(self) -> Recording:
-        """Return block means of the longest piece, SI, for plots over time."""
+        """Return block means of the longest piece in SI, for plots over time."""
         k = max(range(len(self._pieces)), key=lambda one: self._pieces[one][0].count)
         found = [one.low_values() for one in self._pieces[k]]
         dt = found[0][1]

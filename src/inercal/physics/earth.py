@@ -84,7 +84,7 @@ def normal_gravity(latitude_rad: float, height_m: float) -> Measured:
 def gravity_at_unknown_height(latitude_rad: float) -> Measured:
     """Return gravity when only the latitude is known, assuming a height between 0 and 2000 m.
 
-    All heights in this range are taken as equally likely (GUM 4.3.7): the value is the middle of
+    All heights in this range are treated as equally likely (GUM 4.3.7): the value is the middle of
     the bounds, and the standard uncertainty is their half-width divided by √3. The uncertainty from
     the local anomaly is added to it.
 

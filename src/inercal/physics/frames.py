@@ -9,8 +9,8 @@ A rotation vector ρ rotates by the angle θ = |ρ| about ρ/θ, right-handed (R
 
 A triad's matrix M (sensor axes as rows) is decomposed into shape and attitude as M = L Q with L
 lower triangular, which ties the first sensor axis to the frame, or as M = S Q with S symmetric (the
-polar decomposition), which favours no axis. Q is a rotation in both. Sources: Golub and Van Loan,
-Matrix Computations, 4th edition, 5.2 (QR) and 9.4.3 (polar).
+polar decomposition), which favours no axis. Q is a rotation in both decompositions. Sources: Golub
+and Van Loan, Matrix Computations, 4th edition, 5.2 (QR) and 9.4.3 (polar).
 """
 
 import numpy as np

@@ -50,7 +50,11 @@ def with_added_coefficients(
 
 
 def _larger_fit(fitted: FittedRun, advisor: RunAdvisor) -> tuple[FittedRun, Addition] | None:
-    """Return the fit with the coefficients that explain the residuals best, or None."""
+    """Return the fit after adding the coefficients that explain the residuals best.
+
+    The result is None if no cause is found, if the method cannot estimate its coefficients, or if
+    they are not significant in the new fit.
+    """
     sensor, estimate = fitted.run.sensor, fitted.estimate
     possible = fitted.run.method.possible(sensor)
     cause = assess(estimate, len(sensor.coefficients), possible).best

@@ -99,7 +99,7 @@ class RunAdvisor:
         return replace(advice, changes=completed, chi2=after)
 
     def followed(self, advice: Advice) -> FittedRun:
-        """Return the fit with the changed keys from advice that this advisor gave."""
+        """Return the fit with the changed keys in `advice`, which this advisor gave."""
         fitted = self._tried[repr(advice.changes)]
         assert fitted is not None
         return fitted

@@ -195,7 +195,7 @@ def _rearranged(
 
 
 def _follow(driving: Array, time_constant: float, step: float) -> Array:
-    """Return the first-order response to an input, (n,), that starts at its first value."""
+    """Return the first-order response, (n,), to an input; it starts at the input's first value."""
     if time_constant <= 0:
         return driving
     # This module takes long to import, and few simulations need it.

@@ -192,8 +192,8 @@ def apply(
 def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
     """Convert a corrected recording to the form that `inercal apply` writes.
 
-    The temperature is in the unit of the run file. The name of its column states this unit, such as
-    "temperature [°C]".
+    The temperature is in the unit that the run file states. The name of the temperature column
+    contains this unit, for example "temperature [°C]".
 
     Parameters
     ----------

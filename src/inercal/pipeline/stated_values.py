@@ -1,6 +1,6 @@
 """Bench constants that a run file states without "±", and their effect on the result.
 
-Their uncertainty is assumed to be half a unit of the last digit
+The uncertainty of such constants is assumed to be half a unit of the last digit
 (`inercal.basics.units.parse_quantity`). The contribution of a constant to u of a coefficient is
 found by assuming that the constant is exact::
 

@@ -14,7 +14,7 @@ from inercal.calibration import Calibration
 
 
 def true_coefficients(calibration: Calibration, truth: Mapping[str, float]) -> Mapping[str, float]:
-    """Return the true coefficients in the frame of the calibration, SI, by full name.
+    """Return the true coefficients by full name, in SI and in the frame of the calibration.
 
     Only bias, scale factor and misalignment can be rotated. If there are other terms, the true
     coefficients are returned as stated.

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 class Transitions:
     """Motion of the sensor from each rest to the next, as ranges of samples.
 
-    A transition leads from the mean attitude during one rest to that during the next. The weight of
-    a sample therefore rises from 0 to 1 between samples `start` and `left`, and falls back to 0
-    between `reached` and `stop`.
+    A transition leads from the mean attitude during one rest to the mean attitude during the next
+    rest. The weight of a sample therefore rises from 0 to 1 between samples `start` and `left`, and
+    falls back to 0 between `reached` and `stop`.
 
     Parameters
     ----------

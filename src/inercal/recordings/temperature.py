@@ -121,7 +121,7 @@ def temperature_readout(
     Raises
     ------
     InputError
-        The unit is not a temperature unit, or raw counts lack a scale or a zero.
+        The unit is not a temperature unit, or raw counts have no scale or no zero.
     """
     if unit not in COUNTS:
         for key, value in (("temperature_scale", scale), ("temperature_zero", zero)):

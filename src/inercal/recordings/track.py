@@ -151,7 +151,7 @@ class Track:
 def join_tracks(tracks: Sequence[Track]) -> Track:
     """Concatenate the tracks of one run; each track has a single trial.
 
-    Temperature and angle quality are omitted if any track lacks them.
+    Temperature and angle quality are omitted if they are missing in any track.
     """
     temperatures = [one.temperature for one in tracks if one.temperature is not None]
     qualities = [one.angle_quality for one in tracks if one.angle_quality is not None]

@@ -287,7 +287,7 @@ def _size_text(outcome: Outcome, one: ScoreTest) -> str:
 
 
 def _shift_text(outcome: Outcome, one: ScoreTest) -> str:
-    """Describe the largest shift, in U, and the coefficient that is shifted."""
+    """Describe the largest shift (in units of U) and the coefficient that is shifted."""
     names = outcome.calibration.sensor.coefficients
     expanded = COVERAGE * outcome.estimate.std[: len(names)]
     shift = np.abs(one.shift[: len(names)]) / np.where(expanded > 0, expanded, np.inf)

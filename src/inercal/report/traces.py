@@ -94,7 +94,7 @@ def _draw_signals(
 
 
 def time_spans(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[float, float]]:
-    """Return the start and the length, s, of half-open ranges of samples."""
+    """Return the start and the length of half-open ranges of samples, s."""
     last = recording.time.size - 1
     return [
         (

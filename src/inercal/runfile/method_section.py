@@ -93,7 +93,7 @@ def stated_also(section: MethodSection, chosen: Method[Any, Any]) -> tuple[str, 
         other = next(iter(chosen.estimators))
         raise InputError(
             f'[method] also: "auto" is not possible with estimator {section.estimator}, whose '
-            f"formulas cannot take more coefficients; use estimator {other}, or remove also",
+            f"formulas cannot take more coefficients; use estimator {other}, or remove the key",
             key="[method] also",
             names=(section.estimator,),
         )

@@ -81,7 +81,7 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
             ) from None
         if section.scale is not None:
             raise InputError(
-                f"{key} scale: only LSB and V need a scale, not {section.unit}; remove scale",
+                f"{key} scale: only LSB and V need a scale, not {section.unit}; remove this key",
                 key=f"{key} scale",
             )
     elif section.scale is None:

@@ -357,7 +357,7 @@ def test_a_run_that_the_disk_has_no_room_for_is_refused_before_it_begins(
     assert said["free"] > needed
     monkeypatch.setattr(served.runs, "free_space", lambda: needed - 1)
     ada.say("start", plan="demo", sensor=None, **SIMULATED)
-    assert "are free: make room" in ada.until("refused")["words"]
+    assert "are free on the disk: delete files" in ada.until("refused")["words"]
     assert list(served.runs.folder.iterdir()) == []
     monkeypatch.setattr(served.runs, "free_space", lambda: needed)
     ada.start()

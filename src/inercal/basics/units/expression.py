@@ -42,7 +42,7 @@ _KINDS = {
 }
 ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
 
-# Characters that look alike or that keyboards lack; µ and μ are different characters in Unicode.
+# Characters that look alike or are not on keyboards; µ and μ are different characters in Unicode.
 _LOOK_ALIKE = str.maketrans("μ−–º˚⋅×\u00a0\u2009\u202f\t", "µ--°°··    ")
 _SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _LONGEST = 100  # characters; longer text is rejected without spending time on it

@@ -100,7 +100,7 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
 
 
 def _plain_quantity(text: object, like: str) -> str:
-    """Parse a quantity that is written in plain characters."""
+    """Return a quantity as text in plain characters, such as "1.5" for the number 1.5."""
     if isinstance(text, str) and text.strip():
         return re.sub(r"\+ ?/? ?-", "±", plain_text(text))
     if isinstance(text, bool) or not isinstance(text, (int, float)):

@@ -118,7 +118,7 @@ def _sensed_motion(
     azimuth: Array,
     dt: float,
 ) -> Motion:
-    """Return f and ω, (trials, n, 3), for the run in one attitude."""
+    """Return f and ω for the run in one attitude, (trials, n, 3)."""
     nominal = np.array([step.rate for step in steps])[which]
     # The motion during a dwell is known; during a ramp the centripetal part follows the square of
     # the rate. A dwell without a duration lasts whole turns.

@@ -20,8 +20,8 @@ that faces a polygon mirror on the spindle can replace the head's scale:
     "none"   only the head's scale is used
 
 A reading of the autocollimator that was not brought to its mark corrects the angle. The certificate
-states how much the faces of the polygon deviate from even angles, with the standard deviation
-`certificate`. The autocollimator is mounted on the base and does not measure its tilt.
+states how much the angles of the polygon's faces deviate from equal spacing, with the standard
+deviation `certificate`. The autocollimator is mounted on the base and does not measure its tilt.
 """
 
 from collections.abc import Mapping, Sequence
@@ -121,8 +121,8 @@ class DividingHead:
     collimated : "pairs", "every" or "none"
         Positions at which the autocollimator is read.
     polygon : tuple of float
-        Certified deviation of each face from its even angle, rad; the first face is read at 0. If
-        it is empty, the faces are taken as even.
+        Certified deviation of each face from equal spacing, rad; the first face is read at 0. If it
+        is empty, the faces are assumed to be equally spaced.
     certificate : float
         Standard deviation of each certified deviation, rad.
     base : float
@@ -212,7 +212,7 @@ class DividingHead:
     def nuisances(self, steps: Sequence[Index], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "division[f01]".
 
-        They include the drift of each accelerometer, such as "drift_a[pass 1]".
+        The parameters include the drift of each accelerometer, such as "drift_a[pass 1]".
         """
         return self.acting_parameters(steps, sensor.channels)
 

@@ -102,7 +102,7 @@ def _stated_angles(bench: "DividingHead", steps: Sequence[Index]) -> Array:
 
 
 def _face_angle(bench: "DividingHead", step: Index) -> tuple[float, float]:
-    """Return the even angle of the face at a step, and the certified deviation from it, rad.
+    """Return the nominal angle of the face at a step, and the certified deviation from it, rad.
 
     Raises
     ------

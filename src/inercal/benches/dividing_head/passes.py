@@ -62,7 +62,7 @@ def pass_names(steps: Sequence[Index]) -> list[str]:
 
 
 def missing_cardinal_angles(steps: Sequence[Index]) -> dict[str, list[float]]:
-    """Return the cardinal angles that are missing in each pass, rad, by the name of the pass."""
+    """Return the cardinal angles, rad, that are missing in each pass, by the name of the pass."""
     which = pass_numbers(steps)
     result: dict[str, list[float]] = {}
     for k, name in enumerate(pass_names(steps)):
@@ -74,9 +74,9 @@ def missing_cardinal_angles(steps: Sequence[Index]) -> dict[str, list[float]]:
 
 
 def evenly_spaced_angles(steps: Sequence[Index]) -> Array | None:
-    """Return the even angles nearest to the steps, (r,) rad, or None if they are not even.
+    """Return the evenly spaced angles nearest to the steps, (r,) rad; None if there are none.
 
-    The stated angles may differ from even angles by up to `ANGLE_TOLERANCE`.
+    The stated angles may differ from evenly spaced ones by up to `ANGLE_TOLERANCE`.
     """
     n = len(set(first_visit_rows(steps)))
     if n == 0:
@@ -92,8 +92,8 @@ def evenly_spaced_angles(steps: Sequence[Index]) -> Array | None:
 def drift_ramps(steps: Sequence[Index]) -> Array:
     """Return the effect of a unit drift per pass at each step, (passes, r), minus its mean.
 
-    The positions are taken as evenly spaced in time, and every pass as long as the longest one. The
-    drift in a pass continues from the end of the previous pass.
+    The positions are assumed to be evenly spaced in time, and every pass to be as long as the
+    longest one. The drift in a pass continues from the end of the previous pass.
     """
     which = np.array(pass_numbers(steps), dtype=np.int64)
     row = np.arange(len(steps))

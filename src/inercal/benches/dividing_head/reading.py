@@ -258,7 +258,7 @@ def _conditions(
     g = bench.gravity
     found = {
         "gravity": format_quantity(g.value, g.sd, "m/s²")
-        + (" (taken as exact)" if g.sd == 0 else ""),
+        + (" (treated as exact)" if g.sd == 0 else ""),
         "positions": f"{len(set(first_visit_rows(steps)))}, {len(steps)} rows in "
         + format_count(count, "pass", "passes")
         + (": drift does not cancel" if count == 1 else ""),
@@ -268,7 +268,7 @@ def _conditions(
     if bench.collimated != "none":
         found["autocollimator (k = 1)"] = format_quantity(bench.autocollimator, 0.0, "″")
         faces = len(bench.polygon)
-        found["polygon"] = f"{faces} certified faces" if faces else "taken as even"
+        found["polygon"] = f"{faces} certified faces" if faces else "assumed to be equally spaced"
     if run.data.level is not None:
         found["tilt of the base"] = "measured by the level"
     return found

@@ -23,8 +23,8 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
 def angle_corrections(shown: ReportInput) -> tuple[Array, Array]:
     """Return the estimated minus the stated angles and their standard deviations, (r,) each, rad.
 
-    Their mean is subtracted, because it cannot be distinguished from the mounting angles. The
-    arrays are empty if the estimator does not estimate angles.
+    The mean difference is subtracted, because it cannot be distinguished from the mounting angles.
+    The arrays are empty if the estimator does not estimate angles.
     """
     steps, estimate = _steps(shown), shown.estimate
     weights = {

@@ -5,10 +5,11 @@ reading as at 0°, and at 270° the same as at 90°. The readings are used as th
 of the faces is applied afterwards, in `inercal.benches.dividing_head.head_angles.sensor_angles`, so
 that nobody applies it at the head, or twice.
 
-On the way back, 180° is reached before 0°. The mark there is the reading at 0° in the first pass,
-because the error of the head is the same at each visit. If readings are written down, the head
-itself sets 0° and 90° in each pass, so that a trimming error shows within a pair and not between
-passes. Otherwise all positions of a pair are trimmed to one mark.
+On the way back, 180° is reached before 0°. In that pass, 180° is therefore trimmed to the reading
+at 0° from the first pass. This is correct because the head has the same error at each visit. If
+readings are written down, the head itself sets 0° and 90° in each pass, so that a trimming error
+shows within a pair and not between passes. Otherwise all positions of a pair are trimmed to one
+mark.
 """
 
 from collections.abc import Sequence
@@ -189,7 +190,7 @@ def operator_rows(
 
 
 def format_sexagesimal(angle: float) -> str:
-    """Format an angle, rad, in degrees, with minutes and seconds only if they are needed.
+    """Format an angle in rad as degrees, with minutes and seconds only if they are needed.
 
     >>> from math import pi
     >>> [format_sexagesimal(pi / x) for x in (2, 8, 7)]

@@ -53,7 +53,7 @@ class Hand:
     gravity : Measured
         Local gravity, m/s².
     latitude : Measured, float or None
-        Latitude, rad; a plain number is taken as exact. None means that the latitude is unknown;
+        Latitude, rad; a plain number is treated as exact. None means that the latitude is unknown;
         both components of the earth's rate are then nuisances.
     tilt : float
         Standard deviation of the tilt of a face's normal from the vertical, about each of two
@@ -247,7 +247,7 @@ def visit_number(label: str) -> int:
 
 
 def tangent_vectors(up: ArrayLike) -> Array:
-    """Return unit vectors d₁, d₂, (..., 2, 3), with d₁ × d₂ = up for a unit vector up, (..., 3)."""
+    """Return unit vectors d₁, d₂ with d₁ × d₂ = up, (..., 2, 3), for a unit vector up, (..., 3)."""
     vertical = np.asarray(up, dtype=float)
     helper = np.eye(3)[np.argmin(np.abs(vertical), axis=-1)]
     first: Array = np.asarray(np.cross(helper, vertical), dtype=float)

@@ -1,7 +1,8 @@
 """The worksheet for a run by hand: its holds and turns.
 
 The duration of a turn by hand is not known in advance. The operator fills it in, because the mean
-rate depends on it. The duration of a hold has no effect, so the sheet states it.
+rate depends on it. The duration of a hold has no effect on the result, so the sheet prints the
+planned duration.
 """
 
 from inercal.basics.errors import InputError

@@ -107,7 +107,7 @@ def _up_and_force(step: HandStep, drawn: dict[str, Array]) -> dict[str, Array]:
 
 
 def _constant_rate(step: HandStep, q: dict[str, Array]) -> Array:
-    """Return the part of the angular rate, (trials, 3), that stays constant during a step."""
+    """Return the part of the angular rate that stays constant during a step, (trials, 3)."""
     if isinstance(step, Hold):
         return sensed_motion(step, 1.0, q).w
     own = [q.get(f"turn_on_{a}[{step.label}]", np.zeros(1)) for a in "xyz"]
@@ -115,7 +115,7 @@ def _constant_rate(step: HandStep, q: dict[str, Array]) -> Array:
 
 
 def _shortest_rotation(start: Array, end: Array) -> tuple[Array, Array]:
-    """Return the axis, (trials, 3), and angle, (trials,), of the rotation from start to end."""
+    """Return the rotation from start to end: its axis, (trials, 3), and angle, (trials,)."""
     axis = np.cross(start, end)
     size = np.linalg.norm(axis, axis=-1, keepdims=True)
     aside = np.cross(start, np.eye(3)[np.argmin(np.abs(start[0]))])
@@ -146,7 +146,7 @@ def _turn_profile(n: int, rate_hz: float) -> Array:
 
 
 def _transfer_motion(start: Array, end: Array, g: Array, rate_hz: float) -> tuple[Array, Array]:
-    """Return f and ω, (trials, n, 3), during a move from one upward direction to another.
+    """Return f and ω during a move from one upward direction to another, (trials, n, 3).
 
     The directions `start` and `end`, (trials, 3), are in the body frame. If the body turns by −θ
     about an axis, the upward direction turns by +θ about it in the body frame.

@@ -276,7 +276,7 @@ def measure_rate(given: MeasurementInput) -> MeasuredParameters:
 
 
 def measure_rate_stability(given: MeasurementInput) -> MeasuredParameters:
-    """Measure the standard deviation of the rate from count to count."""
+    """Measure how much the rate varies between counts, as a standard deviation."""
     given.require_bench(*_STABILITY_NAMES)
     return rates.rate_stability(*_counts(given), _STABILITY_NAMES[given.bench])
 

@@ -6,15 +6,15 @@ the sensor senses::
     ω = (Ω (1 + ρ + γ sgn Ω + r) + α/T + ω_ie sin φ) U + sinc(Θ/2) R_U(−Θ/2) (h₁b₁ + h₂b₂) + β
     f = g U − Ω² (p₁a₁ + p₂a₂),     U = unit(e + t₁a₁ + t₂a₂),  b_i = a_i − t_i e,  Θ = Ω T
 
-ρ is the relative error that all rates in the run share, including the clocks of table and sensor.
-γ is the asymmetry of the rate (+ and −), r the relative error of the rate in each dwell, and α the
-error of the angle read back in each dwell of T seconds. A turn through a known angle θ has
-Ω = θ/T, and the error α of its angle replaces ρ, γ and r. In each setting, t are the two angles of
-the table's axis in the case, and p is the position of the sensor relative to the axis. φ is the
+ρ is the relative error that all rates in the run share, including the clocks of table and sensor. γ
+is the asymmetry of the rate (+ and −), r the relative error of the rate in each dwell, and α the
+error of the angle read back in each dwell of T seconds. A turn through a known angle θ has Ω = θ/T,
+and the error α of its angle replaces ρ, γ and r. In each setting, t are the two angles of the
+table's axis in the case, and p is the position of the sensor relative to the axis. φ is the
 latitude. h is the horizontal earth rate at the start of a dwell. Its azimuth is unknown, so each
 component has the standard deviation ω_ie cos φ/√2. The table starts all dwells in a setting at the
-same azimuth. Over whole turns h averages to zero; if T is unknown, the turns are taken as whole. β
-is the change of the gyros' biases from setting to setting.
+same azimuth. Over whole turns h averages to zero; if T is unknown, the turns are assumed to be
+whole. β is the change of the gyros' biases from setting to setting.
 
 In a pose with the upward direction u, and c₁, c₂ perpendicular to it, the sensor senses::
 
@@ -22,8 +22,8 @@ In a pose with the upward direction u, and c₁, c₂ perpendicular to it, the s
 
 m are three mounting angles, common to the run, and t are two tilts of each pose.
 
-If an error acts but is not stated, the run is refused, because most errors that are wrongly taken
-as zero would not show in the residuals.
+If an error acts but is not stated, the run is refused, because most errors that are wrongly assumed
+to be zero would not show in the residuals.
 
 Sources: IEEE Std 952 and 1431 (rate tests), 1293 (multipoint tests), 1554 (test equipment).
 """
@@ -201,8 +201,8 @@ class RatePlatform:
     def suspects(self, steps: Sequence[PlatformStep], sensor: Sensor) -> dict[str, Parameter]:
         """Return all parameters whose stated values may be wrong, by full name.
 
-        In addition to the `nuisances`, these are parameters that are taken as exact: the latitude,
-        and the change of the gyros' biases from setting to setting.
+        In addition to the `nuisances`, these are parameters that are treated as exact: the
+        latitude, and the change of the gyros' biases from setting to setting.
         """
         found = self.nuisances(steps, sensor)
         if self.latitude is None or not sensor.select_axes("w").axes:

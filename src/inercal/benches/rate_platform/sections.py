@@ -164,9 +164,8 @@ def step_of_label(label: str, seconds: float) -> PlatformStep:
     if (found := _POSE.fullmatch(text)) is not None:
         return Pose(label, radians(_number(found[1])), radians(_number(found[2])), seconds)
     raise InputError(
-        f"label {label!r} does not name a section; write the axis that is up and the rate in "
-        '°/s, "x +50", or a rest, "-y rest", a turn, "x turn +360", or a pose, "roll 90 '
-        'pitch 0"',
+        f'label {label!r} does not describe a section; write a rate as "x +50" (x up, 50 °/s), '
+        'a rest as "-y rest", a turn as "x turn +360", or a pose as "roll 90 pitch 0"',
         names=(label,),
     )
 

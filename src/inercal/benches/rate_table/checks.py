@@ -68,7 +68,7 @@ def _refuse_unit(
 
 
 def _nominal_force(bench: RateTable, steps: Sequence[Spin], times: float = 1.0) -> Array:
-    """Return the nominal specific force, (r, 3) m/s², at the rates multiplied by a factor."""
+    """Return the nominal specific force at the rates multiplied by a factor, (r, 3) m/s²."""
     return sensed_motion(bench, [replace(step, rate=step.rate * times) for step in steps], {}).f
 
 

@@ -1,8 +1,8 @@
 """Interface for a host that drives a plain rate table, with the sensed motion at each instant.
 
-The states are carried out mounting by mounting, and in each mounting from rest to the fastest rate.
-With the symbols of `inercal.benches.rate_table.simulation`, and with the actual rate, azimuth and
-acceleration of the axis, the sensor senses::
+A run goes through one mounting after another; in each mounting, the table starts at rest, and the
+fastest rate comes last. With the symbols of `inercal.benches.rate_table.simulation`, and with the
+actual rate, azimuth and acceleration of the axis, the sensor senses::
 
     f = exp(φ) ((R + s) (−ω² out − ω' along) + g (√(1 − λ²) up − λ₁(α) out + λ₂(α) along))
 

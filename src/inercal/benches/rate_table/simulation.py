@@ -104,7 +104,7 @@ def _profile(
 ) -> tuple[Array, Array, Array]:
     """Return the commanded rate, its derivative, and the ratio of true to commanded rate.
 
-    They belong to one mounting; rate and derivative are (n,). The ratio, (trials, n), changes
+    All three belong to one mounting. Rate and derivative are (n,). The ratio, (trials, n), changes
     between speeds in the same way as the rate. `off` is the relative error of each rate, (trials,).
     """
     rest = round(_IDLE * rate_hz)
@@ -145,7 +145,7 @@ def _sensed_motion(
     lean: Array,
     rate_hz: float,
 ) -> Motion:
-    """Return f and ω, (trials, n, 3), in one mounting with a lean, (trials, 2)."""
+    """Return f and ω in one mounting, (trials, n, 3); the lean is (trials, 2)."""
     commanded, slope, factor = profile
     nothing: Array = np.zeros(len(lean))
     common = drawn.get("rate", nothing)[:, None]

@@ -9,8 +9,8 @@ the body frame::
     f = g Cᵀ e_up + ω̇ × r + ω × (ω × r)
 
 so f includes the Euler and centripetal accelerations and the earth's Coriolis acceleration. Gravity
-at r is taken as equal to gravity at the intersection of the axes; its gradient, 3 µm/s² per metre,
-is neglected.
+at r is assumed to be equal to gravity at the intersection of the axes; its gradient, 3 µm/s² per
+metre, is neglected.
 
 Errors of the table rotate the attitude by a rotation vector in the level frame::
 

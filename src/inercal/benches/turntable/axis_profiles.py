@@ -7,8 +7,8 @@ has a trapezoidal profile. With a limit its acceleration is trapezoidal and its 
     t_j = min(a/j, √(v/j)),  t_a = v/(j t_j) − t_j,  way v (2 t_j + t_a)   S-curve
 
 t_a is the time of acceleration, t_j the time of its ramps, and the way is the angle needed to speed
-up to v and slow down. The rest of the angle is turned at v. A smaller angle is turned at the
-largest v that fits.
+up to v and slow down. The axis turns through the rest of the angle at the rate v. If the angle is
+too small to reach v, the axis only speeds up to the largest rate that it can reach.
 
 Source: Biagiotti and Melchiorri, Trajectory Planning for Automatic Machines and Robots, Springer
 2008, 3.2 (trapezoidal velocity) and 3.4 (double S velocity).

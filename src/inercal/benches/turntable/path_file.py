@@ -74,7 +74,7 @@ def read_path(path: str | Path, axes: Sequence[str]) -> tuple[TableStep, ...]:
 
 
 def _quantities(path: Path, table: Table, axes: Sequence[str]) -> dict[str, Array]:
-    """Return the numeric columns, SI, by name, and refuse unknown columns."""
+    """Return the numeric columns by name, in SI; refuse unknown columns."""
 
     def refusal(column: str, text: str) -> InputError:
         return InputError(f"{path.name}: column {column!r} {text}", file=path, names=(column,))

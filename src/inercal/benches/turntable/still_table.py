@@ -46,5 +46,5 @@ class StillTable:
         )
 
     def nuisances(self, steps: Sequence[Any], sensor: Sensor) -> dict[str, Parameter]:
-        """Return both parameters by name, because they act on every step."""
+        """Return gravity and latitude by name, because they act on every step."""
         return {parameter.name: parameter for parameter in self.parameters}

@@ -11,7 +11,7 @@ from inercal.calibration import Calibration
 def largest_change(
     calibration: Calibration, names: Sequence[str], values: Array, u: Array
 ) -> float:
-    """Return the largest difference of a value or its u from the stored numbers, in stored u.
+    """Return the largest difference of a value or u from the stored one, in units of the stored u.
 
     Parameters
     ----------

@@ -155,8 +155,8 @@ def _draw_batch(run: Run, stream: SeedSequence, count: int) -> Mapping[str, Arra
 def nees(error: Array, covariance: Array) -> Array:
     """Return the normalised estimation error squared, eᵀ C⁻¹ e, for each trial.
 
-    Its mean is p if C is the covariance of e (Bar-Shalom, Li and Kirubarajan 2001, Estimation with
-    Applications to Tracking and Navigation, 5.4.2).
+    The mean of the result is p if C is the covariance of e (Bar-Shalom, Li and Kirubarajan 2001,
+    Estimation with Applications to Tracking and Navigation, 5.4.2).
 
     Parameters
     ----------

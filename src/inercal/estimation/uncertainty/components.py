@@ -122,7 +122,7 @@ def _component(value: Array, std: Array, lots: Indices, count: int, dof: int) ->
     variance, value = std**2, value - np.median(value)
 
     def squares(excess: float) -> tuple[float, float]:
-        """Return Q and its derivative; the change of the means has no effect on it."""
+        """Return Q and its derivative, to which the change of the means does not contribute."""
         weight = 1 / (variance + excess)
         total = np.bincount(lots, weight, count)
         mean = np.bincount(lots, weight * value, count) / total
@@ -146,8 +146,8 @@ def _root(
 ) -> float:
     """Return the excess variance at which `squares` equals `size`; 0 if it is always smaller.
 
-    It uses Newton's method. The function is convex and decreasing, so the iterate is below the root
-    after the first step at the latest, and then rises to it.
+    The root is found by Newton's method. `squares` is convex and decreasing, so the iterate is
+    below the root after the first step at the latest, and then rises to it.
     """
     for _ in range(_STEPS):
         found, slope = squares(x)

@@ -1,4 +1,4 @@
-"""Conformity of values with limits, considering uncertainty (JCGM 106:2012, ILAC-G8:09/2019).
+"""Conformity of uncertain values with limits (JCGM 106:2012, ILAC-G8:09/2019).
 
 The limits are T_L and T_U (one may be infinite), y is a value and U its expanded uncertainty. The
 guard band is w = 0 for the rule "simple", and w = factor · U for the rule "guarded"::
@@ -135,10 +135,10 @@ def joint_conformance_probability(
 ) -> float:
     """Return the probability that all true values are within their limits simultaneously.
 
-    This is the integral of the multivariate normal distribution over the box. It uses the
-    separation of variables of Genz (1992, Journal of Computational and Graphical Statistics 1,
-    141–149) on a lattice of square roots of primes with the tent transform, so the same input gives
-    exactly the same result.
+    The probability is the integral of the multivariate normal distribution over the box of the
+    limits. It is computed with the separation of variables of Genz (1992, Journal of Computational
+    and Graphical Statistics 1, 141–149) on a lattice of square roots of primes with the tent
+    transform, so the same input gives exactly the same result.
 
     Parameters
     ----------

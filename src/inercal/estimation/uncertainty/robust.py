@@ -6,7 +6,7 @@ smallest, found by the concentration steps of these authors. Nothing is drawn at
 start from the half of the values nearest the medians, and from the orthogonalised
 Gnanadesikan–Kettenring estimator (Maronna and Zamar 2002, Technometrics 44, 307–317), which makes
 the pairwise covariances (σ²(x + y) − σ²(x − y))/4 positive definite along their eigenvectors. The
-values within χ²₀.₉₇₅ of this covariance give the final covariance. Up to a tenth of the values may
+values within χ²₀.₉₇₅ of this covariance give the final covariance. Up to 10 % of the values may
 have a common error. p-values are selected so that the expected share of false discoveries is below
 a bound (Benjamini and Hochberg 1995, Journal of the Royal Statistical Society B 57, 289–300).
 

@@ -1,8 +1,8 @@
 """Rounding errors in the means of quantised readings, which more samples do not average out.
 
 A reading is q·round(x/q), where x is μ plus noise with the standard deviation σ = s q. If the noise
-is more than half a step, rounding averages out. With less noise, the mean keeps an error that
-depends on the position of μ between two steps. Over all positions its variance is
+is more than half a step, rounding averages out. With less noise, the mean has an error that depends
+on the position of μ between two steps. Over all positions its variance is
 
     β² = q²/(2π²) Σ_j exp(−4π²j²s²)/j²,      q²/12 without noise
 

@@ -9,7 +9,7 @@ The same frames always give exactly the same samples, however often `take` is ca
 
 Events are JSON objects, and `what` states their kind. "session" means that a host started: `next`
 is the first step to carry out (or repeat), and `wraps` is the time in s after which the table's
-clock restarts (null or missing if it never does). "section" states `number`, `label`, `state`
+clock wraps around (null or missing if it never does). "section" states `number`, `label`, `state`
 ("begun", "done" or "void"), `time` by the table's clock, and whether the section is a `hold`.
 "interruption" states `cause`, a text that says why the table was stopped (null if the run
 continues), and `since`, the run time in s when this began. Other events are ignored.
@@ -266,7 +266,7 @@ class SampleAssembler:
         return self._block()
 
     def labels(self, table: Array) -> NDArray[np.str_]:
-        """Return the labels, (n,), for table times of samples, as in `SampleBlock.table`.
+        """Return the labels at the table times of samples, (n,), as in `SampleBlock.table`.
 
         The label is "" outside sections and in void sections.
         """

@@ -90,7 +90,7 @@ class PacketDating:
     per_second : float
         Ticks per second.
     turn : float
-        Ticks after which the counter restarts at 0; infinite if it never does.
+        Ticks after which the counter wraps around to 0; infinite if it never does.
     step : float
         Ticks from one packet to the next.
 

@@ -30,21 +30,21 @@ _ARRIVAL_UNCERTAINTY = 0.1
 
 
 def wrap_correction(behind: float, wraps: float, outage: float) -> float:
-    """Return the correction of a table clock that may have restarted, s.
+    """Return the correction of a table clock that may have wrapped around, s.
 
     Parameters
     ----------
     behind : float
         Time by which the clock is behind, according to the host's clock, s.
     wraps : float
-        Time after which the clock restarts, s; infinite if it never does.
+        Time after which the clock wraps around, s; infinite if it never does.
     outage : float
         Time during which nothing was received from the table, s.
 
     Raises
     ------
     InputError
-        The clock was reset, or may have restarted any number of times.
+        The clock was reset, or may have wrapped around any number of times.
     """
     drift = _DRIFT * abs(outage)
     added = 0.0
@@ -105,7 +105,7 @@ class PollRecord(ABC):
         Host time minus table time, s: the smallest difference among the first polls. None before it
         is known.
     wrap_offset : float
-        Correction that is added to the table's times, s, because its clock may have restarted
+        Correction that is added to the table's times, s, because its clock may have wrapped around
         during a time without replies.
     drops : int
         Number of polls that were not later than the previous poll.
@@ -142,7 +142,7 @@ class PollRecord(ABC):
         return -inf if self.history is None else float(self.history.time[-1])
 
     def begin_session(self, wraps: float) -> None:
-        """Begin a session; the clock restarts every `wraps` s (infinite if it never does)."""
+        """Begin a session; the clock wraps around every `wraps` s (infinite if it never does)."""
         self._wraps = wraps
         self._counted.restart()
         if self.offset is None:

@@ -48,14 +48,14 @@ ERRORS = {
     6: "no room in the buffer",
     7: "the buffer is in use",
     8: "MACRO ring: auxiliary communication failed",
-    9: "program of wrong structure",
+    9: "structure error in a program",
     10: "both overtravel limits are set",
     11: "the previous move is not over",
     12: "the motor's loop is open: enable it first",
     13: "the motor is not activated (Ixx00)",
     14: "no motor in the coordinate system",
     15: "no such program",
-    16: "running a program of wrong structure",
+    16: "structure error in the running program",
     17: "the motors are not where they were stopped",
     18: "phasing is under way, or its clock is missing",
     19: "position may not be changed while moves are stored",
@@ -155,7 +155,7 @@ class ReplyReader:
         return len(self._data)
 
     def feed(self, data: bytes) -> list[str] | None:
-        """Process received bytes; return the lines of the reply if it is complete, or None.
+        """Process received bytes; return the lines of the reply, or None while it is incomplete.
 
         Raises
         ------

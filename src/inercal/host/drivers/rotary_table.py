@@ -154,7 +154,7 @@ class RotaryTable(Closeable, ABC):
     limits : tuple of AxisLimits
         Limits that are set in the controller.
     wrap_period : float
-        Time after which the controller's clock restarts at 0, s; infinite if it never does.
+        Time after which the controller's clock wraps around to 0, s; infinite if it never does.
     unsupported : mapping of str to str
         Functions that the controller cannot carry out for a single axis, "servo" (switching off) or
         "home", each with the reason.

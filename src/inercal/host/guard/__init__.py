@@ -8,9 +8,9 @@ table even if the host is blocked or has ended. It reads a pipe to which only th
     q           release the table and end
     end of file the host has ended: stop now, and end when the table is at rest
 
-It writes the lines `ready`, `stopping: WHY`, `at rest`, `killed: WHY` and `cannot: WHY`. Between
-`stopping` and `at rest` it stops any axis that turns again, and the host must not command the
-table.
+The watchdog writes the lines `ready`, `stopping: WHY`, `at rest`, `killed: WHY` and `cannot: WHY`.
+Between `stopping` and `at rest` it stops any axis that turns again, and the host must not command
+the table.
 
 The watchdog uses `RotaryTable.stop`, which sends the command before it waits for any answer. All
 axes then decelerate and are held. If an axis does not decelerate as fast as its limits allow, the
@@ -19,7 +19,7 @@ controller, if it has a clock. If a table is at rest and all its servos are off,
 because this would switch the servos on. If the link is lost, the watchdog reconnects and stops the
 table again, until it is at rest.
 
-This is not a safety function; the hardware interlock is.
+The watchdog is not a safety function; the hardware interlock is.
 """
 
 import os

@@ -34,7 +34,7 @@ class ManualImu(Closeable):
     tick : Tick
         Tick of the bench at which the port is opened.
     wraps : float
-        Time after which the table's clock restarts, s.
+        Time after which the table's clock wraps around, s.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ def encode(
     """Return the packets with readings, rounded as the layout states.
 
     If a reading exceeds the full scale or the range of its type, the limit is sent. Counter and
-    time restart at 0 when they wrap.
+    time wrap around to 0.
 
     Parameters
     ----------

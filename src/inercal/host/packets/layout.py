@@ -55,7 +55,7 @@ class PacketLayout:
         Increment of the counter from packet to packet or, without a counter, of the raw time; 0 if
         unknown.
     wraps : mapping of str to float
-        Raw values at which "counter" and "time" restart at 0; 0 if they never do.
+        Raw values at which "counter" and "time" wrap around to 0; 0 if they never do.
     status_good : tuple of int
         Mask and value. A packet is marked if the masked bits of its status differ from the value.
     """
@@ -79,7 +79,7 @@ class PacketLayout:
 
     @property
     def sequence(self) -> str | None:
-        """What shows lost packets: "counter", or "time" if the rate is stated, or None."""
+        """The value that reveals lost packets: "counter", "time" (at a stated rate), or None."""
         roles = {field.role for field in self.frames[0].fields}
         if "counter" in roles:
             return "counter"

@@ -51,7 +51,7 @@ class CounterUnwrapper:
     Parameters
     ----------
     modulus : float
-        Value at which the counter restarts at 0; 0 if it never does.
+        Value at which the counter wraps around to 0; 0 if it never does.
     step : float
         Step from packet to packet; 0 if unknown. Unknown steps are not checked.
     """

@@ -1,9 +1,9 @@
 """A simulated IMU on a bench: it senses the true motion, and sends packets at its rate.
 
-Its readings are those of the sensor in the run file, with the true coefficients and with noise that
-was drawn in advance. Reading k, counted from 0, is sent at the time (k + 1)/rate of the IMU's own
-clock, and its motion is earlier by the delay in `SimulatedErrors.latencies`. The bytes are the same
-at any speed.
+The simulated readings are those of the sensor in the run file, with the true coefficients and with
+noise that was drawn in advance. Reading k, counted from 0, is sent at the time (k + 1)/rate of the
+IMU's own clock, and its motion is earlier by the delay in `SimulatedErrors.latencies`. The bytes
+are the same at any speed.
 
 Each line of standard input sets a fault, and is answered by `ok` or by an error:
 

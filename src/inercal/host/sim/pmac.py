@@ -1,8 +1,8 @@
 """A simulated Turbo PMAC with the commands that a table needs, over its Ethernet protocol.
 
-It was written from the manual, independently of the driver; the two have only the protocol in
-common. The codec is `_Session`, the command line with its I-variables is `Interpreter`, and the
-table is `dynamics.SimulatedTable`.
+The simulator was written from the manual, independently of the driver; simulator and driver have
+only the protocol in common. The codec is `_Session`, the command line with its I-variables is
+`Interpreter`, and the table is `dynamics.SimulatedTable`.
 
 Commands on one line are executed in order. The first invalid one ends the line with BELL, ERRnnn
 and CR instead of ACK. Values are reported with CR after each (I3=2), and I-variables that are

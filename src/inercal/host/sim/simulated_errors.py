@@ -1,4 +1,4 @@
-"""The imperfections of a simulated bench; the processes of table and IMU draw the same.
+"""The imperfections of a simulated bench, which are the same for table and IMU processes.
 
 A host relates the clocks of table and IMU by the arrival of readings. A latency τ of the readback
 therefore means that the readback arrives τ later than the IMU's readings. Both are late. The IMU's
@@ -56,7 +56,7 @@ class SimulatedErrors:
 
     @property
     def clock_ratio(self) -> float:
-        """Advance of the IMU's clock, s, in one second of the table's clock."""
+        """Seconds by which the IMU's clock advances in one second of the table's clock."""
         return 1.0 - self.values.get("clock", 0.0)
 
     def sensed_motion(self) -> SensedMotion:
@@ -135,7 +135,10 @@ def noise_generator(seed: int, what: Literal["white", "drift", "readback"], *key
 
 
 def _readback_noise(white: float, seed: int, axis: int) -> Callable[[int], float]:
-    """Return a function that gives the readback noise of a servo cycle, rad; it is repeatable."""
+    """Return a function that returns the readback noise in a servo cycle, rad.
+
+    For the same cycle, the function always returns the same noise.
+    """
 
     @lru_cache(1)
     def drawn(block: int) -> list[float]:

@@ -64,7 +64,7 @@ class Runs:
     def active_folders(self) -> list[Path]:
         """Return the folders of all active runs and manual sessions, whoever started them.
 
-        This reads no journal, because a stop must not depend on a journal.
+        The function reads no journal, because a stop must not depend on a journal.
         """
         names = (JOURNAL, run_request.MANUAL_JOURNAL)
         folders = dict.fromkeys(p.parent for name in names for p in self.folder.glob(f"*/{name}"))
@@ -95,7 +95,8 @@ class Runs:
         if (free := self.free_space()) < needed:
             raise InputError(
                 f"{self.folder}: the run needs about {needed / 1e6:.0f} MB, but only "
-                f"{free / 1e6:.0f} MB are free: make room, or serve another folder by --runs",
+                f"{free / 1e6:.0f} MB are free on the disk: delete files, or serve another folder "
+                "(option --runs)",
                 file=self.folder,
             )
 

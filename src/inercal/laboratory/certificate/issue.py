@@ -189,7 +189,7 @@ def _refusal(message: str) -> InputError:
         character = missing[1][0]
         name = unicodedata.name(character, "a character without a name")
         return InputError(
-            f"the fonts of the certificate lack the character {character!r} "
+            f"the fonts of the certificate do not contain the character {character!r} "
             f"(U+{ord(character):04X}, {name}); give a font file that contains it with --font, "
             "or change the text",
             key="--font",

@@ -155,7 +155,7 @@ def make_results(
 
 
 def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[str, float]:
-    """Return the smallest U that a laboratory states, SI, by coefficient.
+    """Return the smallest U that a laboratory states for each coefficient, SI.
 
     Raises
     ------
@@ -249,7 +249,7 @@ def acceptance_risk(conformity: Conformity, dof: float = inf) -> float:
 
 
 def names_of(rows: Sequence[ResultRow], *, raised: bool = False) -> tuple[str, ...]:
-    """Return the names of coefficients outside the capability, or with an increased U."""
+    """Return the names of coefficients outside the capability or, if `raised`, with a larger U."""
     return tuple(row.name for row in rows if (row.raised if raised else row.outside))
 
 

@@ -295,7 +295,7 @@ def _degrees_of_freedom(fit: SessionFit, days: int) -> Array:
 
 
 def _widening(fit: SessionFit) -> Array:
-    """Return the factor, (p,), by which each coefficient scatters more than similar coefficients.
+    """Return the factors by which coefficients scatter more than similar coefficients, (p,).
 
     The factor is 1 if several sessions are from the same day, because it is then unknown. It is
     also 1 for coefficients that a new mounting changes, because their scatter differs from axis to

@@ -120,7 +120,7 @@ def is_rotation_observed(rotation: Array) -> bool:
 
 
 def _rotation(matched: MatchedSessions) -> Array:
-    """Return the derivatives, (p, 3), of all coefficients with respect to ψ."""
+    """Return the derivatives of all coefficients with respect to ψ, (p, 3)."""
     axes = {axis.name: axis for axis in matched.sensor.axes}
     result = np.zeros((len(matched.names), 3))
     for place, name in enumerate(matched.names):

@@ -237,14 +237,14 @@ def _next_use_scatter(fit: SessionFit, scope: Scope) -> Array:
 
 
 def _pooled_scatter(fit: SessionFit, scope: Scope) -> Array:
-    """Return the covariance of the next use, (p, p), from common variances of similar axes."""
+    """Return the covariance of the next use from common variances of similar axes, (p, p)."""
     chosen = [one.is_in_next_use(scope) for one in fit.effects]
     pooled = scatter(fit.effects, fit.variances.variance, chosen, len(fit.unit))
     return pooled / np.outer(fit.unit, fit.unit)
 
 
 def _scatter_alone(fit: SessionFit) -> Array:
-    """Return the variance of each coefficient, (p,), from its own values, in units of the fit.
+    """Return each coefficient's variance from its own values, (p,), in units of the fit.
 
     The variance is zero in four cases: if several sessions are from the same day; for misalignments
     that a mounting changes, if the mounting belongs to the bench; if the sessions' own
@@ -262,7 +262,8 @@ def _scatter_alone(fit: SessionFit) -> Array:
 def _spread_ratio(fit: SessionFit) -> Array:
     """Return √max(1, q) of each coefficient, from similar axes or from its own values.
 
-    Its own values are used if the uncertainties of the sessions do not explain their scatter.
+    The coefficient's own values are used if the uncertainties of the sessions do not explain the
+    scatter of these values.
     """
     ratio = np.ones(len(fit.unit))
     if not fit.has_other_days:

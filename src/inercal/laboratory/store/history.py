@@ -339,7 +339,7 @@ _SharedParts = Mapping[tuple[str, str], Sequence[float]]
 
 
 def _shared_parts(calibration: Calibration) -> _SharedParts:
-    """Return the signed u of each coefficient, SI, that is due to each error that may be shared.
+    """Return each coefficient's signed u, SI, due to each error that may be shared.
 
     The keys are the name and the determination of the error.
     """
@@ -382,7 +382,7 @@ def _coefficient_trend(
 
 
 def _shared_of_newest(parts: Sequence[_SharedParts], places: Sequence[int]) -> Array:
-    """Return the covariance of one coefficient, (m, m), due to shared errors."""
+    """Return the covariance of one coefficient due to shared errors, (m, m)."""
     columns: dict[tuple[str, str], Array] = {}
     for k, (own, i) in enumerate(zip(parts, places, strict=True)):
         for error, u in own.items():

@@ -334,7 +334,8 @@ def _interval(
 def _over_hours(trend: CoefficientTrend, hours: Sequence[float | None]) -> CoefficientTrend | None:
     """Return a trend over years of operation; None if fewer than three times are known.
 
-    It uses the newest calibrations, as far back as all state operating hours that do not decrease.
+    The trend uses the newest calibrations, as far back as all state operating hours that do not
+    decrease.
     """
     count = next((k for k, one in enumerate(reversed(hours)) if one is None), len(hours))
     count = min(count, len(trend.shared))

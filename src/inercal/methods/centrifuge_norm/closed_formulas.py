@@ -89,7 +89,7 @@ def coefficients(
 
 
 def _in_order(sensor: Sensor, by_term: Array) -> Array:
-    """Return k0, k1 and k2 from the axes, (..., 3, 3), in the sensor's order, (..., 9)."""
+    """Put k0, k1 and k2, stored axis by axis, (..., 3, 3), in the sensor's order, (..., 9)."""
     names = [CoefficientName(name).parts for name in sensor.coefficients]
     rows = [TERMS.index(short) for _, short in names]
     return by_term[..., rows, [sensor.channels.index(axis) for axis, _ in names]]

@@ -121,7 +121,7 @@ def _ranked_groups(
     priors: Priors,
     agreement: Agreement,
 ) -> list[str]:
-    """Return the groups that the sensor lacks, the most significant score test first."""
+    """Return the groups of coefficients that were not selected, the most significant first."""
     size = np.abs(agreement.fit.whitened)
     keep: list[int] = np.flatnonzero(size <= _INLIER_LIMIT * agreement.noise).tolist()
     some = observations.rows(keep)

@@ -76,7 +76,7 @@ def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
     Raises
     ------
     InputError
-        The sensor uses the symmetric frame but lacks some misalignments.
+        The sensor uses the symmetric frame, but some misalignments are not selected.
     """
     if sensor.frame != "symmetric":
         return ()

@@ -147,7 +147,7 @@ def screen_rows(
     warmth = observations.temperature
 
     def deviations(rows: Array, k: int) -> Array:
-        """Return the norm errors of variants of row k, (v, m) SI, in deviations, (v,)."""
+        """Return the norm errors in standard deviations, (v,), of variants of row k, (v, m) SI."""
         variants = replace(
             observations,
             labels=tuple(str(j) for j in range(len(rows))),

@@ -174,7 +174,7 @@ def patent(
     Raises
     ------
     InputError
-        There are priors on k0 or k1, or the sensor lacks k0 or k1.
+        There are priors on k0 or k1, or k0 or k1 is not selected.
     NotObserved
         Cardinal positions are missing, there are too few other positions, or K3 has no prior.
     """

@@ -53,7 +53,7 @@ _FOUR_POINT_TERMS = ("k0", "k1")
 
 
 class FourPoints(NamedTuple):
-    """Results from the four cardinal positions for A and B, (..., 2) each, in g."""
+    """Results for A and B from the four cardinal positions, in g, (..., 2) each."""
 
     k0: Array
     gain: Array  # k1 + K3
@@ -135,7 +135,7 @@ def two_stage_estimate(
     Raises
     ------
     InputError
-        There are priors on coefficients from the four positions, or the sensor lacks k0 or k1.
+        There are priors on coefficients from the four positions, or k0 or k1 is not selected.
     NotObserved
         Cardinal positions are missing, there are too few others, or K3 has no prior.
     """

@@ -266,7 +266,8 @@ def _shifts(estimate: Estimate, name: str) -> Array:
 def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, ...]:
     """Return a finding if the rates at rest depend on gravity but the gyro model has no g term.
 
-    This is an F test of the rates' residuals against the attitude, at the 0.1 % level.
+    The decision is made by an F test of the rates' residuals against the attitude, at the 0.1 %
+    level.
     """
     group = next((group for group in estimate.groups if group.name == "rates"), None)
     names = rests.sensor.coefficients
@@ -287,8 +288,8 @@ def g_sensitivity_findings(rests: Rests, estimate: Estimate) -> tuple[Finding, .
         return ()
     explained = 100 * (1 - with_it / alone)
     text = (
-        f"The rates at rest follow gravity ({explained:.0f} % of their scatter), so the gyros are "
-        "sensitive to acceleration"
+        "The rates at rest depend on the direction of gravity, which explains "
+        f"{explained:.0f} % of their scatter, so the gyros are sensitive to acceleration"
     )
     return (Finding("note", "g", text, changes=(Change("method", "also", ("g",)),)),)
 

@@ -80,7 +80,7 @@ def rest_rows(sensor: Sensor, up: Array, g: float, errors: GeometryErrors) -> Ar
 def turn_rows(
     sensor: Sensor, before: Array, after: Array, g: float, errors: GeometryErrors
 ) -> Array:
-    """Return the whitened Jacobian of turns along the shortest path, (k, 2, p), in natural sizes.
+    """Return the whitened Jacobian, in natural sizes, of turns along the shortest path, (k, 2, p).
 
     Parameters
     ----------
@@ -202,8 +202,8 @@ def require_coverage(rests: Rests, priors: Priors) -> None:
     Raises
     ------
     NotObserved
-        The message names the coefficients, the free directions, the axes that were never up, and
-        the attitudes to add.
+        The message names the coefficients, their undetermined combinations, the axes that were
+        never up, and the attitudes to add.
     """
     sensor, p, a = rests.sensor, len(rests.sensor.coefficients), len(rests.force.coefficients)
     information = geometry_information(rests, priors)
@@ -231,8 +231,8 @@ def require_coverage(rests: Rests, priors: Priors) -> None:
         max_attitudes=max(a + 3 - len(ups), 4),  # the missing rests, but at least 4
     )
     raise NotObserved(
-        f"these data do not determine {', '.join(named)} (free directions, in units of g and "
-        f"rad/s: {'; '.join(words)}): "
+        f"these data do not determine {', '.join(named)} (undetermined combinations, in units of "
+        f"g and rad/s: {'; '.join(words)}): "
         f"{_coverage_gaps(rests, ups)}; add: {attitudes_in_words(more)}",
         words,
         names=named,
@@ -242,7 +242,7 @@ def require_coverage(rests: Rests, priors: Priors) -> None:
 def geometry_information(rests: Rests, priors: Priors) -> Array:
     """Return the information matrix from rests and turns with the geometry's errors, (p, p).
 
-    It is in natural sizes, at the nominal model, and separate for accelerometers and gyros.
+    The matrix is in natural sizes, at the nominal model, and separate for accelerometers and gyros.
     """
     p, a = len(rests.sensor.coefficients), len(rests.force.coefficients)
     rows = rests.rows(rests.start())
@@ -274,7 +274,7 @@ def _coverage_gaps(rests: Rests, ups: Array) -> str:
         if not (along > _COVERED_COSINE).any()
     ]
     if bare:
-        parts.append(f"none has {', '.join(bare)} up within 45°")
+        parts.append(f"no rest has {' or '.join(bare)} within 45° of straight up")
     _, size, axes = np.linalg.svd(ups)
     if count > 3 and size[-1] < np.sin(np.radians(10)) * size[0]:
         off = np.degrees(np.arcsin(min(size[-1] / count**0.5, 1.0)))

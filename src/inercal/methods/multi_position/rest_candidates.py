@@ -13,9 +13,10 @@ candidates, because the verdict also lists effects that no residual shows. Furth
 the accelerometers are not candidates: they only turn the frame, which the accelerometers define.
 
 The change of the accelerometers' reading within a rest is compared with the tilt that the gyros
-measure. A hand sways, so a tilt relative to gravity is not a fault. Let Δf̂ be the change of f̂
-from the first half of a rest to the second, and θ the rotation between their mean attitudes from
-the corrected rate (`inercal.recordings.segments.rest_changes`). Each rest has three rows
+measure. A hand sways slightly, so it is not an error if a hand-held sensor tilts during a rest. Let
+Δf̂ be the change of f̂ from the first half of a rest to the second, and θ the rotation between
+their mean attitudes from the corrected rate (`inercal.recordings.segments.rest_changes`). Each rest
+has three rows
 
     d = Δf̂ − f̂ × θ
 

@@ -115,7 +115,7 @@ class Rests:
 
     @cached_property
     def temperature_offsets(self) -> Array:
-        """ΔT of each rest, (r,) K; () of 0 if the sensor does not depend on temperature."""
+        """ΔT of each rest, (r,) K; a scalar 0 if the sensor does not depend on temperature."""
         return temperature.row_offsets(self.observations, self.sensor)
 
     @cached_property
@@ -147,13 +147,13 @@ class Rests:
 
     @cached_property
     def drift_of_mean(self) -> Array:
-        """Variance of each channel's drift that all rests share, (q,), which acts as a bias."""
+        """Variance of each channel's drift that all rests share and that acts as a bias, (q,)."""
         drift = self.observations.drift
         return np.zeros(len(self.sensor.axes)) if drift is None else drift.mean(axis=(0, 1))
 
     @cached_property
     def rounding(self) -> Array:
-        """Variance of each mean reading due to rounding, (r, q), which is part of `noise`."""
+        """Variance of each mean reading due to rounding, (r, q); it is part of `noise`."""
         found = self.observations.rounding
         if found is None:
             return np.zeros(self.noise.shape[:2])
@@ -249,7 +249,7 @@ class Rests:
 
     @cached_property
     def cross_directions(self) -> Array:
-        """Two unit vectors across each rest's nominal up, (r, 2, 3), which do not depend on c."""
+        """Two unit vectors across each rest's nominal up, (r, 2, 3); they do not depend on c."""
         return tangent_vectors(self.norms(self.start()).up)
 
     def norms(self, x: Array) -> NormResiduals:
@@ -343,7 +343,7 @@ class Rests:
         """Return the rotation from the level frame to the body's at each rest, (r, 3, 3).
 
         The gyros propagate the azimuth. After a missing transition the azimuth is unknown, and the
-        level part of the earth's rate is taken as zero.
+        level part of the earth's rate is assumed to be zero.
         """
         assert self.transitions is not None
         level, before = attitude_from_vertical(at.up), self.transitions.rest

@@ -154,7 +154,7 @@ def fit_jointly(rests: Rests, last: FitStage, priors: Priors) -> FitStage:
 def score_tests(rests: Rests, last: FitStage, priors: Priors) -> ScoreTestSet:
     """Return score tests of omitted parameters, with the noise before any scatter was added.
 
-    They use all rows, including the accelerometers' rows if the gyros were fitted afterwards.
+    The tests use all rows, including the accelerometers' rows if the gyros were fitted afterwards.
     """
     free = _free_indices(rests)
     if rests.transitions is None:

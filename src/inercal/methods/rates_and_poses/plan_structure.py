@@ -68,9 +68,9 @@ def require_determined(
     touched = tuple(names[k] for k in np.flatnonzero(large.any(axis=0)).tolist())
     words = tuple(direction_in_words(row, names) for row in weights)
     raise NotObserved(
-        f"these steps do not determine {', '.join(touched)} (free directions, in units of g "
-        f"and rad/s: {'; '.join(words)}); {_remedy(touched, steps)}choose fewer coefficients, "
-        "or give a prior",
+        f"these steps do not determine {', '.join(touched)} (undetermined combinations, in "
+        f"units of g and rad/s: {'; '.join(words)}); {_remedy(touched, steps)}choose fewer "
+        "coefficients, or give a prior",
         words,
         names=touched,
     )

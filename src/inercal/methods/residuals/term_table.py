@@ -38,8 +38,8 @@ class TermTable(NamedTuple):
 def term_table(sensor: Sensor) -> TermTable | None:
     """Return the table for a sensor, or None if its model has terms that the table cannot contain.
 
-    This is the case for sensors other than three accelerometers, for terms with the rate and its
-    derivative, and for the bias asymmetry, which has no inverse at zero.
+    There is no table for sensors other than three accelerometers, for terms with the rate and its
+    derivative, or for the bias asymmetry, which has no inverse at zero.
     """
     if len(sensor.axes) != 3 or any(axis.measures != "f" for axis in sensor.axes):
         return None

@@ -101,7 +101,8 @@ def _level_rate_rows(attitudes: Array) -> Array:
 def determines_azimuth(attitudes: Array) -> bool:
     """Return whether rests at these attitudes can separate the Earth's rate from gyro biases.
 
-    They can if an error in one rest's rates does not cause a larger error of the level rate.
+    The rests can separate them if an error in one rest's rates does not cause a larger error of the
+    level rate.
 
     Parameters
     ----------

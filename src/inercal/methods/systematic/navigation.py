@@ -156,7 +156,7 @@ def block_means(motion: TurnMotion, edges: Indices) -> TurnMotion:
 def _invert(
     sensor: Sensor, y: Array, c: Array, at: Callable[[Array], Motion], x: Array, first: int
 ) -> Array:
-    """Return f or ω, (n, 3), that gives the readings y; `first` is its index in the slope."""
+    """Return the f or ω that gives the readings y, (n, 3); `first` is its index in the slope."""
     still = np.zeros((1, 3))
     slope = sensor.slope(Motion(still, still, still), c)
     inverse = np.linalg.inv(slope[0, :, first : first + 3])

@@ -131,7 +131,7 @@ def hysteresis(model: RampModel, x: Array) -> list[Hysteresis]:
 def lag_and_rate_correlation(blocks: RampBlocks, slope: Array, whitening: Array) -> float:
     """Return the correlation between the lag and the term of dT/dt on one axis.
 
-    Both are estimated together with a constant and a polynomial of order 3.
+    Lag and term are estimated together with a constant and a polynomial of order 3.
 
     Parameters
     ----------

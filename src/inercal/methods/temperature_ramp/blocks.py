@@ -5,10 +5,11 @@ temperatures are both weighted by Simpson's rule,
 
     R̄_k = (R_{k−1} + 4 R_k + R_{k+1})/6,    mean of dR/dt = (R_{k+1} − R_{k−1})/(2 L)
 
-Both are therefore means of the same temperature curve with kernels of equal width. The rate must be
-smoothed because of the temperature sensor's noise, and with equal widths this does not bias τ. The
-covariance of the weighted means follows from white noise N, bias instability B and random walk K of
-an axis. A constant per axis is also estimated, which absorbs the drift that all blocks share.
+The temperature and its rate are therefore both means of the same temperature curve with kernels of
+equal width. The rate must be smoothed because of the temperature sensor's noise, and with equal
+widths this does not bias τ. The covariance of the weighted means follows from white noise N, bias
+instability B and random walk K of an axis. A constant per axis is also estimated, which absorbs the
+drift that all blocks share.
 
 A thermometer that reports whole or half degrees shows when the temperature passes a step, and
 smoothing would destroy this information. In that case the temperature curve is a spline through the

@@ -274,8 +274,8 @@ def _size(name: str, sensor: Sensor) -> float:
 def _nuisance_priors(model: RampModel, environment: Environment) -> list[Gaussian]:
     """Return priors on the constants and on the lag.
 
-    The attitude is unknown, so a component of the earth's rate is taken as 0 ± Ω/√3 and a component
-    of gravity as 0 ± g. An accelerometer's bias affects only the constant.
+    The attitude is unknown, so a component of the earth's rate is treated as 0 ± Ω/√3 and a
+    component of gravity as 0 ± g. An accelerometer's bias affects only the constant.
     """
     result: list[Gaussian] = []
     for axis in model.sensor.axes:

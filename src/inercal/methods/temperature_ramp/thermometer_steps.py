@@ -191,7 +191,7 @@ def _of_boundary(time: Array, above: Bools, period: float) -> list[tuple[float, 
 
 
 def _refresh_interval(changes: Array, period: float) -> float:
-    """Return the longest interval, s, of which all change times are multiples; 0 if there is none.
+    """Return the longest interval that divides all change times, s; 0 if there is none.
 
     Changes are observed only at samples, so each is late by up to one sample period.
     """

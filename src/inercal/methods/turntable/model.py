@@ -231,9 +231,9 @@ def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
         words = tuple(direction.words for direction in free)
         touched = {word for text in words for word in text.split()}
         raise NotObserved(
-            f"the run determines only {p - len(free)} of {p} coefficients of the {what} (free "
-            f"directions, in units of g and rad/s: {'; '.join(words)}); turn about each axis "
-            "with continuous readback, hold more attitudes, or give priors",
+            f"the run determines only {p - len(free)} of {p} coefficients of the {what} "
+            f"(undetermined combinations, in units of g and rad/s: {'; '.join(words)}); turn about "
+            "each axis with continuous readback, hold more attitudes, or give priors",
             words,
             names=tuple(name for name in part.sensor.coefficients if name in touched),
         )

@@ -195,7 +195,7 @@ def correct_reading(reading: Vector, m: Matrix, by: Array, phi: Array, added: In
 
 @kernel_value
 def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None:
-    """Add C M φ dt, (BASIS, 9), to `made`, with each matrix row after row."""
+    """Add C M φ dt to `made`, (BASIS, 9), which contains each matrix row after row."""
     for t in range(used.size):
         size, row = phi[used[t]] * dt, made[used[t]]
         # All values are read before any is written, so the compiler can add several at once.

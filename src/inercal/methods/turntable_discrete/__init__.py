@@ -13,7 +13,7 @@ attitude C_k at times t_k is wrong by a small rotation φ_k = B_k β in the leve
     f̄ = mean Cᵀ(v + v × φ),  v = (0, 0, g)
     ω̄ = mean Cᵀ(Ω + Ω × φ) + Σ log(C_kᵀ C_k+1)/T + Σ Cᵀ (φ_k+1 − φ_k)/T
 
-Means are computed by the trapezoidal rule, and Ω is the earth's rate. Harmonics cancel over whole
+Ω is the earth's rate. Means are computed by the trapezoidal rule. Harmonics cancel over whole
 turns. A delay of the readback shifts the sum at its two ends. The shift is zero from rest to rest
 and at a constant rate.
 

@@ -20,8 +20,8 @@ however the samples are divided into pieces, because the same filters take the s
 estimate may have larger uncertainties because it includes the excess scatter of all innovations.
 
 Source: Liu, Cui, Zhang and Xu (North University of China), fast calibration of a MIMU on a
-turntable with LabVIEW. The available copy lacks the equations, so they are derived from its text.
-Drift, delay and the table's errors as states are our additions.
+turntable with LabVIEW. The equations are missing in the available copy, so they are derived from
+its text. Drift, delay and the table's errors as states are our additions.
 """
 
 from collections.abc import Mapping

@@ -100,7 +100,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         readback_sd, velocity_sd : float
             Standard deviations, rad and m/s; None means the bench's noise.
         run_duration : float, optional
-            Planned duration, s; None means that of the track.
+            Planned duration, s; None means the track's duration.
         epoch, alignment_sd : float
             s, rad; as for the class.
         expected_sizes : mapping of str to float
@@ -146,7 +146,7 @@ class AccelerometerFilter(Filter[VelocityState]):
 
     @cached_property
     def shared_covariance(self) -> Array:
-        """The coefficients' covariance due to gravity, (p, p), which no innovation shows."""
+        """The coefficients' covariance due to gravity, which no innovation shows, (p, p)."""
         g = self.bench.gravity
         along = model.gravity_sensitivity(self.triad) * g.sd / g.value
         return np.outer(along, along)

@@ -241,8 +241,9 @@ class Filter(ABC, Generic[S]):
     def innovation_gate(track: Track) -> float:
         """Return the largest accepted innovation, in standard deviations, or infinity for no gate.
 
-        A gate protects against table readings that may contain a wrong digit. If every sample of a
-        recording has its own angle, the checks during reading find such errors.
+        A gate protects against table readings that may contain a wrong digit. If a recording states
+        an angle for every sample, no gate is needed, because such errors are found when the
+        recording is read.
         """
         return np.inf if track.angle_quality is None else INNOVATION_GATE
 

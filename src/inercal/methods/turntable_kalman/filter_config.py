@@ -211,6 +211,6 @@ def require_whole_epoch(epoch: float, step: float) -> None:
 
 
 def sampling_step(track: Track) -> float:
-    """Return the mean time between samples, s, over steps in which no sample was lost."""
+    """Return the mean time between samples over steps in which no sample was lost, s."""
     steps = np.diff(track.time)
     return float(np.mean(steps[steps < _DISTURBED_STEP * np.median(steps)]))

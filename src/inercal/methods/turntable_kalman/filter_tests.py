@@ -243,9 +243,9 @@ def _joint_sums(
     """Return CᵀV⁻¹C and CᵀV⁻¹r for the columns C and the innovations r of both filters.
 
     If a table error with the prior covariance P₀ is a state of both filters, it affects the
-    innovations of both. Their joint covariance is V = I + W M Wᵀ, where W = diag(A₁, A₂) contains
-    the error's columns in each filter and M = [[0, P₀], [P₀, 0]]. By Woodbury's identity the sums
-    with V⁻¹ follow from those for each filter::
+    innovations of both filters. Their joint covariance is V = I + W M Wᵀ, where W = diag(A₁, A₂)
+    contains the error's columns in each filter and M = [[0, P₀], [P₀, 0]]. By Woodbury's identity
+    the sums with V⁻¹ follow from those for each filter::
 
         CᵀV⁻¹C = CᵀC − CᵀW (M⁻¹ + WᵀW)⁻¹ WᵀC
 

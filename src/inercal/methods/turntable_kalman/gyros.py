@@ -114,7 +114,7 @@ class GyroFilter(Filter[AttitudeState]):
             Standard deviation, rad. 4″ cover the readback's noise and the error of assuming linear
             rates between samples at 100 Hz.
         run_duration : float, optional
-            Planned duration of the run without pauses, s; None means that of the track.
+            Planned duration of the run without pauses, s; None means the track's duration.
         epoch, alignment_sd : float
             s, rad; as for the class.
         expected_sizes : mapping of str to float
@@ -291,7 +291,7 @@ def _buffer_lengths(
     sd : float
         Standard deviation of the latency, s.
     run_duration : float or None
-        Planned duration of the run, s; None means that of the track.
+        Planned duration of the run, s; None means the track's duration.
     """
     late, step = bench.latency.value, float(np.median(np.diff(track.time)))
     most = model.run_duration(track, None)

@@ -250,7 +250,7 @@ def with_mean_biases(
 
 
 def _mean_drift_by_coefficient(part: TriadRows, at: Indices, drift: Array, count: int) -> Array:
-    """Return the effect of each bias's mean drift, (3, m), on that bias, (count, m)."""
+    """Return the effect of each bias's mean drift on that bias, (count, m); drifts are (3, m)."""
     t, result = part.triad.terms, np.zeros((count, drift.shape[1]))
     biases = np.flatnonzero(t.bias)
     axis, weight = t.axis[biases], t.weights[biases, BIAS]

@@ -104,7 +104,7 @@ def _rank(sensor: Sensor, measures: str) -> int:
 
 
 def _observed_directions(sensor: Sensor) -> Array:
-    """Return an orthonormal basis, (6, k), for the part of (f, ω) that the input axes measure."""
+    """Return an orthonormal basis for the part of (f, ω) that the input axes measure, (6, k)."""
     columns: list[Array] = []
     for offset, measures in ((0, "f"), (3, "w")):
         rank = _rank(sensor, measures)

@@ -125,7 +125,7 @@ class Sensor:
 
     @cached_property
     def unit_scale(self) -> Array:
-        """Size of each coefficient, SI, (p,), that causes 1 g or 1 rad/s at 1 g and 1 rad/s.
+        """Size of each coefficient that causes 1 g or 1 rad/s at 1 g and 1 rad/s, (p,) SI.
 
         For temperature coefficients, the effect is the one at 100 K from the reference temperature
         and at 10 K/min.
@@ -202,7 +202,7 @@ class Sensor:
     def reading_and_slope(self, motion: Motion, c: Array) -> tuple[Array, Array]:
         """Return the readings, (..., n, m), and their `slope`, (..., n or 1, m, 6), in one pass.
 
-        This is faster than `linearise` if the design is not needed.
+        The method is faster than `linearise` if the design is not needed.
         """
         if self.affine:
             one = self._linearise_affine(motion, c)

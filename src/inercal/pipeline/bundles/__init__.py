@@ -47,7 +47,8 @@ class Reproduction:
     made_with, here : mapping of str to str
         Versions and machine with which the bundle was made, and versions and machine used now.
     difference : float
-        Largest difference of a value or its u, in stored u; inf if the coefficients differ.
+        Largest difference of a value or its u, in units of the stored u; inf if the coefficients
+        differ.
     """
 
     stored: Calibration

@@ -381,7 +381,7 @@ def start_deviation(roles: ColumnRoles) -> float:
 
 
 def _railed_samples(x: Array, every: Sequence[Array]) -> int:
-    """Return the number of samples of a channel, (n,), that are at the end of its range."""
+    """Return how many of a channel's n samples are at the end of its range."""
     others = [one for one in every if not np.array_equal(one, x)]
     return int(np.diff(railed_ranges(x, others)).sum())
 

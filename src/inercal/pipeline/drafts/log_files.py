@@ -237,7 +237,7 @@ def _separate_angles(
 def _separate_gyros(
     files: Sequence[Path], tables: Sequence[Table], values: Mapping[str, Any]
 ) -> LogFiles | None:
-    """Return the two files as accelerometers and gyros; None if that is not what they are."""
+    """Return the two files as accelerometers and gyros; None if they contain something else."""
     for first, second in ((0, 1), (1, 0)):
         table, gyros = tables[first], tables[second]
         try:
@@ -277,7 +277,7 @@ def _bare_axes(table: Table, found: ColumnRoles) -> tuple[str, ...] | None:
 def _with_own_clock(
     file: Path, table: Table, gyros: Table, roles: ColumnRoles, found: ColumnRoles
 ) -> tuple[ColumnRoles, Table]:
-    """Return the roles with `gyro_time` if the gyros have another clock, and the gyros then."""
+    """Return the roles, with `gyro_time` if the gyros have their own clock, and the gyros."""
     names = [one.single.get("time") for one in (roles, found)]
     rows = [next(iter(one.columns.values())).size for one in (table, gyros)]
     dates = [

@@ -119,8 +119,8 @@ def open_long_rest_recording(
         return None
     if stated.get("data.nonfinite", "refuse") != "refuse":
         raise InputError(
-            f"{log}: a recording of {table.rows:.2g} rows is analysed in blocks, and rows that are "
-            "not finite cannot be dropped then: remove data.nonfinite",
+            f"{log}: a recording of {table.rows:.2g} rows is analysed in blocks, so rows that are "
+            "not finite cannot be dropped: remove data.nonfinite",
             key="data.nonfinite",
         )
     return LongRestRecording(table, rest_layout(log, table.head(), stated))
@@ -132,7 +132,7 @@ def _chained(first: Array, blocks: Iterator[Array]) -> Iterator[Array]:
 
 
 def _unwrapped(blocks: Iterator[Array], modulus: float) -> Iterator[Array]:
-    """Yield the blocks with stamps, in the last column, that go on where they restart."""
+    """Yield the blocks with unwrapped stamps, which are in the last column."""
     before, restarts = np.zeros(0), 0.0
     for block in blocks:
         stamps = np.concatenate([before, block[:, -1]])

@@ -152,7 +152,8 @@ def try_methods(
             with _existing(folder):
                 outcome = calibrate_run(from_sections(run_file, content, ""))
         except InercalError as error:
-            reason = str(error).removeprefix(f"{run_file}: ").partition(" (free directions")[0]
+            reason = str(error).removeprefix(f"{run_file}: ")
+            reason = reason.partition(" (undetermined combinations")[0]
             reason = shorten(reason, _LONGEST_REASON)
             trials.append(MethodTrial(name, keys, None, reason, getattr(error, "key", "")))
         else:

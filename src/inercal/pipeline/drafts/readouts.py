@@ -28,7 +28,7 @@ _GYRO_UNITS = {"rad/s": 1.0, "°/s": np.pi / 180}
 _COUNTS_PER_G = (*(2.0**k for k in range(5, 16)), 1000 / 0.061, 1000 / 0.122, 1000 / 0.244)
 _COUNTS_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, 1 / 0.00875, 1 / 0.0175, 1 / 0.035, 1 / 0.07)
 COUNTED_UNITS = ("LSB", "V", "mA")  # units that need a scale
-_STATED = "as stated, or by the columns' names or the format"
+_STATED = "stated, or taken from the column names or the format"
 _FEWEST_COUNTS = 30.0  # per g
 _FAR = 0.5  # of gravity; a larger bias is named
 _WIDEST = 2.0  # largest radius of a sphere, relative to the range of the readings
@@ -98,7 +98,7 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     counts = radius if radius is not None else plain
     offset = 0.0 if centre is None else _offset(float(np.median(centre)), counts)
     if counts < _FEWEST_COUNTS and stated is None:
-        reason = f"gravity reads {counts:.4g}, which is no usual unit"
+        reason = f"gravity reads {counts:.4g}, which fits none of the usual units"
         return GuessedReadout(UNKNOWN, "", 0.0, G0 / counts, reason, certain=False)
     per_g, why = _nominal(counts, _COUNTS_PER_G)
     unit = stated or "LSB"
@@ -135,7 +135,7 @@ def far_off(means: Array, names: Sequence[str]) -> tuple[str, ...]:
 def guess_from_norms(
     force: Array, rate: Array, radius: float | None, stated: str | None
 ) -> tuple[GuessedReadout, float | None]:
-    """Guess the accelerometers' readout and the arm's radius, m, from norms at several rates.
+    """Guess the accelerometers' readout and the arm's radius (in m) from norms at several rates.
 
     The squared norm is s² (g² + ω⁴ r²). The size s of an output unit follows from the radius or, if
     the arm is also at rest, from gravity; in that case the radius follows too.
@@ -194,8 +194,8 @@ def _readout_at_gravity(plain: float, reason: str, stated: str | None) -> Guesse
 def norm_misfit(means: Array) -> float:
     """Return the relative scatter of the norms of rest readings, (k, 3), about their sphere.
 
-    It is relative to the radius. The norms are taken about the sphere's centre, or about zero if
-    the attitudes do not span a sphere.
+    The scatter is relative to the radius. The norms are taken about the sphere's centre, or about
+    zero if the attitudes do not span a sphere.
     """
     centre, radius = sphere(means)
     if radius is not None and radius > _WIDEST * float(np.ptp(means, axis=0).max()):
@@ -383,15 +383,15 @@ def axis_changes(turns: GravityTurns) -> tuple[str, ...]:
 
 
 def _misfit(first: Array, second: Array, angles: Array) -> float:
-    """Return the median angle, rad, between predicted and measured gravity."""
+    """Return the median angle between predicted and measured gravity, rad."""
     return float(np.median(turn_differences(first, second, rotations(angles))))
 
 
 def white_noise(data: Array, rests: QuietMeans, size: float, dt: float) -> float:
     """Return the white noise density within rests, in SI·√s, of the noisiest axis.
 
-    It is computed from differences of neighbouring samples, which contain rounding but no slow
-    changes.
+    The density is computed from differences of neighbouring samples, which contain rounding but no
+    slow changes.
 
     Parameters
     ----------

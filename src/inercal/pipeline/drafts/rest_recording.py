@@ -1,7 +1,7 @@
 """Read a recording of a sensor at rest without a run file, as `init` does.
 
-Columns, units and rate are found as in `init`. At rest, readings do not show the unit of a gyro;
-it comes from the columns' names or from the format, or the user states it.
+Columns, units and rate are found as in `init`. The unit of a gyro cannot be found from readings at
+rest. It is therefore taken from the column names or the format, or the user states it.
 """
 
 from collections.abc import Mapping

@@ -49,7 +49,7 @@ def stated_values(stated: Mapping[str, str]) -> dict[str, Any]:
 
 
 def stated_units(values: Mapping[str, Any]) -> dict[str, str]:
-    """Return the output unit of each triad that the user states, itself or in a nominal scale.
+    """Return the output unit of each triad that the user states directly or in a nominal scale.
 
     >>> stated_units({"sensor.accelerometer.unit": "g", "sensor.gyro.scale": "131 LSB/(°/s)"})
     {'accelerometer': 'g', 'gyro': 'LSB'}
@@ -122,7 +122,7 @@ def stated_columns(
     Raises
     ------
     InputError
-        If the table lacks a stated column.
+        If a stated column is not in the table.
     """
     roles = [role for role in _COLUMNS if role != "gyro" or not second_file]
     return {role: _columns(role, values, table) for role in roles if f"data.{role}" in values}
@@ -134,7 +134,7 @@ def stated_gyros(values: Mapping[str, Any], table: Table) -> dict[str, tuple[str
     Raises
     ------
     InputError
-        If the file lacks a stated column.
+        If a stated column is not in the file.
     """
     return {"gyro": _columns("gyro", values, table)} if "data.gyro" in values else {}
 

@@ -49,7 +49,7 @@ CASES = {
 }
 """The run file with data for each method; its [method] is replaced by the method's name."""
 TOLERANCE = 0.01
-"""Largest permitted difference of a value, or its u, from the stored answer, in stored u."""
+"""Largest permitted difference of a value or u from the stored one, in units of the stored u."""
 LEAST_PROBABILITY = 1e-4
 """A simulated case fails if the probability of the χ² of its errors is below this limit."""
 _SEED = 0
@@ -74,8 +74,8 @@ class CaseResult:
     method : str
     coefficients : int
     deviation : float
-        Largest difference of a value or its u from the stored answer, in stored u; NaN if there is
-        no result.
+        Largest difference of a value or its u from the stored answer, in units of the stored u; NaN
+        if there is no result.
     probability : float or None
         Probability of a χ² at least as large, where χ² is computed from the errors relative to the
         true values; None for stored tables.

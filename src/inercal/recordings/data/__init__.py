@@ -57,7 +57,9 @@ class DataSection(Section):
     time_unit: str = "s"
     rate: str | None = Field(None, examples=["100 Hz"])
     counter_modulus: int | float | None = Field(
-        None, ge=3, description="for a time column that restarts at 0: after how many of its units"
+        None,
+        ge=3,
+        description="for a time column that wraps around to 0: after how many of its units",
     )
     signed_bits: int | None = Field(
         None,
@@ -93,10 +95,10 @@ class DataSection(Section):
     def _keys_fit_together(self) -> "DataSection":
         timed = self.time is not None and self.time_unit != "sample"
         if self.counter_modulus is not None and self.time is None:
-            raise ValueError("counter_modulus needs a time column: name it in time")
+            raise ValueError("counter_modulus needs a time column: name it in the key `time`")
         if self.gyro_time is not None and not (timed and self.kind == "recording"):
             raise ValueError(
-                "gyro_time works only with a column of times: state time, or remove gyro_time"
+                "gyro_time needs a column of times: name it in the key `time`, or remove gyro_time"
             )
         if self.kind == "means" and self.signed_bits is not None:
             raise ValueError("signed_bits is only for recordings: write means with their signs")
@@ -115,7 +117,7 @@ class DataSection(Section):
         if self.temperature is None and any(value is not None for value in given):
             raise ValueError(
                 "temperature_scale, temperature_zero and allow_temperature need a column of "
-                "temperature: name it in temperature, or remove them"
+                "temperature: name it in the key `temperature`, or remove these keys"
             )
         return self
 
@@ -126,7 +128,7 @@ class DataSection(Section):
         Raises
         ------
         InputError
-            The unit is not a temperature unit, or raw counts lack a scale or a zero.
+            The unit is not a temperature unit, or raw counts have no scale or no zero.
         """
         return temperature_readout(
             self.temperature_unit,

@@ -33,7 +33,7 @@ def parse_face(text: str) -> str | None:
 
 
 def planned_name(text: str) -> str | None:
-    """Return the name of a step in the plans by hand that a label means, or None.
+    """Return the name of the step in plans by hand that a label means; None if there is none.
 
     >>> planned_name("z down"), planned_name("turn x"), planned_name("face 3")
     ('z_a', 'x_rot', None)

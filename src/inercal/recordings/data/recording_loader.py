@@ -279,7 +279,7 @@ def _column_rate(run: RunBase[DataSection]) -> float | None:
     if run.rate_hz is None and not stamped:
         raise InputError(
             f'{run.path}: [data] rate is missing: state the rate, such as rate = "100 Hz", or name '
-            'the column of times in time; for a table of means state kind = "means"',
+            'the column of times in the key `time`; for a table of means state kind = "means"',
             file=run.path,
             key="[data] rate",
         )
@@ -287,7 +287,7 @@ def _column_rate(run: RunBase[DataSection]) -> float | None:
 
 
 def stated_deviations(run: RunBase[DataSection]) -> dict[str, float]:
-    """Return the standard deviations of means stated in the run file, SI, by measured quantity.
+    """Return the standard deviations of means in the run file by measured quantity, SI.
 
     Raises
     ------
@@ -310,7 +310,8 @@ def stated_deviations(run: RunBase[DataSection]) -> dict[str, float]:
         try:
             deviations[measures] = parse_quantity(text, like).value
         except InputError as error:
-            # The deviation of an output in V or LSB may be stated in the unit of the file.
+            # The deviation of an output in V or LSB may be stated in the unit of the data file's
+            # column.
             if not readouts or readouts[0].unit not in ("V", "LSB"):
                 raise error.located(where, file=run.path, key=key) from None
             deviations[measures] = si_value(text, readouts[0].unit, where) / abs(readouts[0].scale)

@@ -148,7 +148,7 @@ def _mark(path: Path, label: str, entry: object) -> Mark:
         start, end = (_number(entry[key]) for key in ("start", "end"))  # type: ignore[index]
     except (TypeError, KeyError, ValueError):
         raise InputError(
-            f"{path}: mark {label!r} lacks numbers 'start' and 'end'; add them",
+            f"{path}: mark {label!r} does not state the numbers 'start' and 'end'; add them",
             file=path,
             names=(label,),
         ) from None

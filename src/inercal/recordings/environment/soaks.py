@@ -54,7 +54,7 @@ def soak_numbers(observations: Observations) -> NDArray[np.int64]:
 
 
 def soak_temperatures(observations: Observations) -> Array:
-    """Return the mean temperature of each soak, (s,) K, in time order."""
+    """Return the mean temperatures of the soaks in time order, (s,) K."""
     assert observations.temperature is not None
     kelvin = observations.temperature.reshape(-1, observations.temperature.shape[-1])[0]
     number = soak_numbers(observations)
@@ -194,7 +194,7 @@ def with_temperature_shift(estimate: Estimate, sensor: Sensor, sd: float) -> Est
 
 
 def with_added_covariance(estimate: Estimate, added: Array) -> Estimate:
-    """Add a covariance, (p, p), that the Birge ratio does not enlarge, to an estimate."""
+    """Add to an estimate a covariance that the Birge ratio does not enlarge, (p, p)."""
     covariance = estimate.covariance + added / float(estimate.birge) ** 2
     return replace(estimate, covariance=covariance)
 

@@ -149,8 +149,8 @@ def audit_rows(
     """
     if recording.data.ndim != 2:
         raise InputError(
-            f"audit takes a single run, data (n, m), but the data are {recording.data.shape}; "
-            "audit each trial"
+            "audit needs a single run, whose data have the shape (n, m), but these data have the "
+            f"shape {recording.data.shape}; audit each trial separately"
         )
     cleaned, rows = recording, None
     findings = list(recording.findings)

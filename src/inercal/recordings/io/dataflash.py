@@ -209,7 +209,7 @@ def read_dataflash(path: Path, wanted: ReadRequest, corrections: str = "undo") -
     Raises
     ------
     InputError
-        The log is damaged or lacks a topic, or the corrections cannot be undone.
+        The log is damaged, a topic is missing in it, or the corrections cannot be undone.
     OSError
         The file cannot be read.
     """
@@ -368,7 +368,7 @@ def _in_force(source: str, changes: Changes, name: str, start: int) -> float:
     Raises
     ------
     InputError
-        The log lacks the parameter, or it changes later, and the time of that change is not
+        The parameter is not in the log, or it changes later, and the time of that change is not
         recorded.
     """
     if name not in changes:

@@ -8,7 +8,7 @@ calibration, and the two must stay together, so its parameters are recorded (`st
 
 Sources: PX4, src/lib/sensor_calibration (Accelerometer.hpp, Gyroscope.hpp) and
 src/lib/conversion/rotation.h; ArduPilot, libraries/AP_InertialSensor/AP_InertialSensor_Backend.cpp.
-The first 39 rotations are the same in both.
+The first 39 rotations are the same in both programs.
 """
 
 from collections.abc import Mapping

@@ -1,6 +1,6 @@
 """Read tables that are too long for the memory: the first rows, and blocks of some columns.
 
-This works for plain text, Parquet, .npz and HDF5 files, and not for other formats.
+Only plain text, Parquet, .npz and HDF5 files can be read in blocks; other formats cannot.
 """
 
 import zipfile

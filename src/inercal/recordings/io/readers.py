@@ -115,7 +115,7 @@ class Reader:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Names of the reader's options; that of its isolation comes last."""
+        """Names of the reader's options; the option for its isolation comes last."""
         names = tuple(option.name for option in self.options)
         return names if self.isolation is None else (*names, MOST_VALUES_OPTION.name)
 

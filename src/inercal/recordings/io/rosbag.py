@@ -207,7 +207,7 @@ def read_rosbag(path: Path, wanted: ReadRequest, stamp: str = "header") -> Table
     Raises
     ------
     InputError
-        The bag is damaged, lacks a topic or field, or has no time stamps.
+        The bag is damaged or has no time stamps, or a topic or field is missing in it.
     OSError
         The file cannot be read.
     """

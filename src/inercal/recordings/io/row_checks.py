@@ -120,7 +120,7 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> RowCheck:
 
 
 def shared_stamps_text(time: Array) -> str:
-    """Return why stamps, (n,) s, that stand still are no times, and the rate to state instead.
+    """Return why stamps that stand still, (n,) s, are no times, and the rate to state instead.
 
     The rate follows from the samples between the first and the last new stamp.
     """

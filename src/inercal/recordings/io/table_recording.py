@@ -43,7 +43,7 @@ class Columns:
     rate_hz : float or None
         Samples per second, if there is no time column or if it counts samples.
     modulus : float or None
-        Number of units after which the time column restarts at 0.
+        Number of units after which the time column wraps around to 0.
     time_keys : (str, str or None)
         Run-file keys that a message names: the key for the unit of the time column, and the key for
         the rate that can replace the column.

@@ -24,7 +24,7 @@ _WORDS = re.compile(r"[^\W\d].*\s\S|\S\s.*[^\W\d]")
 
 
 class TableStart(NamedTuple):
-    """Number of the row with the names, or of the first data row if both are the same."""
+    """Numbers of the row with the names and of the first data row; equal if there are no names."""
 
     header: int
     data: int

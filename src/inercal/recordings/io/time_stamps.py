@@ -268,8 +268,8 @@ def times_from_counter(counter: ArrayLike, modulus: float, rate_hz: float) -> Ar
         Counter values from 0 to modulus − 1, or as many with a sign; each sent packet
         increases the counter by 1.
     modulus : float
-        Number of values after which the counter restarts at 0; at least 3. If half of them or more
-        are lost between two packets, this is not recognised.
+        Number of values after which the counter wraps around to 0; at least 3. If half of them or
+        more are lost between two packets, this is not recognised.
     rate_hz : float
 
     Returns

@@ -147,7 +147,7 @@ def read_ulog(path: Path, wanted: ReadRequest, corrections: str = "undo") -> Tab
     Raises
     ------
     InputError
-        The file is damaged or lacks a topic, or the corrections cannot be undone.
+        The file is damaged, a topic is missing in it, or the corrections cannot be undone.
     OSError
         The file cannot be read.
     """

@@ -1,7 +1,7 @@
-"""Stamps and counters that restart at 0, because they have a limited number of bits.
+"""Stamps and counters that wrap around to 0, because they have a limited number of bits.
 
-A counter of b bits restarts after M = 2^b of its units: a packet counter after 256 or 65536
-packets, the 32 bits of µs after 71.6 minutes. Its readings s then fall by nearly M:
+A counter of b bits wraps around after M = 2^b of its units: a packet counter after 256 or 65536
+packets, and a 32-bit counter of µs after 71.6 minutes. Its readings s then fall by nearly M:
 
     t_k = s_k + M · (number of falls up to sample k)
 """
@@ -16,19 +16,19 @@ from inercal.recordings.io.column_table import Table
 MODULUS_KEY = "[data] counter_modulus"
 _BITS = (8, 16, 32)
 _FRACTIONS = {8: (1,), 16: (1, 1e-3), 32: (1, 1e-3, 1e-6)}  # of ms and µs, in s or ms
-_LOST = 20  # steps; most that may be missing where the stamps restart
+_LOST = 20  # steps; most that may be missing where the stamps wrap around
 Stamps = Array | NDArray[np.int64]
 
 
 def unwrap_stamps(stamps: Stamps, modulus: float) -> Stamps:
-    """Return stamps, (n,), that go on where they restart.
+    """Return the stamps, (n,), unwrapped, so that they continue to increase.
 
     Parameters
     ----------
     stamps : (n,) array of float64 or int64
         Readings from 0 to the modulus, or as far below and above 0; NaN stays.
     modulus : float
-        Number of units after which the stamps restart.
+        Number of units after which the stamps wrap around.
 
     >>> unwrap_stamps(np.array([254, 255, 0, 3]), 256).tolist()
     [254, 255, 256, 259]
@@ -43,7 +43,7 @@ def unwrap_stamps(stamps: Stamps, modulus: float) -> Stamps:
 
 
 def wrap_modulus(stamps: Stamps) -> float | None:
-    """Return the modulus of stamps that restart; None if they never fall, or otherwise.
+    """Return the modulus at which stamps wrap around; None if they do not.
 
     >>> wrap_modulus(np.array([65534, 65535, 0, 1, 2, 3]))
     65536
@@ -57,14 +57,14 @@ def wrap_modulus(stamps: Stamps) -> float | None:
     for bits in _BITS:
         for fraction in _FRACTIONS[bits]:
             modulus = 2**bits * fraction
-            after = falls + modulus  # the step across the restart
+            after = falls + modulus  # the step across the wrap-around
             if np.ptp(found) < modulus and (after > 0).all() and (after <= _LOST * step).all():
                 return modulus
     return None
 
 
 def require_no_wrap(table: Table, column: str) -> None:
-    """Refuse stamps that restart although no modulus is stated.
+    """Refuse stamps that wrap around although no modulus is stated.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def require_no_wrap(table: Table, column: str) -> None:
     k = int(np.argmax(np.diff(stamps) < 0))
     raise InputError(
         f"{table.source}: column {column!r} falls from {stamps[k]:.12g} to {stamps[k + 1]:.12g} at "
-        f"{table.place(k + 1)}, so it restarts after {modulus:.12g}: state "
+        f"{table.place(k + 1)}, so it wraps around after {modulus:.12g}: state "
         f"{MODULUS_KEY} = {modulus:.12g}",
         file=table.source,
         key=MODULUS_KEY,

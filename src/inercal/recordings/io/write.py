@@ -80,8 +80,8 @@ def _arrays(recording: Recording) -> dict[str, Column]:
     """Return the columns to write by name, in their order."""
     if recording.data.ndim != 2:
         raise InputError(
-            f"a file contains a single run, data (n, m), but the data are {recording.data.shape}; "
-            "write each trial to a separate file"
+            "a file can only contain a single run, whose data have the shape (n, m), but these "
+            f"data have the shape {recording.data.shape}; write each trial to a separate file"
         )
     pairs: list[tuple[str, Column]] = [(recording.time_name, recording.stamps)]
     pairs += [(name, recording.data[:, k]) for k, name in enumerate(recording.channels)]

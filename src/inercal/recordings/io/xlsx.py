@@ -57,7 +57,7 @@ def read_xlsx(path: Path, wanted: ReadRequest, sheet: str | int = 1) -> Table:
     Raises
     ------
     InputError
-        The workbook is damaged or lacks a sheet or column, or a cell is not a number.
+        The workbook is damaged, a sheet or column is missing, or a cell is not a number.
     OSError
         The file cannot be read.
     """

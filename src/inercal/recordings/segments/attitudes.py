@@ -72,7 +72,7 @@ def flaws_of_mark(recording: Recording, mark: Mark) -> Iterator[Finding]:
 def range_findings(
     recording: Recording, sensor: Sensor, ranges: Sequence[tuple[int, int]]
 ) -> list[Finding | None]:
-    """Return a finding about saturated or stuck samples in each half-open range, or None.
+    """Return a finding on saturated or stuck samples for each half-open range; None without flaws.
 
     A long recording may have as many findings as ranges, so the findings are sorted once instead of
     being searched for each range.

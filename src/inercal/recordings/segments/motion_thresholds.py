@@ -16,8 +16,9 @@ held by hand or placed on a table. In 48 simulated sessions (at rest for 10–95
 tremor, coarse steps, a noisy axis) it missed rests in 8 sessions, and Otsu's criterion in 3: those
 with a heavy tremor after a rest on a table. Three rules make Otsu's criterion more robust:
 
-- While v stays within a ratio of 4, it is counted for two seconds only, and the outer twentieths of
-  the counts are moved inwards, so that neither a long rest nor a shock forms a class.
+- While v stays within a ratio of 4, it is counted for two seconds only, and the lowest and the
+  highest 5 % of the counts are moved inwards, so that neither a long rest nor a shock forms a
+  class.
 - v is at least the rounding variance, Σ q²/12 with q the smallest step of an axis, because the
   readings of a coarse axis may be constant.
 - Classes whose mean scatters differ by a ratio of less than 1.75 are one class. The ratio is 1.1
@@ -98,8 +99,9 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
     """
     if recording.data.ndim != 2:
         raise InputError(
-            f"{recording.source}: rests are detected in a single run, data (n, m), but the data "
-            f"are {recording.data.shape}; detect them in each trial"
+            f"{recording.source}: rests can only be detected in a single run, whose data have the "
+            f"shape (n, m), but these data have the shape {recording.data.shape}; detect the rests "
+            "in each trial separately"
         )
     found: list[WeightedAxes] = []
     for kind in get_args(Measures):
@@ -130,7 +132,8 @@ def gapless_segments(recording: Recording) -> Indices:
 def scatter(recording: Recording, sensor: Sensor, kind: Measures) -> Array:
     """Return each sample's scatter, (n,) output units, which is compared with the thresholds.
 
-    It is the standard deviation over a window, as a root mean square over the axes of one kind.
+    The scatter is the standard deviation over a window, as a root mean square over the axes of one
+    kind.
 
     Parameters
     ----------
@@ -214,7 +217,7 @@ def _median(counts: Indices) -> float:
 
 
 def _winsorise(counts: Indices) -> Array:
-    """Return the counts after moving the outer twentieths to the nearest inner bins."""
+    """Return the counts after moving the lowest and the highest 5 % to the nearest inner bins."""
     total = np.cumsum(counts)
     low, high = np.searchsorted(total, [_OUTER * total[-1], (1 - _OUTER) * total[-1]])
     n = counts.astype(np.float64)

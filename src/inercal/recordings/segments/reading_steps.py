@@ -140,7 +140,7 @@ def _is_without_noise(rests: Sequence[Array], levels: Array, moving: int) -> boo
 
 
 def _lonely_value(rests: Sequence[Array]) -> float | None:
-    """Return the value of a dead band, which has no other readings close to it, or None."""
+    """Return the value of a dead band, which is far from all other readings; None without one."""
     values, counts = np.unique(np.concatenate([_some(y) for y in rests]), return_counts=True)
     gaps = np.diff(values)
     if not gaps.size:

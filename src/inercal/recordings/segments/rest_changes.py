@@ -150,7 +150,7 @@ def _block_statistics(
 ) -> tuple[Array, Array]:
     """Return the range of a section's block means, and the median of the blocks' scatters.
 
-    Both are (trials, m), SI. If there is no trial axis, there is one trial.
+    Range and median are (trials, m) each, SI. If there is no trial axis, there is one trial.
     """
     data = recording.data[..., mark.start : mark.start + _BLOCK_COUNT * n, columns]
     parts = sensor.to_si(data).reshape(-1, _BLOCK_COUNT, n, len(columns))

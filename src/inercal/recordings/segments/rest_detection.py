@@ -8,8 +8,8 @@ is also quiet. Each run is therefore reduced to the longest part in which the qu
 are stable. The means of the accelerometers must be within five deviations of the run's median. The
 deviation is the median over all runs; it is at least the scatter at rest and at most the threshold.
 The means of the gyros must be within their threshold of their usual mean. A run is discarded if
-less than half of it remains. Rests are not accepted if they make up less than one twentieth of the
-quiet samples.
+less than half of it remains. Rests are not accepted if they make up less than 5 % of the quiet
+samples.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ from inercal.recordings.segments.motion_thresholds import (
 )
 from inercal.recordings.segments.section_means import MIN_SAMPLES
 
-MARGIN = (0.25, 0.4)  # s cut off at both ends of a run: a tenth of it, within these limits
+MARGIN = (0.25, 0.4)  # s cut off at both ends of a run: 10 % of it, within these limits
 SHORTEST = 0.5  # s that must remain; this is what remains of a rest of 1.5 s
 _HELD = 0.05  # of the quiet time; in steady motion, single still moments are not rests
 _SETTLED = 5.0  # deviations of the means; white noise and the sway of a hand stay within 3.5

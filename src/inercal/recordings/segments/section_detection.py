@@ -31,7 +31,7 @@ from inercal.recordings.segments.motion_thresholds import (
 
 MARGIN = 0.25  # s cut off at both ends of a rest, where the hand grips and lets go
 SHORTEST = 1.0  # s
-# Ratio to the quietest tenth: white noise over a window of 50 samples stays below 1.5, and the
+# Ratio to the quietest 10 %: white noise over a window of 50 samples stays below 1.5, and the
 # movement of a hand gives tens to thousands.
 _RESTLESS = 3.0
 # A resting rate may differ between attitudes by so many quietest scatters, or by so many rad/s. No
@@ -163,7 +163,7 @@ def search_sections(
 class _Channel:
     """Scatter and mean of a channel over a sliding window, and the largest scatter at rest.
 
-    This limit is three times the scatter of the quietest tenth of the windows.
+    The largest scatter at rest is three times the scatter of the quietest 10 % of the windows.
     """
 
     def __init__(self, x: Array, window: int):
@@ -193,7 +193,7 @@ class _Channel:
 
 
 def _class_thresholds(recording: Recording, sensor: Sensor, window: int) -> dict[str, float]:
-    """Return the threshold between rest and motion, SI, for the kinds of axis that have one."""
+    """Return the threshold between rest and motion for the kinds of axis that have one, SI."""
     segments = gapless_segments(recording)
     found: dict[str, float] = {}
     for kind in axis_kinds(recording, sensor):

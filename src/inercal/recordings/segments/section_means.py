@@ -17,10 +17,10 @@ least squares::
 
     y − ȳ = (a + b ȳ)(T − T̄) + noise
 
-Their effect is subtracted before the noise is estimated. The means are not changed, because the
-temperature coefficients describe the effect of T̄. If the temperature varies by less than 0.02 K,
-the section counts as isothermal: otherwise, noise of the temperature sensor would explain part of
-the readings' noise.
+The effect of temperature changes is subtracted before the noise is estimated. The means are not
+changed, because the temperature coefficients describe the effect of T̄. If the temperature varies
+by less than 0.02 K, the section counts as isothermal: otherwise, noise of the temperature sensor
+would explain part of the readings' noise.
 """
 
 from collections.abc import Callable, Iterable, Sequence

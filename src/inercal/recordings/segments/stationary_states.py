@@ -57,8 +57,9 @@ def omitted_state_findings(
 ) -> tuple[Finding, ...]:
     """Return findings about parts of a recording that do not count as states, with the reasons.
 
-    They concern steady rates with too few whole turns under a label, rests that are too short,
-    labels without any state, and places where the recording is interrupted while the table turns.
+    The findings concern steady rates with too few whole turns under a label, rests that are too
+    short, labels without any state, and places where the recording is interrupted while the table
+    turns.
 
     Parameters
     ----------

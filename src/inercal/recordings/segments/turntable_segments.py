@@ -102,7 +102,7 @@ def find_holds(
 
 
 def select_long_holds(time: Array, holds: Indices) -> Indices:
-    """Return the holds, (h, 2), that last at least a second."""
+    """Return the holds that last at least a second, (h, 2)."""
     return holds[time[holds[:, 1] - 1] - time[holds[:, 0]] >= _LEAST * (1 - 1e-3)]
 
 

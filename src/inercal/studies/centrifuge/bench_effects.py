@@ -108,12 +108,18 @@ def _outputs_with_errors(relative: Array) -> Array:
 
 
 def common_acceleration_error() -> Array:
-    """Return the errors of `ml`, (3, 3), if the true acceleration is 10⁻⁵ larger in all rows."""
+    """Return the errors of S, b and D from `ml`, (3, 3), if all accelerations are wrong.
+
+    The true acceleration is larger than the stated one by the same factor, 1 + 10⁻⁵, in all rows.
+    """
     return ml_errors(_outputs_with_errors(np.full(len(steps()), ACCELERATION_ERROR)))
 
 
 def random_acceleration_scatter(trials: int, seed: int) -> Array:
-    """Return the scatter of `ml`, (3, 3), from independent acceleration errors of 1e-5 per row."""
+    """Return the scatter of S, b and D from `ml`, (3, 3), due to errors of the acceleration.
+
+    The relative errors of the rows are independent, with a standard deviation of 10⁻⁵.
+    """
     rng = np.random.default_rng([seed, 836])
     output = _outputs_with_errors(ACCELERATION_ERROR * rng.standard_normal((trials, len(steps()))))
     return coefficients_as_printed(ml_estimate(output, steps()).value).std(axis=0)

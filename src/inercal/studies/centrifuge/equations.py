@@ -53,7 +53,7 @@ def truncation_error(order: int, f: Array, bend: Array) -> Array:
 
 
 def fit_to_order(output: Array, norm: Array, order: int | None) -> Array:
-    """Fit S, b and D, (3, 3), by least squares with f truncated at an order.
+    """Fit S, b and D by least squares with f truncated at an order, (3, 3).
 
     Parameters
     ----------
@@ -262,10 +262,10 @@ def root_branch() -> EquationCheck:
     return EquationCheck(
         "(19)", "b_ax from the root with +", "g", float(bias[0]), float(corrected[0]),
         float(TRUTH.bias[0]),
-        f"K = {format_significant(k[0], 7)} in place of "
-        f"{format_significant(TRUTH.bend[0] * TRUTH.bias[0] / TRUTH.scale[0])}; "
-        f"biases of {', '.join(format_significant(x) for x in bias)} g; the root with minus is "
-        "correct",
+        f"K would be {format_significant(k[0], 7)} instead of "
+        f"{format_significant(TRUTH.bend[0] * TRUTH.bias[0] / TRUTH.scale[0])}, and the biases "
+        f"would be {', '.join(format_significant(x) for x in bias)} g; the root with the minus "
+        "sign gives the correct values",
     )  # fmt: skip
 
 

@@ -39,7 +39,7 @@ ANGLES = np.array([2e-4, 4e-4, 6e-4, 8e-4, 10e-4])
 
 @dataclass(frozen=True, eq=False)
 class IgnoredMisalignment:
-    """Errors of S, b and D, (5, 3, 3), over the angles, by estimator and estimated part of Φ."""
+    """Errors of S, b and D at the five angles, (5, 3, 3), by estimator and estimated part of Φ."""
 
     non_orthogonality: dict[str, Array]
     turn: dict[str, Array]

@@ -153,7 +153,7 @@ def coefficients_as_printed(value: Array) -> Array:
 def closed_form_estimate(
     invert: closed_formulas.SeriesInverse, output: Array, spins: Sequence[Spin]
 ) -> Array:
-    """Return S, b and D, (..., 3, 3), from closed formulas; NaN without a root.
+    """Return S, b and D from closed formulas, (..., 3, 3); NaN without a root.
 
     Parameters
     ----------
@@ -297,6 +297,6 @@ def repeat_experiment(trials: int, seed: int) -> CentrifugeTrials:
 
 
 def _closed_form_estimates(invert: closed_formulas.SeriesInverse, noisy: Array) -> Array:
-    """Return S, b and D of the trials, (n, 3, 3), in blocks to limit the memory."""
+    """Return S, b and D of the trials, (n, 3, 3); compute them in blocks to limit the memory."""
     parts = np.array_split(noisy, -(-len(noisy) // _BATCH))
     return np.concatenate([closed_form_estimate(invert, part, steps()) for part in parts])

@@ -44,13 +44,13 @@ def gain_errors(mounting: float, trials: int, seed: int) -> tuple[Array, Array]:
 
 
 def mounting_angle_error(angle: float) -> float:
-    """Return the uncorrected error of k1 + K3 from equal mounting angles of both, µg."""
+    """Return the uncorrected error of k1 + K3 if A and B have equal mounting angles, µg."""
     y = _exact_readings({"a.delta_o": angle, "b.delta_o": angle}, np.zeros(4))
     return float(four_points(y, corrected=False).gain[0]) / MICRO
 
 
 def base_tilt_errors() -> dict[str, Array]:
-    """Return the errors of K0 and K2 for A and B, µg, by the time when the base tilts."""
+    """Return the errors of K0 and K2 for A and B by the time when the base tilts, µg."""
     return {
         words: np.stack([found.k0, found.k2], axis=-1).ravel() / MICRO
         for words, tilt in {

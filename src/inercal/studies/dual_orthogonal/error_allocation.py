@@ -90,7 +90,7 @@ def _error_free_bench(full: DividingHead) -> DividingHead:
 
 
 def item_errors(way: str, trials: int, seed: int) -> dict[str, dict[str, Array]]:
-    """Return the errors, µg, by item and column, and for all items except the base's tilt.
+    """Return the errors by item and column, and for all items except the base's tilt, µg.
 
     Each item is simulated with the noise of the readings, whose own effect is then subtracted.
     """

@@ -111,8 +111,8 @@ def damped_section(found: EstimatorComparison) -> StudySection:
             "mg after: the minimised quantity decreases"),
         DAMPING_TEXT.judge("betters", *median_ratio(*vectors),
             f"{format_significant(vectors[1].value)} mg before, "
-            f"{format_significant(vectors[0].value)} mg after; it is worse for {worse:.0%} of "
-            "the devices"),
+            f"{format_significant(vectors[0].value)} mg after; the vector error increases for "
+            f"{worse:.0%} of the devices"),
     )  # fmt: skip
     return DAMPING_TEXT.section(findings)
 

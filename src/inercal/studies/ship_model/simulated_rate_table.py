@@ -161,7 +161,7 @@ def model_from_estimate(found: Estimate) -> AffineModel:
 
 
 def random_pose_forces(seed: int) -> Array:
-    """Return the specific force in fresh poses, (300, 3) g, for any direction and speed."""
+    """Return the specific force in fresh poses of any direction and speed, (300, 3) g."""
     rng = np.random.default_rng([seed, POSE_COUNT])
     direction = rng.standard_normal((POSE_COUNT, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

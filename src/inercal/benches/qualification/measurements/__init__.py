@@ -1,4 +1,4 @@
 """Measurements that qualify a bench; each estimates parameters of the bench from readings.
 
-They take arrays in SI and return `MeasuredParameters`.
+The functions accept arrays in SI and return `MeasuredParameters`.
 """

@@ -38,7 +38,7 @@ def local_gravity(
     fit: LinearFit = NO_FIT,
     remarks: tuple[str, ...] = (),
 ) -> MeasuredParameters:
-    """Return the parameter "g", m/s², at a height above the point where gravity is known.
+    """Return the parameter "g" at a height above the point where gravity is known, m/s².
 
     Parameters
     ----------

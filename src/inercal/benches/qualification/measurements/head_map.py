@@ -193,5 +193,5 @@ def _closure(
 
 
 def _sum_free_basis(n: int) -> Array:
-    """Return orthonormal columns, (n, n − 1), that span the vectors whose sum is zero."""
+    """Return orthonormal columns that span the vectors whose sum is zero, (n, n − 1)."""
     return np.linalg.qr(np.eye(n) - 1 / n)[0][:, : n - 1]

@@ -37,7 +37,7 @@ _STEPS = 5  # Gauss-Newton steps
 
 
 def radius_by_machine(reading: Array, sd: float, certificate_sd: float) -> MeasuredParameters:
-    """Estimate the parameter "radius", m, from readings of a coordinate measuring machine.
+    """Estimate the parameter "radius" from readings of a coordinate measuring machine, m.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def radius_by_sensor(
         Readings, positive toward the axis, m/s².
     sensor : RadiusSensor
     stretch : bool
-        Whether to estimate the stretch; otherwise the arm is taken as rigid.
+        Whether to estimate the stretch; otherwise the arm is assumed to be rigid.
     rate_value : float
         Qualified relative error of the rate.
     keep_rate : bool
@@ -174,7 +174,9 @@ def _step(
     missing: dict[str, Array] = {}
     if "stretch" not in free:
         lack = np.concatenate([slopes["stretch"], np.zeros(len(priors))])[:, None]
-        missing = {"the arm stretches by {size:.2g} ppm per m/s²: state stretch": 1e-6 * lack}
+        missing = {
+            "the arm stretches by {size:.2g} ppm per m/s²: state the key `stretch`": 1e-6 * lack
+        }
     return linear_fit(rows, np.concatenate([reading - predicted, off]), sd, missing)
 
 

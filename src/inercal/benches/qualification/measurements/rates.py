@@ -118,7 +118,7 @@ def rate_error(
 def rate_stability(
     rate: Array, turns: Array, seconds: Array, timer_sd: float, name: str
 ) -> MeasuredParameters:
-    """Estimate the variance of the rate from count to count.
+    """Estimate how much the rate varies between counts, as a variance.
 
     The estimate is s² minus the variance due to the counter. With m counts at k set rates it has
     ν = m − k degrees of freedom. It is multiplied by ν/(ν − 2), so that a normal prior with this

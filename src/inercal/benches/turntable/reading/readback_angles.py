@@ -156,8 +156,8 @@ def _without_interruptions(recording: Recording, host: HostReadback) -> tuple[Fi
 def _read_table_file(run: RunBase[TurntableData], origin: Fraction | None) -> Recording:
     """Read the table's file, with the axes as channels in the units of their columns.
 
-    Times are counted from the `origin` of the recording. Without an origin they are the times of
-    the file's own clock, and [bench] latency states how far that clock is ahead.
+    Times are counted from the `origin` of the recording. Without an origin, the times are those of
+    the clock of the file, and [bench] latency states how far that clock is ahead.
     """
     data = run.data
     assert data.table_file is not None

@@ -122,9 +122,9 @@ def align_readback(
     Raises
     ------
     InputError
-        Times do not increase, there are fewer than two changes of rate, the readback lacks more
-        than 2 s at an end of the readings, it begins or ends during a turn, or the two do not turn
-        at the same times at any offset.
+        Times do not increase, there are fewer than two changes of rate, more than 2 s at the start
+        or end of the readings are not covered by the readback, it begins or ends during a turn, or
+        table and gyros do not turn at the same times at any offset.
     ClockMismatch
         Both show turns at the same times, but different ones, because columns or units are wrong.
     """
@@ -250,7 +250,7 @@ def _resample_rates(table: WindowedRates, said: Array) -> WindowedRates:
 
 
 def _search(table: WindowedRates, gyros: WindowedRates) -> Array | None:
-    """Return drift and offset, (2,), from the speeds during each move, to within about 10 ms.
+    """Return drift and offset to within about 10 ms, (2,), from the speeds during each move.
 
     The result is None if nothing moves.
     """
@@ -284,7 +284,7 @@ def _search(table: WindowedRates, gyros: WindowedRates) -> Array | None:
 
 
 def _motions_coincide(table: WindowedRates, gyros: WindowedRates, late: Array) -> bool:
-    """Return whether both show turns at the same times, about any axes."""
+    """Return whether readback and gyros show turns at the same times, about any axes."""
     said = gyros.time + late[1] + late[0] * gyros.time
     speeds = [np.linalg.norm(one.rate, axis=-1) for one in (_resample_rates(table, said), gyros)]
     return float(np.corrcoef(*speeds)[0, 1]) > _ALIKE_SPEEDS

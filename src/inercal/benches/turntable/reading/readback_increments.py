@@ -253,6 +253,9 @@ def _without_noise(increments: Array, dt: Array, rate: Array, usable: Bools, cle
 
 
 def _integrals(dt: Array, rate: Array) -> Array:
-    """Return the integral of a rate, (n, c), from the first sample to each sample, (n + 1, c)."""
+    """Return the integrals of rates from the first to each of n + 1 samples, (n + 1, c).
+
+    `rate`, (n, c), contains the mean rates over the n intervals `dt` between the samples.
+    """
     whole = np.cumsum(dt[:, None] * rate, axis=0)
     return np.concatenate([np.zeros((1, rate.shape[1])), whole])
