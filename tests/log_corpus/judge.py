@@ -9,7 +9,8 @@ import inercal
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.pipeline.drafts import Draft, draft_run_file
-from inercal.recordings.io.read import read_table
+from inercal.pipeline.drafts.log_files import read_logs
+from inercal.pipeline.drafts.stated_keys import stated_values
 from tests.log_corpus.cases import Case, Written
 from tests.log_corpus.motion import in_accelerometer_frame
 
@@ -38,7 +39,7 @@ def judge(case: Case, folder: Path, seed: int, gravity: float) -> Judgement:
     except InputError as error:
         return Judgement(refusal=str(error))
     keys = {f"{one.section}.{one.key}": one.value for one in draft.entries}
-    wrong = _wrong_columns(written, keys)
+    wrong = _wrong_columns(written, keys, stated_values(case.stated))
     units, ratios = _units(written, keys)
     asked = tuple(one.name for one in draft.questions)
     if asked:
@@ -63,7 +64,9 @@ def judge(case: Case, folder: Path, seed: int, gravity: float) -> Judgement:
     return Judgement(errors, (), wrong, units, "", method, outcome.verdict.word)
 
 
-def _wrong_columns(written: Written, keys: dict[str, object]) -> tuple[str, ...]:
+def _wrong_columns(
+    written: Written, keys: dict[str, object], stated: dict[str, object]
+) -> tuple[str, ...]:
     """Return the triads of a draft that are not those of the log."""
     wrong: list[str] = []
     for kind, true in written.columns.items():
@@ -71,7 +74,8 @@ def _wrong_columns(written: Written, keys: dict[str, object]) -> tuple[str, ...]
         found = found if isinstance(found, list) else []
         if true and isinstance(true[0], int):
             second = kind == "gyro" and "data.gyro_file" in keys
-            names = read_table(written.files[1 if second else 0]).names
+            read = read_logs(written.files, stated)
+            names = (read.gyros if second and read.gyros else read.table).names
             found = [_place(names, str(one)) for one in found]
         if tuple(found) != tuple(true):
             wrong.append(f"{kind}: {found} instead of {true}")
@@ -83,10 +87,11 @@ def _wrong_columns(written: Written, keys: dict[str, object]) -> tuple[str, ...]
 
 
 def _place(names: tuple[str, ...], column: str) -> int:
-    """Return the place of a column, given by name or number, with or without a sign."""
-    for text in (column, column.removeprefix("-")):
-        if text in names:
-            return names.index(text) + 1
+    """Return the place of a column, given by name or number; negative if it is reversed."""
+    if column in names:
+        return names.index(column) + 1
+    if column.startswith("-"):
+        return -_place(names, column[1:])
     return int(column) if column.isdecimal() else 0
 
 
@@ -102,12 +107,12 @@ def _units(written: Written, keys: dict[str, object]) -> tuple[tuple[str, ...], 
         if true not in _WITHOUT_SCALE:
             if found in _WITHOUT_SCALE or si_factor(found, _LIKE[kind]) != si_factor(true):
                 wrong.append(f"{kind}: {found} instead of {true}")
-        elif scale:
-            number, _, unit = scale.partition(f" {found}/")
-            size = float(number) / si_factor(unit.strip("()"))
-            ratios[kind] = written.scales[kind] / size
-            if not np.isclose(ratios[kind], 1, atol=0.05):
-                wrong.append(f"{kind}: {scale} instead of {written.scales[kind]:g}")
+            continue
+        number, _, unit = scale.partition(f" {found}/")
+        size = float(number) / si_factor(unit.strip("()")) if unit else 1 / si_factor(found)
+        ratios[kind] = written.scales[kind] / size
+        if not np.isclose(ratios[kind], 1, atol=0.05):
+            wrong.append(f"{kind}: {scale or found} instead of {written.scales[kind]:g}")
     return tuple(wrong), ratios
 
 

@@ -122,7 +122,8 @@ def by_hand(seed: int, motion: Motion, gravity: float = GRAVITY) -> Log:
     part = (np.arange(m) + 0.5) / m
     swept = part - np.sin(2 * np.pi * part) / (2 * np.pi)
     speed = 2 * np.sin(np.pi * part) ** 2 / (m / motion.hz)
-    bump, its_speed = np.sin(np.pi * part) ** 4, np.gradient(np.sin(np.pi * part) ** 4, 1 / motion.hz)
+    bump = np.sin(np.pi * part) ** 4
+    its_speed = 4 * np.pi * np.sin(np.pi * part) ** 3 * np.cos(np.pi * part) / (m / motion.hz)
     for k, here in enumerate(rests):
         attitude.append(np.tile(here, (n, 1, 1)))
         rates.append(np.zeros((n, 3)))

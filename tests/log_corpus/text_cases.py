@@ -367,7 +367,7 @@ CLOCKS: dict[str, TextCase] = {
     ),
     "low noise": TextCase(
         Form(("t|t", *AW), "g", "°/s", 7),
-        Motion(gyro_noise=np.radians(2e-3), accelerometer_noise=5e-4, still=3.0),
+        Motion(hz=400, rests=14, gyro_noise=np.radians(0.01), accelerometer_noise=2e-3, still=1.6),
     ),
     "filtered 10 Hz": TextCase(Form(("t|t", *AW), "g", "°/s"), Motion(hz=200, filter_hz=10)),
     "many rests": TextCase(Form(("t|t", *AW), "g", "°/s"), Motion(hz=50, rests=30)),

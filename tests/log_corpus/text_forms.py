@@ -119,7 +119,9 @@ def triads(log: Log, form: Form) -> dict[str, Array]:
     angles = [np.arctan2(c[:, 2, 1], c[:, 2, 2]), -np.arcsin(np.clip(c[:, 2, 0], -1, 1))]
     euler = np.degrees([*angles, np.arctan2(c[:, 1, 0], c[:, 0, 0])]).T
     gravity = G0 * c[:, 2]
-    magnetic = np.einsum("nji,j->ni", c, [22.0, 1.0, -42.0]) + [5.0, -9.0, 3.0]
+    iron = np.array([[1.02, 0.01, -0.02], [0.01, 0.97, 0.02], [-0.02, 0.02, 1.01]])
+    magnetic = np.einsum("nji,j->ni", c, [22.0, 1.0, -42.0]) @ iron + [5.0, -9.0, 3.0]
+    magnetic = magnetic + np.random.default_rng(len(c)).normal(0, 0.3, magnetic.shape)
     own = readings(log, form)
     return own | {"e": euler, "v": gravity, "l": log.force - gravity, "m": magnetic}
 
@@ -137,7 +139,7 @@ def text_columns(log: Log, form: Form) -> tuple[dict[str, list[str]], list[str]]
             for axis in order or "xyz":
                 k = "xyz".index(axis)
                 name = head.replace("{x}", axis).replace("{X}", axis.upper()).replace("{k}", str(k))
-                values = data[kind][:, k]
+                values = data[kind][:, k] * (-1 if name.startswith("-(") else 1)
                 if kind in "aw" and form.counts is not None:
                     values = values % 65536 if form.unsigned else values
                     found[name] = [str(int(one)) for one in values.tolist()]
@@ -160,7 +162,7 @@ def drafted_columns(form: Form) -> dict[str, tuple[object, ...]]:
         for axis in (order or "xyz") if kind in set("awmlve") else " ":
             place += 1
             if kind in places:
-                places[kind][axis] = place
+                places[kind][axis] = -place if "|-(" in column else place
     roles = {"accelerometer": places["a"], "gyro": places["w"]}
     return {kind: tuple(one[x] for x in "xyz") for kind, one in roles.items() if one}
 

@@ -30,7 +30,7 @@ _NO_SENSOR = re.compile(  # names of triads that are neither accelerometers nor 
 )
 NAMES = {
     "time": re.compile(
-        r"t(_?(s|ms|us|ns))?|(\w*_)?time\w*|\w*timestamp\w*|stamp|date\w*|secs?|seconds?\w*"
+        r"t(_?(s|ms|us|ns))?|(?!sample_?time_?fine)(\w*_)?time\w*|\w*timestamp\w*|stamp|date\w*|secs?|seconds?\w*"
         r"|sample(?!_?time_?fine)\w*|n_samples|\w*counter|ms|msecs?|millis\w*|us|usecs?"
         r"|micros\w*|nanos\w*|elapsed\w*|epoch\w*|uptime\w*"
     ),
@@ -39,7 +39,7 @@ NAMES = {
     ),
     "arm_rate": re.compile(r"rpm|arm_?rate|rate|speed_?rpm|omega_over_pi|table_?rate"),
     "axis": re.compile(r"axis|up"),
-    "angle": re.compile(r"(?!roll|pitch|yaw|euler)(\w+_)?angle(_?deg)?|head"),
+    "angle": re.compile(r"(?!roll|pitch|yaw|euler|[xyz]_)(\w+_)?angle(_?deg)?|head"),
     "autocollimator": re.compile(r"autocollimator|collimator"),
     "level": re.compile(r"level"),
     "mounting": re.compile(r"mounting|fixture"),
@@ -53,6 +53,7 @@ _UNITS = (  # units in a column's name, as text or in brackets, with their kind
     (re.compile(r"\[(mg)\]|\(mg\)|_mg\b"), "mg"),
     (re.compile(r"\[g\]|\(g\)|_g\b"), "g"),
     (re.compile(r"rad_?/?s\b|_rad\b|rads\b|rad\W?s(\^?-1|⁻¹)"), "rad/s"),
+    (re.compile(r"\bm(dps|(deg|°)/?s)\b|_mdps\b"), "m°/s"),
     (re.compile(r"(deg|°)_?/?s\b|dps\b|_deg\b|(deg|°)\W?s(\^?-1|⁻¹)"), "°/s"),
     (re.compile(r"lsb|counts?|raw"), "LSB"),
 )
@@ -62,8 +63,9 @@ _KINDS: Mapping[str, str] = {
     "g": "accelerometer",
     "rad/s": "gyro",
     "°/s": "gyro",
+    "m°/s": "gyro",
 }
-_UNIT_WORDS = r"m_s_?2|mps2|ms2|mg|g|rad(_?s)?|deg(_?s)?|dps|raw|lsb|counts?"
+_UNIT_WORDS = r"m_s_?2|mps2|ms2|mg|g|rad(_?s)?|deg(_?s)?|m?dps|raw|lsb|counts?"
 _UNIT_END = re.compile(rf"_({_UNIT_WORDS})$")
 _STATE = re.compile(r"_(cal|calibrated|corrected|filt|filtered)$")  # how readings were processed
 _TIME_UNITS = (

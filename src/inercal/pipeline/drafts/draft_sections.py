@@ -30,7 +30,7 @@ from inercal.pipeline.drafts.readouts import (
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
 from inercal.recordings.io.row_checks import shared_stamps_text
-from inercal.recordings.io.time_stamps import times_from_origin
+from inercal.recordings.io.time_stamps import times_from_iso, times_from_origin
 from inercal.recordings.io.wrapped_stamps import unwrap_stamps, wrap_modulus
 from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
@@ -39,6 +39,7 @@ _WINDOW = 0.5  # s, window in which a rest must be quiet
 _WINDOW_SAMPLES = 50  # the same window if the rate is not known
 _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs
+_SAME_RATE = 0.2  # stated rates are nominal
 _RATE_UNITS = {"rpm": "rpm", "omega_over_pi": "0.5 rev/s"}
 _ARM_DEVIATION = 1e-2
 _MOST_LISTED = 12  # columns in a line
@@ -67,8 +68,7 @@ def clock_keys(
     entry = DraftKey("data", "time", _column(name), roles.reasons.get("time", ""))
     column = table.columns[name]
     if column.dtype.kind == "U":
-        seconds = (column.astype("M8[ns]") - column[:1].astype("M8[ns]")) / np.timedelta64(1, "s")
-        return np.asarray(seconds, dtype=np.float64), (entry,)
+        return times_from_iso(column.tolist(), name, table)[0], (entry,)
     stamps = column.astype(np.float64)
     wrap: tuple[DraftKey, ...] = ()
     if (modulus := wrap_modulus(stamps)) is not None:
@@ -87,10 +87,19 @@ def clock_keys(
         counter = DraftKey("data", "time_unit", "sample", "its steps are 1, so it counts samples")
         return by_rate, (entry, counter, *wrap, rate_key)
     unit = roles.units.get("time") or _unit_of_step(step)
+    if hertz is not None and "data.time" not in stated:
+        units = [one for one in (unit, *_TIME_UNITS) if _agrees(hertz * step * si_factor(one))]
+        if not units:  # the column counts something else, such as ticks
+            return by_rate, (rate_key,)
+        unit = units[0]
     seconds, _ = times_from_origin(stamps, si_factor(unit))
     reason = f"its steps are {step:.6g} {unit}, {1 / (step * si_factor(unit)):.5g} Hz"
     units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
     return seconds, (replace(entry, reason=reason) if not units else entry, *units, *wrap)
+
+
+def _agrees(ratio: float) -> bool:
+    return abs(ratio - 1) < _SAME_RATE
 
 
 def _unit_of_step(step: float) -> str:

@@ -23,7 +23,7 @@ from inercal.recordings.segments.gravity_turns import (
 )
 
 _ACCELEROMETER_UNITS = {"m/s²": 1.0, "g": G0, "mg": 1e-3 * G0}
-_GYRO_UNITS = {"rad/s": 1.0, "°/s": np.pi / 180}
+_GYRO_UNITS = {"rad/s": 1.0, "°/s": np.pi / 180, "m°/s": np.pi / 180e3}
 # If two differ by less than the error of any sensor, the power of two comes first.
 _COUNTS_PER_G = (*(2.0**k for k in range(5, 16)), 1000 / 0.061, 1000 / 0.122, 1000 / 0.244)
 _COUNTS_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, 1 / 0.00875, 1 / 0.0175, 1 / 0.035, 1 / 0.07)
@@ -191,6 +191,14 @@ def norm_misfit(means: Array) -> float:
     norms = np.linalg.norm(means - (0.0 if centre is None else centre), axis=-1)
     mean = float(norms.mean())
     return float(norms.std()) / mean if mean else np.inf
+
+
+def off_sphere(means: Array, data: Array) -> float:
+    """Return how far readings, (n, 3), are from the sphere of the means at rest, of its radius."""
+    centre, radius = sphere(means)
+    if centre is None or radius is None:
+        return 0.0
+    return float(np.linalg.norm(data - centre, axis=-1).std()) / radius
 
 
 def _offset(centre: float, reach: float) -> float:

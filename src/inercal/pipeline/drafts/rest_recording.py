@@ -252,7 +252,7 @@ def _columns(
         warm = warm if first_impossible(kelvin) is None else None
     return Columns(
         channels=channels,
-        time=roles.single.get("time"),
+        time=roles.single.get("time") if "time" in keys else None,
         time_unit=None if dates or "time" not in keys else unit,
         rate_hz=si_value(stated["data.rate"], "Hz", "data.rate") if counted else None,
         temperature=warm,

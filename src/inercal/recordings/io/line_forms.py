@@ -18,7 +18,9 @@ _ARRIVAL = re.compile(
     r"|(?:[\d-]+[ T])?\d?\d:\d\d:\d\d(?:[.,]\d+)?\s*->)\s?"
 )
 _LABEL = re.compile(r"(?:^|(?<=[\s,;]))>?((?!nan\b|inf\b)[A-Za-zµ_$][^,;\t:=]*?)\s*[:=]", re.I)
-_BETWEEN = re.compile(r"[\s,;]+")
+_BETWEEN = re.compile(r"[\s,;|]+")
+_UNIT = re.compile(r"[^\W\d]\S*")
+_AXES = (*"xyz", *"XYZ")
 _EXAMINED = 10  # of the last lines; most of them must have the form
 
 Labels = tuple[tuple[str, int], ...]
@@ -94,8 +96,11 @@ def _parse(line: str) -> tuple[Labels, list[str]]:
     numbers: list[str] = []
     for name, text in zip(parts[::2], parts[1::2], strict=True):
         found = [one for one in _BETWEEN.split(text) if one]
+        unit = f" ({found.pop()})" if len(found) > 1 and _UNIT.fullmatch(found[-1]) else ""
         if not found or not all(map(is_number, found)):
             return (), []
-        labels.append((" ".join(name.split()), len(found)))
+        stem, _, axis = (labels[-1][0] if labels else "").partition(" (")[0].rpartition(" ")
+        same = stem and axis in _AXES and name in _AXES  # "Acceleration X: 1, Y: 2, Z: 3"
+        labels.append((" ".join([*([stem] * bool(same)), *name.split()]) + unit, len(found)))
         numbers += found
-    return ((), []) if before.strip(" \t,;") else (tuple(labels), numbers)
+    return ((), []) if before.strip(" \t,;|") else (tuple(labels), numbers)
