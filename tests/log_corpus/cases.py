@@ -1,5 +1,6 @@
 """All logs of the corpus: how each is written, and the one answer that its data do not give."""
 
+import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -8,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tests.log_corpus.motion import GRAVITY, GRAVITY_SD, Motion, by_hand
+from tests.log_corpus.file_cases import FILES, PAIRS, write_pair
+from tests.log_corpus.motion import GRAVITY, GRAVITY_SD, by_hand
+from tests.log_corpus.table_cases import LATITUDE, RATES, TABLES
 from tests.log_corpus.text_cases import CLOCKS, DEVICES, PHONES, ROBOTS, SKETCHES, TextCase
 from tests.log_corpus.text_forms import Written, write_text
 
@@ -28,10 +31,24 @@ def _text(name: str, case: TextCase, folder: Path, seed: int, gravity: float) ->
     return write_text(by_hand(seed, case.motion, gravity), case.form, folder, name)
 
 
+def _file(name: str, folder: Path, seed: int, gravity: float) -> Written:
+    write, motion = FILES[name]
+    return write(folder, by_hand(seed, motion, gravity))
+
+
 TEXTS = PHONES | DEVICES | ROBOTS | SKETCHES | CLOCKS
 CASES: dict[str, Case] = {
-    name: Case(partial(_text, name.replace("/", "").replace(",", ""), case), case.stated)
-    for name, case in TEXTS.items()
+    **{
+        name: Case(partial(_text, re.sub("[/,]", "", name), case), case.stated)
+        for name, case in TEXTS.items()
+    },
+    **{name: Case(partial(write_pair, pair), pair.stated) for name, pair in PAIRS.items()},
+    **{name: Case(partial(_file, name)) for name in FILES},
+    **{name: Case(write) for name, write in TABLES.items()},
+    **{
+        name: Case(write, {"bench.latitude": f"{LATITUDE} °"}, typical=True)
+        for name, write in RATES.items()
+    },
 }
 
 
@@ -45,4 +62,4 @@ def gravities(count: int) -> np.ndarray:
     return np.random.default_rng(12).permutation(spread)
 
 
-__all__ = ["CASES", "Case", "Motion", "Written", "gravities"]
+__all__ = ["CASES", "Case", "Written", "gravities"]

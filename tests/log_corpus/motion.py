@@ -11,7 +11,6 @@ Nothing of inercal is imported.
 """
 
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
@@ -32,8 +31,8 @@ class Motion:
 
     hz: float = 100.0
     rests: int = 18
-    still: float = 2.2  # s
-    moving: float = 1.1  # s
+    still: float = 2.0  # s
+    moving: float = 1.2  # s
     faces: bool = False
     accelerometer_noise: float = 0.015  # m/s², of a sample
     gyro_noise: float = np.radians(0.06)  # rad/s
@@ -114,8 +113,11 @@ def truth_of(matrix: Array, bias: Array, kind: str) -> dict[str, float]:
 
 
 def by_hand(seed: int, motion: Motion, gravity: float = GRAVITY) -> Log:
-    """Return a recording; gravity in m/s²."""
-    rng = np.random.default_rng(seed)
+    """Return a recording; gravity in m/s².
+
+    Motion and errors do not depend on the sampling rate, so that two files of one phone agree.
+    """
+    rng, noise = np.random.default_rng(seed), np.random.default_rng((seed, round(motion.hz)))
     n, m = int(motion.still * motion.hz), int(motion.moving * motion.hz)
     rests, labels = _attitudes(rng, motion)
     attitude, rates, push, section = [], [], [], []
@@ -147,14 +149,14 @@ def by_hand(seed: int, motion: Motion, gravity: float = GRAVITY) -> Log:
     matrix, bias, drift = coefficients(rng, motion.skew)
     gyro_matrix, _, _ = coefficients(rng, motion.skew)
     gyro_matrix = gyro_matrix + np.diag(rng.normal(0, 0.008, 3))
-    read_f = force + force @ matrix.T + bias + rng.normal(0, motion.accelerometer_noise, force.shape)
-    read_w = rate + rate @ gyro_matrix.T + drift + rng.normal(0, motion.gyro_noise, rate.shape)
+    read_f = force + force @ matrix.T + bias + noise.normal(0, motion.accelerometer_noise, force.shape)
+    read_w = rate + rate @ gyro_matrix.T + drift + noise.normal(0, motion.gyro_noise, rate.shape)
     if motion.filter_hz:
         read_f, read_w = (_filtered(x, motion.filter_hz / motion.hz) for x in (read_f, read_w))
     count = len(force)
-    time = np.arange(count) / motion.hz
-    time = time + rng.uniform(-motion.jitter, motion.jitter, count) / motion.hz
-    celsius = motion.celsius + 0.3 * np.sin(time / 40) + rng.normal(0, 0.02, count)
+    time = (np.arange(count) + 0.5) / motion.hz
+    time = time + noise.uniform(-motion.jitter, motion.jitter, count) / motion.hz
+    celsius = motion.celsius + 0.3 * np.sin(time / 40) + noise.normal(0, 0.02, count)
     truth = truth_of(matrix, bias, "a") | truth_of(gyro_matrix, drift, "g")
     whole = np.concatenate(section)
     return Log(time, read_f, read_w, celsius, stacked, whole, labels, truth)
@@ -183,19 +185,6 @@ def means(seed: int, count: int, noise: float, gravity: float = GRAVITY) -> tupl
     force = gravity * up
     read = force + force @ matrix.T + bias + rng.normal(0, noise, force.shape)
     return read, truth_of(matrix, bias, "a")
-
-
-def slower(log: Log, hz: float, offset: float) -> tuple[Array, Array]:
-    """Return times and rates of gyros with a clock of their own."""
-    at = np.arange(log.time[0] + offset, log.time[-1] - 0.1, 1 / hz)
-    return at, np.stack([np.interp(at, log.time, w) for w in log.rate.T], axis=-1)
-
-
-def edges(log: Log) -> list[tuple[int, int]]:
-    """Return start and stop of each rest."""
-    change = np.flatnonzero(np.diff(log.section)) + 1
-    spans = pairwise([0, *change.tolist(), len(log.section)])
-    return [(a, b) for a, b in spans if log.section[a] >= 0]
 
 
 def in_accelerometer_frame(truth: dict[str, float]) -> dict[str, float]:

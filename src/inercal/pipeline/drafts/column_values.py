@@ -127,7 +127,7 @@ def accelerometers_by_values(table: Table, names: Sequence[str]) -> tuple[str, .
             continue
         misfit = norm_misfit(means)
         if misfit < _MOST_MISFIT:
-            found.append((misfit, triple, off_sphere(means, data)))
+            found.append((misfit, triple, off_sphere(means, data) - misfit))
     best = min((misfit for misfit, _, _ in found), default=0.0)
     found = [one for one in found if one[0] <= max(_AS_GOOD * best, _GOOD)]
     moved = max((off for _, _, off in found), default=0.0)
