@@ -8,7 +8,6 @@ from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
-
 from tests.log_corpus.file_cases import FILES, PAIRS, write_pair
 from tests.log_corpus.motion import GRAVITY, GRAVITY_SD, by_hand
 from tests.log_corpus.table_cases import LATITUDE, RATES, TABLES

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-
 from tests.log_corpus.motion import G0, Log, Motion, by_hand
 from tests.log_corpus.text_forms import EPOCH, Form, Written, text_columns, write_text
 
@@ -121,6 +120,19 @@ def npz_table(folder: Path, log: Log) -> Written:
     return _written(path, log, "a?", "w?")
 
 
+def npy(folder: Path, log: Log, named: bool) -> Written:
+    """Write a matrix, or records with names."""
+    columns = {"t": log.time} | _named(log, "acc?", "gyr?")
+    table = np.column_stack(list(columns.values()))
+    if named:
+        types = [(name, float) for name in columns]
+        table = np.array(list(map(tuple, table.tolist())), dtype=types)
+    np.save(folder / "log.npy", table)
+    written = _written(folder / "log.npy", log, "acc?", "gyr?")
+    places = {"accelerometer": (2, 3, 4), "gyro": (5, 6, 7)}
+    return written if named else written._replace(columns=places)
+
+
 def parquet(folder: Path, log: Log) -> Written:
     """Write a Parquet file with dates."""
     arrow = pytest.importorskip("pyarrow", reason="needs the extra inercal[io]")
@@ -175,7 +187,8 @@ def bag(folder: Path, log: Log, suffix: str) -> Written:
     messages = ros_files.messages(_samples(log), first)  # type: ignore[arg-type]
     sent = (one for one in messages if one[0] in (ros_files.RAW, ros_files.CELSIUS))
     path = write(folder / f"log{suffix}", sent)
-    return Written((path,), {}, {}, truth=log.truth)
+    topic = ros_files.RAW
+    return _written(path, log, f"{topic}.linear_acceleration.?", f"{topic}.angular_velocity.?")
 
 
 def ulog(folder: Path, log: Log) -> Written:
@@ -186,7 +199,7 @@ def ulog(folder: Path, log: Log) -> Written:
     path = folder / "log.ulg"
     topics = ("sensor_accel", "sensor_gyro")
     path.write_bytes(ulog_bytes(_samples(log), {}, topics))  # type: ignore[arg-type]
-    return Written((path,), {}, {}, truth=log.truth)
+    return _written(path, log, "sensor_accel.?", "sensor_gyro.?")
 
 
 def dataflash(folder: Path, log: Log) -> Written:
@@ -195,7 +208,12 @@ def dataflash(folder: Path, log: Log) -> Written:
 
     path = folder / "log.bin"
     path.write_bytes(dataflash_bytes(_samples(log)))  # type: ignore[arg-type]
-    return Written((path,), {}, {}, truth=log.truth)
+    written = _written(path, log, "IMU.Acc?", "IMU.Gyr?")
+    upper = {
+        kind: tuple(f"{n[:-1]}{n[-1].upper()}" for n in names)
+        for kind, names in written.columns.items()
+    }
+    return written._replace(columns=upper)
 
 
 SHEET = Form(("ms|Time (ms)", "a|Accel {X} (g)", "w|Gyro {X} (deg/s)"), "g", "°/s", 4)
@@ -205,6 +223,8 @@ FILES: dict[str, tuple[Callable[[Path, Log], Written], Motion]] = {
     "matlab struct": (matlab_struct, Motion()),
     "npz": (npz_columns, Motion()),
     "npz table": (npz_table, Motion(hz=200, rests=14)),
+    "npy": (partial(npy, named=False), Motion()),
+    "npy records": (partial(npy, named=True), Motion()),
     "parquet": (parquet, Motion()),
     "hdf5": (hdf5, Motion()),
     "xlsx": (partial(workbook, form=SHEET, title=("Recorded on 29 November", "")), Motion(hz=50)),

@@ -1,9 +1,13 @@
 """Draft a run file for a log of the corpus, calibrate with it, and compare with the truth."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+from tests.log_corpus.cases import Case, Written
+from tests.log_corpus.motion import in_accelerometer_frame
 
 import inercal
 from inercal.basics.errors import InputError
@@ -11,8 +15,6 @@ from inercal.basics.units import si_factor
 from inercal.pipeline.drafts import Draft, draft_run_file
 from inercal.pipeline.drafts.log_files import read_logs
 from inercal.pipeline.drafts.stated_keys import stated_values
-from tests.log_corpus.cases import Case, Written
-from tests.log_corpus.motion import in_accelerometer_frame
 
 _LIKE = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _WITHOUT_SCALE = ("LSB", "V", "mA")
@@ -21,7 +23,7 @@ _WITHOUT_SCALE = ("LSB", "V", "mA")
 class Judgement(NamedTuple):
     """What became of a log."""
 
-    errors: dict[str, float] = {}  # (estimate − truth) / u, by coefficient
+    errors: Mapping[str, float] = MappingProxyType({})  # (estimate − truth) / u, by coefficient
     asked: tuple[str, ...] = ()
     wrong_columns: tuple[str, ...] = ()
     wrong_units: tuple[str, ...] = ()

@@ -5,8 +5,8 @@ and wobbles about another::
 
     C = C₀ R(a φ(t)) R(b ψ(t)),   ω = R(b ψ)ᵀ a φ′ + b ψ′ + Cᵀ Ω,   f = g Cᵀ e_z + Cᵀ p″
 
-so that gyros without errors integrate to the next attitude. p is the path of the hand, Ω the rate of
-the earth. Readings are y = M f + b + noise, filtered, and then rounded by the form of the log.
+so that gyros without errors integrate to the next attitude. p is the path of the hand, Ω the rate
+of the earth. Readings are y = M f + b + noise, filtered, and then rounded by the form of the log.
 Nothing of inercal is imported.
 """
 
@@ -143,13 +143,15 @@ def by_hand(seed: int, motion: Motion, gravity: float = GRAVITY) -> Log:
     stacked, path = np.concatenate(attitude), np.concatenate(push)
     latitude, azimuth = np.radians(rng.uniform(-60, 60)), rng.uniform(0, 2 * np.pi)
     level = np.cos(latitude) * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    earth = EARTH * (level + [0, 0, np.sin(latitude)])
-    force = np.einsum("nji,nj->ni", stacked, path + [0, 0, gravity])
+    earth = EARTH * (level + np.array([0, 0, np.sin(latitude)]))
+    force = np.einsum("nji,nj->ni", stacked, path + np.array([0, 0, gravity]))
     rate = np.concatenate(rates) + np.einsum("nji,j->ni", stacked, earth)
     matrix, bias, drift = coefficients(rng, motion.skew)
     gyro_matrix, _, _ = coefficients(rng, motion.skew)
     gyro_matrix = gyro_matrix + np.diag(rng.normal(0, 0.008, 3))
-    read_f = force + force @ matrix.T + bias + noise.normal(0, motion.accelerometer_noise, force.shape)
+    read_f = (
+        force + force @ matrix.T + bias + noise.normal(0, motion.accelerometer_noise, force.shape)
+    )
     read_w = rate + rate @ gyro_matrix.T + drift + noise.normal(0, motion.gyro_noise, rate.shape)
     if motion.filter_hz:
         read_f, read_w = (_filtered(x, motion.filter_hz / motion.hz) for x in (read_f, read_w))
@@ -172,8 +174,10 @@ def _filtered(data: Array, relative: float) -> Array:
     return out
 
 
-def means(seed: int, count: int, noise: float, gravity: float = GRAVITY) -> tuple[Array, dict[str, float]]:
-    """Return mean forces, m/s², of many poses, or of the six faces if `count` is 0; and the truth."""
+def means(
+    seed: int, count: int, noise: float, gravity: float = GRAVITY
+) -> tuple[Array, dict[str, float]]:
+    """Return mean forces, m/s², of many poses, or of six faces if `count` is 0; and the truth."""
     rng = np.random.default_rng(seed)
     if count:
         up = rng.normal(size=(count, 3))

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-
 from tests.log_corpus.motion import FACE_TILT, FACES, G0, Array, coefficients, means, truth_of
 from tests.log_corpus.text_forms import Written
 

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-
 from tests.log_corpus.motion import Motion
 from tests.log_corpus.text_forms import Form
 
@@ -308,6 +307,23 @@ SKETCHES: dict[str, TextCase] = {
     "equal signs": TextCase(
         Form(("ms|t", *AW), "g", "°/s", 3, "\t", header=False, suffix=".txt",
              joined=("t = ", "ax = ", "ay = ", "az = ", "gx = ", "gy = ", "gz = "))
+    ),
+    "json lines": TextCase(
+        Form(
+            ("ms|t", *AW), "g", "°/s", 3, begin="{", end="}", header=False, suffix=".jsonl",
+            joined=('"t": ', '"ax": ', '"ay": ', '"az": ', '"gx": ', '"gy": ', '"gz": '),
+        )
+    ),
+    "tuples": TextCase(
+        Form(AW, "m/s²", "rad/s", 4, ", ", begin="(", end=")", header=False, suffix=".txt"),
+        stated=_rate(100),
+    ),
+    "lists": TextCase(
+        Form(("t|t", *AW), "m/s²", "°/s", 4, begin="[", end="]", header=False, suffix=".log"),
+    ),
+    "table with bars": TextCase(Form(("ms|t", *AW), "g", "°/s", 4, " | ", suffix=".log")),
+    "centimetres": TextCase(
+        Form(("ms|ms", "a|acc_{x} (cm/s^2)", "w|gyro_{x} (mrad/s)"), "Gal", "mrad/s", 1)
     ),
     "bars": TextCase(
         Form(("a|Ac{X}", "w|Gy{X}"), separator=" | ", header=False, suffix=".txt",

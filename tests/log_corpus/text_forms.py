@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-
 from tests.log_corpus.motion import G0, Array, Log
 
 EPOCH = 1_764_400_000.25  # s
 SI: Mapping[str, float] = {
-    **{"m/s²": 1.0, "g": G0, "mg": 1e-3 * G0, "rad/s": 1.0},
+    **{"m/s²": 1.0, "g": G0, "mg": 1e-3 * G0, "Gal": 0.01, "rad/s": 1.0},
     **{"°/s": np.pi / 180, "m°/s": 1e-3 * np.pi / 180, "mrad/s": 1e-3},
 }
 
@@ -164,7 +163,7 @@ def drafted_columns(form: Form) -> dict[str, tuple[object, ...]]:
             if kind in places:
                 places[kind][axis] = -place if "|-(" in column else place
     roles = {"accelerometer": places["a"], "gyro": places["w"]}
-    return {kind: tuple(one[x] for x in "xyz") for kind, one in roles.items() if one}
+    return {kind: tuple(one[x] for x in "xyz" if x in one) for kind, one in roles.items() if one}
 
 
 def write_text(log: Log, form: Form, folder: Path, name: str) -> Written:

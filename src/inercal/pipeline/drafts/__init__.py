@@ -41,6 +41,7 @@ from inercal.pipeline.drafts.draft_sections import (
 )
 from inercal.pipeline.drafts.log_files import read_logs, recording_name
 from inercal.pipeline.drafts.method_trials import (
+    AUTO,
     Candidate,
     MethodTrial,
     candidate_methods,
@@ -327,19 +328,39 @@ def _with_scatter(
     folder: Path,
     deviation: float,
 ) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...]]:
-    """Return entries and trials with the deviation of means that makes χ² equal to its dof."""
+    """Return entries and trials with the deviation of means that makes χ² equal to its dof.
+
+    It is found without further coefficients first: with a deviation that is too small, the tests
+    for them find effects that do not exist.
+    """
+    plain = [(bench, name, {} if keys == AUTO else keys) for bench, name, keys in candidates]
+    if plain != list(candidates):
+        found = try_methods(entries, plain, folder)
+        entries, _, deviation = _agreeing(entries, found, plain, folder, deviation)
+        trials = try_methods(entries, candidates, folder)
+    return _agreeing(entries, trials, candidates, folder, deviation)[:2]
+
+
+def _agreeing(
+    entries: tuple[DraftKey, ...],
+    trials: tuple[MethodTrial, ...],
+    candidates: Sequence[Candidate],
+    folder: Path,
+    deviation: float,
+) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...], float]:
+    """Return entries and trials with the deviation at which χ² is near its dof, and this."""
     reason = (
         "chosen so that χ² fits, so χ² says nothing about the model: state the measured scatter of "
         "your means to get a real test"
     )
-    given, before = (entries, trials), np.inf
+    given, before = (entries, trials, deviation), np.inf
     for _ in range(_SCATTER_ROUNDS):
         fits = [one.outcome.estimate for one in trials if one.outcome is not None]
         if not fits or not fits[0].dof:
             break
         ratio = float(np.sqrt(max(fits[0].chi2 / fits[0].dof, 1e-12)))
         if abs(ratio - 1) < _SCATTER_AGREES:
-            return entries, trials
+            return entries, trials, deviation
         if abs(np.log(ratio)) > 0.7 * before:
             break  # the errors of the bench explain the residuals for any scatter
         before = abs(np.log(ratio))

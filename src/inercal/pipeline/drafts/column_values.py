@@ -44,6 +44,7 @@ _MOST_NUMBERED = 200  # rows of a table of means whose rows are numbered
 _EVEN_STEPS = 0.5  # largest 90 % deviation of a clock's steps, as a fraction of the median step
 _WINDOWS = (50, 20)  # samples in a window of a rest, for fast and slow sampling
 _FEWEST_RESTS = 4
+_MANY_RESTS = 12
 _MOST_MISFIT = 0.1  # of the radius: bias and scale errors of a plain MEMS sensor
 _AS_GOOD = 4.0  # times the least misfit, because accelerometers come before magnetometers
 _GOOD = 0.03  # of the radius: scale errors and misalignments
@@ -230,7 +231,7 @@ def value_reason(kind: str) -> str:
 def _quiet(data: Array) -> Indices:
     """Return the quiet sections of readings whose rate is not known."""
     found = (find_quiet_sections(data, window) for window in _WINDOWS)
-    return max(found, key=lambda spans: min(len(spans), _FEWEST_RESTS))
+    return max(found, key=lambda spans: min(len(spans), _MANY_RESTS))
 
 
 def _neighbours(table: Table, names: Sequence[str]) -> list[tuple[str, ...]]:

@@ -29,6 +29,7 @@ _COUNTS_PER_G = (*(2.0**k for k in range(5, 16)), 1000 / 0.061, 1000 / 0.122, 10
 _COUNTS_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, 1 / 0.00875, 1 / 0.0175, 1 / 0.035, 1 / 0.07)
 COUNTED_UNITS = ("LSB", "V", "mA")  # units that need a scale
 _STATED = "as stated, or by the columns' names or the format"
+_NO_GRAVITY = 0.08  # g; more than any usual bias, and less than g read as m/s²
 _FEWEST_COUNTS = 30.0  # per g
 _FAR = 0.5  # of gravity; a larger bias is named
 _WIDEST = 2.0  # largest radius of a sphere, relative to the range of the readings
@@ -90,6 +91,14 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     centre, radius = sphere(means)
     if stated is not None and stated not in COUNTED_UNITS:
         size = si_factor(stated, "m/s²")
+        largest = float(np.linalg.norm(means, axis=-1).max()) * size / G0
+        if largest < _NO_GRAVITY:
+            raise InputError(
+                f"the accelerometers read at most {largest:.2g} g at rest, so gravity was removed "
+                f"from them, or their unit is not {stated}: record the acceleration with gravity, "
+                "or state --set sensor.accelerometer.unit",
+                key="data.accelerometer",
+            )
         return GuessedReadout(stated, "", 0.0, size, _STATED)
     plain = float(np.median(np.linalg.norm(means, axis=-1)))
     norms = [] if stated else [(plain, f"at rest the readings have a norm of {plain:.4g}")]

@@ -20,6 +20,7 @@ _ARRIVAL = re.compile(
 _LABEL = re.compile(r"(?:^|(?<=[\s,;]))>?((?!nan\b|inf\b)[A-Za-zµ_$][^,;\t:=]*?)\s*[:=]", re.I)
 _BETWEEN = re.compile(r"[\s,;|]+")
 _UNIT = re.compile(r"[^\W\d]\S*")
+_WRAPPED = re.compile(r"\s*[(\[]([^()\[\]]*)[)\]],?\s*")
 _AXES = (*"xyz", *"XYZ")
 _EXAMINED = 10  # of the last lines; most of them must have the form
 
@@ -37,14 +38,20 @@ class LineForm:
         Whether a line begins with the time at which a serial monitor received it.
     labels : tuple of (str, int)
         The words of a row, each with the number of numbers after it; empty if there are none.
+    wrapped : bool
+        Whether brackets are around each line, as Python prints lists and tuples.
     """
 
     arrival: bool = False
     labels: Labels = ()
+    wrapped: bool = False
 
     def without_arrival(self, line: str) -> str:
-        """Return a line without the time of its arrival."""
-        return _ARRIVAL.sub("", line, count=1) if self.arrival and _ARRIVAL.match(line) else line
+        """Return a line without the time of its arrival, and without brackets around it."""
+        if self.arrival and _ARRIVAL.match(line):
+            return _ARRIVAL.sub("", line, count=1)
+        wrapped = _WRAPPED.fullmatch(line) if self.wrapped else None
+        return wrapped[1] if wrapped else line
 
     def plain(self, line: str) -> str:
         """Return a line with commas between its numbers, or unchanged if its words are others.
@@ -86,12 +93,13 @@ def find_line_form(lines: Sequence[str]) -> LineForm | None:
     labels, count = found.most_common(1)[0]
     if labels and 2 * count > len(last):
         return LineForm(arrival, labels)
-    return form if arrival else None
+    wrapped = 2 * sum(_WRAPPED.fullmatch(line) is not None for line in last) > len(last)
+    return LineForm(arrival, (), wrapped) if arrival or wrapped else None
 
 
 def _parse(line: str) -> tuple[Labels, list[str]]:
     """Return the words of a line and its numbers; empty if there is anything else in it."""
-    before, *parts = _LABEL.split(line.strip())
+    before, *parts = _LABEL.split(line.strip(" \t\r\n{}").replace('"', ""))  # also lines of JSON
     labels: list[tuple[str, int]] = []
     numbers: list[str] = []
     for name, text in zip(parts[::2], parts[1::2], strict=True):
