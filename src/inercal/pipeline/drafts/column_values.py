@@ -20,7 +20,9 @@ from inercal.basics.units import format_count
 from inercal.pipeline.drafts.column_names import time_unit
 from inercal.pipeline.drafts.quiet_sections import find_quiet_sections, rest_means
 from inercal.pipeline.drafts.readouts import (
+    FEWEST_COUNTS,
     axis_changes,
+    gravity_unit,
     gyro_scale,
     norm_misfit,
     off_sphere,
@@ -42,6 +44,7 @@ _MOVED = 20.0  # least range of a gyro between rests, in units of its scatter at
 _PROPORTIONAL = 0.999  # correlation
 _MOST_NUMBERED = 200  # rows of a table of means whose rows are numbered
 _EVEN_STEPS = 0.5  # largest 90 % deviation of a clock's steps, as a fraction of the median step
+_LARGEST_G = 2.0  # reading of gravity in g
 _WINDOWS = (50, 20)  # samples in a window of a rest, for fast and slow sampling
 _FEWEST_RESTS = 4
 _MANY_RESTS = 12
@@ -207,6 +210,8 @@ def aligned_triads(
     """Tell the triads among the first six columns apart by whether their rest readings differ."""
     triples = [tuple(names[k : k + 3]) for k in range(0, len(names) - len(names) % 3, 3)][:2]
     found = [(columns, _varies_between_rests(table, columns)) for columns in triples]
+    if not any(varies for _, varies in found):
+        return _still_triads(table, triples, reasons)
     if len(found) == 1:
         kind = "accelerometer" if found[0][1] else "gyro"
         reasons[kind] = value_reason(kind)
@@ -216,6 +221,26 @@ def aligned_triads(
         match = [columns for columns, varies in found if varies == wanted]
         if match:
             triads[kind], reasons[kind] = match[0], value_reason(kind)
+    return triads
+
+
+def _still_triads(
+    table: Table, triples: Sequence[tuple[str, ...]], reasons: dict[str, str]
+) -> dict[str, tuple[str, ...]]:
+    """Tell the triads of a sensor that did not move apart by gravity; {} if they may be others."""
+    norms = [float(np.linalg.norm(np.median(_stacked(table, one), axis=0))) for one in triples]
+    gravity = [gravity_unit(norm) is not None for norm in norms]
+    # Counts have no size of their own, and a triad that reads 1 may be gyros biased by 1 °/s.
+    if len(triples) == 1:
+        clear = norms[0] > _LARGEST_G if gravity[0] else norms[0] < FEWEST_COUNTS
+    else:
+        clear = gravity.count(True) == 1
+    if not clear:
+        return {}
+    triads = {
+        "accelerometer" if g else "gyro": one for g, one in zip(gravity, triples, strict=True)
+    }
+    reasons |= dict.fromkeys(triads, "only accelerometers read gravity while the sensor rests")
     return triads
 
 

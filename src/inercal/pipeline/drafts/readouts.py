@@ -30,7 +30,7 @@ _COUNTS_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, 1 / 0.00875, 1 / 0.0175, 1 / 0.03
 COUNTED_UNITS = ("LSB", "V", "mA")  # units that need a scale
 _STATED = "as stated, or by the columns' names or the format"
 _NO_GRAVITY = 0.08  # g; more than any usual bias, and less than g read as m/s²
-_FEWEST_COUNTS = 30.0  # per g
+FEWEST_COUNTS = 30.0  # per g
 _FAR = 0.5  # of gravity; a larger bias is named
 _WIDEST = 2.0  # largest radius of a sphere, relative to the range of the readings
 _MID_SCALES = tuple(2.0**k for k in range(7, 32))
@@ -105,18 +105,23 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     if radius is not None and not stated and 3 * radius > plain:
         norms.append((radius, f"the readings at rest lie on a sphere of radius {radius:.4g}"))
     for norm, reason in norms:
-        for unit, size in _ACCELEROMETER_UNITS.items():
-            if abs(norm * size / G0 - 1) < _NEAR:
-                return GuessedReadout(unit, "", 0.0, size, reason)
+        if (unit := gravity_unit(norm)) is not None:
+            return GuessedReadout(unit, "", 0.0, _ACCELEROMETER_UNITS[unit], reason)
     counts = radius if radius is not None else plain
     offset = 0.0 if centre is None else _offset(float(np.median(centre)), counts)
-    if counts < _FEWEST_COUNTS and stated is None:
+    if counts < FEWEST_COUNTS and stated is None:
         reason = f"gravity reads {counts:.4g}, which is no usual unit"
         return GuessedReadout(UNKNOWN, "", 0.0, G0 / counts, reason, certain=False)
     per_g, why = _nominal(counts, _COUNTS_PER_G)
     unit = stated or "LSB"
     reason = f"gravity reads {counts:.4g} {'counts' if unit == 'LSB' else unit}{why}"
     return GuessedReadout(unit, f"{per_g:.6g} {unit}/g", offset, G0 / per_g, reason)
+
+
+def gravity_unit(norm: float) -> str | None:
+    """Return the usual unit in which gravity reads this norm; None if there is none."""
+    near = (u for u, size in _ACCELEROMETER_UNITS.items() if abs(norm * size / G0 - 1) < _NEAR)
+    return next(near, None)
 
 
 def far_off(means: Array, names: Sequence[str]) -> tuple[str, ...]:
@@ -167,20 +172,18 @@ def guess_from_norms(
     else:
         plain = float(np.median(norm * G0 / np.hypot(G0, rate**2 * radius)))
         reason = f"with this radius gravity is {plain:.4g}"
-    for unit, size in _ACCELEROMETER_UNITS.items():
-        if abs(plain * size / G0 - 1) < _NEAR:
-            return GuessedReadout(unit, "", 0.0, size, reason), radius
+    if (unit := gravity_unit(plain)) is not None:
+        return GuessedReadout(unit, "", 0.0, _ACCELEROMETER_UNITS[unit], reason), radius
     return _counts_per_g(plain, reason), radius
 
 
 def guess_from_turned_axis(force: Array) -> GuessedReadout:
     """Guess the readout of accelerometers, (n, k), that a head turned through gravity."""
     plain = float(np.max(np.abs(force - 0.5 * (force.max(axis=0) + force.min(axis=0)))))
-    for unit, size in _ACCELEROMETER_UNITS.items():
-        if abs(plain * size / G0 - 1) < _NEAR:
-            reason = f"the largest reading is {plain:.4g}"
-            return GuessedReadout(unit, "", 0.0, size, reason)
-    return _counts_per_g(plain, f"the largest reading is {plain:.4g}")
+    reason = f"the largest reading is {plain:.4g}"
+    if (unit := gravity_unit(plain)) is not None:
+        return GuessedReadout(unit, "", 0.0, _ACCELEROMETER_UNITS[unit], reason)
+    return _counts_per_g(plain, reason)
 
 
 def _counts_per_g(plain: float, reason: str) -> GuessedReadout:

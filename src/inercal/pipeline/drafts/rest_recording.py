@@ -205,7 +205,7 @@ def _readout(
         names = roles.triads[kind]
         mean = np.array([[float(np.mean(table.numbers(name))) for name in names]])
         guess = guess_accelerometer(mean, None)
-        unit = None if guess.unit == _COUNTS else guess.unit
+        unit = None if guess.scale or not guess.certain else guess.unit
     if unit is None:
         example = "rad/s" if kind == "gyro" else "m/s²"
         counts = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
