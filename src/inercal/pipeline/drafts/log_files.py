@@ -129,7 +129,7 @@ def _separate_gyros(
             if first == 0:
                 continue
             raise
-        own = found.triads.get("gyro") or _bare_axes(gyros)
+        own = found.triads.get("gyro") or _bare_axes(gyros, found)
         if "accelerometer" not in roles.triads or "gyro" in roles.triads or own is None:
             continue
         if "accelerometer" in found.triads:
@@ -145,11 +145,11 @@ def _separate_gyros(
     return None
 
 
-def _bare_axes(table: Table) -> tuple[str, ...] | None:
+def _bare_axes(table: Table, roles: ColumnRoles) -> tuple[str, ...] | None:
     """Return the columns of a file that contains only times and one triad."""
     names = [n for n in table.names if table.columns[n].dtype.kind != "U"]
-    free = [n for n in names if role_of_name(n) is None]
-    return in_axis_order(free) if table.header and len(free) == len("xyz") else None
+    free = [n for n in names if role_of_name(n) is None and n not in roles.single.values()]
+    return in_axis_order(free) if len(free) == len("xyz") else None
 
 
 def _with_own_clock(
