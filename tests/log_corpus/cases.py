@@ -43,7 +43,11 @@ CASES: dict[str, Case] = {
     },
     **{name: Case(partial(write_pair, pair), pair.stated) for name, pair in PAIRS.items()},
     **{name: Case(partial(_file, name)) for name in FILES},
-    **{name: Case(write) for name, write in TABLES.items()},
+    # The tilts of six faces explain any scatter of their means.
+    **{
+        name: Case(write, {"data.sd.accelerometer": "0.2 mg"} if "six" in name else {})
+        for name, write in TABLES.items()
+    },
     **{
         name: Case(write, {"bench.latitude": f"{LATITUDE} °"}, typical=True)
         for name, write in RATES.items()

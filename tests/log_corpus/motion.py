@@ -17,6 +17,7 @@ import numpy as np
 Array = np.ndarray
 G0 = 9.80665
 GRAVITY, GRAVITY_SD = 9.80, 0.02  # m/s², what a draft assumes without a place
+CLOCK = 1e-4  # standard deviation of the clock's rate, as a draft assumes
 FACE_TILT = np.radians(0.5)  # standard deviation about each of two directions, as a draft assumes
 EARTH = 7.292115e-5  # rad/s
 FACES = {"x_p": (0, 1), "y_p": (1, 1), "z_p": (2, 1), "x_a": (0, -1), "y_a": (1, -1)} | {
@@ -145,7 +146,8 @@ def by_hand(seed: int, motion: Motion, gravity: float = GRAVITY) -> Log:
     level = np.cos(latitude) * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     earth = EARTH * (level + np.array([0, 0, np.sin(latitude)]))
     force = np.einsum("nji,nj->ni", stacked, path + np.array([0, 0, gravity]))
-    rate = np.concatenate(rates) + np.einsum("nji,j->ni", stacked, earth)
+    clock = 1 + rng.normal(0, CLOCK)  # true rates over those on the clock of the log
+    rate = clock * np.concatenate(rates) + np.einsum("nji,j->ni", stacked, earth)
     matrix, bias, drift = coefficients(rng, motion.skew)
     gyro_matrix, _, _ = coefficients(rng, motion.skew)
     gyro_matrix = gyro_matrix + np.diag(rng.normal(0, 0.008, 3))

@@ -7,7 +7,7 @@ import numpy as np
 from tests.log_corpus.motion import FACE_TILT, FACES, G0, Array, coefficients, means, truth_of
 from tests.log_corpus.text_forms import Written
 
-NOISE = 2e-3  # m/s², of a mean
+NOISE = 2e-4 * G0  # m/s², of a mean
 ARCSEC = np.radians(1 / 3600)
 EARTH_HOUR = 15.041067  # °/h
 LATITUDE = 48.1  # °
@@ -138,15 +138,18 @@ def rate_table(
 SLOPES = np.array([[2e-4, -1e-4, 3e-4], [40e-6, -25e-6, 30e-6]])  # of bias, m/s²/K, and scale, 1/K
 
 
-def soaks(one_file: bool) -> Callable[[Path, int, float], Written]:
-    """Return the writer of six faces at each of three temperatures, in one file or in three."""
+def soaks(one_file: bool, named: bool = True) -> Callable[[Path, int, float], Written]:
+    """Return the writer of six faces at each of three temperatures, in three files, or in one.
+
+    One file may have a column that names the faces.
+    """
 
     def write(folder: Path, seed: int, gravity: float) -> Written:
         rng = np.random.default_rng(seed)
         matrix, bias, _ = coefficients(rng)
         hz, files, rows, start = 25.0, [], [], 0.0
         for celsius in (-10.0, 20.0, 50.0):
-            force = _faces(rng, gravity, int(8 * hz), int(2 * hz))
+            force, faces = _faces(rng, gravity, int(8 * hz), int(2 * hz))
             warm = celsius + 0.2 * np.sin(np.arange(len(force)) / hz / 50)
             dT = (warm - 20.0)[:, None]
             read = force + force @ matrix.T + bias + dT * SLOPES[0] + force * dT * SLOPES[1]
@@ -156,13 +159,15 @@ def soaks(one_file: bool) -> Callable[[Path, int, float], Written]:
                 [f"{t:.2f}", *(f"{one:.5f}" for one in x), f"{c + rng.normal(0, 0.02):.2f}"]
                 for t, x, c in zip(time, read / G0, warm, strict=True)
             ]
-            rows += made
-            start = float(time[-1]) + (1 / hz if one_file else 600.0)
+            rows += [[*row, face] for row, face in zip(made, faces, strict=True)]
+            start = float(time[-1]) + 3600.0  # of the chamber, without a record
             if not one_file:
                 head = ("t", "ax", "ay", "az", "temp")
                 files.append(_write(folder / f"soak_{celsius:+.0f}C.csv", head, made))
         if one_file:
-            files = [_write(folder / "soaks.csv", ("t", "ax", "ay", "az", "temp"), rows)]
+            count = 6 if named else 5
+            head = ("t", "ax", "ay", "az", "temp", "face")[:count]
+            files = [_write(folder / "soaks.csv", head, [row[:count] for row in rows])]
         truth = truth_of(matrix, bias, "a")
         for k, x in enumerate("xyz"):
             truth |= {f"a{x}.k0_dT": SLOPES[0, k], f"a{x}.k1_dT": SLOPES[1, k]}
@@ -172,11 +177,14 @@ def soaks(one_file: bool) -> Callable[[Path, int, float], Written]:
     return write
 
 
-def _faces(rng: np.random.Generator, gravity: float, still: int, moving: int) -> Array:
-    """Return the force on six faces, with a shaky quarter turn before each."""
+def _faces(
+    rng: np.random.Generator, gravity: float, still: int, moving: int
+) -> tuple[Array, list[str]]:
+    """Return the force on six faces and their names, with a shaky quarter turn before each."""
     parts: list[Array] = []
+    names: list[str] = []
     before = np.array([0.0, -1.0, 0.0])
-    for axis, sense in FACES.values():
+    for name, (axis, sense) in FACES.items():
         up = np.eye(3)[axis] * sense
         up = up + np.delete(np.eye(3), axis, axis=0).T @ rng.normal(0, FACE_TILT, 2)
         up /= np.linalg.norm(up)
@@ -184,8 +192,9 @@ def _faces(rng: np.random.Generator, gravity: float, still: int, moving: int) ->
         path = before * np.cos(share * np.pi / 2) + up * np.sin(share * np.pi / 2)
         parts.append(gravity * path + rng.normal(0, 0.4, path.shape))
         parts.append(np.tile(gravity * up, (still, 1)))
+        names += [""] * moving + [name] * still
         before = up
-    return np.concatenate(parts)
+    return np.concatenate(parts), names
 
 
 WORDS = ("x up", "y up", "z up", "x down", "y down", "z down")
@@ -202,7 +211,8 @@ TABLES: dict[str, Callable[[Path, int, float], Written]] = {
     "dividing head in m/s²": dividing_head(24, "AB", "m/s²"),
     "tumble": dividing_head(36, "A"),
     "soak files": soaks(one_file=False),
-    "soaks in one file": soaks(one_file=True),
+    "soaks with names": soaks(one_file=True),
+    "soaks in one file": soaks(one_file=True, named=False),
 }
 RATES: dict[str, Callable[[Path, int, float], Written]] = {
     "rate table": rate_table((0, 50, -50, 100, -100, 200, -200)),

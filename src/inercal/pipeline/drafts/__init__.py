@@ -69,6 +69,8 @@ _REASONS = {
     "share only if [environment] states them",
 }
 _WORST = "unreliable"
+_WARMED = 10.0  # K, at which biases of MEMS change by more than their uncertainty
+_GUESS = "a guess that χ² cannot check: state the standard deviation of your means"
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
 
@@ -269,7 +271,7 @@ def _draft(
         *signs,
         *suggest_rate(clock, readouts.get("gyro")),
         *((gyro_deviation_key(table, roles, readouts["gyro"]),) if at_rates else ()),
-        *((deviation_key(start_deviation(roles), "a guess"),) if guessed else ()),
+        *((deviation_key(start_deviation(roles), _GUESS),) if guessed else ()),
     )
     entries = _with_stated(entries, _named_columns(values, roles))
     trials = try_methods(entries, candidates, path.parent)
@@ -310,7 +312,9 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
         )
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
-    candidates = candidate_methods(roles)
+    warm = roles.single.get("temperature")
+    kelvin = 0.0 if warm is None else float(np.ptp(np.nanquantile(table.numbers(warm), (0.1, 0.9))))
+    candidates = candidate_methods(roles, warmed=kelvin > _WARMED)
     if not candidates:
         raise InputError(
             f"{log}: no method fits {len(roles.triads['accelerometer'])} accelerometer columns "
@@ -358,7 +362,9 @@ def _agreeing(
         fits = [one.outcome.estimate for one in trials if one.outcome is not None]
         if not fits or not fits[0].dof:
             break
-        ratio = float(np.sqrt(max(fits[0].chi2 / fits[0].dof, 1e-12)))
+        # With few degrees of freedom this is the standard uncertainty (GUM Supplement 1, 6.4.9).
+        dof = max(fits[0].dof - 2, fits[0].dof / 3)
+        ratio = float(np.sqrt(max(fits[0].chi2 / dof, 1e-12)))
         if abs(ratio - 1) < _SCATTER_AGREES:
             return entries, trials, deviation
         if abs(np.log(ratio)) > 0.7 * before:

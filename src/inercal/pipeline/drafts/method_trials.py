@@ -59,10 +59,11 @@ class MethodTrial(NamedTuple):
         return f"{self.called}: {format_count(count, 'coefficient')}, {self.outcome.verdict.word}"
 
 
-def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
+def candidate_methods(roles: ColumnRoles, *, warmed: bool = False) -> tuple[Candidate, ...]:
     """Return the methods that may fit the columns, each with its bench and further keys.
 
-    The first method that works on the data is proposed.
+    The first method that works on the data is proposed. `warmed` states that the temperature of a
+    single recording changes by much.
     """
     triad = len(roles.triads.get("accelerometer", ()))
     gyros = "gyro" in roles.triads
@@ -91,7 +92,7 @@ def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
     ferraris = ferraris if gyros else []
     free: list[Candidate] = [("hand", "multi_position", AUTO)]
     six: list[Candidate] = [("hand", "six_position", {})]
-    if roles.part_marks == "found" and "temperature" in roles.single:
+    if warmed or (roles.part_marks == "found" and "temperature" in roles.single):
         warm: list[Candidate] = [("hand", "six_position", {"temperature_order": "auto"})]
         return tuple(warm + free + six)
     marked = "label" in roles.single or roles.part_marks == "labels"
