@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -108,7 +108,8 @@ def matlab_struct(folder: Path, log: Log) -> Written:
 def npz_columns(folder: Path, log: Log) -> Written:
     """Write an array for each column."""
     path = folder / "log.npz"
-    np.savez(path, t=log.time, **_named(log, "acc_?", "gyro_?"))
+    columns: dict[str, Any] = {"t": log.time} | _named(log, "acc_?", "gyro_?")
+    np.savez(path, **columns)
     return _written(path, log, "acc_?", "gyro_?")
 
 
@@ -208,12 +209,11 @@ def dataflash(folder: Path, log: Log) -> Written:
 
     path = folder / "log.bin"
     path.write_bytes(dataflash_bytes(_samples(log)))  # type: ignore[arg-type]
-    written = _written(path, log, "IMU.Acc?", "IMU.Gyr?")
-    upper = {
-        kind: tuple(f"{n[:-1]}{n[-1].upper()}" for n in names)
-        for kind, names in written.columns.items()
+    columns = {
+        kind: tuple(f"IMU.{name}{x}" for x in "XYZ")
+        for kind, name in (("accelerometer", "Acc"), ("gyro", "Gyr"))
     }
-    return written._replace(columns=upper)
+    return Written((path,), columns, UNNAMED, truth=log.truth)
 
 
 SHEET = Form(("ms|Time (ms)", "a|Accel {X} (g)", "w|Gyro {X} (deg/s)"), "g", "°/s", 4)
