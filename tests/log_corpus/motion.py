@@ -34,6 +34,7 @@ class Motion:
     rests: int = 18
     still: float = 2.0  # s
     moving: float = 1.2  # s
+    wobble: float = 0.2  # rad, about another axis during a turn
     faces: bool = False
     accelerometer_noise: float = 0.015  # m/s², of a sample
     gyro_noise: float = np.radians(0.06)  # rad/s
@@ -134,7 +135,7 @@ def by_hand(seed: int, motion: Motion, gravity: float = GRAVITY) -> Log:
         section.append(np.full(n, k))
         if k + 1 == len(rests):
             break
-        axis, wobble = _vector(here.T @ rests[k + 1]), rng.normal(0, 0.2, 3)
+        axis, wobble = _vector(here.T @ rests[k + 1]), rng.normal(0, motion.wobble, 3)
         second = turns(bump[:, None] * wobble)
         attitude.append(here @ turns(swept[:, None] * axis) @ second)
         turned = np.einsum("nji,j->ni", second, axis) * speed[:, None]

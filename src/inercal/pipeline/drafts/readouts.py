@@ -261,7 +261,7 @@ def guess_gyro(
         Start and stop samples of the marked sections with motion.
     """
     assert rests.rate is not None
-    offset = _gyro_offset(rests)
+    offset = 0.0 if gyro.min() < 0 else _gyro_offset(rests)  # only unsigned counts have one
     if stated is not None and stated not in COUNTED_UNITS:
         return GuessedReadout(stated, "", 0.0, si_factor(stated, "rad/s"), _STATED)
     size, count, misfit = gyro_scale(rests, gyro, accelerometer.offset)
