@@ -57,6 +57,8 @@ def test_all_logs_are_calibrated_at_the_first_try_and_u_is_right(tmp_path: Path)
     assert not wrong
     failed = {name: one for name, one in found.items() if one.refusal or one.asked}
     assert len(failed) <= 0.05 * len(found), failed
+    doubted = [name for name, one in found.items() if one.grade == "unreliable"]
+    assert len(doubted) <= 0.05 * len(found), doubted
     assert 0.9 < pooled(found) < 1.1
 
 

@@ -29,7 +29,7 @@ class Judgement(NamedTuple):
     wrong_units: tuple[str, ...] = ()
     refusal: str = ""
     method: str = ""
-    verdict: str = ""
+    grade: str = ""
 
 
 def judge(case: Case, folder: Path, seed: int, gravity: float) -> Judgement:
@@ -63,7 +63,7 @@ def judge(case: Case, folder: Path, seed: int, gravity: float) -> Judgement:
         if name.endswith((".k1", ".scale")):
             true += ratio - 1
         errors[name] = (found.value(name) - true) / found.uncertainty(name)
-    return Judgement(errors, (), wrong, units, "", method, outcome.verdict.word)
+    return Judgement(errors, (), wrong, units, "", method, outcome.verdict.grade)
 
 
 def _wrong_columns(

@@ -34,7 +34,7 @@ class Motion:
     rests: int = 18
     still: float = 2.0  # s
     moving: float = 1.2  # s
-    wobble: float = 0.2  # rad, about another axis during a turn
+    wobble: float = 0.1  # rad, about another axis during a turn
     faces: bool = False
     accelerometer_noise: float = 0.015  # m/s², of a sample
     gyro_noise: float = np.radians(0.06)  # rad/s
