@@ -144,6 +144,16 @@ def test_a_bad_iso_8601_time_is_refused_with_its_line(tmp_path: Path, bad: str):
         read(log(tmp_path, times))
 
 
+@pytest.mark.parametrize(
+    "text", ["%H:%M:%S.%f", "%H:%M:%S:%f", "%Y/%m/%d %H:%M:%S.%f", "%Y%m%dT%H%M%S.%f"]
+)
+def test_times_of_day_and_other_dates_pass_midnight(tmp_path: Path, text: str):
+    start = datetime(2026, 11, 29, 23, 59, 50, tzinfo=UTC)
+    cells = [(start + timedelta(milliseconds=10 * k)).strftime(text) for k in range(2000)]
+    found = read(log(tmp_path, cells))
+    np.testing.assert_allclose(found.time, 0.01 * np.arange(2000), rtol=0, atol=1e-9)
+
+
 def test_iso_8601_times_take_no_unit(tmp_path: Path):
     with refused(key="time_unit", names=["time"]):
         read(log(tmp_path, [iso(k) for k in range(N)]), "s")

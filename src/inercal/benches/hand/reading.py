@@ -52,6 +52,8 @@ from inercal.recordings.segments import (
 )
 from inercal.recordings.segments.motion_thresholds import WINDOW
 
+_CHAMBER_PAUSE = 60.0  # s; longer than a fault of a logger
+
 
 def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
     """Return the whole recording as one observation, with its track.
@@ -275,11 +277,18 @@ def _planned_sections(
 
 
 def _files(run: RunBase[RestsSection], recording: Recording) -> tuple[tuple[int, int], ...]:
-    """Return the samples of each file if the recording has several, as (start, stop)."""
+    """Return the samples of each file if the recording has several, as (start, stop).
+
+    A recording that was paused while a chamber changed its temperature has as many parts.
+    """
     labels = recording.labels
-    if labels is None or not is_pattern(run.file(run.data.file)):
+    if labels is not None and is_pattern(run.file(run.data.file)):
+        change = labels[1:] != labels[:-1]
+    elif _numbers_visits(run):
+        change = np.diff(recording.time) > _CHAMBER_PAUSE
+    else:
         return ()
-    edges = [0, *(np.flatnonzero(labels[1:] != labels[:-1]) + 1).tolist(), labels.size]
+    edges = [0, *(np.flatnonzero(change) + 1).tolist(), recording.time.size]
     return tuple(pairwise(edges))
 
 

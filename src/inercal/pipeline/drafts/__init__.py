@@ -52,6 +52,7 @@ from inercal.pipeline.drafts.draft_sections import (
 from inercal.pipeline.drafts.file_parts import recording_name
 from inercal.pipeline.drafts.log_files import read_logs
 from inercal.pipeline.drafts.method_trials import (
+    AUTO,
     RAMP,
     Candidate,
     MethodTrial,
@@ -80,9 +81,10 @@ _REASONS = {
     ("temperature_order", "auto"): "chosen by tests; U includes errors that the rows of a soak "
     "share only if [environment] states them",
 }
-_HEATED = 10.0  # K
+_HEATED = 10.0  # K, at which biases of MEMS change by more than their uncertainty
 _LEFT_OUT = (NO_GYROS, NO_LABEL, NO_MARKS, NO_SENSOR)
 _WORST = "unreliable"
+_GUESS = "a guess that χ² cannot check: state the standard deviation of your means"
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
 
@@ -323,7 +325,7 @@ def _draft(
         *signs,
         *suggest_rate(clock, readouts.get("gyro")),
         *((gyro_deviation_key(table, roles, readouts["gyro"]),) if at_rates else ()),
-        *((deviation_key(start_deviation(roles), "a guess"),) if guessed else ()),
+        *((deviation_key(start_deviation(roles), _GUESS),) if guessed else ()),
     )
     entries = _with_stated(entries, _named_columns(values, roles))
     if typical:
@@ -365,7 +367,8 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
     thermometer = roles.single.get("temperature")
-    heated = thermometer is not None and bool(np.ptp(table.numbers(thermometer)) > _HEATED)
+    read = np.zeros(1) if thermometer is None else table.numbers(thermometer)
+    heated = float(np.ptp(np.nanquantile(read, (0.1, 0.9)))) > _HEATED
     candidates = candidate_methods(roles, heated=heated)
     if not candidates:
         count = format_count(len(roles.triads["accelerometer"]), "accelerometer column")
@@ -384,23 +387,45 @@ def _with_scatter(
     folder: Path,
     deviation: float,
 ) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...]]:
-    """Return entries and trials with the deviation of means that makes χ² equal to its dof."""
+    """Return entries and trials with the deviation of means that makes χ² equal to its dof.
+
+    It is found without further coefficients first: with a deviation that is too small, the tests
+    for them find effects that do not exist.
+    """
+    plain = [(bench, name, {} if keys == AUTO else keys) for bench, name, keys in candidates]
+    if plain != list(candidates):
+        found = try_methods(entries, plain, folder)
+        entries, _, deviation = _agreeing(entries, found, plain, folder, deviation)
+        trials = try_methods(entries, candidates, folder)
+    return _agreeing(entries, trials, candidates, folder, deviation)[:2]
+
+
+def _agreeing(
+    entries: tuple[DraftKey, ...],
+    trials: tuple[MethodTrial, ...],
+    candidates: Sequence[Candidate],
+    folder: Path,
+    deviation: float,
+) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...], float]:
+    """Return entries and trials with the deviation at which χ² is near its dof, and this."""
     reason = (
         "chosen so that χ² fits, so χ² says nothing about the model: state the measured scatter of "
         "your means to get a real test"
     )
-    given, before = (entries, trials), np.inf
+    given, before = (entries, trials, deviation), np.inf
     for _ in range(_SCATTER_ROUNDS):
         found = [one.outcome for one in trials if one.outcome is not None]
         if not found or not found[0].estimate.dof:
             break
         fit = found[0].estimate
-        ratio = float(np.sqrt(max(fit.chi2 / fit.dof, 1e-12)))
+        # With few degrees of freedom this is the standard uncertainty (GUM Supplement 1, 6.4.9).
+        dof = max(fit.dof - 2, fit.dof / 3)
+        ratio = float(np.sqrt(max(fit.chi2 / dof, 1e-12)))
         too_large = [one.factor for one in found[0].findings if one.what == "noise" and one.factor]
         if too_large:  # repeated positions agree better than the rest of the data
             ratio = min(ratio, 1 / max(too_large))
         elif abs(ratio - 1) < _SCATTER_AGREES:
-            return entries, trials
+            return entries, trials, deviation
         if abs(np.log(ratio)) > 0.7 * before:
             break  # the errors of the bench explain the residuals for any scatter
         before = abs(np.log(ratio))

@@ -23,6 +23,7 @@ _STEMS = {
         r"|w_rs_s)"
     ),
 }
+_BARE = ("", "axis", "value", "data")  # stems that name no sensor: "X (g)", "x-axis (g)"
 _WITHOUT_GRAVITY = re.compile(r"(\w*_)?(linear|lin|user|free)_?acc\w*")
 _NO_SENSOR = re.compile(  # names of triads that are neither accelerometers nor gyros
     r"(\w*_)?(mag\w*|[mhb]_?[xyz]|roll|pitch|yaw|azimuth|heading|euler\w*|quat\w*|q[0-3wxyz]|gravity\w*"
@@ -33,7 +34,7 @@ _OTHER_FIELDS = re.compile(
 )  # "/accel.orientation"
 NAMES = {
     "time": re.compile(
-        r"t(_?(s|ms|us|ns))?|(\w*_)?time\w*|\w*timestamp\w*|stamp|date\w*|secs?|seconds?\w*"
+        r"t(_?(s|ms|us|ns))?|(?!sample_?time_?fine)(\w*_)?time\w*|\w*timestamp\w*|stamp|date\w*|secs?|seconds?\w*"
         r"|sample(?!_?time_?fine)\w*|n_samples|\w*counter|ms|msecs?|millis\w*|us|usecs?"
         r"|hours?|micros\w*|nanos\w*|elapsed\w*|epoch\w*|uptime\w*"
     ),
@@ -44,7 +45,7 @@ NAMES = {
         r"rpm|arm_?rate(_?(rpm|rad_?s|deg_?s|dps))?|rate|speed_?rpm|omega_over_pi|table_?rate"
     ),
     "axis": re.compile(r"axis|up"),
-    "angle": re.compile(r"(?!roll|pitch|yaw|euler)(\w+_)?angle(_?deg)?|head"),
+    "angle": re.compile(r"(?!roll|pitch|yaw|euler|[xyz]_)(\w+_)?angle(_?deg)?|head"),
     "autocollimator": re.compile(r"autocollimator|collimator"),
     "level": re.compile(r"level"),
     "mounting": re.compile(r"mounting|fixture"),
@@ -54,21 +55,27 @@ NAMES = {
 """Names of single columns by role."""
 
 _UNITS = (  # units in a column's name, as text or in brackets, with their kind
+    (re.compile(r"cm/s(\^?2|²)"), "Gal"),
     (re.compile(r"m_?/?s_?(\^?2|²|2)\b|m_s2|mps2|m\W?s(\^?-2|⁻²)"), "m/s²"),
     (re.compile(r"\[(mg)\]|\(mg\)|_mg\b"), "mg"),
     (re.compile(r"\[g\]|\(g\)|_g\b"), "g"),
+    (re.compile(r"\bmrad/s\b"), "mrad/s"),
     (re.compile(r"rad_?/?s\b|_rad\b|rads\b|rad\W?s(\^?-1|⁻¹)"), "rad/s"),
+    (re.compile(r"\bm(dps|(deg|°)/?s)\b|_mdps\b"), "m°/s"),
     (re.compile(r"(deg|°)_?/?s\b|dps\b|_deg\b|(deg|°)\W?s(\^?-1|⁻¹)"), "°/s"),
     (re.compile(r"lsb|counts?|raw"), "LSB"),
 )
 _KINDS: Mapping[str, str] = {
     "m/s²": "accelerometer",
+    "Gal": "accelerometer",
     "mg": "accelerometer",
     "g": "accelerometer",
     "rad/s": "gyro",
     "°/s": "gyro",
+    "m°/s": "gyro",
+    "mrad/s": "gyro",
 }
-_UNIT_WORDS = r"m_s_?2|mps2|ms2|mg|g|rad(_?s)?|deg(_?s)?|dps|raw|lsb|counts?"
+_UNIT_WORDS = r"m_s_?2|mps2|ms2|mg|g|rad(_?s)?|deg(_?s)?|m?dps|raw|lsb|counts?"
 _UNIT_END = re.compile(rf"_({_UNIT_WORDS})$")
 _STATE = re.compile(r"_(cal|calibrated|corrected|filt|filtered)$")  # how readings were processed
 _TIME_UNITS = (
@@ -145,11 +152,11 @@ def named_triads(
             reasons[kind] = "by their names"
             if unit := column_unit(found[0]):
                 units[kind] = unit
-    bare = groups.get("", {})
-    kind = _KINDS.get(column_unit(bare.get(0, "")) or "")
-    if len(bare) == len(_AXES) and kind is not None and kind not in triads:
-        triads[kind] = tuple(bare[k] for k in range(len(_AXES)))
-        reasons[kind], units[kind] = "by their unit", column_unit(bare[0]) or ""
+    for bare in (groups[stem] for stem in _BARE if len(groups.get(stem, ())) == len(_AXES)):
+        unit = column_unit(bare[0]) or ""
+        if (kind := _KINDS.get(unit)) is not None and kind not in triads:
+            triads[kind] = tuple(bare[k] for k in range(len(_AXES)))
+            reasons[kind], units[kind] = "by their unit", unit
     return triads
 
 

@@ -24,6 +24,7 @@ from inercal.pipeline.drafts.column_values import (
     aligned_triads,
     clock_by_values,
     columns_of_numbers,
+    counts,
     counts_rows,
     follows_rate,
     grows,
@@ -200,7 +201,7 @@ def _judge_labels(
 def _named_columns(names: Sequence[str], table: Table, reasons: dict[str, str]) -> dict[str, str]:
     """Return the column of each further role, recognised by name; a clock must also increase."""
     single: dict[str, str] = {}
-    for name in names:
+    for name in sorted(names, key=lambda one: role_of_name(one) == "time" and counts(table, one)):
         role = role_of_name(name)
         if role is None or role in single or (role == "time" and not grows(table, name)):
             continue

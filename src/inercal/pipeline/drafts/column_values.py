@@ -17,11 +17,15 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
+from inercal.pipeline.drafts.column_names import time_unit
 from inercal.pipeline.drafts.quiet_sections import find_quiet_sections, rest_means
 from inercal.pipeline.drafts.readouts import (
+    FEWEST_COUNTS,
     axis_changes,
+    gravity_unit,
     gyro_scale,
     norm_misfit,
+    off_sphere,
     turns_of_readings,
 )
 from inercal.recordings import Indices
@@ -40,10 +44,13 @@ _MOVED = 20.0  # least range of a gyro between rests, in units of its scatter at
 _PROPORTIONAL = 0.999  # correlation
 _MOST_NUMBERED = 200  # rows of a table of means whose rows are numbered
 _EVEN_STEPS = 0.5  # largest 90 % deviation of a clock's steps, as a fraction of the median step
-_WINDOW = 50  # samples in a window of a rest
+_LARGEST_G = 2.0  # reading of gravity in g
+_WINDOWS = (50, 20)  # samples in a window of a rest, for fast and slow sampling
 _FEWEST_RESTS = 4
+_MANY_RESTS = 12
 _MOST_MISFIT = 0.1  # of the radius: bias and scale errors of a plain MEMS sensor
 _AS_GOOD = 4.0  # times the least misfit, because accelerometers come before magnetometers
+_GOOD = 0.03  # of the radius: scale errors and misalignments
 _SPREAD = 0.25  # fraction of the range in motion
 
 
@@ -51,7 +58,8 @@ def grows(table: Table, name: str) -> bool:
     """Return whether a column may be a clock: dates, or numbers that never go back by much."""
     column = table.columns[name]
     if column.dtype.kind == "U":
-        return column.size > 0 and is_iso_time(str(column[0]))
+        changes = column[1:] != column[:-1]  # most dates in whole seconds repeat
+        return changes.size > 0 and is_iso_time(str(column[0])) and bool(np.median(changes) > 0)
     steps = np.diff(column.astype(np.float64))
     return steps.size > 0 and bool(np.median(steps) > 0)
 
@@ -81,6 +89,14 @@ def has_even_steps(table: Table, name: str | None) -> bool:
     return typical > 0 and float(np.quantile(np.abs(steps / typical - 1), 0.9)) < _EVEN_STEPS
 
 
+def counts(table: Table, name: str) -> bool:
+    """Return whether a column counts samples, so that a column of times tells more."""
+    column = table.columns[name]
+    if column.dtype.kind == "U" or time_unit(name):
+        return False
+    return column.size > 1 and bool(np.median(np.diff(column.astype(np.float64))) == 1)
+
+
 def counts_rows(table: Table, name: str) -> bool:
     """Return whether a column of a short table is 1, 2, 3, … and so only numbers its rows."""
     column = table.columns[name]
@@ -108,18 +124,23 @@ def clock_by_values(table: Table, names: Sequence[str]) -> str | None:
 
 
 def accelerometers_by_values(table: Table, names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the three neighbouring columns whose readings at rest lie on a sphere."""
-    found: list[tuple[float, tuple[str, ...]]] = []
+    """Return the three neighbouring columns whose readings at rest lie on a sphere.
+
+    A magnetometer's also do, but motion moves only the accelerometers' readings off their sphere.
+    """
+    found: list[tuple[float, tuple[str, ...], float]] = []
     for triple in _neighbours(table, names):
         data = _stacked(table, triple)
-        means = rest_means(find_quiet_sections(data, _WINDOW), data, None).force
+        means = rest_means(_quiet(data), data, None).force
         if len(means) < _FEWEST_RESTS or np.ptp(means, axis=0).max() <= _SPREAD * _reach(data):
             continue
         misfit = norm_misfit(means)
         if misfit < _MOST_MISFIT:
-            found.append((misfit, triple))
-    best = min((misfit for misfit, _ in found), default=0.0)
-    return next((triple for misfit, triple in found if misfit <= _AS_GOOD * best), None)
+            found.append((misfit, triple, off_sphere(means, data) - misfit))
+    best = min((misfit for misfit, _, _ in found), default=0.0)
+    found = [one for one in found if one[0] <= max(_AS_GOOD * best, _GOOD)]
+    moved = max((off for _, _, off in found), default=0.0)
+    return next((triple for _, triple, off in found if _AS_GOOD * off >= moved), None)
 
 
 def gyros_by_values(
@@ -135,7 +156,7 @@ def gyros_by_values(
     moved: list[tuple[float, tuple[str, ...]]] = []
     for triple in _neighbours(table, names):
         data = _stacked(table, triple)
-        spans = find_quiet_sections(np.hstack([force, data]), _WINDOW)
+        spans = _quiet(np.hstack([force, data]))
         if len(spans) < 2:
             continue
         rests = rest_means(spans, force, data)
@@ -162,7 +183,7 @@ def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Seq
         if not _moves_alike(table, triple, force):
             continue
         data = _stacked(table, triple)
-        spans = find_quiet_sections(np.hstack([force, data]), _WINDOW)
+        spans = _quiet(np.hstack([force, data]))
         turns = turns_of_readings(rest_means(spans, force, data), data, 0.0)
         if turns is None:
             continue
@@ -180,7 +201,7 @@ def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Seq
 def _moves_alike(table: Table, names: Sequence[str], force: Array) -> bool:
     """Return whether columns read the same at all rests and all of them change in between."""
     data = _stacked(table, names)
-    spans = find_quiet_sections(np.hstack([force, data]), _WINDOW)
+    spans = _quiet(np.hstack([force, data]))
     reach = _reach(data)
     if len(spans) < _FEWEST_RESTS or not reach:
         return False
@@ -194,6 +215,8 @@ def aligned_triads(
     """Tell the triads among the first six columns apart by whether their rest readings differ."""
     triples = [tuple(names[k : k + 3]) for k in range(0, len(names) - len(names) % 3, 3)][:2]
     found = [(columns, _varies_between_rests(table, columns)) for columns in triples]
+    if not any(varies for _, varies in found):
+        return _still_triads(table, triples, reasons)
     if len(found) == 1:
         kind = "accelerometer" if found[0][1] else "gyro"
         reasons[kind] = value_reason(kind)
@@ -206,6 +229,26 @@ def aligned_triads(
     return triads
 
 
+def _still_triads(
+    table: Table, triples: Sequence[tuple[str, ...]], reasons: dict[str, str]
+) -> dict[str, tuple[str, ...]]:
+    """Tell the triads of a sensor that did not move apart by gravity; {} if they may be others."""
+    norms = [float(np.linalg.norm(np.median(_stacked(table, one), axis=0))) for one in triples]
+    gravity = [gravity_unit(norm) is not None for norm in norms]
+    # Counts have no size of their own, and a triad that reads 1 may be gyros biased by 1 °/s.
+    if len(triples) == 1:
+        clear = norms[0] > _LARGEST_G if gravity[0] else norms[0] < FEWEST_COUNTS
+    else:
+        clear = gravity.count(True) == 1
+    if not clear:
+        return {}
+    triads = {
+        "accelerometer" if g else "gyro": one for g, one in zip(gravity, triples, strict=True)
+    }
+    reasons |= dict.fromkeys(triads, "only accelerometers read gravity while the sensor rests")
+    return triads
+
+
 def value_reason(kind: str) -> str:
     """Return the reason by which a triad is recognised."""
     return (
@@ -213,6 +256,12 @@ def value_reason(kind: str) -> str:
         if kind == "accelerometer"
         else "their readings at rest are the same in all attitudes"
     )
+
+
+def _quiet(data: Array) -> Indices:
+    """Return the quiet sections of readings whose rate is not known."""
+    found = (find_quiet_sections(data, window) for window in _WINDOWS)
+    return max(found, key=lambda spans: min(len(spans), _MANY_RESTS))
 
 
 def _neighbours(table: Table, names: Sequence[str]) -> list[tuple[str, ...]]:

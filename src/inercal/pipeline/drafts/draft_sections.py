@@ -45,6 +45,7 @@ _WINDOW = 0.5  # s, window in which a rest must be quiet
 _WINDOW_SAMPLES = 50  # the same window if the rate is not known
 _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs
+_SAME_RATE = 0.2  # stated rates are nominal
 _ARM_DEVIATION = 1e-2
 _MOST_LISTED = 12  # columns in a line
 _MEAN_DEVIATION = 1e-4  # in gravity, for means without a stated scatter
@@ -86,6 +87,11 @@ def clock_keys(
         counter = DraftKey("data", "time_unit", "sample", "its steps are 1, so it counts samples")
         return by_rate, (entry, counter, *wrap, rate_key)
     unit = roles.units.get("time") or _unit_of_step(step)
+    if hertz is not None and "data.time" not in stated:
+        units = [one for one in (unit, *_TIME_UNITS) if _agrees(hertz * step * si_factor(one))]
+        if not units:  # the column counts something else, such as ticks
+            return by_rate, (rate_key,)
+        unit = units[0]
     seconds, _ = times_from_origin(stamps, si_factor(unit))
     if roles.reasons.get("time") != STATED and (why := _bursts(seconds)):
         return by_rate, (replace(rate_key, ask=f"{ask}; {name} is no clock: {why}"),)
@@ -111,6 +117,10 @@ def _bursts(seconds: Array) -> str:
     """Return why stamps that come in bursts are no times of samples; empty if they are."""
     alone = Recording(seconds, np.zeros((seconds.size, 1)), ("t",), ("s",))
     return "; ".join(finding.message for finding in burst_findings(alone))
+
+
+def _agrees(ratio: float) -> bool:
+    return abs(ratio - 1) < _SAME_RATE
 
 
 def _unit_of_step(step: float) -> str:

@@ -271,7 +271,7 @@ def _bare_axes(table: Table, found: ColumnRoles) -> tuple[str, ...] | None:
     free = [n for n in names if role_of_name(n) is None and n not in found.single.values()]
     if any(map(is_other_quantity, free)):
         return None
-    return in_axis_order(free) if table.header and len(free) == len("xyz") else None
+    return in_axis_order(free) if len(free) == len("xyz") else None
 
 
 def _with_own_clock(

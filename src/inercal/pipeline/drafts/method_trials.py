@@ -111,11 +111,10 @@ def candidate_methods(roles: ColumnRoles, *, heated: bool = False) -> tuple[Cand
     free: list[Candidate] = [("hand", "multi_position", AUTO)]
     six: list[Candidate] = [("hand", "six_position", AUTO)]
     warm: list[Candidate] = [("hand", "six_position", {"temperature_order": "auto"})]
-    if roles.marks == "found" and "temperature" in roles.single:
-        return tuple(warm + free + six)
-    marked = "label" in roles.single or roles.marks not in ("", "found")
-    if marked:
+    if "label" in roles.single or roles.marks not in ("", "found"):
         return tuple(ferraris + (warm if heated else []) + six + free)
+    if heated or (roles.marks == "found" and "temperature" in roles.single):
+        return tuple(warm + free + six)
     return tuple(free + ferraris + six)
 
 

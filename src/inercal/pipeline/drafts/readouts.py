@@ -23,13 +23,14 @@ from inercal.recordings.segments.gravity_turns import (
 )
 
 _ACCELEROMETER_UNITS = {"m/s²": 1.0, "g": G0, "mg": 1e-3 * G0}
-_GYRO_UNITS = {"rad/s": 1.0, "°/s": np.pi / 180}
+_GYRO_UNITS = {"rad/s": 1.0, "°/s": np.pi / 180, "m°/s": np.pi / 180e3}
 # If two differ by less than the error of any sensor, the power of two comes first.
 _COUNTS_PER_G = (*(2.0**k for k in range(5, 16)), 1000 / 0.061, 1000 / 0.122, 1000 / 0.244)
 _COUNTS_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, 1 / 0.00875, 1 / 0.0175, 1 / 0.035, 1 / 0.07)
 COUNTED_UNITS = ("LSB", "V", "mA")  # units that need a scale
 _STATED = "stated, or taken from the column names or the format"
-_FEWEST_COUNTS = 30.0  # per g
+_NO_GRAVITY = 0.08  # g; more than any usual bias, and less than g read as m/s²
+FEWEST_COUNTS = 30.0  # per g
 _FAR = 0.5  # of gravity; a larger bias is named
 _WIDEST = 2.0  # largest radius of a sphere, relative to the range of the readings
 _MID_SCALES = tuple(2.0**k for k in range(7, 32))
@@ -86,18 +87,25 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     centre, radius = sphere(means)
     if stated is not None and stated not in COUNTED_UNITS:
         size = si_factor(stated, "m/s²")
+        largest = float(np.linalg.norm(means, axis=-1).max()) * size / G0
+        if largest < _NO_GRAVITY:
+            raise InputError(
+                f"the accelerometers read at most {largest:.2g} g at rest, so gravity was removed "
+                f"from them, or their unit is not {stated}: record the acceleration with gravity, "
+                "or state --set sensor.accelerometer.unit",
+                key="data.accelerometer",
+            )
         return GuessedReadout(stated, "", 0.0, size, _STATED)
     plain = float(np.median(np.linalg.norm(means, axis=-1)))
     norms = [] if stated else [(plain, f"at rest the readings have a norm of {plain:.4g}")]
     if radius is not None and not stated and 3 * radius > plain:
         norms.append((radius, f"the readings at rest lie on a sphere of radius {radius:.4g}"))
     for norm, reason in norms:
-        for unit, size in _ACCELEROMETER_UNITS.items():
-            if abs(norm * size / G0 - 1) < _NEAR:
-                return GuessedReadout(unit, "", 0.0, size, reason)
+        if (unit := gravity_unit(norm)) is not None:
+            return GuessedReadout(unit, "", 0.0, _ACCELEROMETER_UNITS[unit], reason)
     counts = radius if radius is not None else plain
     offset = 0.0 if centre is None else _offset(float(np.median(centre)), counts)
-    if counts < _FEWEST_COUNTS and stated is None:
+    if counts < FEWEST_COUNTS and stated is None:
         reason = f"gravity reads {counts:.4g}, which fits none of the usual units"
         return GuessedReadout(UNKNOWN, "", 0.0, G0 / counts, reason, certain=False)
     per_g, why = _nominal(counts, _COUNTS_PER_G)
@@ -113,6 +121,12 @@ def _require_gravity(reads: object, when: str) -> None:
             "and that the columns are right",
             key="data.accelerometer",
         )
+
+
+def gravity_unit(norm: float) -> str | None:
+    """Return the usual unit in which gravity reads this norm; None if there is none."""
+    near = (u for u, size in _ACCELEROMETER_UNITS.items() if abs(norm * size / G0 - 1) < _NEAR)
+    return next(near, None)
 
 
 def far_off(means: Array, names: Sequence[str]) -> tuple[str, ...]:
@@ -182,9 +196,8 @@ def _readout_at_gravity(plain: float, reason: str, stated: str | None) -> Guesse
     """Return the readout of accelerometers that read `plain` at gravity, in the stated unit."""
     if stated is not None and stated not in COUNTED_UNITS:
         return GuessedReadout(stated, "", 0.0, si_factor(stated, "m/s²"), _STATED)
-    for unit, size in _ACCELEROMETER_UNITS.items():
-        if stated is None and abs(plain * size / G0 - 1) < _NEAR:
-            return GuessedReadout(unit, "", 0.0, size, reason)
+    if stated is None and (unit := gravity_unit(plain)) is not None:
+        return GuessedReadout(unit, "", 0.0, _ACCELEROMETER_UNITS[unit], reason)
     unit = stated or "LSB"
     if stated is None:
         reason += "; the unit may also be V or mA, but is called LSB here"
@@ -203,6 +216,14 @@ def norm_misfit(means: Array) -> float:
     norms = np.linalg.norm(means - (0.0 if centre is None else centre), axis=-1)
     mean = float(norms.mean())
     return float(norms.std()) / mean if mean else np.inf
+
+
+def off_sphere(means: Array, data: Array) -> float:
+    """Return how far readings, (n, 3), are from the sphere of the means at rest, of its radius."""
+    centre, radius = sphere(means)
+    if centre is None or radius is None:
+        return 0.0
+    return float(np.linalg.norm(data - centre, axis=-1).std()) / radius
 
 
 def _offset(centre: float, reach: float) -> float:
@@ -253,7 +274,7 @@ def guess_gyro(
         Start and stop samples of the marked sections with motion.
     """
     assert rests.rate is not None
-    offset = _gyro_offset(rests)
+    offset = 0.0 if gyro.min() < 0 else _gyro_offset(rests)  # only unsigned counts have one
     if stated is not None and stated not in COUNTED_UNITS:
         return GuessedReadout(stated, "", 0.0, si_factor(stated, "rad/s"), _STATED)
     size, count, misfit = gyro_scale(rests, gyro, accelerometer.offset)

@@ -209,7 +209,7 @@ def _readout(
         names = roles.triads[kind]
         mean = np.array([[float(np.mean(table.numbers(name))) for name in names]])
         guess = guess_accelerometer(mean, None)
-        unit = None if guess.unit == _COUNTS else guess.unit
+        unit = None if guess.scale or not guess.certain else guess.unit
     if unit is None:
         example = "rad/s" if kind == "gyro" else "m/s²"
         counts = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
@@ -256,7 +256,7 @@ def _columns(
         warm = warm if first_impossible(kelvin) is None else None
     return Columns(
         channels=channels,
-        time=roles.single.get("time"),
+        time=roles.single.get("time") if "time" in keys else None,
         time_unit=None if dates or "time" not in keys else unit,
         rate_hz=si_value(stated["data.rate"], "Hz", "data.rate") if counted else None,
         temperature=warm,

@@ -18,7 +18,10 @@ _ARRIVAL = re.compile(
     r"|(?:[\d-]+[ T])?\d?\d:\d\d:\d\d(?:[.,]\d+)?\s*->)\s?"
 )
 _LABEL = re.compile(r"(?:^|(?<=[\s,;]))>?((?!nan\b|inf\b)[A-Za-zµ_$][^,;\t:=]*?)\s*[:=]", re.I)
-_BETWEEN = re.compile(r"[\s,;]+")
+_BETWEEN = re.compile(r"[\s,;|]+")
+_UNIT = re.compile(r"[^\W\d]\S*")
+_WRAPPED = re.compile(r"\s*[(\[]([^()\[\]]*)[)\]],?\s*")
+_AXES = (*"xyz", *"XYZ")
 _EXAMINED = 10  # of the last lines; most of them must have the form
 
 Labels = tuple[tuple[str, int], ...]
@@ -35,14 +38,20 @@ class LineForm:
         Whether a line begins with the time at which a serial monitor received it.
     labels : tuple of (str, int)
         The words of a row, each with the number of numbers after it; empty if there are none.
+    wrapped : bool
+        Whether brackets are around each line, as Python prints lists and tuples.
     """
 
     arrival: bool = False
     labels: Labels = ()
+    wrapped: bool = False
 
     def without_arrival(self, line: str) -> str:
-        """Return a line without the time of its arrival."""
-        return _ARRIVAL.sub("", line, count=1) if self.arrival and _ARRIVAL.match(line) else line
+        """Return a line without the time of its arrival, and without brackets around it."""
+        if self.arrival and _ARRIVAL.match(line):
+            return _ARRIVAL.sub("", line, count=1)
+        wrapped = _WRAPPED.fullmatch(line) if self.wrapped else None
+        return wrapped[1] if wrapped else line
 
     def plain(self, line: str) -> str:
         """Return a line with commas between its numbers, or unchanged if its words are others.
@@ -84,18 +93,22 @@ def find_line_form(lines: Sequence[str]) -> LineForm | None:
     labels, count = found.most_common(1)[0]
     if labels and 2 * count > len(last):
         return LineForm(arrival, labels)
-    return form if arrival else None
+    wrapped = 2 * sum(_WRAPPED.fullmatch(line) is not None for line in last) > len(last)
+    return LineForm(arrival, (), wrapped) if arrival or wrapped else None
 
 
 def _parse(line: str) -> tuple[Labels, list[str]]:
     """Return the words of a line and its numbers; empty if there is anything else in it."""
-    before, *parts = _LABEL.split(line.strip())
+    before, *parts = _LABEL.split(line.strip(" \t\r\n{}").replace('"', ""))  # also lines of JSON
     labels: list[tuple[str, int]] = []
     numbers: list[str] = []
     for name, text in zip(parts[::2], parts[1::2], strict=True):
         found = [one for one in _BETWEEN.split(text) if one]
+        unit = f" ({found.pop()})" if len(found) > 1 and _UNIT.fullmatch(found[-1]) else ""
         if not found or not all(map(is_number, found)):
             return (), []
-        labels.append((" ".join(name.split()), len(found)))
+        stem, _, axis = (labels[-1][0] if labels else "").partition(" (")[0].rpartition(" ")
+        same = stem and axis in _AXES and name in _AXES  # "Acceleration X: 1, Y: 2, Z: 3"
+        labels.append((" ".join([*([stem] * bool(same)), *name.split()]) + unit, len(found)))
         numbers += found
-    return ((), []) if before.strip(" \t,;") else (tuple(labels), numbers)
+    return ((), []) if before.strip(" \t,;|") else (tuple(labels), numbers)

@@ -1,4 +1,4 @@
-"""Read NumPy archives with one array per column, or with one array "data" and its "columns"."""
+"""Read NumPy files: archives of columns or of "data" and "columns", and single arrays."""
 
 import zipfile
 from collections.abc import Iterator
@@ -22,15 +22,17 @@ from inercal.recordings.io.column_table import (
 from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.readers import Reader
 
+_NPY = b"\x93NUMPY"
+
 
 def read_npz(path: Path, wanted: ReadRequest) -> Table:
-    """Read a table from a .npz file, one array at a time.
+    """Read a table from a .npz file, one array at a time, or from a .npy file.
 
     Parameters
     ----------
     path : Path
         Archive with arrays (n,) named like the columns, or with "data" (n, k) and "columns" (k,) of
-        str.
+        str; or a single array (n, k), or (n,) of records whose fields are the columns.
     wanted : ReadRequest
 
     Raises
@@ -40,10 +42,29 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
     OSError
         The file cannot be read.
     """
+    with path.open("rb") as file:
+        single = file.read(len(_NPY)) == _NPY
+    if single:
+        return _single_array(path, wanted)
     zipfile.ZipFile(path).close()  # NumPy would accept other files as arrays
     with np.load(path, allow_pickle=False) as archive:
         names, columns, block = _columns(archive, wanted, path.name)
     return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
+
+
+def _single_array(path: Path, wanted: ReadRequest) -> Table:
+    try:
+        array: NDArray[Any] = np.load(path, allow_pickle=False)
+    except ValueError as error:
+        raise InputError(f"{path.name} is damaged or contains objects; save numbers") from error
+    fields = array.dtype.names
+    if array.ndim != (2 if fields is None else 1):
+        raise InputError(f"{path.name}: the array has the shape {array.shape}; save (n, k)")
+    parts = {one: array[one] for one in fields} if fields else dict(enumerate(array.T, 1))
+    arrays = {str(name): part for name, part in parts.items()}
+    names, columns, block = _columns(arrays, wanted, path.name)
+    sha256 = file_sha256(path)
+    return Table(names, columns, path.name, sha256, 0, header=fields is not None, block=block)
 
 
 def _columns(
@@ -77,8 +98,8 @@ def _arrays(
     archive: Any, wanted: ReadRequest, source: str
 ) -> tuple[tuple[str, ...], Iterator[tuple[str, NDArray[Any]]]]:
     """Return the names of all columns, and the wanted columns with arrays that are read in turn."""
-    if not {"data", "columns"} <= set(archive.files):
-        names = tuple(archive.files)
+    if not {"data", "columns"} <= set(archive):
+        names = tuple(archive)
         chosen = select_columns(names, wanted.names, source)
         return names, ((name, _array(archive, name, source)) for name in chosen)
     data, titles = _array(archive, "data", source), _array(archive, "columns", source)
@@ -129,7 +150,7 @@ def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> NDArr
 READER = Reader(
     "npz",
     read_npz,
-    content=((0, b"PK\x03\x04"),),
+    content=((0, b"PK\x03\x04"), (0, _NPY)),
     suffixes=(".npz",),
-    isolation=Isolation("an .npz archive"),
+    isolation=Isolation("an .npz or .npy file"),
 )

@@ -235,7 +235,7 @@ def _split(
     """
     found: list[tuple[str | None, list[list[str]]]] = []
     for sample in (rows[min(1, len(rows) - 1)].text, rows[-1].text):
-        delimiter = separator or next((d for d in (";", "\t", ",") if d in sample), None)
+        delimiter = separator or next((d for d in (";", "\t", ",", "|") if d in sample), None)
         for row in rows:  # refuse too many columns before a million short strings are stored
             refuse_too_many_columns(len(row.text.split(delimiter)), source)
         table = [split_cells(row.text, delimiter) for row in rows]

@@ -36,10 +36,12 @@ _NAMED = re.compile(
 # Stamps since 1970 in s, ms, µs and ns, for dates from 2001 to 2096.
 _EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
 _ISO = re.compile(
-    r"(?P<minute>\d{4}-?\d\d-?\d\d[T ]\d\d:?\d\d)(?P<second>:?\d\d)?"
-    r"(?:[.,](?P<fraction>\d{1,18}))?\s*(?P<zone>Z|z|[+-]\d\d(?::?\d\d)?)?"
+    r"(?:(?P<day>\d{4}([-/]?)\d\d\2\d\d)[T ]\s*)?(?P<minute>\d\d:?\d\d)(?P<second>:?\d\d)?"
+    r"(?:[.,:](?P<fraction>\d{1,18}))?\s*(?P<zone>Z|z|[+-]\d\d(?::?\d\d)?)?"
 )
+_CLOCK = re.compile(r"\d\d:\d\d:\d\d.*")  # a time of day needs its colons and seconds
 _NS = 10**9
+_DAY = 86_400 * _NS
 _INT64_ORIGIN = 2**62  # with a smaller origin, differences from it do not overflow
 
 Stamps = Array | NDArray[np.int64]
@@ -187,14 +189,21 @@ def _epoch_unit(stamps: Stamps) -> str | None:
 
 
 def is_iso_time(cell: str) -> bool:
-    """Return whether a cell of text looks like an ISO 8601 date with a time."""
-    return _ISO.fullmatch(cell.strip()) is not None
+    """Return whether a cell of text looks like an ISO 8601 date with a time, or a time of day."""
+    return _match(cell) is not None
+
+
+def _match(cell: str) -> re.Match[str] | None:
+    match = _ISO.fullmatch(cell.strip())
+    return match if match and (match["day"] or _CLOCK.fullmatch(match[0])) else None
 
 
 def times_from_iso(
     cells: Sequence[str], column: str, table: Table, origin: Fraction | int | None = None
 ) -> tuple[Array, Fraction]:
     """Return the times of ISO 8601 stamps, such as 2026-11-23T03:10:09.123Z.
+
+    Stamps without a date are times of day, 03:10:09.123, and go on after midnight.
 
     Parameters
     ----------
@@ -232,7 +241,7 @@ def times_from_iso(
 
     zoned: bool | None = None
     for k, cell in enumerate(cells):
-        match = _ISO.fullmatch(cell.strip())
+        match = _match(cell)
         if match is None:
             raise refusal(k, "is not an ISO 8601 time such as 2026-11-23T03:10:09Z")
         zone = match["zone"] or ""
@@ -243,7 +252,7 @@ def times_from_iso(
                 "zone in all rows or in none",
             )
         zoned = bool(zone)
-        minute = match["minute"]
+        minute = f"{(match['day'] or '1970-01-01').replace('/', '-')}T{match['minute']}"
         second = int((match["second"] or "0").lstrip(":"))
         if (minute, zone) not in known:
             try:
@@ -256,6 +265,8 @@ def times_from_iso(
             raise refusal(k, "is not a time: seconds run from 0 to 59")
         fraction = (match["fraction"] or "0").ljust(9, "0")[:9]
         ns[k] = (known[minute, zone] + second) * _NS + int(fraction)
+    if len(cells) and (first := _match(cells[0])) is not None and not first["day"]:
+        ns[1:] += _DAY * np.cumsum(np.diff(ns) < -_DAY // 2)
     return times_from_origin(ns, 1 / _NS, origin)
 
 
