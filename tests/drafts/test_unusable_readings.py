@@ -71,12 +71,13 @@ def test_times_of_text_may_state_a_zone(tmp_path: Path):
     np.testing.assert_allclose(draft.time, log["t"], atol=1e-6)
 
 
-def test_times_of_text_that_stand_still_are_refused(tmp_path: Path):
+def test_times_of_text_that_stand_still_are_not_used(tmp_path: Path):
     log = logs.by_hand(5, rests=9, hz=50.0)
     columns = [["2026-11-29T12:00:00Z"] * len(log["t"]), *log["f"].T]
     path = logs.write(tmp_path / "log.csv", ("timestamp", "ax", "ay", "az"), columns)
-    with refused(key="data.time", names=("timestamp",)):
-        draft_run_file([path], tmp_path / "run.toml")
+    (question,) = draft_run_file([path], tmp_path / "run.toml").questions
+    assert question.dotted == "data.rate"
+    assert "timestamp" in question.ask
 
 
 @pytest.mark.parametrize("extra", [("angle",), ("rpm",)])

@@ -76,7 +76,12 @@ CASES = [
     Example("qualify/tumble.csv", HEAD, "tumble"),
     Example("rate_platform/gyros.csv", GYRO_RATES, "rates_and_poses", "rate_platform/gyros"),
     Example("rate_platform/imu.csv", IMU_RATES, "rates_and_poses", "rate_platform/imu"),
-    Example("rate_table/ship.csv", {}, "ship_multi_angle", "rate_table/ship"),
+    Example(
+        "rate_table/ship.csv",
+        {"sensor.accelerometer.scale": "16384 LSB/g"},
+        "ship_multi_angle",
+        "rate_table/ship",
+    ),
     # simulated
     Example("hand_held.csv", {}, "multi_position", "hand_held/simulated"),
     Example("recording.csv", {}, "ferraris", "ferraris_simulated/run"),

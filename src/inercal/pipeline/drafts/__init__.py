@@ -85,6 +85,10 @@ _HEATED = 10.0  # K, at which biases of MEMS change by more than their uncertain
 _LEFT_OUT = (NO_GYROS, NO_LABEL, NO_MARKS, NO_SENSOR)
 _WORST = "unreliable"
 _GUESS = "a guess that χ² cannot check: state the standard deviation of your means"
+_FROM_RESIDUALS = (
+    "the scatter that the residuals show, if the bench is as stated: state the measured scatter of "
+    "your means to get a real test"
+)
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
 
@@ -387,14 +391,20 @@ def _with_scatter(
     folder: Path,
     deviation: float,
 ) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...]]:
-    """Return entries and trials with the deviation of means that makes χ² equal to its dof.
+    """Return entries and trials with the deviation of means that the data imply.
 
-    It is found without further coefficients first: with a deviation that is too small, the tests
-    for them find effects that do not exist.
+    If the residuals show that the guess is too large, the deviation is the one that they imply.
+    Otherwise it makes χ² equal to its degrees of freedom. It is found without further coefficients
+    first: with a deviation that is too small, the tests for them find effects that do not exist.
     """
     plain = [(bench, name, {} if keys == AUTO else keys) for bench, name, keys in candidates]
-    if plain != list(candidates):
-        found = try_methods(entries, plain, folder)
+    found = try_methods(entries, plain, folder) if plain != list(candidates) else trials
+    outcome = next((one.outcome for one in found if one.outcome is not None), None)
+    findings = () if outcome is None else outcome.findings
+    if factors := [one.factor for one in findings if one.what == "noise" and one.factor]:
+        entries = (*entries[:-1], deviation_key(deviation / max(factors), _FROM_RESIDUALS))
+        return entries, try_methods(entries, candidates, folder)
+    if found is not trials:
         entries, _, deviation = _agreeing(entries, found, plain, folder, deviation)
         trials = try_methods(entries, candidates, folder)
     return _agreeing(entries, trials, candidates, folder, deviation)[:2]
@@ -414,17 +424,13 @@ def _agreeing(
     )
     given, before = (entries, trials, deviation), np.inf
     for _ in range(_SCATTER_ROUNDS):
-        found = [one.outcome for one in trials if one.outcome is not None]
-        if not found or not found[0].estimate.dof:
+        fits = [one.outcome.estimate for one in trials if one.outcome is not None]
+        if not fits or not fits[0].dof:
             break
-        fit = found[0].estimate
         # With few degrees of freedom this is the standard uncertainty (GUM Supplement 1, 6.4.9).
-        dof = max(fit.dof - 2, fit.dof / 3)
-        ratio = float(np.sqrt(max(fit.chi2 / dof, 1e-12)))
-        too_large = [one.factor for one in found[0].findings if one.what == "noise" and one.factor]
-        if too_large:  # repeated positions agree better than the rest of the data
-            ratio = min(ratio, 1 / max(too_large))
-        elif abs(ratio - 1) < _SCATTER_AGREES:
+        dof = max(fits[0].dof - 2, fits[0].dof / 3)
+        ratio = float(np.sqrt(max(fits[0].chi2 / dof, 1e-12)))
+        if abs(ratio - 1) < _SCATTER_AGREES:
             return entries, trials, deviation
         if abs(np.log(ratio)) > 0.7 * before:
             break  # the errors of the bench explain the residuals for any scatter

@@ -15,7 +15,6 @@ from inercal.physics.section_settings import si_value
 from inercal.pipeline.drafts.arm_units import require_radius_unit
 from inercal.pipeline.drafts.column_names import is_reversed, role_of_name, time_unit
 from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
-from inercal.pipeline.drafts.column_values import never_falls
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.method_trials import RAMP
 from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
@@ -36,7 +35,7 @@ from inercal.recordings.io.audit import burst_findings
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
 from inercal.recordings.io.row_checks import shared_stamps_text
-from inercal.recordings.io.time_stamps import times_from_iso, times_from_origin
+from inercal.recordings.io.time_stamps import is_iso_time, times_from_iso, times_from_origin
 from inercal.recordings.io.wrapped_stamps import unwrap_stamps, wrap_modulus
 from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
@@ -138,11 +137,16 @@ def _why_no_times(stamps: Array, unit: str | None) -> str:
 
 def _standing_stamps(table: Table, roles: ColumnRoles) -> str:
     """Return why a column that is named like a time is not used; empty if there is none."""
-    for name in table.names:
-        if role_of_name(name) == "time" and table.columns[name].dtype.kind != "U":
+    for name in (one for one in table.names if role_of_name(one) == "time"):
+        column, unit = table.columns[name], time_unit(name)
+        if column.dtype.kind != "U":
             stamps = table.numbers(name)
-            if never_falls(table, name) and not np.median(np.diff(stamps)) > 0:
-                return f"{name} cannot be the time: {_why_no_times(stamps, time_unit(name))}"
+        elif is_iso_time(str(column[0])):
+            stamps, unit = times_from_iso(column.tolist(), name, table)[0], "s"
+        else:
+            continue
+        if np.all(np.diff(stamps) >= 0) and not np.median(np.diff(stamps)) > 0:
+            return f"{name} cannot be the time: {_why_no_times(stamps, unit)}"
     return ""
 
 
