@@ -372,7 +372,8 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
         raise unknown_accelerometers(log, table, roles)
     thermometer = roles.single.get("temperature")
     read = np.zeros(1) if thermometer is None else table.numbers(thermometer)
-    heated = float(np.ptp(np.nanquantile(read, (0.1, 0.9)))) > _HEATED
+    read = read[np.isfinite(read)]
+    heated = read.size > 0 and float(np.ptp(np.quantile(read, (0.1, 0.9)))) > _HEATED
     candidates = candidate_methods(roles, heated=heated)
     if not candidates:
         count = format_count(len(roles.triads["accelerometer"]), "accelerometer column")
