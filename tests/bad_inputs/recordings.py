@@ -42,7 +42,7 @@ CASES: dict[str, BadInput] = {
     "the run file as recording": BadInput(
         CALIBRATE, ("run.toml line 2",), {"run.toml": named("run.toml")}
     ),
-    "text as npz": other("log.npz", "time,acc_x\n1,2\n", "archive"),
+    "text as npz": other("log.npz", "time,acc_x\n1,2\n", ".npz"),
     "text as Parquet": other("log.parquet", "time,acc_x\n1,2\n", "Parquet"),
     "text as HDF5": other("log.h5", "time,acc_x\n1,2\n", "HDF5"),
     "text as workbook": other("log.xlsx", "time,acc_x\n1,2\n", "workbook"),
@@ -75,8 +75,8 @@ CASES: dict[str, BadInput] = {
     "one row": log(lambda text: "\n".join(text.splitlines()[:2]), "one sample"),
     "integers of 30 digits": log(each_row(lambda _, r: [r[0], "9" * 30, *r[2:]]), "ax reads 1e+30"),
     "dates": log(each_row(lambda _, r: ["2026-11-25", *r[1:]]), "'time'", "2026-11-25"),
-    "times of the day": log(
-        each_row(lambda k, r: [f"10:{k // 60:02d}:{k % 60:02d}", *r[1:]]), "'time'", "10:00:00"
+    "times of the day that fall": log(
+        each_row(lambda k, r: [f"10:{59 - k // 60:02d}:{k % 60:02d}", *r[1:]]), "decreases"
     ),
     "days of a spreadsheet": log(
         each_row(lambda _, r: [repr(45000 + float(r[0]) / 86400), *r[1:]]), "'time'", "time_unit"
