@@ -17,6 +17,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.physics.section_settings import measured_constant
 from inercal.pipeline.drafts.arm_units import arm_rate_unit
+from inercal.pipeline.drafts.clock_keys import clock_keys, suggest_rate
 from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import (
     NO_GYROS,
@@ -37,7 +38,6 @@ from inercal.pipeline.drafts.draft_entries import (
 )
 from inercal.pipeline.drafts.draft_sections import (
     bench_keys,
-    clock_keys,
     data_keys,
     deviation_key,
     facts,
@@ -46,13 +46,12 @@ from inercal.pipeline.drafts.draft_sections import (
     noise_keys,
     readout_keys,
     start_deviation,
-    suggest_rate,
     unused_columns,
 )
 from inercal.pipeline.drafts.file_parts import recording_name
 from inercal.pipeline.drafts.log_files import read_logs
+from inercal.pipeline.drafts.mean_scatter import GUESS, with_scatter
 from inercal.pipeline.drafts.method_trials import (
-    AUTO,
     RAMP,
     Candidate,
     MethodTrial,
@@ -84,12 +83,6 @@ _REASONS = {
 _HEATED = 10.0  # K, at which biases of MEMS change by more than their uncertainty
 _LEFT_OUT = (NO_GYROS, NO_LABEL, NO_MARKS, NO_SENSOR)
 _WORST = "unreliable"
-_GUESS = "a guess that χ² cannot check: state the standard deviation of your means"
-_FROM_RESIDUALS = (
-    "the scatter that the residuals show, if the bench is as stated: state the measured scatter of "
-    "your means to get a real test"
-)
-_SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,7 +322,7 @@ def _draft(
         *signs,
         *suggest_rate(clock, readouts.get("gyro")),
         *((gyro_deviation_key(table, roles, readouts["gyro"]),) if at_rates else ()),
-        *((deviation_key(start_deviation(roles), _GUESS),) if guessed else ()),
+        *((deviation_key(start_deviation(roles), GUESS),) if guessed else ()),
     )
     entries = _with_stated(entries, _named_columns(values, roles))
     if typical:
@@ -337,7 +330,7 @@ def _draft(
     trials = try_methods(entries, candidates, path.parent)
     if guessed and "data.sd.accelerometer" not in stated:
         start = start_deviation(roles)
-        entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
+        entries, trials = with_scatter(entries, trials, candidates, path.parent, start)
     seen = facts(logs, table, roles, rests, time, readings)
     why_unused = [roles.reasons[key] for key in _LEFT_OUT if key in roles.reasons]
     seen = (*seen, *unused_columns(table, entries), *why_unused)
@@ -383,63 +376,6 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
             file=log,
         )
     return candidates
-
-
-def _with_scatter(
-    entries: tuple[DraftKey, ...],
-    trials: tuple[MethodTrial, ...],
-    candidates: Sequence[Candidate],
-    folder: Path,
-    deviation: float,
-) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...]]:
-    """Return entries and trials with the deviation of means that the data imply.
-
-    If the residuals show that the guess is too large, the deviation is the one that they imply.
-    Otherwise it makes χ² equal to its degrees of freedom. It is found without further coefficients
-    first: with a deviation that is too small, the tests for them find effects that do not exist.
-    """
-    plain = [(bench, name, {} if keys == AUTO else keys) for bench, name, keys in candidates]
-    found = try_methods(entries, plain, folder) if plain != list(candidates) else trials
-    outcome = next((one.outcome for one in found if one.outcome is not None), None)
-    findings = () if outcome is None else outcome.findings
-    if factors := [one.factor for one in findings if one.what == "noise" and one.factor]:
-        entries = (*entries[:-1], deviation_key(deviation / max(factors), _FROM_RESIDUALS))
-        return entries, try_methods(entries, candidates, folder)
-    if found is not trials:
-        entries, _, deviation = _agreeing(entries, found, plain, folder, deviation)
-        trials = try_methods(entries, candidates, folder)
-    return _agreeing(entries, trials, candidates, folder, deviation)[:2]
-
-
-def _agreeing(
-    entries: tuple[DraftKey, ...],
-    trials: tuple[MethodTrial, ...],
-    candidates: Sequence[Candidate],
-    folder: Path,
-    deviation: float,
-) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...], float]:
-    """Return entries and trials with the deviation at which χ² is near its dof, and this."""
-    reason = (
-        "chosen so that χ² fits, so χ² says nothing about the model: state the measured scatter of "
-        "your means to get a real test"
-    )
-    given, before = (entries, trials, deviation), np.inf
-    for _ in range(_SCATTER_ROUNDS):
-        fits = [one.outcome.estimate for one in trials if one.outcome is not None]
-        if not fits or not fits[0].dof:
-            break
-        # With few degrees of freedom this is the standard uncertainty (GUM Supplement 1, 6.4.9).
-        dof = max(fits[0].dof - 2, fits[0].dof / 3)
-        ratio = float(np.sqrt(max(fits[0].chi2 / dof, 1e-12)))
-        if abs(ratio - 1) < _SCATTER_AGREES:
-            return entries, trials, deviation
-        if abs(np.log(ratio)) > 0.7 * before:
-            break  # the errors of the bench explain the residuals for any scatter
-        before = abs(np.log(ratio))
-        deviation *= ratio
-        entries = (*entries[:-1], deviation_key(deviation, reason))
-        trials = try_methods(entries, candidates, folder)
-    return given
 
 
 def _named_columns(values: Mapping[str, Any], roles: ColumnRoles) -> dict[str, Any]:

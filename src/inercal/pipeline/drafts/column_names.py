@@ -211,3 +211,13 @@ def _stem_and_axis(words: str) -> tuple[str, int | None]:
     if len(words) > 1 and words[0] in _AXES and "_" in words:
         return words[2:], _AXIS_ENDS[words[0]]
     return words, None
+
+
+def run_file_column(name: str) -> str | int:
+    """Return a column as it is named in a run file: by its number if it has no name.
+
+    A name that states the opposite sign, "-(Y Accel)", gets the sign that reverses it.
+    """
+    if is_reversed(name):
+        return f"-{name}"
+    return int(name) if name.isdecimal() else name

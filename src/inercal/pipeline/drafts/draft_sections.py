@@ -9,12 +9,12 @@ from typing import cast
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
-from inercal.physics.section_settings import si_value
 from inercal.pipeline.drafts.arm_units import require_radius_unit
-from inercal.pipeline.drafts.column_names import is_reversed, role_of_name, time_unit
-from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
+from inercal.pipeline.drafts.column_names import (
+    run_file_column,
+)
+from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.method_trials import RAMP
 from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
@@ -29,133 +29,17 @@ from inercal.pipeline.drafts.readouts import (
     guess_resting_gyro,
     white_noise,
 )
-from inercal.recordings import Recording
 from inercal.recordings.data import unit_size
-from inercal.recordings.io.audit import burst_findings
 from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
-from inercal.recordings.io.row_checks import shared_stamps_text
-from inercal.recordings.io.time_stamps import is_iso_time, times_from_iso, times_from_origin
-from inercal.recordings.io.wrapped_stamps import unwrap_stamps, wrap_modulus
 from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
 _ANYWHERE = "9.80 m/s² ± 0.02 m/s²"
 _WINDOW = 0.5  # s, window in which a rest must be quiet
 _WINDOW_SAMPLES = 50  # the same window if the rate is not known
-_TIME_UNITS = ("s", "ms", "µs", "ns")
-_RATES = (1.0, 20e3)  # Hz, plausible sampling rates of IMUs
-_SAME_RATE = 0.2  # stated rates are nominal
 _ARM_DEVIATION = 1e-2
 _MOST_LISTED = 12  # columns in a line
 _MEAN_DEVIATION = 1e-4  # in gravity, for means without a stated scatter
-
-
-def clock_keys(
-    table: Table, roles: ColumnRoles, stated: Mapping[str, str]
-) -> tuple[Array | None, tuple[DraftKey, ...]]:
-    """Return the times in s, if they are known, and the keys for the clock."""
-    if roles.means:
-        return None, ()
-    name = roles.single.get("time")
-    ask = 'the sampling rate, such as "100 Hz"'
-    count = next(iter(table.columns.values())).size
-    rate = stated.get("data.rate")
-    hertz = None if rate is None else si_value(rate, "Hz", "[data] rate")
-    if hertz is not None and hertz <= 0:
-        raise InputError(f"[data] rate: {rate!r} must be positive", key="[data] rate")
-    by_rate = None if hertz is None else np.arange(count) / hertz
-    rate_key = DraftKey("data", "rate", rate or UNKNOWN, "as stated" if rate else "", ask)
-    if name is None:
-        if why := _standing_stamps(table, roles):
-            rate_key = replace(rate_key, ask=f"{ask}; {why}")
-        return by_rate, (rate_key,)
-    entry = DraftKey("data", "time", _column(name), roles.reasons.get("time", ""))
-    column = table.columns[name]
-    if column.dtype.kind == "U":
-        seconds, _ = times_from_iso(column.tolist(), name, table)
-        _require_steps(table, name, seconds, "s")
-        return seconds, (entry,)
-    stamps = column.astype(np.float64)
-    wrap: tuple[DraftKey, ...] = ()
-    if (modulus := wrap_modulus(stamps)) is not None:
-        reason = f"{name} falls by nearly this number, so it restarts"
-        wrap = (DraftKey("data", "counter_modulus", modulus, reason),)
-        stamps = unwrap_stamps(stamps, modulus).astype(np.float64)
-    step = _require_steps(table, name, stamps, roles.units.get("time"))
-    if step == 1.0 and np.all(stamps == np.rint(stamps)):
-        counter = DraftKey("data", "time_unit", "sample", "its steps are 1, so it counts samples")
-        return by_rate, (entry, counter, *wrap, rate_key)
-    unit = roles.units.get("time") or _unit_of_step(step)
-    if hertz is not None and "data.time" not in stated:
-        units = [one for one in (unit, *_TIME_UNITS) if _agrees(hertz * step * si_factor(one))]
-        if not units:  # the column counts something else, such as ticks
-            return by_rate, (rate_key,)
-        unit = units[0]
-    seconds, _ = times_from_origin(stamps, si_factor(unit))
-    if roles.reasons.get("time") != STATED and (why := _bursts(seconds)):
-        return by_rate, (replace(rate_key, ask=f"{ask}; {name} is no clock: {why}"),)
-    reason = f"its steps are {step:.6g} {unit}, {1 / (step * si_factor(unit)):.5g} Hz"
-    units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
-    return seconds, (replace(entry, reason=reason) if not units else entry, *units, *wrap)
-
-
-def _require_steps(table: Table, name: str, stamps: Array, unit: str | None) -> float:
-    """Return the typical step of times, and refuse times that mostly stand still or fall."""
-    step = float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.0
-    if not step > 0:
-        raise InputError(
-            f"{table.source}: column {name!r} cannot be the time: "
-            f"{_why_no_times(stamps, unit)}; remove [data] time",
-            names=(name,),
-            key="data.time",
-        )
-    return step
-
-
-def _bursts(seconds: Array) -> str:
-    """Return why stamps that come in bursts are no times of samples; empty if they are."""
-    alone = Recording(seconds, np.zeros((seconds.size, 1)), ("t",), ("s",))
-    return "; ".join(finding.message for finding in burst_findings(alone))
-
-
-def _agrees(ratio: float) -> bool:
-    return abs(ratio - 1) < _SAME_RATE
-
-
-def _unit_of_step(step: float) -> str:
-    """Return the first unit of time in which a step gives a plausible sampling rate."""
-    rates = {one: 1 / (step * si_factor(one)) for one in _TIME_UNITS}
-    return next((one for one, hz in rates.items() if _RATES[0] <= hz <= _RATES[1]), "s")
-
-
-def _why_no_times(stamps: Array, unit: str | None) -> str:
-    """Return why stamps that stand still are no times, and the rate that they suggest."""
-    mean = float(np.ptp(stamps)) / max(stamps.size - 1, 1)
-    unit = unit or (_unit_of_step(mean) if mean > 0 else "s")
-    return shared_stamps_text(stamps * si_factor(unit))
-
-
-def _standing_stamps(table: Table, roles: ColumnRoles) -> str:
-    """Return why a column that is named like a time is not used; empty if there is none."""
-    for name in (one for one in table.names if role_of_name(one) == "time"):
-        column, unit = table.columns[name], time_unit(name)
-        if column.dtype.kind != "U":
-            stamps = table.numbers(name)
-        elif is_iso_time(str(column[0])):
-            stamps, unit = times_from_iso(column.tolist(), name, table)[0], "s"
-        else:
-            continue
-        if np.all(np.diff(stamps) >= 0) and not np.median(np.diff(stamps)) > 0:
-            return f"{name} cannot be the time: {_why_no_times(stamps, unit)}"
-    return ""
-
-
-def suggest_rate(clock: tuple[DraftKey, ...], gyro: GuessedReadout | None) -> tuple[DraftKey, ...]:
-    """Return the keys for the clock; the question for the rate mentions what the turns suggest."""
-    if gyro is None or not gyro.rate_hz:
-        return clock
-    text = f"; the turns between rests suggest about {gyro.rate_hz:.3g} Hz"
-    return tuple(replace(one, ask=one.ask + text) if one.value == UNKNOWN else one for one in clock)
 
 
 def find_rest_means(
@@ -279,16 +163,6 @@ def bench_keys(bench: str, method: str, radius: float | None) -> tuple[DraftKey,
     return tuple(entries)
 
 
-def _column(name: str) -> str | int:
-    """Return a column as it is named in a run file: by its number if it has no name.
-
-    A name that states the opposite sign, "-(Y Accel)", gets the sign that reverses it.
-    """
-    if is_reversed(name):
-        return f"-{name}"
-    return int(name) if name.isdecimal() else name
-
-
 def data_keys(
     logs: Sequence[Path],
     path: Path,
@@ -311,7 +185,9 @@ def data_keys(
     if len(logs) > 1:
         entries.append(DraftKey("data", "gyro_file", file(logs[1])))
     for kind, columns in roles.triads.items():
-        entries.append(DraftKey("data", kind, [_column(c) for c in columns], roles.reasons[kind]))
+        entries.append(
+            DraftKey("data", kind, [run_file_column(c) for c in columns], roles.reasons[kind])
+        )
     if not roles.triads.get("accelerometer"):
         entries.append(DraftKey("data", "accelerometer", [], "gyros only"))
     if roles.table_file:
@@ -331,7 +207,7 @@ def data_keys(
     for role in wanted:
         if role in roles.single:
             name = roles.single[role]
-            entries.append(DraftKey("data", role, _column(name), roles.reasons[role]))
+            entries.append(DraftKey("data", role, run_file_column(name), roles.reasons[role]))
             if role == "table_rate":
                 entries.append(DraftKey("data", "table_rate_unit", *rate_unit(table, roles)))
             if role == "arm_rate" and (unit := roles.units["arm_rate"]) != "rpm":

@@ -14,10 +14,10 @@ import numpy as np
 from inercal.basics.errors import InputError
 from inercal.physics.section_settings import si_value
 from inercal.physics.sensors.axis import Readout
+from inercal.pipeline.drafts.clock_keys import clock_keys
 from inercal.pipeline.drafts.column_names import is_other_quantity
 from inercal.pipeline.drafts.column_roles import ColumnRoles, recognise_columns
 from inercal.pipeline.drafts.column_values import without_unusable
-from inercal.pipeline.drafts.draft_sections import clock_keys
 from inercal.pipeline.drafts.readouts import guess_accelerometer
 from inercal.pipeline.drafts.signed_columns import sign_columns
 from inercal.pipeline.drafts.stated_keys import (
