@@ -63,6 +63,8 @@ def action_on(cause: SuspectedCause, row_word: str) -> str:
     """Describe what to do at the bench about a cause that no run-file key can include."""
     if cause.kind == "coefficient":
         return "use a method that estimates this coefficient; U does not include its effect"
+    if cause.name == "latitude":
+        return "check the latitude and its sign, and the names and signs of the gyros' columns"
     if cause.kind == "bench":
         return "measure it again, or state it with its true uncertainty"
     if cause.kind == "row":

@@ -34,7 +34,7 @@ def agreement(estimate: Estimate, *, wrong: bool = False) -> str:
     what = "the residuals agree" if wrong else "the data agree"
     if estimate.groups:
         if any(group.spread.excess for group in estimate.groups):
-            return "the residuals are large, but chance can explain them"
+            return "the residuals are larger than usual, but not significantly; U includes them"
         tested = all(group.dof > 0 for group in estimate.groups)
         return (
             f"{what} with their noise"

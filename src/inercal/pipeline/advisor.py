@@ -8,7 +8,7 @@ tried on a recording, because this would take as long as the calibration itself.
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import ceil, degrees, floor, log10
+from math import ceil, degrees, floor, log10, radians
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from inercal.runfile import Run, from_sections
 
 _ENOUGH = 0.9  # least fraction of the expected decrease of χ²
 _SAME = 1.0  # values of χ² with a smaller difference count as equal
+_WRONG_LATITUDE = radians(5)
 _PRIOR = "prior of "  # start of the name of a coefficient's prior
 _HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
 # Keys of parameters that the bench does not declare.
@@ -189,6 +190,8 @@ class RunAdvisor:
             key, size = self._key(name), max(abs(size), typical) if open_ else abs(size)
             if key not in sizes or size > sizes[key][1]:
                 sizes[key] = (full, size)
+        if sizes.get("latitude", ("", 0.0))[1] > _WRONG_LATITUDE:
+            return ()  # so wrong a value must be corrected: no deviation makes it right
         signed = dict(zip(cause.components, departures.tolist(), strict=True))
         return tuple(
             Change("bench", key, harmonics)

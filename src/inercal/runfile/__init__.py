@@ -23,6 +23,7 @@ from inercal.methods import method
 from inercal.physics.plan import Turn
 from inercal.physics.sensors import Sensor
 from inercal.runfile.environment_section import (
+    require_free_order,
     stated_environment,
     terms_of_order,
 )
@@ -158,7 +159,9 @@ def _build_run(
     ordered = terms_of_order(
         schema.method.temperature_order, full_sensor, chosen.possible(full_sensor)
     )
-    also = (*stated_also(schema.method, chosen), *ordered)
+    stated_terms = stated_also(schema.method, chosen)
+    require_free_order(schema.method.temperature_order, stated_terms, ordered)
+    also = (*stated_terms, *ordered)
     sensor = chosen.prepare(full_sensor, schema.method.coefficients, also)
     if not isinstance(bench, chosen.bench):
         needed = kind_name_for_class(chosen.bench)

@@ -103,6 +103,31 @@ def terms_of_order(
     return named
 
 
+def require_free_order(order: TemperatureOrder, also: Sequence[str], terms: Sequence[str]) -> None:
+    """Raise an error if [method] also names terms that an automatic order would leave out.
+
+    Parameters
+    ----------
+    order : "auto", sequence of 3 int, or None
+    also : sequence of str
+        Coefficients stated in [method] also.
+    terms : sequence of str
+        Full names of the terms among which the order chooses.
+
+    Raises
+    ------
+    InputError
+    """
+    chosen = {name.rpartition(".")[2] for name in terms} if order == "auto" else set[str]()
+    if fixed := [name for name in also if name.rpartition(".")[2] in chosen]:
+        raise key_error(
+            "[method] also",
+            f'temperature_order = "auto" decides whether {fixed[0]} is estimated: state the orders '
+            "instead, such as temperature_order = [2, 1, 0], or remove the term",
+            names=(fixed[0],),
+        )
+
+
 def _require_estimated(
     key: str, orders: Sequence[int], sensor: Sensor, possible: Sequence[str]
 ) -> None:

@@ -247,6 +247,7 @@ def draft_run_file(
     keys += [
         DraftKey("method", key, value, _REASONS.get((key, str(value)), ""))
         for key, value in found.method.keys.items()
+        if f"method.{key}" not in values
     ]
     return replace(found, entries=(*found.entries, *keys))
 

@@ -138,14 +138,16 @@ def try_methods(
 
     unknown = [entry.name for entry in entries if entry.value == UNKNOWN]
     trials: list[MethodTrial] = []
-    for _, name, keys in candidates:
+    stated = as_sections(entries).get("method", {})
+    for _, name, own_keys in candidates:
+        keys = {**own_keys, **stated}
         works = any(one.outcome and one.outcome.verdict.grade != "unreliable" for one in trials)
         if unknown or works:
             reason = f"not tried without {', '.join(unknown)}" if unknown else "not tried"
             trials.append(MethodTrial(name, keys, None, reason))
             continue
         content = as_sections(entries)
-        content["method"] = content.get("method", {}) | {"name": name, **keys}
+        content["method"] = {"name": name, **keys}
         run_file = folder / "draft"
         try:
             with _existing(folder):
