@@ -120,7 +120,9 @@ def alternatives(
     one: SuspectedCause, scores: ScoreTestSet, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> list[str]:
     """Describe the causes that explain the residuals as well as the suspect does."""
-    found = {score.name: score for score in scores.scores}
+    # "g" names local gravity and the sensitivity to g: the one that explains as much is meant.
+    apart = sorted(scores.scores, key=lambda score: -abs(score.chi2 - one.chi2))
+    found = {score.name: score for score in apart}
     return [
         cause_words(name, found[name].kind, found[name].components, sensor, expected)
         for name in one.indistinguishable
