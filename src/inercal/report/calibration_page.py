@@ -283,7 +283,8 @@ def temperature_section(outcome: Outcome) -> TemperatureSection | None:
     if limits is None or not calibration.sensor.uses("dT") or limits[1] - limits[0] < 1.0:
         return None
     course: Array = np.linspace(limits[0], limits[1], _POINTS)
-    stated = np.zeros(0) if found is None else np.unique(np.round(found.soaks, 1))
+    soaks = np.zeros(0) if found is None else found.soaks
+    stated = np.unique(np.round(soaks - ZERO_CELSIUS, 1)) + ZERO_CELSIUS  # as it is shown
     if not 1 < stated.size <= _TABLE_ROWS:
         stated = np.linspace(limits[0], limits[1], _TABLE_ROWS)
     kelvin: Array = np.clip(stated, *limits)
