@@ -107,6 +107,13 @@ def test_answers_in_a_terminal_are_used(tmp_path: Path, monkeypatch: pytest.Monk
     assert {one.dotted: one.value for one in draft.entries}["sensor.gyro.unit_assumed"] is True
 
 
+def test_a_stated_key_of_the_method_replaces_the_drafted_one(tmp_path: Path):
+    stated = ("--set", 'method.also=["k2"]', "--no-report")
+    assert run_program("calibrate", hand_held(tmp_path), "-o", tmp_path, *stated).status == 0
+    assert "ax.k2" in values(tmp_path / "imu.calibration.json")
+    assert parse_toml((tmp_path / "imu.toml").read_bytes())["method"]["also"] == ["k2"]
+
+
 def test_a_run_file_of_before_is_kept(tmp_path: Path):
     log = hand_held(tmp_path)
     kept = tmp_path / "imu.toml"

@@ -31,9 +31,10 @@ def written(folder: Path, starts: tuple[float, ...], names: tuple[str, ...]) -> 
     return folder / "rest_*.csv"
 
 
-def test_files_are_sorted_by_label_with_numbers_by_value(tmp_path: Path):
-    pattern = written(tmp_path, (0, 0, 0), ("p10", "p2", "p1"))
-    assert list(matching_files(pattern)) == ["p1", "p2", "p10"]
+@pytest.mark.parametrize("labels", [("p1", "p2", "p10"), ("-10", "+5", "50")])
+def test_files_are_sorted_by_label_with_numbers_by_value(labels: tuple[str, ...], tmp_path: Path):
+    pattern = written(tmp_path, (0, 0, 0), labels[::-1])
+    assert list(matching_files(pattern)) == list(labels)
 
 
 def test_files_of_one_clock_are_joined_by_their_times(tmp_path: Path):

@@ -177,6 +177,7 @@ def test_a_bias_that_hangs_on_the_direction_shows_as_a_loop(tmp_path: Path):
 
 REFUSED = [
     ({"soaks.npz": "../soaks.npz", '"auto"': "[4, 0, 0]"}, "[method] temperature_order"),
+    ({"soaks.npz": "../soaks.npz", '"auto"': '"auto"\nalso = ["k0_dT2"]'}, "[method] also"),
     ({"soaks.npz": "../soaks.npz", 'temperature = "temp"\n': ""}, "[data] temperature"),
     ({'temperature_order = "auto"\n': ""}, "[environment]"),
     (

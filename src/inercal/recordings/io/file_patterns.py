@@ -1,6 +1,7 @@
 """Names with a star that stand for several files, such as "rest_*.csv" or "*degC/run.csv"."""
 
 import re
+from math import inf
 from pathlib import Path
 
 from inercal.basics.errors import InputError
@@ -8,6 +9,7 @@ from inercal.basics.small_files import is_file
 
 _STAR = "*"
 _MOST_FILES = 1000
+_SIGNED = re.compile(r"[-+−]?\d+(\.\d+)?")
 
 
 def is_pattern(path: Path) -> bool:
@@ -51,6 +53,11 @@ def matching_files(pattern: Path) -> dict[str, Path]:
     return dict(sorted(files.items(), key=lambda one: _natural(one[0])))
 
 
-def _natural(label: str) -> list[tuple[int, str]]:
-    """Return a key that sorts "p2" before "p10"."""
-    return [(int(k), "") if k.isdecimal() else (-1, k) for k in re.split(r"(\d+)", label) if k]
+def _natural(label: str) -> list[tuple[float, str]]:
+    """Return a key that sorts "p2" before "p10", and "-10" before "+5"."""
+    parts = [label] if _SIGNED.fullmatch(label) else re.split(r"(\d+)", label)
+    return [(_number(part), "") if part[-1].isdecimal() else (-inf, part) for part in parts if part]
+
+
+def _number(text: str) -> float:
+    return float(text.replace("−", "-"))
