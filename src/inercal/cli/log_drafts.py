@@ -88,19 +88,18 @@ def _three_columns(log: Path) -> str:
 def _ask(draft: "Draft", logs: Sequence[Path], known: dict[str, str]) -> "Draft":
     """Ask for values that only the user knows, and draft again with the answers."""
     from inercal.pipeline.drafts import draft_run_file
-    from inercal.pipeline.drafts.draft_entries import ASSUMED_UNIT
 
     # An empty answer takes the typical value, or leaves the key open if there is none.
+    typical = False
     while questions := [one for one in draft.questions if one.dotted not in known]:
         for question in questions:
             answer = _answer(f"{question.name} ({question.question}): ")
-            known[question.dotted] = answer or question.typical
-            if question.typical and not answer and question.key == "unit":
-                known[f"{question.section}.{ASSUMED_UNIT}"] = "true"
+            known[question.dotted] = answer
+            typical |= bool(question.typical) and not answer
         answered = {key: value for key, value in known.items() if value}
         try:
             with progress_status("trying the methods"):
-                draft = draft_run_file(logs, draft.path, answered)
+                draft = draft_run_file(logs, draft.path, answered, typical=typical)
         except InputError as error:
             report_line(str(error))
             for question in questions:
