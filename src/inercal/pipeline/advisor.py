@@ -25,7 +25,7 @@ from inercal.runfile import Run, from_sections
 
 _ENOUGH = 0.9  # least fraction of the expected decrease of χ²
 _SAME = 1.0  # values of χ² with a smaller difference count as equal
-_WRONG_LATITUDE = radians(5)
+_WRONG_LATITUDE = radians(30)
 _PRIOR = "prior of "  # start of the name of a coefficient's prior
 _HARMONIC = re.compile(r"(?:sin|cos)(\d+)")
 # Keys of parameters that the bench does not declare.
