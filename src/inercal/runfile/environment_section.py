@@ -118,8 +118,8 @@ def require_free_order(order: TemperatureOrder, also: Sequence[str], terms: Sequ
     ------
     InputError
     """
-    chosen = {name.rpartition(".")[2] for name in terms} if order == "auto" else set[str]()
-    if fixed := [name for name in also if name.rpartition(".")[2] in chosen]:
+    chosen = {CoefficientName(name).term for name in terms} if order == "auto" else set[str]()
+    if fixed := [name for name in also if CoefficientName(name).term in chosen]:
         raise key_error(
             "[method] also",
             f'temperature_order = "auto" decides whether {fixed[0]} is estimated: state the orders '
