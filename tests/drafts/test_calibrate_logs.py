@@ -114,6 +114,17 @@ def test_a_stated_key_of_the_method_replaces_the_drafted_one(tmp_path: Path):
     assert parse_toml((tmp_path / "imu.toml").read_bytes())["method"]["also"] == ["k2"]
 
 
+def test_values_stated_for_a_table_of_means_stay(tmp_path: Path):
+    means = logs.poses(3, 20)
+    log = logs.write(tmp_path / "poses.csv", ("ax", "ay", "az"), [*means.T])
+    place = {"latitude": "48.1 °", "height": "520 m"}
+    stated = [text for key, one in place.items() for text in ("--set", f"bench.{key}={one}")]
+    done = run_program("calibrate", log, "-o", tmp_path, "--no-report", *stated)
+    assert done.status == 0, done.error
+    drafted = parse_toml((tmp_path / "poses.toml").read_bytes())
+    assert drafted["bench"] | place == drafted["bench"]
+
+
 def test_a_run_file_of_before_is_kept(tmp_path: Path):
     log = hand_held(tmp_path)
     kept = tmp_path / "imu.toml"

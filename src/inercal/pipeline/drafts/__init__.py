@@ -328,10 +328,10 @@ def _draft(
     entries = _with_stated(entries, _named_columns(values, roles))
     if typical:
         entries = tuple(with_typical_values(entries))
-    trials = try_methods(entries, candidates, path.parent)
     if guessed and "data.sd.accelerometer" not in stated:
-        start = start_deviation(roles)
-        entries, trials = with_scatter(entries, trials, candidates, path.parent, start)
+        entries, trials = with_scatter(entries, candidates, path.parent, start_deviation(roles))
+    else:
+        trials = try_methods(entries, candidates, path.parent)
     seen = facts(logs, table, roles, rests, time, readings)
     why_unused = [roles.reasons[key] for key in _LEFT_OUT if key in roles.reasons]
     seen = (*seen, *unused_columns(table, entries), *why_unused)

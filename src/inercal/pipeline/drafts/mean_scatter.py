@@ -19,26 +19,25 @@ _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
 def with_scatter(
     entries: tuple[DraftKey, ...],
-    trials: tuple[MethodTrial, ...],
     candidates: Sequence[Candidate],
     folder: Path,
     deviation: float,
 ) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...]]:
-    """Return entries and trials with the deviation of means that the data imply.
+    """Try the candidates with the deviation of means that the data imply.
 
     If the residuals show that the guess is too large, the deviation is the one that they imply.
     Otherwise it makes χ² equal to its degrees of freedom. It is found without further coefficients
     first: with a deviation that is too small, the tests for them find effects that do not exist.
     """
     plain = [(bench, name, {} if keys == AUTO else keys) for bench, name, keys in candidates]
-    found = try_methods(entries, plain, folder) if plain != list(candidates) else trials
-    outcome = next((one.outcome for one in found if one.outcome is not None), None)
+    trials = try_methods(entries, plain, folder)
+    outcome = next((one.outcome for one in trials if one.outcome is not None), None)
     findings = () if outcome is None else outcome.findings
     if factors := [one.factor for one in findings if one.what == "noise" and one.factor]:
-        entries = (*entries[:-1], deviation_key(deviation / max(factors), _FROM_RESIDUALS))
+        entries = _with_deviation(entries, deviation / max(factors), _FROM_RESIDUALS)
         return entries, try_methods(entries, candidates, folder)
-    if found is not trials:
-        entries, _, deviation = _agreeing(entries, found, plain, folder, deviation)
+    if plain != list(candidates):
+        entries, _, deviation = _agreeing(entries, trials, plain, folder, deviation)
         trials = try_methods(entries, candidates, folder)
     return _agreeing(entries, trials, candidates, folder, deviation)[:2]
 
@@ -69,6 +68,14 @@ def _agreeing(
             break  # the errors of the bench explain the residuals for any scatter
         before = abs(np.log(ratio))
         deviation *= ratio
-        entries = (*entries[:-1], deviation_key(deviation, reason))
+        entries = _with_deviation(entries, deviation, reason)
         trials = try_methods(entries, candidates, folder)
     return given
+
+
+def _with_deviation(
+    entries: tuple[DraftKey, ...], deviation: float, reason: str
+) -> tuple[DraftKey, ...]:
+    """Return the entries with another deviation of means; values that the user adds may follow."""
+    found = deviation_key(deviation, reason)
+    return tuple(found if one.dotted == found.dotted else one for one in entries)
