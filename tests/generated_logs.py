@@ -70,6 +70,17 @@ def poses(seed: int, count: int) -> np.ndarray:
     return up * (1 + SCALE) + BIAS + rng.normal(0, 2e-5, up.shape)
 
 
+def on_arm(turns: np.ndarray) -> np.ndarray:
+    """Return means in g on an arm of 1 m in random attitudes, at rates in rpm."""
+    rng = np.random.default_rng(3)
+    out = rng.normal(size=(len(turns), 3))
+    out /= np.linalg.norm(out, axis=-1, keepdims=True)
+    up = np.cross(out, rng.normal(size=out.shape))
+    up /= np.linalg.norm(up, axis=-1, keepdims=True)
+    across = (turns * np.pi / 30) ** 2
+    return (up * G - out * across[:, None]) / G * (1 + SCALE) + BIAS
+
+
 def six_faces(seed: int, celsius: float, hz: float = 50.0) -> tuple[np.ndarray, np.ndarray]:
     """Return force, g, and temperature, °C, of six faces after each other at one temperature."""
     rng = np.random.default_rng(seed)

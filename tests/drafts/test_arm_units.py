@@ -15,14 +15,7 @@ UNITS = {"rpm": 1.0, "rad/s": np.pi / 30, "°/s": 6.0, "rev/s": 1 / 60}
 def arm(folder: Path, unit: str, scale: float = 1.0) -> Path:
     """Write means of a triad on an arm of 1 m, in `scale` LSB/g."""
     turns = np.repeat([30.0, 60.0, 90.0], 20)
-    rng = np.random.default_rng(3)
-    out = rng.normal(size=(60, 3))
-    out /= np.linalg.norm(out, axis=-1, keepdims=True)
-    up = np.cross(out, rng.normal(size=(60, 3)))
-    up /= np.linalg.norm(up, axis=-1, keepdims=True)
-    across = (turns * np.pi / 30) ** 2
-    force = (up * logs.G - out * across[:, None]) / logs.G * (1 + logs.SCALE) + logs.BIAS
-    columns = [range(60), turns * UNITS[unit], *(scale * force).T]
+    columns = [range(60), turns * UNITS[unit], *(scale * logs.on_arm(turns)).T]
     return logs.write(folder / "arm.csv", ("position", "rate", "ax", "ay", "az"), columns)
 
 

@@ -379,14 +379,7 @@ def test_the_unit_of_an_arm_s_rate_is_that_of_its_column(
     name: str, unit: str, size: float, tmp_path: Path
 ):
     turns = np.repeat([60.0, 90.0, 120.0], 20)
-    rng = np.random.default_rng(3)
-    out = rng.normal(size=(60, 3))
-    out /= np.linalg.norm(out, axis=-1, keepdims=True)
-    up = np.cross(out, rng.normal(size=(60, 3)))
-    up /= np.linalg.norm(up, axis=-1, keepdims=True)
-    across = (turns * np.pi / 30) ** 2
-    force = (up * 9.8 - out * across[:, None]) / logs.G * (1 + logs.SCALE) + logs.BIAS
-    columns = [range(60), turns * size, *force.T]
+    columns = [range(60), turns * size, *logs.on_arm(turns).T]
     path = logs.write(tmp_path / "arm.csv", ("position", name, "ax", "ay", "az"), columns)
     draft = drafted([path], tmp_path, bench__radius="1 m ± 10 µm")
     assert chosen(draft)["data.arm_rate_unit"] == unit

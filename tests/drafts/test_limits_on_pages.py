@@ -9,7 +9,7 @@ from inercal.basics.units import ZERO_CELSIUS
 from inercal.benches.rate_platform import section_finder
 from inercal.noise import coefficients, pieces, recording_checks
 from inercal.noise.deviations import _OVERLAP, FULL_OVERLAP
-from inercal.pipeline.drafts import column_values, draft_sections, log_files
+from inercal.pipeline.drafts import column_values, draft_entries, log_files
 from inercal.recordings.io import audit, isolation, split_bags, time_stamps
 from inercal.recordings.segments import dwells, section_means, stationary_states
 from inercal.recordings.temperature import HIGHEST, LOWEST
@@ -19,7 +19,7 @@ GB = 1e9
 LIMITS = {
     "first-calibration": [
         f"fewer than {column_values.FEWEST_SAMPLES} rows",
-        f"± {draft_sections._ANYWHERE.split(' ± ')[1]}",
+        f"± {draft_entries.ANYWHERE.split(' ± ')[1]}",
     ],
     "logs": [log_files.MARKS_FILE, f"rec/{split_bags.METADATA}", "three quarters"],
     "recordings": [

@@ -15,8 +15,8 @@ from inercal.recordings.data import RunBase
 from inercal.recordings.data.recording_loader import readback_units
 from inercal.recordings.segments.dwells import ARM_RATE
 
-_RATES = ("rad/s", "rpm", "rev/s", "°/s")
-_LENGTHS = {0.001: "mm", 0.01: "cm", 100.0: "cm", 1000.0: "mm"}
+RATES = ("rad/s", "rpm", "rev/s", "°/s")
+LENGTHS = {0.001: "mm", 0.01: "cm", 100.0: "cm", 1000.0: "mm"}
 
 
 class ArmUnit(NamedTuple):
@@ -55,9 +55,9 @@ def other_arm_units(run: RunBase[Any], radius: float) -> tuple[ArmUnit, ...]:
             f'the rates are in {unit}, not in {declared}; state arm_rate_unit = "{unit}"',
             unit,
         )
-        for unit in _RATES
+        for unit in RATES
     ]
-    for factor, unit in _LENGTHS.items():
+    for factor, unit in LENGTHS.items():
         true = format_quantity(radius * factor, 0.0, "m", 3)
         text = f"the radius is about {true}, not {radius:.4g} m; check whether it is in m or {unit}"
         found.append(ArmUnit(factor**0.5, "[bench] radius", text, unit))

@@ -9,14 +9,13 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
+from inercal.benches.arm_units import LENGTHS, RATES
 from inercal.physics.sensors import G0
 from inercal.pipeline.drafts.column_names import column_unit
 from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.recordings.io.column_table import Table
 
 _NAMED = {"omega_over_pi": "0.5 rev/s"}
-_RATES = ("rpm", "rad/s", "rev/s", "°/s")
-_LENGTHS = {1.0: "m", 1e-3: "mm", 1e-2: "cm", 100.0: "cm", 1000.0: "mm"}
 _CLEAR = 0.3  # ratio of the scatter of norms in two units that decides
 _AGREES = 0.12  # scatter of the norms of a plain MEMS sensor in the right unit
 
@@ -38,7 +37,7 @@ def arm_rate_unit(
     if radius is None:
         return "rpm", ""
     rate = table.numbers(name)
-    spread = {unit: norm_spread(force, rate * si_factor(unit, "rad/s"), radius) for unit in _RATES}
+    spread = {unit: norm_spread(force, rate * si_factor(unit, "rad/s"), radius) for unit in RATES}
     best = min(spread, key=lambda unit: spread[unit])
     return (
         (best, "by the norms of the readings")
@@ -64,12 +63,12 @@ def require_radius_unit(force: Array, rate: Array, radius: float) -> None:
     InputError
         The message names the radius that agrees.
     """
-    spread = {factor: norm_spread(force, rate, radius * factor) for factor in _LENGTHS}
+    spread = {factor: norm_spread(force, rate, radius * factor) for factor in (1.0, *LENGTHS)}
     best = min(spread, key=lambda factor: spread[factor])
     if spread[best] < min(_CLEAR * spread[1.0], _AGREES):
         raise InputError(
             f"[bench] radius: {radius:.4g} m does not agree with the norms of the readings, but "
-            f"{radius * best:.4g} m does: check whether the radius is in m or {_LENGTHS[best]}",
+            f"{radius * best:.4g} m does: check whether the radius is in m or {LENGTHS[best]}",
             key="[bench] radius",
-            names=(_LENGTHS[best],),
+            names=(LENGTHS[best],),
         )

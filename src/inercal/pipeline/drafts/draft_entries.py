@@ -7,6 +7,9 @@ from typing import Any, cast
 UNKNOWN = "?"
 """The value of a key that only the user knows."""
 
+ANYWHERE = "9.80 m/s² ± 0.02 m/s²"
+"""Gravity anywhere near sea level."""
+
 ASSUMED_UNIT = "unit_assumed"
 """The key that tells that nobody has confirmed a unit."""
 

@@ -15,7 +15,7 @@ from inercal.pipeline.drafts.column_names import (
     run_file_column,
 )
 from inercal.pipeline.drafts.column_roles import ColumnRoles
-from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
+from inercal.pipeline.drafts.draft_entries import ANYWHERE, UNKNOWN, DraftKey
 from inercal.pipeline.drafts.method_trials import RAMP
 from inercal.pipeline.drafts.quiet_sections import QuietMeans, find_quiet_sections, rest_means
 from inercal.pipeline.drafts.rate_tables import rate_unit
@@ -34,7 +34,6 @@ from inercal.recordings.io.column_table import Table, shorten
 from inercal.recordings.io.repeated_values import railed_ranges
 from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
-_ANYWHERE = "9.80 m/s² ± 0.02 m/s²"
 _WINDOW = 0.5  # s, window in which a rest must be quiet
 _WINDOW_SAMPLES = 50  # the same window if the rate is not known
 _ARM_DEVIATION = 1e-2
@@ -154,7 +153,7 @@ def bench_keys(bench: str, method: str, radius: float | None) -> tuple[DraftKey,
     if bench == "turntable":
         return (*entries, DraftKey("bench", "latitude", UNKNOWN, "", 'latitude, such as "48.1 °"'))
     reason = "valid anywhere near sea level: state latitude and height instead for less uncertainty"
-    entries.append(DraftKey("bench", "gravity", _ANYWHERE, reason))
+    entries.append(DraftKey("bench", "gravity", ANYWHERE, reason))
     if bench in ("centrifuge", "rate_table"):
         text = UNKNOWN if radius is None else format_quantity(radius, 0.02 * radius, "m")
         reason = "estimated from the norms and the rates: replace it with your measured value"

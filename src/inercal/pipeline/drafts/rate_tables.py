@@ -11,7 +11,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.units import format_quantity, si_factor
 from inercal.pipeline.drafts.column_names import column_unit
 from inercal.pipeline.drafts.column_roles import ColumnRoles
-from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
+from inercal.pipeline.drafts.draft_entries import ANYWHERE, UNKNOWN, DraftKey
 from inercal.pipeline.drafts.readouts import GuessedReadout, counts_per_degree
 from inercal.recordings.data.face_names import parse_face
 from inercal.recordings.io.column_table import Table
@@ -144,7 +144,7 @@ def rate_bench_keys(roles: ColumnRoles) -> tuple[DraftKey, ...]:
     poses = "roll" in roles.single
     if "accelerometer" in roles.triads:
         reason = "valid anywhere near sea level: state your own for less uncertainty"
-        entries.append(DraftKey("bench", "gravity", "9.80 m/s² ± 0.02 m/s²", reason))
+        entries.append(DraftKey("bench", "gravity", ANYWHERE, reason))
     for key, meaning in (_ERRORS | _POSE_ERRORS if poses else _ERRORS).items():
         value = STATED[key].example
         reason = f"{meaning}: a typical value that nobody measured; state your own"
