@@ -90,7 +90,6 @@ def stated(text: str, section: str, line: str) -> str:
         ("bench", "kind = 5", "turntable"),
         ("data", "time = 1.5", "column"),
         ("data", "accelerometer = [1.5, 2, 3]", "column"),
-        ("data", 'gyro = ["a", "b"]', "3"),
         ("method", "rates = 60", '["60 rpm", "120 rpm"]'),
         ("data", "sd = 5", "[data.sd]"),
         ("method.prior_from", "file = 5", "[method.prior_from.file]"),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from inercal.basics.units import Measured, format_count
+from inercal.basics.units import Measured
 from inercal.benches.contract import Bench, SensorSimulation, SimulatedMotion
 from inercal.benches.motion_control import MotionControl
 from inercal.benches.operator_sheet import Sheet
@@ -23,9 +23,10 @@ from inercal.benches.report_data import (
     describe_row,
     specific_force_directions,
 )
+from inercal.benches.stated_axes import StatedAxes, three_axes
 from inercal.physics.plan import Step
-from inercal.physics.section_settings import BenchSection, key_error
-from inercal.physics.sensors import Noise, Readout, Sensor, imu, triad
+from inercal.physics.section_settings import BenchSection
+from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording
 from inercal.recordings.data import DataSection, EstimatorInput, RunBase
 
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
 
 B = TypeVar("B", bound=Bench)
 D = TypeVar("D", bound=DataSection)
-Output = tuple[Readout, Noise]
 PlanFunction = Callable[[], tuple[Step, ...]]
 Simulate = Callable[
     [B, Sequence[Any], float, np.random.Generator, int, Sensor, bool], SensorSimulation
@@ -141,32 +141,6 @@ class _SimulationWithoutSensor:
         return SensorSimulation(self.perform(bench, steps, rate_hz, rng, trials, **more), sensor)
 
 
-def three_axis_sensor(
-    name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
-) -> Sensor:
-    """Return a triad, or an IMU if gyros are stated, without coefficients.
-
-    Parameters
-    ----------
-    name : str
-    columns : tuple of str or int
-        The columns named by [data] accelerometer.
-    accelerometer, gyro : tuple of Readout and Noise
-        Readout and noise of each axis; `gyro` is None for a sensor without gyros.
-
-    Raises
-    ------
-    InputError
-        The number of columns is not three.
-    """
-    if len(columns) != len("xyz"):
-        raise key_error(
-            "[data] accelerometer",
-            f"{format_count(len(columns), 'column')}; name three, of x, y, z",
-        )
-    return triad(name, "f", "a", *accelerometer) if gyro is None else imu(name, accelerometer, gyro)
-
-
 def keep_plan(
     options: Mapping[str, Any], bench: Any, folder: Path, plan: PlanFunction
 ) -> PlanFunction:
@@ -232,7 +206,7 @@ class Kind(Generic[B, D]):
     spins : bool
         Whether the bench rotates the sensor on an arm, so that it senses more than gravity.
     sensor : callable
-        Returns the sensor on the bench, given its name, [data] accelerometer, readout and noise.
+        Returns the sensor on the bench, given its name and the stated accelerometers and gyros.
     plan : callable
         Returns the plan of a run, given the keys of [method] that concern the plan, the bench, the
         run file's folder and the method's plan.
@@ -271,9 +245,7 @@ class Kind(Generic[B, D]):
     rows_of_table: bool = False
     sampled: bool = False
     spins: bool = False
-    sensor: Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor] = (
-        three_axis_sensor
-    )
+    sensor: Callable[[str, StatedAxes | None, StatedAxes | None], Sensor] = three_axes
     plan: Callable[[Mapping[str, Any], B, Path, PlanFunction], PlanFunction] = keep_plan
     audit: Callable[[Recording, Sensor, B], Recording] = keep_recording
     files: Callable[[RunBase[D], SimulatedMotion, np.random.Generator], dict[str, Recording]] = (

@@ -97,7 +97,12 @@ def measured_direction(step: Step, vector: Array, nominal: Array | None) -> Meas
 
 
 def specific_force_directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return the direction of the specific force in each row, compared with the nominal one."""
+    """Return the direction of the specific force in each row, compared with the nominal one.
+
+    The result is empty if the accelerometers do not measure all components.
+    """
+    if shown.sensor.rank("f") < len("xyz"):
+        return ()
     nominal, sensed = shown.bench.mean_motion(shown.steps, {}).f, shown.sensed_motion().f
     return tuple(map(measured_direction, shown.steps, sensed, nominal))
 

@@ -10,6 +10,13 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, si_factor
 from inercal.calibration.bench_estimates import BenchEstimate
+from inercal.calibration.corrected_motion import (
+    KINDS,
+    CorrectedMotion,
+    corrected_motion,
+    kinds_in_part,
+    sensed_components,
+)
 from inercal.calibration.forms import (
     ConvertedCoefficients,
     Frame,
@@ -192,7 +199,7 @@ class Calibration:
         dT: Array | float | None = None,
         dTdt: Array | float | None = None,
         extrapolate: bool = False,
-    ) -> Motion:
+    ) -> CorrectedMotion:
         """Compute the specific force and the angular rate from readings.
 
         Parameters
@@ -200,8 +207,8 @@ class Calibration:
         recording : Recording or (..., n, m) array
             Readings in output units; the columns of an array are the sensor's axes in order.
         f, w : (..., n, 3) arrays, optional
-            Specific force or rate, if the sensor does not measure it
-            (`inercal.physics.sensors.inverse`).
+            Specific force or rate, if the sensor does not measure it, or measures only components
+            (`inercal.physics.sensors.inverse`). By default zero.
         dw : (..., n, 3) array, optional
             Angular acceleration in rad/s², needed if the model includes lever arms. For a
             Recording, it is computed.
@@ -216,9 +223,11 @@ class Calibration:
 
         Returns
         -------
-        Motion
+        CorrectedMotion
             f in m/s² and ω in rad/s, in the frame of the calibration; zero if there is no such
-            sensor.
+            sensor. If the axes of a kind measure only one or two components and the others are not
+            passed, the result has one column for each of these axes, the component along it:
+            (..., n, 1) for one axis. If there are redundant axes, it has their parity residual.
 
         Raises
         ------
@@ -279,10 +288,14 @@ class Calibration:
                 names=names,
             )
         y = self.sensor.to_si(data)
+        given = {"f": f, "w": w}
+        in_part = [kind for kind in kinds_in_part(self.sensor) if given[kind] is None]
+        f, w = (np.zeros((1, 3)) if kind in in_part else given[kind] for kind in KINDS)
         if isinstance(recording, Recording) and turning:
             rough = inverse(self.sensor, y, self.values, f=f, w=w, dT=dT, dTdt=dTdt)
             dw = np.gradient(rough.w, recording.time, axis=-2)
-        return inverse(self.sensor, y, self.values, f=f, w=w, dw=dw, dT=dT, dTdt=dTdt)
+        motion = inverse(self.sensor, y, self.values, f=f, w=w, dw=dw, dT=dT, dTdt=dTdt)
+        return corrected_motion(self.sensor, y, self.values, motion, in_part)
 
     def _columns(self, recording: Recording) -> Array:
         missing = [name for name in self.sensor.channels if name not in recording.channels]
@@ -307,7 +320,8 @@ class Calibration:
     def affine_correction(self) -> tuple[Array, Array]:
         """Return C, (k, m), and o, (m,), in motion = C (output − o) for an affine model.
 
-        `motion` contains f (m/s²) and then ω (rad/s), but only what the sensor measures.
+        `motion` contains f (m/s²) and then ω (rad/s), but only what the sensor measures, as
+        `correct` returns it.
 
         Raises
         ------
@@ -322,9 +336,7 @@ class Calibration:
                 names=self.sensor.coefficients,
             )
         rest = Motion(np.zeros((1, 3)))
-        kinds = {axis.measures for axis in self.sensor.axes}
-        columns = [k for k in range(6) if ("f" if k < 3 else "w") in kinds]
-        slope = self.sensor.slope(rest, self.values)[0][:, columns]
+        slope = self.sensor.slope(rest, self.values)[0] @ sensed_components(self.sensor)
         offset = self.sensor.to_output(self.sensor.forward(rest, self.values))[0]
         scale = np.array([axis.readout.scale for axis in self.sensor.axes])
         matrix = np.asarray(np.linalg.pinv(slope), dtype=np.float64)

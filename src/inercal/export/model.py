@@ -19,10 +19,11 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.calibration import Calibration
+from inercal.calibration.corrected_motion import KINDS
 from inercal.export.term_kinds import LINEAR, kinds_of
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import QUANTITIES, Measures
-from inercal.physics.sensors import Readout, Sensor
+from inercal.physics.sensors import Axis, Readout, Sensor, axes_along
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,8 +174,9 @@ def export_model(
     Raises
     ------
     InputError
-        `axes` is not right-handed, or there are not three accelerometers or three gyros.
+        `axes` is not right-handed, or the axes of a kind do not point along different case axes.
     """
+    calibration = completed_triads(calibration)
     if calibration.sensor.form == "tilted" and set(_kinds(calibration.sensor)) <= LINEAR:
         calibration = calibration.in_form("reference")
     sensor = calibration.sensor
@@ -206,16 +208,42 @@ def export_model(
     return ExportModel(calibration, turn, triads.get("f"), triads.get("w"), sensitivity)
 
 
+def completed_triads(calibration: Calibration) -> Calibration:
+    """Return a calibration in which axes without errors complete triads of one or two axes.
+
+    Raises
+    ------
+    InputError
+        The axes of a kind do not point along different case axes.
+    """
+    sensor = calibration.sensor
+    axes: list[Axis] = []
+    for kind in KINDS:
+        own = sensor.select_axes(kind).axes
+        if len(own) in (0, len("xyz")):
+            axes += own
+            continue
+        along = {int(np.argmax(np.abs(axis.i))): axis for axis in own}
+        if len(along) < len(own) or any(abs(axis.i[k]) < 1 for k, axis in along.items()):
+            raise InputError(
+                f"an export needs {QUANTITIES[kind].sensors} along different case axes, x, y or z, "
+                f"but {', '.join(axis.name for axis in own)} have other directions; correct "
+                "recordings with inercal apply instead",
+                names=tuple(axis.name for axis in own),
+            )
+        ideal = axes_along("xyz", kind, "unmeasured ", own[0].readout, own[0].noise)
+        axes += [along.get(k, one) for k, one in enumerate(ideal)]
+    return (
+        calibration
+        if len(axes) == len(sensor.axes)
+        else replace(calibration, sensor=replace(sensor, axes=tuple(axes)))
+    )
+
+
 def _turned_rows(
     sensor: Sensor, kind: str, rows: Sequence[int], turn: Array
 ) -> tuple[tuple[int, ...], tuple[Readout, ...]]:
     """Return the sensor axis and the readout for each channel of the target."""
-    if len(rows) != 3:
-        raise InputError(
-            f"sensor {sensor.name} has {len(rows)} {QUANTITIES[kind].sensors}; an export needs "
-            "three of a kind",
-            names=sensor.channels,
-        )
     picked = tuple(rows[int(k)] for k in np.abs(turn).argmax(axis=1))
     readouts = tuple(sensor.axes[k].readout for k in picked)
     if len({one.unit for one in readouts}) > 1:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
+import numpy as np
+
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.registry import Registry
@@ -228,6 +230,8 @@ class Method(MethodBase, Generic[Bench, Step]):
         share.
     final_by_recording : bool
         Whether the final result of a recording comes from a different estimator than the live one.
+    triads_because : str
+        Why the method needs three axes of each kind, as a clause; empty if it takes any number.
     """
 
     bench: type[Bench]
@@ -247,6 +251,7 @@ class Method(MethodBase, Generic[Bench, Step]):
     weighs_common_errors: bool = False
     sequential: SequentialEstimator[Bench, Step] | None = None
     final_by_recording: bool = False
+    triads_because: str = ""
 
     def prepare(
         self, sensor: Sensor, coefficients: Sequence[str] = (), also: Sequence[str] = ()
@@ -276,6 +281,8 @@ class Method(MethodBase, Generic[Bench, Step]):
                 key="[sensor]",
                 names=lacking,
             )
+        if self.triads_because:
+            self._require_triads(sensor)
         part = replace(
             sensor, axes=tuple(a for a in sensor.axes if a.measures in self.default_coefficients)
         )
@@ -293,6 +300,19 @@ class Method(MethodBase, Generic[Bench, Step]):
                 names=beyond,
             )
         return replace(part, coefficients=tuple(n for n in possible if n in (*chosen, *more)))
+
+    def _require_triads(self, sensor: Sensor) -> None:
+        for kind in dict.fromkeys(axis.measures for axis in sensor.axes):
+            directions, channels = sensor.input_axes(kind), sensor.select_axes(kind).channels
+            if directions.shape != (3, 3) or not np.allclose(directions, np.eye(3)):
+                raise InputError(
+                    f"method {self.name} needs three {QUANTITIES[kind].sensors} along x, y and z, "
+                    f"because {self.triads_because}; sensor {sensor.name} has "
+                    f"{', '.join(channels)}: choose a method with known attitudes, such as "
+                    "six_position or rates_and_poses",
+                    key=f"[sensor.{QUANTITIES[kind].sensor}]",
+                    names=channels,
+                )
 
     def possible(self, sensor: Sensor) -> tuple[str, ...]:
         """Return the full names of all coefficients of the sensor that the method can estimate."""

@@ -102,7 +102,7 @@ def hand_problem(
     switched = bench.turn_on_biases(done, sensor)
     turns = [k for k, step in enumerate(done) if isinstance(step, Turn)]
     forces: dict[str, Array] = {}
-    if turns and not sensor.select_axes("f").axes:
+    if turns and sensor.rank("f") < len("xyz"):
         declared |= _unread_forces([done[k] for k in turns], bench.gravity.value)
     elif turns:
         bare = Sensor(sensor.name, sensor.axes)
@@ -128,7 +128,7 @@ def hand_problem(
 
 
 def _unread_forces(turns: HandSteps, gravity: float) -> dict[str, Parameter]:
-    """Return the mean specific forces during turns as nuisances, if there are no accelerometers."""
+    """Return the mean specific forces in turns as nuisances, if not all components are read."""
     text = "mean specific force in the turn"
     return {
         f"force_{a}[{step.label}]": Parameter(

@@ -11,15 +11,16 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
+from inercal.calibration.corrected_motion import component_names
 from inercal.calibration.temperature_range import temperatures_outside
 from inercal.methods import METHODS
+from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
 from inercal.pipeline.calibration_record import KEPT_CORRECTIONS
 from inercal.recordings import Finding, Recording, ahead_of_lag
 from inercal.recordings.data import recording_loader
 from inercal.recordings.data.recording_loader import readback_columns, reader_columns
 from inercal.runfile import Run, read
 
-_ALL = 3  # with this number of axes, every component is measured
 _MARGIN = 0.01  # fraction of the range of the rates
 _DIGITS = 9  # significant digits of numbers in a text file
 _LARGEST_EXACT = 1e22  # larger powers of ten are not exact
@@ -111,10 +112,11 @@ def apply(
     -------
     Recording
         Recording with the channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), if the sensor measures
-        them. If there are only one or two accelerometers, the specific force across their axes is
-        assumed to be zero. Labels and readback columns keep their names and units. If the
-        calibration was made at constant rates and a rate is outside their range, the recording has
-        a finding about this.
+        them. If there are only one or two axes of a kind, it has the components along them, and the
+        motion across them is assumed to be zero. If there are more than three, the columns
+        `parity_f` and `parity_w` have the norm of what they read in addition to any motion. Labels
+        and readback columns keep their names and units. If the calibration was made at constant
+        rates and a rate is outside their range, the recording has a finding about this.
 
     Raises
     ------
@@ -160,30 +162,22 @@ def apply(
             file=run.path,
             key="[data] temperature",
         )
-    axes = calibration.sensor.axes
-    count = {kind: sum(axis.measures == kind for axis in axes) for kind in ("f", "w")}
-    # If there are only one or two sensor axes, the motion across them is unknown and assumed to be
-    # zero.
-    zero = np.zeros((1, 3))
-    motion = calibration.correct(
-        recording,
-        f=zero if 0 < count["f"] < _ALL else None,
-        w=zero if 0 < count["w"] < _ALL else None,
-        extrapolate=extrapolate,
-    )
+    sensor = calibration.sensor
+    motion = calibration.correct(recording, extrapolate=extrapolate)
     beyond = _rates_beyond(calibration, recording)
     named = readback_columns(run)
-    sensed = [("f", "m/s²", motion.f), ("w", "rad/s", motion.w)]
     readback = {named[name]: values for name, values in recording.readback.items()}
     if warmer:
         readback["extrapolated"] = outside.astype(np.float64)
-    present = [(kind, unit, values[..., : count[kind]]) for kind, unit, values in sensed]
+    readback |= {f"parity_{kind}": values for kind, values in motion.parity.items()}
+    present = [one for one in (SPECIFIC_FORCE, ANGULAR_RATE) if sensor.rank(one.symbol)]
+    names = [component_names(sensor, one.symbol) for one in present]
     return replace(
         recording,
         findings=(*recording.findings, *warmer, *beyond),
-        data=np.concatenate([values for _, _, values in present], axis=-1),
-        channels=tuple(kind + axis for kind, _, _ in present for axis in "xyz"[: count[kind]]),
-        units=tuple(unit for kind, unit, _ in present for _ in "xyz"[: count[kind]]),
+        data=np.concatenate([getattr(motion, one.symbol) for one in present], axis=-1),
+        channels=tuple(name for group in names for name in group),
+        units=tuple(one.unit for one, group in zip(present, names, strict=True) for _ in group),
         readback=readback,
         label_name=reader_columns(run).label or recording.label_name,
     )

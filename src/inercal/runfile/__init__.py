@@ -155,7 +155,9 @@ def _build_run(
 
     chosen = method(schema.method.name)
     bench = qualified_bench(kind.build(schema.bench, path.parent), used)
-    full_sensor = build_sensor(schema.sensor, schema.data.accelerometer, kind.sensor)
+    full_sensor = build_sensor(
+        schema.sensor, schema.data.accelerometer, schema.data.gyro, kind.sensor
+    )
     ordered = terms_of_order(
         schema.method.temperature_order, full_sensor, chosen.possible(full_sensor)
     )

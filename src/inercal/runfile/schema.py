@@ -32,6 +32,11 @@ class ReadoutSection(Section):
         False, description="whether the unit is a guess that neither the user nor the data confirm"
     )
     scale: str | None = Field(None, description="nominal scale factor", examples=["2048 LSB/g"])
+    axis: str | tuple[str | tuple[float, float, float], ...] | None = Field(
+        None,
+        description="direction of each axis in the case, if there are not three along x, y, z",
+        examples=["z", ["x", "-z"], [[0.6, 0, 0.8]]],
+    )
     offset: float = Field(0.0, description="output at zero, in output units")
     full_scale: str | None = Field(
         None, description="largest reading", examples=["16 g", "2000 °/s"]
@@ -44,6 +49,11 @@ class ReadoutSection(Section):
     quantisation: str | None = Field(
         None, description="resolution of the reading", examples=["0.5 mg", "0.02 °/s"]
     )
+
+    @property
+    def directions(self) -> tuple[str | tuple[float, float, float], ...]:
+        """The stated directions of the axes; empty if there are none."""
+        return (self.axis,) if isinstance(self.axis, str) else self.axis or ()
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
         """Return the keys that have no effect with this method, with the reason and the remedy."""

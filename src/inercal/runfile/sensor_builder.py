@@ -4,6 +4,8 @@ from collections.abc import Callable
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import Measured, parse_quantity, si_factor
+from inercal.benches.stated_axes import StatedAxes
+from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
 from inercal.physics.section_settings import si_value
 from inercal.physics.sensors import Noise, Readout, Sensor
 from inercal.runfile.schema import ReadoutSection, SensorSection
@@ -11,18 +13,18 @@ from inercal.runfile.schema import ReadoutSection, SensorSection
 READING_UNITS = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
 _COUNTS = ("LSB", "V")  # these outputs are neither acceleration nor rate: they need a scale
-Output = tuple[Readout, Noise]
-Parts = Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor]
+Columns = tuple[str | int, ...]
+Parts = Callable[[str, StatedAxes | None, StatedAxes | None], Sensor]
 
 
-def build_sensor(section: SensorSection, columns: tuple[str | int, ...], parts: Parts) -> Sensor:
+def build_sensor(section: SensorSection, columns: Columns, gyros: Columns, parts: Parts) -> Sensor:
     """Return the sensor with its readouts and noise, but without coefficients.
 
     Parameters
     ----------
     section : SensorSection
-    columns : tuple of str or int
-        Columns stated in [data] accelerometer.
+    columns, gyros : tuple of str or int
+        Columns stated in [data] accelerometer and gyro.
     parts : callable
         Function that builds the sensor for this kind of bench
         (`inercal.benches.kind_definition.Kind.sensor`).
@@ -33,11 +35,16 @@ def build_sensor(section: SensorSection, columns: tuple[str | int, ...], parts: 
         A unit is unknown, a scale is not possible, or this bench does not support the axes.
     """
     _require_same_axes(section, columns)
-    accelerometer = (Readout(), Noise())  # belongs to no axis
-    if section.accelerometer is not None:
-        accelerometer = build_readout("accelerometer", section.accelerometer)
-    gyro = None if section.gyro is None else build_readout("gyro", section.gyro)
-    sensor = parts(section.name, columns, accelerometer, gyro)
+    stated = [
+        None
+        if one is None
+        else StatedAxes(kind.symbol, names, one.directions, *build_readout(kind.sensor, one))
+        for kind, names, one in (
+            (SPECIFIC_FORCE, columns, section.accelerometer),
+            (ANGULAR_RATE, gyros, section.gyro),
+        )
+    ]
+    sensor = parts(section.name, *stated)
     form = section.form or sensor.form
     return Sensor(sensor.name, sensor.axes, (), form, frame=section.frame)
 

@@ -7,7 +7,8 @@ from inercal.benches.dividing_head.report import describe_position, directions, 
 from inercal.benches.dividing_head.settings import DividingHeadData, DividingHeadSection, build
 from inercal.benches.dividing_head.sheet import sheet
 from inercal.benches.dividing_head.simulation import simulate_head_motion
-from inercal.benches.kind_definition import Kind, Output, Vocabulary
+from inercal.benches.kind_definition import Kind, Vocabulary
+from inercal.benches.stated_axes import StatedAxes
 from inercal.physics.plan import Index
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
@@ -18,22 +19,27 @@ if TYPE_CHECKING:
     from inercal.recordings.segments import RestDetection
 
 
-def _sensor(
-    name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
-) -> Sensor:
+def _sensor(name: str, accelerometers: StatedAxes | None, gyros: StatedAxes | None) -> Sensor:
     """Return the one or two accelerometers on the head."""
-    if len(columns) not in (1, 2):
+    columns = () if accelerometers is None else accelerometers.columns
+    if accelerometers is None or len(columns) not in (1, 2):
         raise key_error(
             "[data] accelerometer",
             f"{len(columns)} columns are named; name one or two, for the accelerometers on the "
             'head, such as ["a", "b"]',
             names=tuple(map(str, columns)),
         )
-    if gyro is not None:
+    if gyros is not None:
         raise key_error(
             "[sensor.gyro]", "a dividing head is at rest during a reading; remove the section"
         )
-    return mounted_sensor(name, "ab"[: len(columns)], *accelerometer)
+    if accelerometers.directions:
+        raise key_error(
+            "[sensor.accelerometer] axis",
+            "on a dividing head, a senses along x and b along y; remove the key",
+        )
+    letters = "ab"[: len(columns)]
+    return mounted_sensor(name, letters, accelerometers.readout, accelerometers.noise)
 
 
 def _observe(run: RunBase[DividingHeadData]) -> EstimatorInput:

@@ -13,14 +13,13 @@ from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.kind_definition import (
     Effect,
     Kind,
-    Output,
     simulate_without_sensor,
-    three_axis_sensor,
 )
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
+from inercal.benches.stated_axes import any_axes
 from inercal.physics.plan import Hold, Turn
 from inercal.physics.section_settings import BenchSection, BenchUsage, section_constant
-from inercal.physics.sensors import Sensor, triad
+from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording
 from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
 
@@ -70,28 +69,19 @@ def build(section: HandSection, folder: Path) -> Hand:
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     """Return the measured upward direction in each hold and the axis of each turn.
 
-    The result is empty if the sensor has no accelerometers.
+    The result is empty if the accelerometers do not measure all components.
     """
-    if not shown.sensor.select_axes("f").axes:
+    if shown.sensor.rank("f") < len("xyz"):
         return ()
     sensed = shown.sensed_motion()
     result: list[MeasuredDirection] = []
     for k, step in enumerate(shown.steps):
         if isinstance(step, Hold):
             result.append(measured_direction(step, sensed.f[k], np.array(step.up)))
-        elif isinstance(step, Turn):
+        elif isinstance(step, Turn) and shown.sensor.rank("w") == len("xyz"):
             axis = sensed.w[k] * np.sign(step.angle)
             result.append(measured_direction(step, axis, np.array(step.axis)))
     return tuple(result)
-
-
-def _sensor(
-    name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
-) -> Sensor:
-    """Return a triad, an IMU, or only gyros if [data] accelerometer names no columns."""
-    if columns or gyro is None:
-        return three_axis_sensor(name, columns, accelerometer, gyro)
-    return triad(name, "w", "g", *gyro)
 
 
 def _observe(run: RunBase[RestsSection]) -> EstimatorInput:
@@ -131,6 +121,6 @@ KIND = Kind(
     audit=_audit,
     sheet=sheet,
     rests=_rests,
-    sensor=_sensor,
+    sensor=any_axes,
     directions=directions,
 )

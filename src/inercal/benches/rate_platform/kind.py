@@ -1,11 +1,6 @@
 """A rate platform, as a kind of bench."""
 
-from inercal.benches.kind_definition import (
-    Kind,
-    Output,
-    Vocabulary,
-    three_axis_sensor,
-)
+from inercal.benches.kind_definition import Kind, Vocabulary
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.report import directions, plots
 from inercal.benches.rate_platform.scale_factors import output_tables
@@ -13,22 +8,8 @@ from inercal.benches.rate_platform.sections import Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData, RatePlatformSection, build
 from inercal.benches.rate_platform.sheet import sheet
 from inercal.benches.rate_platform.simulation import simulate_sections
-from inercal.physics.section_settings import key_error
-from inercal.physics.sensors import Sensor, triad
+from inercal.benches.stated_axes import any_axes
 from inercal.recordings.data import EstimatorInput, RunBase
-
-
-def _sensor(
-    name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
-) -> Sensor:
-    """Return a sensor with three accelerometers, three gyros, or both."""
-    if columns:
-        return three_axis_sensor(name, columns, accelerometer, gyro)
-    if gyro is None:
-        raise key_error(
-            "[sensor]", "has neither accelerometers nor gyros; state [sensor.gyro], or both"
-        )
-    return triad(name, "w", "g", *gyro)
 
 
 def _observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
@@ -48,7 +29,7 @@ KIND = Kind(
     _observe,
     simulate_sections,
     words=Vocabulary(row="section", turning_device="table", rows="sections"),
-    sensor=_sensor,
+    sensor=any_axes,
     sheet=sheet,
     directions=directions,
     plots=plots,

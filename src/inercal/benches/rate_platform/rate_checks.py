@@ -44,9 +44,12 @@ def require_rates(
     turning = [
         k for k, s in enumerate(steps) if isinstance(s, RateDwell) and abs(s.rate) > _LEAST_RATE
     ]
-    if len(gyros) != len("xyz") or not turning:
+    rates = bench.without_earth_rate().mean_motion(steps, {}).w
+    nominal = rates @ run.sensor.input_axes("w").T
+    seen = np.abs(nominal).max(axis=1, initial=0.0) > _CLEAR * np.linalg.norm(rates, axis=1)
+    turning = [k for k in turning if seen[k]]
+    if not turning:
         return
-    nominal = bench.without_earth_rate().mean_motion(steps, {}).w
     read = observations.mean[:, gyros] - _rough_bias(observations.mean[:, gyros], nominal)
     own = np.argmax(np.abs(nominal), axis=1)
     along = np.array([read[k, own[k]] / nominal[k, own[k]] for k in turning])
@@ -64,7 +67,7 @@ def require_rates(
 
 
 def _rough_bias(read: Array, nominal: Array) -> Array:
-    """Return each gyro's median reading in sections where it senses no rate, or 0, (3,)."""
+    """Return each gyro's median reading in sections where it senses no rate, or 0, (m,)."""
     bias = np.zeros(read.shape[1])
     for k in range(read.shape[1]):
         still = np.abs(nominal[:, k]) < 1e-6 * np.abs(nominal).max(initial=1.0)
@@ -164,15 +167,15 @@ def require_axes_up(
         The stated direction is wrong; the message names the row.
     """
     forces = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "f"]
-    if len(forces) != len("xyz"):
-        return
-    nominal = bench.mean_motion(steps, {}).f
-    for k, step in enumerate(steps):
+    nominal = bench.mean_motion(steps, {}).f @ run.sensor.input_axes("f").T
+    for k, step in enumerate(steps if forces else ()):
         if isinstance(step, RateDwell) and step.rate != 0:
             continue
         read = observations.mean[k, forces]
-        cosine = read @ nominal[k] / (np.linalg.norm(read) * np.linalg.norm(nominal[k]))
-        if cosine < _STEEPEST:
+        limit = _STEEPEST * np.linalg.norm(read) * np.linalg.norm(nominal[k])
+        few = len(forces) < len("xyz")  # they may be across gravity
+        off = np.abs(read - nominal[k]).max() > _STEEPEST * bench.gravity.value
+        if off if few else read @ nominal[k] < limit:
             shown = ", ".join(f"{x / bench.gravity.value:+.2f}" for x in read.tolist())
             raise InputError(
                 f"{run.path}: row {step.label} is {step.describe()}, but the accelerometers read "

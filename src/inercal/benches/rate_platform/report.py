@@ -47,9 +47,8 @@ def _panel(fit: LineFit) -> Panel:
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return the direction of the specific force at rest and in poses, if there is a triad."""
-    sensor = shown.sensor
-    if len(sensor.select_axes("f").axes) < len("xyz"):
+    """Return the direction of the specific force at rest and in poses, if it is measured."""
+    if shown.sensor.rank("f") < len("xyz"):
         return ()
     nominal, sensed = shown.bench.mean_motion(shown.steps, {}).f, shown.sensed_motion().f
     return tuple(

@@ -317,4 +317,5 @@ METHOD = Method(
     unknown_attitudes=True,
     frame=triangular_frame,  # the accelerometers' own frame, because there is no mounting
     remarks=_remarks,
+    triads_because="the attitudes are unknown, and only the norm of gravity is known",
 )

@@ -2,7 +2,15 @@
 
 from inercal.physics.sensors.axis import Axis, Readout
 from inercal.physics.sensors.axis_model import Form
-from inercal.physics.sensors.catalogue import cluster, imu, pair, single, triad
+from inercal.physics.sensors.catalogue import (
+    Direction,
+    axes_along,
+    cluster,
+    imu,
+    pair,
+    single,
+    triad,
+)
 from inercal.physics.sensors.coefficient_tables import (
     ACCELEROMETER,
     G0,
@@ -24,11 +32,13 @@ __all__ = [
     "SI_UNITS",
     "TABLES",
     "Axis",
+    "Direction",
     "ErrorTerm",
     "Form",
     "Noise",
     "Readout",
     "Sensor",
+    "axes_along",
     "cluster",
     "imu",
     "inverse",

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors.axis import Axis, Readout
@@ -18,6 +19,85 @@ CYCLIC_AXES = {
 }
 
 
+Direction = str | Sequence[float]
+"""A direction in the case: "x", "-z", or three numbers."""
+
+
+def axes_along(
+    directions: Sequence[Direction],
+    measures: Measures = "f",
+    prefix: str = "",
+    readout: Readout = Readout(),
+    noise: Noise = Noise(),
+) -> tuple[Axis, ...]:
+    """Return axes along the given directions in the sensor's frame.
+
+    Axes along different case axes are named after them, like those of a triad. Otherwise they are
+    numbered from 1.
+
+    Parameters
+    ----------
+    directions : sequence of str or of 3 floats
+        Case axes such as "z" or "-x", or vectors of any length.
+    measures : "f" or "w"
+    prefix : str
+        First part of the names.
+    readout, noise
+        Readout and noise of each axis.
+
+    Raises
+    ------
+    InputError
+        A direction is not a case axis or a finite vector that is not zero.
+
+    Examples
+    --------
+    >>> [axis.name for axis in axes_along(["-z", "x"], "w", "g")]
+    ['gz', 'gx']
+    >>> [axis.name for axis in axes_along(["x", "x"], "w", "g")]
+    ['g1', 'g2']
+    """
+    frames = [_input_and_pendulous(one, f"{prefix}{k}") for k, one in enumerate(directions, 1)]
+    main = [int(np.argmax(np.abs(i))) for i, _ in frames]
+    along = [abs(i[k]) == 1 for (i, _), k in zip(frames, main, strict=True)]
+    by_letter = all(along) and len(set(main)) == len(main)
+    return tuple(
+        Axis(prefix + ("xyz"[k] if by_letter else str(number)), measures, i, p, readout, noise)
+        for number, ((i, p), k) in enumerate(zip(frames, main, strict=True), 1)
+    )
+
+
+def _input_and_pendulous(
+    direction: Direction, name: str
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Return I and P, unit vectors; P is horizontal unless I is along a case axis."""
+    if isinstance(direction, str):
+        found = CYCLIC_AXES.get(direction[-1:])
+        if found is None or direction[:-1] not in ("", "+", "-"):
+            raise InputError(
+                f"axis {name} has direction {direction!r}; give x, y, z, -x, -y or -z, or three "
+                "numbers",
+                names=(name,),
+            )
+        (x, y, z), pendulous = found
+        return ((-x, -y, -z) if direction[0] == "-" else (x, y, z)), pendulous
+    given = np.asarray(direction, dtype=float)
+    length = np.linalg.norm(given)
+    if given.shape != (3,) or not np.isfinite(length) or length == 0:
+        raise InputError(
+            f"axis {name} has direction {given.tolist()}; give three finite numbers that are not "
+            "all 0",
+            names=(name,),
+        )
+    i: Array = given / length
+    for letter, (along, _) in CYCLIC_AXES.items():
+        if abs(i @ along) == 1:
+            return _input_and_pendulous(("-" if i @ along < 0 else "") + letter, name)
+    p = np.cross((0.0, 0.0, 1.0), i)
+    p /= np.linalg.norm(p)
+    return (i[0], i[1], i[2]), (p[0], p[1], p[2])
+
+
 def triad(
     name: str = "triad",
     measures: Measures = "f",
@@ -30,10 +110,7 @@ def triad(
     >>> triad().with_coefficients("bias", "z.k2").coefficients
     ('x.k0', 'y.k0', 'z.k0', 'z.k2')
     """
-    axes = tuple(
-        Axis(prefix + a, measures, i, p, readout, noise) for a, (i, p) in CYCLIC_AXES.items()
-    )
-    return Sensor(name, axes)
+    return Sensor(name, axes_along("xyz", measures, prefix, readout, noise))
 
 
 def imu(
@@ -56,27 +133,14 @@ def pair(name: str = "pair") -> Sensor:
     return Sensor(name, (Axis("a", "f", *CYCLIC_AXES["x"]), Axis("b", "f", *CYCLIC_AXES["y"])))
 
 
-def cluster(name: str, input_axes: Sequence[Sequence[float]], measures: Measures = "f"):
-    """Return a redundant cluster with axes s1, s2, … along the rows of `input_axes`, (m, 3).
-
-    P is the horizontal direction orthogonal to I, or y if I is along z.
+def cluster(
+    name: str, input_axes: Sequence[Direction], measures: Measures = "f", prefix: str = "s"
+) -> Sensor:
+    """Return a redundant cluster, with axes in the given directions; see `axes_along`.
 
     Raises
     ------
     InputError
-        A direction is zero or not finite.
+        A direction is not a case axis or a finite vector that is not zero.
     """
-    axes: list[Axis] = []
-    for k, row in enumerate(np.asarray(input_axes, dtype=float), start=1):
-        length = np.linalg.norm(row)
-        if not np.isfinite(length) or length == 0:
-            raise InputError(
-                f"cluster {name}: input axis {k} is {row.tolist()}; give a direction of finite "
-                "length above 0",
-                names=(f"s{k}",),
-            )
-        i = row / length
-        p = np.cross((0.0, 0.0, 1.0), i)
-        p = p / np.linalg.norm(p) if np.linalg.norm(p) > 1e-9 else np.array([0.0, 1.0, 0.0])
-        axes.append(Axis(f"s{k}", measures, (i[0], i[1], i[2]), (p[0], p[1], p[2])))
-    return Sensor(name, tuple(axes))
+    return Sensor(name, axes_along(input_axes, measures, prefix))

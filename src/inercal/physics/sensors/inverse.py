@@ -10,7 +10,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotInvertible
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
 from inercal.physics.sensors import three_axes
 from inercal.physics.sensors.sensor import Sensor
 
@@ -67,14 +67,14 @@ def inverse(
         A reading is beyond the model's fold, where no unique motion exists.
     """
     basis = _observed_directions(sensor)
-    for measures, given in (("f", f), ("w", w)):
-        rank = _rank(sensor, measures)
+    for quantity, given in ((SPECIFIC_FORCE, f), (ANGULAR_RATE, w)):
+        rank = sensor.rank(quantity.symbol)
         if 0 < rank < 3 and given is None:
             raise InputError(
                 f"sensor {sensor.name} has {rank} independent input axis directions for "
-                f"{QUANTITIES[measures].name}: pass the components perpendicular to them as "
-                f"{measures}, or zeros if there are none",
-                key=measures,
+                f"{quantity.name}: pass the components perpendicular to them as "
+                f"{quantity.symbol}, or zeros if there are none",
+                key=quantity.symbol,
             )
     shape = (*y.shape[:-1], 3)
     zero = np.zeros((1, 3))
@@ -98,18 +98,13 @@ def inverse(
     return _motion(sensed, np.asarray(rates), thermal)
 
 
-def _rank(sensor: Sensor, measures: str) -> int:
-    rows = [axis.i for axis in sensor.axes if axis.measures == measures]
-    return int(np.linalg.matrix_rank(np.array(rows))) if rows else 0
-
-
 def _observed_directions(sensor: Sensor) -> Array:
     """Return an orthonormal basis for the part of (f, ω) that the input axes measure, (6, k)."""
     columns: list[Array] = []
-    for offset, measures in ((0, "f"), (3, "w")):
-        rank = _rank(sensor, measures)
+    for offset, quantity in ((0, SPECIFIC_FORCE), (3, ANGULAR_RATE)):
+        rank = sensor.rank(quantity.symbol)
         if rank:
-            rows = np.array([axis.i for axis in sensor.axes if axis.measures == measures])
+            rows = sensor.input_axes(quantity.symbol)
             directions = np.eye(3) if rank == 3 else np.linalg.svd(rows)[2][:rank]
             block = np.zeros((6, rank))
             block[offset : offset + 3] = directions.T

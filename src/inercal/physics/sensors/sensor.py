@@ -109,6 +109,14 @@ class Sensor:
         names = tuple(c for c in self.coefficients if CoefficientName(c).axis in kept)
         return replace(self, axes=axes, coefficients=names)
 
+    def input_axes(self, measures: Measures) -> Array:
+        """Return the directions of the accelerometers or gyros in the sensor's frame, (m, 3)."""
+        return np.array([a.i for a in self.axes if a.measures == measures]).reshape(-1, 3)
+
+    def rank(self, measures: Measures) -> int:
+        """Return the number of independent directions along which a quantity is measured."""
+        return int(np.linalg.matrix_rank(self.input_axes(measures)))
+
     def rounded(self, rate_hz: float) -> "Sensor":
         """Return a copy of the sensor whose white noise includes the rounding of the samples."""
         axes = (replace(axis, noise=axis.noise.rounded(rate_hz)) for axis in self.axes)

@@ -134,9 +134,12 @@ def in_axis_order(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def named_triads(
-    names: Sequence[str], reasons: dict[str, str], units: dict[str, str]
+    names: Sequence[str], reasons: dict[str, str], units: dict[str, str], incomplete: bool = False
 ) -> dict[str, tuple[str, ...]]:
-    """Find the accelerometers and gyros by names that differ only in their axis."""
+    """Find the accelerometers and gyros by names that differ only in their axis.
+
+    With `incomplete`, axes of a kind may be missing if no triad of this kind is complete.
+    """
     groups: dict[str, dict[int, str]] = {}
     for name in names:
         stem, axis = _stem_and_axis(plain_name(name))
@@ -144,13 +147,14 @@ def named_triads(
             groups.setdefault(stem, {}).setdefault(axis, name)
     triads: dict[str, tuple[str, ...]] = {}
     for kind, pattern in _STEMS.items():
-        for found in _groups_of_kind(groups, pattern):
+        whole = _groups_of_kind(groups, pattern, len(_AXES))
+        for found in whole or (_groups_of_kind(groups, pattern, 1) if incomplete else ()):
             if kind in triads:
                 reasons[kind] += f"; {', '.join(found.values())} are not used"
                 continue
-            triads[kind] = tuple(found[k] for k in range(len(_AXES)))
+            triads[kind] = tuple(found[k] for k in sorted(found))
             reasons[kind] = "by their names"
-            if unit := column_unit(found[0]):
+            if unit := column_unit(triads[kind][0]):
                 units[kind] = unit
     for bare in (groups[stem] for stem in _BARE if len(groups.get(stem, ())) == len(_AXES)):
         unit = column_unit(bare[0]) or ""
@@ -161,13 +165,13 @@ def named_triads(
 
 
 def _groups_of_kind(
-    groups: Mapping[str, Mapping[int, str]], pattern: re.Pattern[str]
+    groups: Mapping[str, Mapping[int, str]], pattern: re.Pattern[str], fewest: int
 ) -> list[Mapping[int, str]]:
-    """Return the complete triads of a kind; triads with gravity removed come last."""
+    """Return the groups with enough axes of a kind; those with gravity removed come last."""
     complete = [
         (stem, found)
         for stem, found in groups.items()
-        if len(found) == len(_AXES)
+        if len(found) >= fewest
         and _ends_with(_UNIT_END.sub("", stem), pattern)
         # A topic "/accel" also contains an orientation.
         and (_WITHOUT_GRAVITY.fullmatch(stem) or not _ends_with(stem, _OTHER_FIELDS))

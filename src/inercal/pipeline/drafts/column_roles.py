@@ -101,7 +101,11 @@ class ColumnRoles:
 
 
 def recognise_columns(
-    table: Table, reader: str = "text", stated: Mapping[str, tuple[str, ...]] | None = None
+    table: Table,
+    reader: str = "text",
+    stated: Mapping[str, tuple[str, ...]] | None = None,
+    *,
+    incomplete: bool = False,
 ) -> ColumnRoles:
     """Return the roles of a table's columns.
 
@@ -112,6 +116,8 @@ def recognise_columns(
         Name of the reader; some formats state units and contain only samples.
     stated : mapping of str to tuple of str, optional
         Columns that the user states, by role.
+    incomplete : bool
+        Whether one or two axes of a kind are enough.
     """
     stated = stated or {}
     taken = {name for columns in stated.values() for name in columns}
@@ -120,7 +126,7 @@ def recognise_columns(
     texts = [name for name in names if table.columns[name].dtype.kind == "U"]
     rows = next(iter(table.columns.values())).size
     reasons, units = dict[str, str](), dict[str, str]()
-    named = named_triads(numbers, reasons, units) if table.header else {}
+    named = named_triads(numbers, reasons, units, incomplete) if table.header else {}
     triads = {kind: named[kind] for kind in _TRIADS if kind in named and kind not in stated}
     used = {name for columns in triads.values() for name in columns}
     single: dict[str, str] = {}

@@ -12,6 +12,7 @@ from typing import Any, get_args
 import numpy as np
 
 from inercal.basics.errors import InputError
+from inercal.benches.stated_axes import axis_letters
 from inercal.physics.section_settings import si_value
 from inercal.physics.sensors.axis import Readout
 from inercal.pipeline.drafts.clock_keys import clock_keys
@@ -39,7 +40,6 @@ from inercal.runfile.sensor_builder import READING_UNITS, build_readout
 
 _COUNTS = "LSB"
 _TOO_LONG = MOST_VALUES_KEY  # key of the error for a file that is too large
-_AXES = "xyz"
 _KEYS = (
     *(f"data.{name}" for name in ("accelerometer", "gyro", "time", "time_unit", "rate",
                                   "counter_modulus", "signed_bits",
@@ -113,7 +113,7 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
     values = stated_values(stated)
     table, signs = sign_columns(without_unusable(table), values.get("data.signed_bits"))
     columns = stated_columns(values, table, second_file=False)
-    roles = recognise_columns(table, detect_reader(log).name, columns)
+    roles = recognise_columns(table, detect_reader(log).name, columns, incomplete=True)
     # An empty list states that a triad is not wanted.
     roles = replace(roles, triads={kind: names for kind, names in roles.triads.items() if names})
     if not roles.triads:
@@ -127,7 +127,7 @@ def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayou
     channels = tuple(
         (f"{'a' if kind == 'accelerometer' else 'g'}{axis}", column, readouts[kind].unit)
         for kind, names in roles.triads.items()
-        for axis, column in zip(_axes(len(names)), names, strict=True)
+        for axis, column in zip(axis_letters(names) or range(1, len(names) + 1), names, strict=True)
     )
     kinds = [kind for kind, names in roles.triads.items() for _ in names]
     return RestLayout(
@@ -164,10 +164,6 @@ def _what_to_state(table: Table, roles: ColumnRoles) -> str:
         f"state which columns they are and the gyros' unit, such as {options}; or give the run "
         "file that names them, with this recording as its [data] file"
     )
-
-
-def _axes(count: int) -> tuple[str, ...]:
-    return tuple(_AXES[:count]) if count <= len(_AXES) else tuple(map(str, range(1, count + 1)))
 
 
 def in_si(recording: Recording, readouts: list[Readout], units: list[str]) -> Recording:

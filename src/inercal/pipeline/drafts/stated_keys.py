@@ -148,8 +148,8 @@ def _columns(role: str, values: Mapping[str, Any], table: Table) -> tuple[str, .
         select_columns(table.names, names, table.source)
     except InputError as error:
         raise error.located(key, key=key) from None
-    if role in _TRIADS and (len(set(names)) != len(names) or (role == "gyro" and len(names) != 3)):
-        raise InputError(f"{key}: {', '.join(names)}: give three columns, x, y, z", key=key)
+    if role in _TRIADS and len(set(names)) != len(names):
+        raise InputError(f"{key}: {', '.join(names)}: name each column once", key=key)
     return names
 
 

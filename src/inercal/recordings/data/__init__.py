@@ -42,7 +42,7 @@ class DataSection(Section):
     file: str = Field(examples=["session.csv"])
     kind: Literal["recording", "means"] = "recording"
     accelerometer: tuple[str | int, ...] = ("acc_x", "acc_y", "acc_z")
-    gyro: tuple[str | int, str | int, str | int] = ("gyr_x", "gyr_y", "gyr_z")
+    gyro: tuple[str | int, ...] = ("gyr_x", "gyr_y", "gyr_z")
     gyro_file: str | None = Field(
         None,
         description="the gyros' file, with the same rows, if it is not [data] file",

@@ -19,6 +19,7 @@ from inercal.recordings import Finding, Recording, sample_count
 from inercal.recordings.io.column_table import BLOCK_ROWS, row_blocks
 
 LARGEST_BIAS = radians(20.0)  # rad/s, of a gyro at rest
+_ALL = 3  # independent directions
 _WINDOW_S = 0.5
 _QUIETEST = 0.1  # share of all windows
 _POSSIBLE = (0.5, 2.0)  # of gravity; outside this range the unit is wrong, not the sensor
@@ -78,14 +79,18 @@ def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Rec
         A recording that contains rests, in any attitude.
     sensor : Sensor
         Sensor whose accelerometers, with their nominal readout, are all channels of the recording.
+        One or two of them may be across gravity, so they are not checked.
     gravity : float
         Local gravity, m/s².
     """
     accelerometers = sensor.select_axes("f")
+    if accelerometers.rank("f") < _ALL:
+        return recording
     columns = [recording.channels.index(name) for name in accelerometers.channels]
+    to_force = np.linalg.pinv(accelerometers.input_axes("f")).T
 
     def sensed(rows: slice) -> Array:
-        return accelerometers.to_si(recording.data[rows][:, columns])
+        return accelerometers.to_si(recording.data[rows][:, columns]) @ to_force
 
     norm = norm_at_rest(sensed, recording)
     finding = norm_finding(norm, gravity, rest_norm_text(norm, gravity))
@@ -102,14 +107,15 @@ def rest_mean_finding(means: Array, sensor: Sensor, gravity: float) -> Finding |
     means : (r, m) array
         Mean readings at rest in any attitude, SI, after the nominal readout.
     sensor : Sensor
-        Sensor whose accelerometers, a triad, are checked.
+        Sensor whose accelerometers are checked if they measure all three components.
     gravity : float
         Local gravity, m/s².
     """
     columns = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
-    if not len(means) or not columns:
+    if not len(means) or sensor.rank("f") < _ALL:
         return None
-    norm = float(np.median(np.linalg.norm(means[:, columns], axis=-1)))
+    force = means[:, columns] @ np.linalg.pinv(sensor.input_axes("f")).T
+    norm = float(np.median(np.linalg.norm(force, axis=-1)))
     return norm_finding(norm, gravity, rest_norm_text(norm, gravity))
 
 

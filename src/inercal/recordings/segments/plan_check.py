@@ -15,8 +15,10 @@ from inercal.basics.units import format_number
 from inercal.physics.plan import HandStep, Hold, Turn, describe_direction
 from inercal.physics.sensors import Sensor, inverse
 from inercal.recordings import Finding, Mark, Observations, Recording, sample_count
+from inercal.recordings.io.rest_norm import norm_finding
 
 _NAMED = 12  # largest number of marks listed in a message
+_ALL = 3  # components
 _MEANT = 0.7  # cosine: within 45° of the nominal direction
 _ALIGNED = 0.9
 _POSSIBLE = (0.2, 2.5)  # g, range for a crude sensor at rest
@@ -123,7 +125,7 @@ def check_against_plan(
     observations : Observations
         Observations without a trial axis.
     sensor : Sensor
-        Sensor with nominal readouts; only complete triads are checked.
+        Sensor with nominal readouts. Turns are only checked if it measures all components.
     steps : sequence of HandStep
         The step of each row.
     gravity : float
@@ -141,8 +143,9 @@ def check_against_plan(
     bare = Sensor(sensor.name, sensor.axes)
     findings: list[Finding] = []
     holds = np.array([isinstance(step, Hold) for step in steps])
-    if len(columns["f"]) != 3:
-        if len(sensor.axes) == len(columns["w"]) == 3:
+    if sensor.rank("f") < _ALL:
+        findings += _check_components(observations, sensor, steps, gravity)
+        if not columns["f"] and sensor.rank("w") == _ALL:
             rates = inverse(bare, observations.mean, np.zeros(0)).w
             bias = rates[holds].mean(axis=0) if holds.any() else np.zeros(3)
             for k in np.flatnonzero(~holds).tolist():
@@ -163,11 +166,50 @@ def check_against_plan(
                     "or for swapped or reversed columns",
                     names=(step.label,),
                 )
-        elif len(columns["w"]) == 3:
+        elif sensor.rank("w") == _ALL:
             bias = sensed.w[holds].mean(axis=0) if holds.any() else np.zeros(3)
             findings += _check_turn(step, (sensed.w[k] - bias) * observations.duration[k])
             findings += _check_gravity_turns(step, (sensed.f[k] - offset) / gravity)
     return tuple(findings)
+
+
+def _check_components(
+    observations: Observations, sensor: Sensor, steps: Sequence[HandStep], gravity: float
+) -> tuple[Finding, ...]:
+    """Check the holds of one or two accelerometers: unit, face and sign, along each axis.
+
+    Raises
+    ------
+    InputError
+        The unit is wrong, or a reading belongs to another face.
+    """
+    holds = [k for k, step in enumerate(steps) if isinstance(step, Hold)]
+    forces = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
+    if not holds or not forces:
+        return ()
+    ups = np.array([step.up for step in steps if isinstance(step, Hold)])
+    expected = ups @ sensor.input_axes("f").T
+    read = observations.mean[np.ix_(holds, forces)] / gravity
+    if np.linalg.norm(ups.mean(axis=0)) <= _EVEN:
+        read = read - read.mean(axis=0)
+    along = np.abs(expected) > _MEANT
+    if not along.any():
+        return ()
+    size = float(np.median(np.abs(read[along] / expected[along])))
+    text = f"along gravity, the accelerometers read {size * gravity:.4g} m/s² where gravity is "
+    finding = norm_finding(size * gravity, gravity, f"{text}{gravity:.5g} m/s²")
+    if finding is not None and finding.severity == "refused":
+        raise InputError(finding.message, key="[sensor.accelerometer] unit")
+    off = np.abs(read / size - expected)
+    if off.max() > _MEANT:
+        k, j = (int(one) for one in np.unravel_index(np.argmax(off), off.shape))
+        raise InputError(
+            f"section {steps[holds[k]].label} should read {expected[k, j]:+.2f} g on "
+            f"{sensor.channels[forces[j]]}, but reads {read[k, j]:+.2f} g: check for a mark on the "
+            "wrong section, the sign of the column, and [sensor.accelerometer] axis",
+            names=(steps[holds[k]].label,),
+        )
+    return () if finding is None else (finding,)
 
 
 def _check_sizes(f: np.ndarray, steps: Sequence[HandStep]) -> None:

@@ -1,0 +1,135 @@
+"""The axes of a sensor as a run file states them, and the sensors that they form."""
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
+from inercal.physics.quantities import QUANTITIES, Measures
+from inercal.physics.section_settings import key_error
+from inercal.physics.sensors import Axis, Direction, Noise, Readout, Sensor, axes_along
+
+_PREFIXES = {"f": "a", "w": "g"}
+_UNIT = re.compile(r"\s*[(\[].*")
+_THREE = ("x", "y", "z")
+
+
+class StatedAxes(NamedTuple):
+    """Accelerometers or gyros as stated in [sensor] and [data].
+
+    Parameters
+    ----------
+    measures : "f" or "w"
+    columns : tuple of str or int
+        One column for each axis.
+    directions : tuple of Direction
+        Key `axis`; empty if it is not stated.
+    readout, noise
+        Readout and noise of each axis.
+    """
+
+    measures: Measures
+    columns: tuple[str | int, ...]
+    directions: tuple[Direction, ...]
+    readout: Readout = Readout()
+    noise: Noise = Noise()
+
+    @property
+    def section(self) -> str:
+        """The section of the run file that states the axes."""
+        return f"[sensor.{QUANTITIES[self.measures].sensor}]"
+
+    def axes(self) -> tuple[Axis, ...]:
+        """Return the axes, along x, y and z if three columns have no stated directions.
+
+        Raises
+        ------
+        InputError
+            The directions are not known, are not possible, or do not match the columns.
+        """
+        key, count = f"{self.section} axis", len(self.columns)
+        given: Sequence[Direction] = self.directions or self._directions_of_columns()
+        if len(given) != count:
+            columns = (
+                f"{format_count(count, 'column')} in [data] {QUANTITIES[self.measures].sensor}"
+            )
+            raise key_error(
+                key,
+                f"gives {format_count(len(given), 'direction')} for {columns}; give one direction "
+                "for each column",
+            )
+        try:
+            return axes_along(
+                given, self.measures, _PREFIXES[self.measures], self.readout, self.noise
+            )
+        except InputError as error:
+            raise error.located(key, key=key) from None
+
+    def _directions_of_columns(self) -> tuple[str, ...]:
+        """Return x, y, z for three columns, and otherwise what the names of the columns say."""
+        if letters := axis_letters(self.columns):
+            return letters
+        single = len(self.columns) == 1
+        what = "its direction" if single else "their directions"
+        like = '"z"' if single else '["x", "y", [0.6, 0, 0.8]]'
+        named = ", ".join(map(repr, self.columns))
+        raise key_error(
+            f"{self.section} axis",
+            f"is missing: {named} does not say it; state {what} in the case, such as axis = {like}",
+            names=tuple(map(str, self.columns)),
+        )
+
+
+def axis_letters(columns: Sequence[str | int]) -> tuple[str, ...]:
+    """Return the case axes of columns: x, y, z for three, otherwise those at the names' ends.
+
+    The result is empty if a name does not end in x, y or z, or two end alike.
+
+    >>> axis_letters(["gyro_z (deg/s)"]), axis_letters([4, 5, 6]), axis_letters(["left", "right"])
+    (('z',), ('x', 'y', 'z'), ())
+    """
+    if len(columns) == len(_THREE):
+        return _THREE
+    ends = tuple(_UNIT.sub("", str(one)).strip().lower()[-1:] for one in columns)
+    return ends if set(ends) <= {*_THREE} and len(set(ends)) == len(ends) else ()
+
+
+def any_axes(name: str, accelerometers: StatedAxes | None, gyros: StatedAxes | None) -> Sensor:
+    """Return the sensor with any number of axes, without coefficients.
+
+    Raises
+    ------
+    InputError
+        There are no axes, or their directions are unknown or not possible.
+    """
+    given = [one for one in (accelerometers, gyros) if one is not None]
+    if not given:
+        raise key_error(
+            "[sensor]", "has neither accelerometers nor gyros; state [sensor.gyro], or both"
+        )
+    return Sensor(name, tuple(axis for one in given for axis in one.axes()))
+
+
+def three_axes(name: str, accelerometers: StatedAxes | None, gyros: StatedAxes | None) -> Sensor:
+    """Return a triad of accelerometers, with or without gyros, without coefficients.
+
+    Raises
+    ------
+    InputError
+        There are no accelerometers, or a kind of axes is not a triad along x, y and z.
+    """
+    if accelerometers is None:
+        raise key_error("[data] accelerometer", "names no columns; name three, of x, y, z")
+    for one in (accelerometers, gyros):
+        if one is not None and tuple(one.directions or _THREE) != _THREE:
+            raise key_error(
+                f"{one.section} axis",
+                "this bench needs axes along x, y and z; remove the key, and name three columns",
+            )
+        if one is not None and len(one.columns) != len(_THREE):
+            raise key_error(
+                f"[data] {QUANTITIES[one.measures].sensor}",
+                f"{format_count(len(one.columns), 'column')}; this bench needs three, of x, y, z",
+            )
+    return any_axes(name, accelerometers, gyros)
