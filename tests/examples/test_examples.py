@@ -103,6 +103,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"own_bench/tilt.toml"}  # by tests/benches/test_external_kind.py
     # by tests/runs/test_log_runs.py
     run |= {f"logs/{path.name}" for path in (ROOT / "examples" / "logs").glob("*.toml")}
+    run |= {f"single_axis/{name}.toml" for name in ("record_player", "cluster")}
     run |= {f"dividing_head/{name}.toml" for name in ("pair", "lab", "tumble")}
     assert found == run | {f"ferraris_recordings/{name}.toml" for name in SESSIONS}
 

@@ -47,6 +47,17 @@ IMU_RATES = GYRO_RATES | {
     "bench.attitude": "0.05 °",
     "bench.mounting": "0.1 °",
 }
+PLAYER = GYRO_RATES | {
+    "bench.rate_scale": "0.2 %",
+    "bench.rate_asymmetry": "100 ppm",
+    "bench.rate_stability": "500 ppm",
+    "bench.setting": "0.5 °",
+}
+CLUSTER = {
+    "data.accelerometer": "s1,s2,s3,s4",
+    "sensor.accelerometer.axis": "[[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]",
+    "sensor.accelerometer.unit": "g",
+}
 TURNTABLE = {"bench.latitude": "38 °", "bench.gravity": "9.80123 m/s² ± 10 µm/s²"}
 ARM = {"bench.radius": "1 m ± 10 µm", "bench.gravity": "9.80123 m/s² ± 0.1 mm/s²"}
 LAB = {
@@ -76,6 +87,8 @@ CASES = [
     Example("qualify/tumble.csv", HEAD, "tumble"),
     Example("rate_platform/gyros.csv", GYRO_RATES, "rates_and_poses", "rate_platform/gyros"),
     Example("rate_platform/imu.csv", IMU_RATES, "rates_and_poses", "rate_platform/imu"),
+    Example("single_axis/record_player.csv", PLAYER, "rates_and_poses"),
+    Example("single_axis/cluster.csv", CLUSTER, "six_position", "single_axis/cluster"),
     Example(
         "rate_table/ship.csv",
         {"sensor.accelerometer.scale": "16384 LSB/g"},

@@ -132,12 +132,27 @@ def devices(
     walk, instability = GRADES[grade]
     lasting = np.array([row.seconds for row in rows])
     variance = (np.radians(walk) / 60) ** 2 / lasting + (0.66 * instability * DEG_PER_H) ** 2
+    rate, force = motion_in_case(rows, table, n, rng, latitude)
+    reading = np.stack([_gyros(rate[:, k], force[:, k], truth) for k in range(len(rows))], axis=1)
+    if noisy:
+        reading += np.sqrt(variance)[:, None] * rng.standard_normal(reading.shape)
+    return Devices(list(rows), reading, np.sqrt(variance), truth)
+
+
+def motion_in_case(
+    rows: Sequence[Row],
+    table: Table,
+    n: int,
+    rng: np.random.Generator,
+    latitude: float = np.radians(50.0),
+) -> tuple[Array, Array]:
+    """Return the mean rate and the mean specific force in the case, (n, r, 3) each."""
     scale, asymmetry = (
         s * rng.standard_normal(n) for s in (table.rate_scale, table.rate_asymmetry)
     )
     azimuth = {row.setting: rng.uniform(0, 2 * np.pi, n) for row in rows}
     tilts = {row.setting: table.setting * rng.standard_normal((n, 2)) for row in rows}
-    reading = np.empty((n, len(rows), 3))
+    rates, forces = np.empty((2, n, len(rows), 3))
     for k, row in enumerate(rows):
         rate = row.rate * (1 + scale + table.rate_stability * rng.standard_normal(n))
         rate = rate + abs(row.rate) * asymmetry
@@ -145,11 +160,11 @@ def devices(
             rate = row.rate + table.turn_angle * rng.standard_normal(n) / row.seconds
         elif row.rate:
             rate = rate + table.angle_reading * rng.standard_normal(n) / row.seconds
-        w, up = _rates_in_case(row, rate, tilts[row.setting], azimuth[row.setting], latitude)
-        reading[:, k] = _gyros(w, G * up, truth)
-    if noisy:
-        reading += np.sqrt(variance)[:, None] * rng.standard_normal(reading.shape)
-    return Devices(list(rows), reading, np.sqrt(variance), truth)
+        rates[:, k], up = _rates_in_case(
+            row, rate, tilts[row.setting], azimuth[row.setting], latitude
+        )
+        forces[:, k] = G * up
+    return rates, forces
 
 
 def _rates_in_case(

@@ -179,10 +179,10 @@ def _words(field: FieldInfo) -> list[Any]:
 
 
 def _changed(stated: Any, factor: float, part: str) -> Any:
-    """Return a quantity, or several, by a factor."""
+    """Return a quantity, or several, by a factor; directions stay as they are."""
     if isinstance(stated, list):
-        return [_scaled(text, factor, part) for text in stated]
-    return _scaled(stated, factor, part)
+        return [_changed(one, factor, part) for one in stated]
+    return _scaled(stated, factor, part) if isinstance(stated, str) else stated
 
 
 def _scaled(text: str, factor: float, part: str) -> str:

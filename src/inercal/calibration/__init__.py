@@ -29,6 +29,7 @@ from inercal.calibration.shared_errors import SharedError, SharedErrors, transfo
 from inercal.calibration.temperature_range import require_usable
 from inercal.calibration.validity import Validity
 from inercal.physics.motion import Motion
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Form, Sensor, inverse
 from inercal.recordings import Recording, temperature_rate
 
@@ -288,9 +289,11 @@ class Calibration:
                 names=names,
             )
         y = self.sensor.to_si(data)
-        given = {"f": f, "w": w}
-        in_part = [kind for kind in kinds_in_part(self.sensor) if given[kind] is None]
-        f, w = (np.zeros((1, 3)) if kind in in_part else given[kind] for kind in KINDS)
+        passed: dict[Measures, Array | None] = {"f": f, "w": w}
+        in_part: tuple[Measures, ...] = tuple(
+            kind for kind in kinds_in_part(self.sensor) if passed[kind] is None
+        )
+        f, w = (np.zeros((1, 3)) if kind in in_part else passed[kind] for kind in KINDS)
         if isinstance(recording, Recording) and turning:
             rough = inverse(self.sensor, y, self.values, f=f, w=w, dT=dT, dTdt=dTdt)
             dw = np.gradient(rough.w, recording.time, axis=-2)

@@ -86,10 +86,11 @@ def candidate_methods(roles: ColumnRoles, *, heated: bool = False) -> tuple[Cand
     if roles.table:
         return (("turntable", "turntable_kalman", AUTO),)
     if "table_rate" in roles.single:
-        return (
-            ("rate_platform", "rates_and_poses", AUTO),
-            ("rate_platform", "rates_and_poses", {}),
-        )
+        # If only the axis of a single gyro was up, its misalignments are not determined.
+        own_axis = {"coefficients": ["bias", "scale"]} | AUTO
+        keys: list[dict[str, Any]] = [dict(AUTO), {}]
+        keys += [own_axis] if len(roles.triads["gyro"]) < len("xyz") else []
+        return tuple(("rate_platform", "rates_and_poses", one) for one in keys)
     if "mounting" in roles.single and "arm_rate" in roles.single:
         return (("rate_table", "ship_multi_angle", AUTO), ("rate_table", "ship_planar", AUTO))
     if "arm_rate" in roles.single and triad == 3:

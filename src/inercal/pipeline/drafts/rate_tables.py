@@ -9,7 +9,8 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.units import format_quantity, si_factor
-from inercal.pipeline.drafts.column_names import column_unit
+from inercal.benches.stated_axes import axis_letters
+from inercal.pipeline.drafts.column_names import column_unit, named_triads
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import ANYWHERE, UNKNOWN, DraftKey
 from inercal.pipeline.drafts.readouts import GuessedReadout, counts_per_degree
@@ -18,7 +19,7 @@ from inercal.recordings.io.column_table import Table
 
 _PROPORTIONAL = 0.999  # correlation of a rate and the gyro that senses it
 _NEAR = 0.12  # relative to a unit's size
-_FEWEST_ROWS = 6
+_FEWEST_ROWS = 3
 _FACES = 6  # at rest, or poses, that the accelerometers need
 _ABSENT = ("", "nan")
 _ERRORS = {
@@ -33,10 +34,16 @@ _POSE_ERRORS = {"attitude": "tilt of a pose", "mounting": "mounting of the case 
 def with_rate_table(table: Table, roles: ColumnRoles) -> ColumnRoles:
     """Return the roles, with `axis` and `table_rate` if the table is one of rates."""
     rows = next(iter(table.columns.values())).size
-    if not roles.means or "gyro" not in roles.triads or rows < _FEWEST_ROWS:
+    triads, reasons, units = dict(roles.triads), dict(roles.reasons), dict(roles.units)
+    if "gyro" not in triads:
+        numbers = [name for name in table.names if table.columns[name].dtype.kind != "U"]
+        found = named_triads(numbers, reasons, units, incomplete=True)
+        triads |= {kind: names for kind, names in found.items() if kind == "gyro"}
+    letters = axis_letters(triads.get("gyro", ()))
+    if not roles.means or not letters or rows < max(_FEWEST_ROWS, 2 * len(letters)):
         return roles
     texts = [name for name in table.names if table.columns[name].dtype.kind == "U"]
-    used = {name for triad in roles.triads.values() for name in triad}
+    used = {name for triad in triads.values() for name in triad}
     by_lower = {name.lower(): name for name in table.names}
     poses = {role: by_lower[role] for role in ("roll", "pitch") if role in by_lower}
     for axis in texts:
@@ -45,8 +52,9 @@ def with_rate_table(table: Table, roles: ColumnRoles) -> ColumnRoles:
         named = np.array([face is not None for face in faces])
         if not named.any() or not (named | (np.array(empty) & bool(poses))).all():
             continue
-        sensed = _along(table, roles.triads["gyro"], faces)[named]
-        for name in table.names:
+        named &= np.array([face is not None and face[-1] in letters for face in faces])
+        sensed = _along(table, triads["gyro"], faces)[named]
+        for name in table.names if named.any() else ():
             if name in {*used, *texts, *poses.values()}:
                 continue
             rate = table.numbers(name)[named]
@@ -56,23 +64,22 @@ def with_rate_table(table: Table, roles: ColumnRoles) -> ColumnRoles:
                 single |= {"axis": axis, "table_rate": name, **poses}
                 if "seconds" in by_lower:
                     single["seconds"] = by_lower["seconds"]
-                reasons = {
-                    **roles.reasons,
+                reasons |= {
                     **dict.fromkeys(single, "by its name"),
                     "axis": "its values name the axis that is up",
                     "table_rate": "the gyro of the axis that is up is proportional to it",
                 }
-                triads = dict(roles.triads)
                 if not _shows_accelerometers(table, faces, name, poses):
                     triads.pop("accelerometer", None)
-                return ColumnRoles(triads, single, reasons=reasons, units=roles.units, means=True)
+                return ColumnRoles(triads, single, reasons=reasons, units=units, means=True)
     return roles
 
 
 def _along(table: Table, gyro: tuple[str, ...], faces: list[str | None]) -> Array:
     """Return the readings of the gyro whose axis is up, with their sign, (n,)."""
     readings = np.stack([table.numbers(name) for name in gyro], axis=-1)
-    columns = ["xyz".index(face[-1]) if face else 0 for face in faces]
+    letters = axis_letters(gyro)
+    columns = [letters.index(face[-1]) if face and face[-1] in letters else 0 for face in faces]
     signs = [-1.0 if face and face.startswith("-") else 1.0 for face in faces]
     return np.asarray(signs * readings[np.arange(len(faces)), columns], dtype=float)
 
@@ -111,7 +118,8 @@ def rate_unit(table: Table, roles: ColumnRoles) -> tuple[str, str]:
 def _slope(table: Table, roles: ColumnRoles) -> float:
     """Return the readings of the gyro of the axis that is up over the table's rate."""
     faces = [parse_face(str(cell)) for cell in table.columns[roles.single["axis"]].tolist()]
-    named = np.array([face is not None for face in faces])
+    letters = axis_letters(roles.triads["gyro"])
+    named = np.array([face is not None and face[-1] in letters for face in faces])
     sensed = _along(table, roles.triads["gyro"], faces)[named]
     rate = table.numbers(roles.single["table_rate"])[named]
     return float(np.polyfit(rate, sensed, 1)[0])

@@ -19,6 +19,7 @@ from inercal.recordings.io.rest_norm import norm_finding
 
 _NAMED = 12  # largest number of marks listed in a message
 _ALL = 3  # components
+_CLEAR = 0.5  # of gravity, for the component along an axis
 _MEANT = 0.7  # cosine: within 45° of the nominal direction
 _ALIGNED = 0.9
 _POSSIBLE = (0.2, 2.5)  # g, range for a crude sensor at rest
@@ -192,7 +193,7 @@ def _check_components(
     read = observations.mean[np.ix_(holds, forces)] / gravity
     if np.linalg.norm(ups.mean(axis=0)) <= _EVEN:
         read = read - read.mean(axis=0)
-    along = np.abs(expected) > _MEANT
+    along = np.abs(expected) > _CLEAR
     if not along.any():
         return ()
     size = float(np.median(np.abs(read[along] / expected[along])))
