@@ -130,9 +130,10 @@ class BenchSection(Section):
 def key_error(
     key: str, text: str, file: Path | None = None, names: tuple[str, ...] = ()
 ) -> InputError:
-    """Return the error for a key of a run file: "run.toml: [bench] radius: …"."""
+    """Return the error for a key of a run file: "run.toml: [bench] radius: …" or "… is missing"."""
     where = key if file is None else f"{file}: {key}"
-    return InputError(f"{where}: {text}", file=file, key=key, names=names)
+    colon = "" if text.startswith(("is ", "has ")) else ":"
+    return InputError(f"{where}{colon} {text}", file=file, key=key, names=names)
 
 
 def si_value(text: str, like: str, key: str) -> float:

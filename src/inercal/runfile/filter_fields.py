@@ -121,7 +121,7 @@ def _error(path: Path, changes: Mapping[str, str]) -> str | None:
         read(path, {"filter": section or None})
     except InputError as error:
         words = str(error).removeprefix(f"{path}: ")
-        return words.removeprefix(f"{error.key}: ") if error.key else words
+        return words.removeprefix(error.key).lstrip(": ") if error.key else words
     return None
 
 

@@ -348,7 +348,7 @@ def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, s
 
 
 def _without_key(trial: MethodTrial) -> str:
-    return trial.reason.removeprefix(f"{trial.key}: ")
+    return trial.reason.removeprefix(trial.key).lstrip(": ")
 
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
