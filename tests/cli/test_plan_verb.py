@@ -283,7 +283,18 @@ def test_dwells_on_the_arm_are_grouped_by_attitude(program: Program, tmp_path: P
         ["p01", "10", "20", "-90", "", "", ""],
         ["p02", "10", "110", "60", "", "", ""],
     ]
-    first = json.loads(program(run, "--json")[1])["steps"][0]
+    content = json.loads(program(run, "--json")[1])
+    first = content["steps"][0]
+    # In each attitude: 1 s of rest, 0 → 2π → −3π → 0 rad/s at 3 rad/s², 2 s of settling and ten
+    # turns at each rate, 1 s of rest.
+    dwells = [one["seconds"] for one in content["steps"]]
+    assert sum(dwells) == pytest.approx(20 * (10 + 20 / 3))
+    ramps = 10 * 3.14159265 / 3
+    assert content["seconds"] == pytest.approx(sum(dwells) + 20 * (6 + ramps))
+    changed(run, ("[data]\n", 'max_acceleration = "0.5 rad/s²"\n[data]\n'))
+    slow = json.loads(program(run, "--json")[1])
+    assert slow["seconds"] == pytest.approx(sum(dwells) + 20 * (6 + 6 * ramps))
+    assert slow["expected"] == content["expected"]
     # The arm turns clockwise: outwards, less the centripetal acceleration; gravity along up.
     a = 1.5 * (60 * 3.14159265 / 30) ** 2
     assert sum(x**2 for x in first["felt"]) == pytest.approx(a**2 + 9.81262**2, rel=1e-4)

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.accuracy.centrifuge import PAPER_G, Triad
+from tests.refusals import refused
 
 from inercal.basics.errors import InercalError, InputError, NotObserved
 from inercal.benches import Centrifuge
+from inercal.benches.centrifuge.sheet import sheet
 from inercal.calibration.files import save
 from inercal.methods.centrifuge_norm.screening import screen_rows
 from inercal.physics.plan import Spin
@@ -77,6 +79,10 @@ def test_the_printed_table_does_not_pass_quietly(data_dir: Path, tmp_path: Path)
 def test_the_corrected_table_gives_the_source_s_truth(data_dir: Path, tmp_path: Path):
     outcome = table("corrected", data_dir, tmp_path)
     assert outcome.estimate.consistent
+    # as its header says: the paper's g is larger than gravity at the equator
+    assert (outcome.verdict.grade, outcome.verdict.warned) == ("reservations", ("gravity",))
+    assert outcome.verdict.suspect is None
+    assert outcome.estimate.chi2 == pytest.approx(29, abs=0.5)
     device, nominal = Triad(), 1.25
     for k, a in enumerate(("ax", "ay", "az")):
         value = {n: outcome.calibration.value(f"{a}.{n}") for n in ("k0", "k1", "k2")}
@@ -123,6 +129,26 @@ def test_arm_runs_are_calibrated_to_their_truth(
     assert outcome.estimate.p_value > 1e-3
     # χ² of nine coefficients over nine: 0.01 % and 99.99 % points
     assert 0.06 < nees(outcome) < 3.8
+
+
+@pytest.mark.parametrize("acceleration", [3.0, 0.7])
+def test_a_plan_takes_as_long_as_its_simulation(tmp_path: Path, acceleration: float):
+    stated = f'{DWELL}\nmax_acceleration = "{acceleration} rad/s²"'
+    run = read(changed(tmp_path, "arm_run", (DWELL, stated)))
+    recording, seconds = simulate(run, 0), sheet(run).seconds
+    # Each of the 20 × 4 ramps and 20 × 5 holds is a whole number of samples.
+    assert recording.time[-1] == pytest.approx(seconds, abs=180 * 0.5 / 50)
+    rate = recording.readback["arm_rate"]
+    steepest = np.abs(np.diff(rate)).max() * 50
+    assert steepest == pytest.approx(acceleration, rel=0.01)
+
+
+def test_an_arm_run_with_a_slow_arm_is_calibrated_to_its_truth(tmp_path: Path):
+    outcome = simulated(tmp_path, (DWELL, f'{DWELL}\nmax_acceleration = "20 °/s²"'))
+    assert outcome.estimate.p_value > 1e-3
+    assert 0.06 < nees(outcome) < 3.8
+    with refused(InputError, key="[bench] max_acceleration"):
+        read(changed(tmp_path, "arm_run", (DWELL, f'{DWELL}\nmax_acceleration = "0 °/s²"')))
 
 
 def test_lever_arms_of_an_arm_run_are_found(tmp_path: Path):

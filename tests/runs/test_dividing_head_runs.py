@@ -607,6 +607,12 @@ def test_the_laboratory_s_table_gives_what_its_page_says(tmp_path: Path):
     outcome = calibrate(folder / "lab.toml")
     calibration = outcome.calibration
     assert outcome.estimate.consistent
+    suspect = outcome.verdict.suspect  # as its header says
+    assert (outcome.verdict.grade, outcome.verdict.warned) == ("reservations", ())
+    assert suspect is not None
+    assert (suspect.name, suspect.kind) == ("f09", "row")
+    assert outcome.estimate.chi2 == pytest.approx(41.8, abs=0.05)
+    assert suspect.remaining_chi2 == pytest.approx(23.5, abs=0.05)
     for term, both in truth.items():
         for axis, value in zip("ab", both, strict=True):
             name = f"{axis}.{term}"

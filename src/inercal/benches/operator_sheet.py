@@ -112,6 +112,8 @@ class Sheet:
         Units of columns that the operator fills in, other than the sensor's, if no box has them.
     table_error : InputError or None
         Reason why there is no table to fill in; None if there is one.
+    seconds_between : float
+        Duration of the motion between the rows if it is counted, s.
     """
 
     title: str
@@ -125,6 +127,7 @@ class Sheet:
     sums: bool = False
     units: Mapping[str, str] = field(default_factory=dict[str, str])
     table_error: InputError | None = None
+    seconds_between: float = 0.0
 
     @property
     def entry_units(self) -> dict[str, str]:
@@ -139,5 +142,5 @@ class Sheet:
 
     @property
     def seconds(self) -> float:
-        """Total duration of all rows, s."""
-        return sum(row.seconds for row in self.rows)
+        """Total duration of all rows and of the motion between them, s."""
+        return sum(row.seconds for row in self.rows) + self.seconds_between

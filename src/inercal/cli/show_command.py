@@ -19,6 +19,7 @@ from inercal.cli.console import (
 from inercal.cli.options import Explain, Json
 
 if TYPE_CHECKING:
+    from inercal.calibration import Calibration
     from inercal.runfile import Run
 
 _WIDTH = 120  # characters, for a pipe, which has no width of its own
@@ -32,11 +33,20 @@ def run(
     at: list[str] = typer.Option(
         [], help='A temperature, such as "-30 °C", at which to show a calibration\'s coefficients.'
     ),
+    as_paper: bool = typer.Option(
+        False,
+        "--as-paper",
+        help="Show a centrifuge calibration as D, S and b of Wang and Li 2021, with g₀ = 9.8 m/s².",
+    ),
     explain: Explain = False,
     json: Json = False,
 ) -> None:
     """Show a calibration with its uncertainties, the checked keys of a run file, or a recording."""
-    if at:
+    if as_paper:
+        if at:
+            raise InputError("--at does not work with --as-paper; give only one", key="--at")
+        _show_as_paper(file, explain, json)
+    elif at:
         _show_at_temperatures(file, at, json)
     elif file.suffix.lower() == ".toml":
         _show_run_file(file, json)
@@ -61,10 +71,54 @@ def _show_calibration(file: Path, explain: bool, json: bool) -> None:
     facts |= calibration.provenance
     print_lines(f"{name}: {text}" for name, text in facts.items() if text)
     print_calibration_table(calibration)
+    _print_verdict_or_notes(calibration, explain)
+
+
+def _print_verdict_or_notes(calibration: "Calibration", explain: bool) -> None:
     if calibration.verdict is None:
         print_lines(calibration.notes, "· ")
     else:
         print_verdict(calibration.verdict, explain=explain)
+
+
+def _show_as_paper(file: Path, explain: bool, json: bool) -> None:
+    """Show a centrifuge calibration in the form of Wang and Li 2021, with U = 2 u."""
+    from inercal.basics.units import format_value_and_uncertainty
+    from inercal.calibration.display import title
+    from inercal.calibration.files import load
+    from inercal.estimation.uncertainty.coverage import COVERAGE
+    from inercal.methods.centrifuge_norm.paper_form import G, paper_form
+
+    if file.suffix.lower() != ".json":
+        raise InputError(
+            f"{file}: --as-paper is only possible for the calibration file (.json) of a "
+            "centrifuge; give this file or remove --as-paper",
+            file=file,
+            key="--as-paper",
+        )
+    calibration = load(file)
+    try:
+        found = paper_form(calibration)
+    except InputError as error:
+        raise error.located(f"{file}: --as-paper", file=file, key="--as-paper") from None
+    rows = list(zip(found.names, found.values.tolist(), found.std.tolist(), found.units,
+                    strict=True))  # fmt: skip
+    if json:
+        keys = ("name", "value", "std", "unit")
+        coefficients = [dict(zip(keys, row, strict=True)) for row in rows]
+        print_json({"file": "calibration", "g0_m_s2": G, "coefficients": coefficients})
+        return
+    print_line(title(calibration))
+    print_line(f"N = S (f + D f²) + b, where N is the output and f is in g₀ = {G} m/s².")
+    meanings = {"D": "quadratic term", "S": "scale factor", "b": "bias"}
+    table: list[tuple[str, ...]] = []
+    for name, value, std, unit in rows:
+        cells = format_value_and_uncertainty(value, COVERAGE * std)
+        known = cells if calibration.states_uncertainty else (cells[0], "")
+        table.append((name, meanings[name[0]], *known, unit))
+    heads = ("coefficient", "meaning", ">value", ">U (k = 2)", "unit")
+    print_table(heads, table, section=lambda name: name[0])
+    _print_verdict_or_notes(calibration, explain)
 
 
 def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:

@@ -57,6 +57,9 @@ class Centrifuge:
         attitudes are unknown.
     sense : 1 or -1
         Sense of a positive rate seen from above: 1 is counter-clockwise, -1 is clockwise.
+    acceleration : float
+        Angular acceleration of the arm between its rates, rad/s². It affects only the duration of a
+        plan and its simulation.
     qualified : QualifiedParameters
         Results of qualifications, which replace stated values.
     """
@@ -78,6 +81,7 @@ class Centrifuge:
     )
     indexing: float | None = None
     sense: Literal[1, -1] = 1
+    acceleration: float = 3.0
     qualified: QualifiedParameters = NOT_QUALIFIED
 
     @property

@@ -9,11 +9,14 @@ from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.section_settings import (
+    PLANNING,
     BenchSection,
     BenchUsage,
+    key_error,
     section_constant,
     section_deviation,
     section_length,
+    si_value,
 )
 from inercal.recordings.data import DataSection, ReadbackColumn, unit_size
 
@@ -28,6 +31,11 @@ class CentrifugeSection(BenchSection):
     sense: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
     indexing: str | None = Field(
         None, description="angles of each attitude, if attitudes are known", examples=["0.02 °"]
+    )
+    max_acceleration: str = Field(
+        "3 rad/s²",
+        description="angular acceleration of the arm between its rates",
+        json_schema_extra=PLANNING,
     )
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
@@ -75,6 +83,11 @@ def build(section: CentrifugeSection, folder: Path) -> Centrifuge:
     if section.latitude is not None:
         latitude = section_constant(section, "latitude", "°")
         earth_rate_up_north(latitude.value)  # refuses an impossible latitude
+    acceleration = si_value(section.max_acceleration, "rad/s²", "[bench] max_acceleration")
+    if acceleration <= 0:
+        raise key_error(
+            "[bench] max_acceleration", f"{section.max_acceleration!r} must be positive"
+        )
     return build_bench(
         Centrifuge,
         section,
@@ -83,4 +96,5 @@ def build(section: CentrifugeSection, folder: Path) -> Centrifuge:
         platform=section.platform,
         indexing=None if section.indexing is None else section_deviation(section, "indexing", "°"),
         sense=1 if section.sense == "counter-clockwise" else -1,
+        acceleration=acceleration,
     )

@@ -8,7 +8,7 @@ import numpy as np
 from inercal.basics.units import format_duration
 from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.centrifuge.settings import CentrifugeData
-from inercal.benches.centrifuge.simulation import head_angles_of_attitude
+from inercal.benches.centrifuge.simulation import arm_plan_duration, head_angles_of_attitude
 from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
 from inercal.physics.plan import Spin, describe_direction
 from inercal.physics.section_settings import key_error
@@ -64,10 +64,11 @@ def sheet(run: RunBase[CentrifugeData]) -> Sheet:
                 {"position": name, "out": out, "up": up, "rpm": rpm, "felt": f.tolist()},
             )
         )
+    duration = arm_plan_duration(bench, steps)
     head_units = [f"{name}, {data.attitude_unit}" for name in ("ψ", "θ")]
     return Sheet(
         f"{len(rows)} dwells in {len(positions)} attitudes, "
-        f"{format_duration(sum(step.seconds for step in steps))} in all",
+        f"{format_duration(duration)} in all, including spin-up and spin-down",
         (
             Heading("row", align_right=True),
             Heading("position"),
@@ -85,8 +86,12 @@ def sheet(run: RunBase[CentrifugeData]) -> Sheet:
             "The printed readings are those of a sensor without errors. Use them to check the axes "
             "and signs.",
             "Remove the row of a failed dwell from the file.",
+            "The duration includes spin-up and spin-down of the arm at "
+            f"{bench.acceleration:.3g} rad/s² ([bench] max_acceleration) and the time to settle "
+            "before each dwell, but not the changes of attitude.",
         ),
         (data.label, *(data.attitude or ()), data.arm_rate, *data.accelerometer),
+        seconds_between=duration - sum(step.seconds for step in steps),
     )
 
 

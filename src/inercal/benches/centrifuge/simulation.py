@@ -2,7 +2,8 @@
 
 The arm starts at rest in each attitude and goes through its rates in order, with constant
 acceleration. Samples are labelled with the name of the attitude. The bench reads back the commanded
-rate, which differs from the true rate by an error such as that of an encoder's clock.
+rate, which differs from the true rate by an error such as that of an encoder's clock. The recording
+omits the time for changing the attitude.
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,6 @@ from inercal.physics.frames import exp_so3
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Spin
 
-SPIN_UP = 3.0  # rad/s²
 _SETTLING = 2.0  # s at the rate before a dwell begins
 _REST = 1.0  # s at rest before and after the spin
 
@@ -66,7 +66,7 @@ def simulate_arm_motion(
     for attitude, first in named.items():
         name = first.rpartition("_r")[0] or first  # the name of the attitude without the rate
         own = [step for step in steps if step.attitude == attitude]
-        rate, which = _profile(own, rate_hz)
+        rate, which = _profile(own, bench.acceleration, rate_hz)
         turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))])
         swept = azimuth + bench.sense / rate_hz * turned
         parts.append(_sensed_motion(bench, own, drawn, rate, which, swept, 1 / rate_hz))
@@ -81,8 +81,14 @@ def simulate_arm_motion(
 
 
 def arm_plan_duration(bench: Centrifuge, steps: Sequence[Spin]) -> float:
-    """Return the longest time that these steps can take, each from rest to rest, s."""
-    return sum(step.seconds + _SETTLING + 2 * (_REST + abs(step.rate) / SPIN_UP) for step in steps)
+    """Return the duration of these steps with spin-up and spin-down in each attitude, s."""
+    total = 0.0
+    for attitude in attitude_names(steps):
+        own = [step for step in steps if step.attitude == attitude]
+        rates = [0.0, *(step.rate for step in own), 0.0]
+        ramps = float(np.abs(np.diff(rates)).sum()) / bench.acceleration
+        total += 2 * _REST + ramps + sum(_SETTLING + step.seconds for step in own)
+    return total
 
 
 def head_angles_of_attitude(step: Spin) -> tuple[float, float]:
@@ -92,18 +98,20 @@ def head_angles_of_attitude(step: Spin) -> tuple[float, float]:
     return atan2(out[1], out[0] * cos(theta) + out[2] * sin(theta)), theta
 
 
-def _profile(steps: Sequence[Spin], rate_hz: float) -> tuple[Array, NDArray[np.int64]]:
+def _profile(
+    steps: Sequence[Spin], acceleration: float, rate_hz: float
+) -> tuple[Array, NDArray[np.int64]]:
     """Return the rate, (n,) rad/s, and each sample's step, which during ramps is the next step."""
     rest = np.zeros(round(_REST * rate_hz))
     pieces, owners = [rest], [np.zeros(rest.size, dtype=np.int64)]
     before = 0.0
     for k, step in enumerate(steps):
-        ramp = max(round(abs(step.rate - before) / SPIN_UP * rate_hz), 1)
+        ramp = max(round(abs(step.rate - before) / acceleration * rate_hz), 1)
         hold = round((_SETTLING + step.seconds) * rate_hz)
         pieces += [np.linspace(before, step.rate, ramp), np.full(hold, step.rate)]
         owners.append(np.full(ramp + hold, k))
         before = step.rate
-    down = max(round(abs(before) / SPIN_UP * rate_hz), 1)
+    down = max(round(abs(before) / acceleration * rate_hz), 1)
     pieces += [np.linspace(before, 0.0, down), rest]
     owners.append(np.full(down + rest.size, len(steps) - 1))
     return np.concatenate(pieces), np.concatenate(owners)

@@ -19,12 +19,12 @@ from inercal.benches.centrifuge.arm_motion import sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimation import Estimate
 from inercal.methods.centrifuge_norm import RATES, closed_formulas, ml, plan
+from inercal.methods.centrifuge_norm.paper_form import G, paper_coefficients
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import Readout, Sensor, triad
 from inercal.recordings import Observations
 
-G = 9.8  # m/s², the source's unit of g
 NOISE = 1e-5  # V, noise of each reading as stated in the source
 LATITUDE = 39 * pi / 180  # rad, misalignment that the source states and then ignores
 NOMINAL_SCALE = 1.25  # V/g, start value for ml
@@ -147,7 +147,7 @@ def noisy_outputs(output: Array, trials: int, seed: int) -> Array:
 def coefficients_as_printed(value: Array) -> Array:
     """Return S, b and D, (..., 3, 3), from the coefficients of `sensor`, (..., p ≥ 9) SI."""
     k0, k1, k2 = np.moveaxis(value[..., :9].reshape(*value.shape[:-1], 3, 3), -1, 0)
-    return np.stack([NOMINAL_SCALE * (1 + k1), k0 * NOMINAL_SCALE / G, k2 / (1 + k1) * G], axis=-2)
+    return np.stack(paper_coefficients(k0, k1, k2, NOMINAL_SCALE), axis=-2)
 
 
 def closed_form_estimate(
