@@ -66,7 +66,7 @@ def inverse(
     NotInvertible
         A reading is beyond the model's fold, where no unique motion exists.
     """
-    basis = _observed_directions(sensor)
+    basis = observed_directions(sensor)
     for measures, given in (("f", f), ("w", w)):
         rank = _rank(sensor, measures)
         if 0 < rank < 3 and given is None:
@@ -103,7 +103,7 @@ def _rank(sensor: Sensor, measures: str) -> int:
     return int(np.linalg.matrix_rank(np.array(rows))) if rows else 0
 
 
-def _observed_directions(sensor: Sensor) -> Array:
+def observed_directions(sensor: Sensor) -> Array:
     """Return an orthonormal basis for the part of (f, ω) that the input axes measure, (6, k)."""
     columns: list[Array] = []
     for offset, measures in ((0, "f"), (3, "w")):
