@@ -161,22 +161,25 @@ def predict(
     effects, remarks = _effect_variances(calibration, motion, gain, outside)
     total = variance + sum(effects.values(), np.zeros_like(variance))
     weight = 1 / np.where(total > 0, total, np.inf)
-    if temperature is not None or sensor.uses("dT"):
-        true = np.column_stack([true, kelvin])
+    stated = {
+        "force": bool(force.any()),
+        "rate": bool(rate.any()),
+        "temperature": temperature is not None or sensor.uses("dT"),
+    }
     return Prediction(
         names,
         tuple("f" if row[:3].any() else "w" for row in rows),
         force,
         rate,
         kelvin,
-        true[:, :6] @ rows.T,
+        true @ rows.T,
         raw,
         np.sqrt(total),
         {name: part * weight for name, part in _group_variances(calibration, by)},
         {name: part * weight for name, part in _bench_variances(calibration, by, variance)},
         {name: part * weight for name, part in effects.items()},
         outside,
-        (*_unchecked(calibration, true), *remarks),
+        (*_unchecked(calibration, stated), *remarks),
     )
 
 
@@ -272,13 +275,13 @@ def _excesses(
     return tuple(map(tuple, found))
 
 
-def _unchecked(calibration: Calibration, stated: Array) -> Iterator[str]:
-    """Yield a sentence for each part of the points, (n, 6 or 7), that cannot be checked."""
+def _unchecked(calibration: Calibration, stated: Mapping[str, bool]) -> Iterator[str]:
+    """Yield a sentence for each part of the points that is stated and cannot be checked."""
     ranges = {} if calibration.validity is None else calibration.validity.ranges
     words = {"force": "specific forces", "rate": "rates", "temperature": "temperatures"}
-    for k, (field, word) in enumerate(words.items()):
-        if stated[:, 3 * k : 3 * k + 3].any() and field not in ranges:
-            yield f"The calibration does not state the {word} of its data."
+    for field, used in stated.items():
+        if used and field not in ranges:
+            yield f"The calibration does not state the {words[field]} of its data."
 
 
 def _group_variances(calibration: Calibration, by: Array) -> Iterator[tuple[str, Array]]:
