@@ -83,6 +83,7 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 	$(BIN)/python -m tests.evidence.systematic
 	$(BIN)/python -m tests.evidence.systematic_violations
 	$(BIN)/python -m tests.evidence.auto
+	$(BIN)/python -m tests.evidence.prediction
 	$(BIN)/python -m pytest -m evidence $(SIDE_BY_SIDE) tests
 
 numbers: $(INSTALLED)  ## renew the record of all numbers of examples and studies, and print what changed most

@@ -33,6 +33,9 @@ CASES: dict[str, BadInput] = {
     ),
     "another kind of JSON": BadInput("show @marks.json", ("marks.json", "no schema")),
     "exchanged arguments": BadInput(f"apply @run.toml {TRIAD} --out @c.csv", ("run.toml",)),
+    "a point outside": BadInput(
+        ("predict", TRIAD, "--at", "f = 3 g, 0, 0"), ("ax", "--extrapolate")
+    ),
     "the log": BadInput("apply @log.csv @run.toml --out @c.csv", ("log.csv", "calibration")),
     "a device": BadInput("apply /dev/null @run.toml --out @c.csv", ("/dev/null",)),
     "six axes to three": BadInput(f"apply {IMU} @run.toml --out @c.csv", ("log.csv", "'gx'")),

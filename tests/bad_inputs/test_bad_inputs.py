@@ -74,7 +74,7 @@ def test_there_are_60_at_least_and_every_verb_is_among_them():
     assert len(CASES) >= 60
     assert verbs == {
         "apply", "bench", "budget", "calibrate", "compare", "demo", "init", "measure", "noise",
-        "plan",
+        "plan", "predict",
         "report", "reproduce", "show", "simulate", "store",
     }  # fmt: skip
 

@@ -14,13 +14,17 @@ from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SENSOR = "triad 3"
 READ = ("run.toml", "head.toml", "means.toml", "run.calibration.json", "register.db",
-        "board.params")  # fmt: skip
+        "board.params", "points.csv")  # fmt: skip
 # Verbs that write one file, by --out; the inputs that each reads.
 FILE_VERBS = {
     "report": (("report", "run.toml"), ("run.toml", "log.csv")),
     "apply": (
         ("apply", "run.calibration.json", "run.toml", "--force"),
         ("run.toml", "log.csv", "run.calibration.json"),
+    ),
+    "predict": (
+        ("predict", "run.calibration.json", "--points", "points.csv", "--force"),
+        ("run.calibration.json", "points.csv"),
     ),
     "export": (
         ("export", "run.calibration.json", "--to", "csv", "--force"),
@@ -55,6 +59,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         shutil.copy(EXAMPLES / "six_position" / "run.toml", "means.toml")
         shutil.copy(EXAMPLES / "turntable" / "filter_keys.toml", "table.toml")
         shutil.copy(EXAMPLES / "export" / "board.params", "board.params")
+        Path("points.csv").write_text("fx [g],fy [g]\n0,0\n")
         assert run_program("simulate", "run.toml").status == 0
         assert run_program("calibrate", "run.toml", "--register", "register.db").status == 0
         for name in (*READ, "log.csv"):

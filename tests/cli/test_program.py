@@ -21,6 +21,7 @@ VERBS = (
     "budget",
     "simulate",
     "apply",
+    "predict",
     "export",
     "import",
     "report",

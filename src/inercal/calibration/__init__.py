@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
@@ -34,6 +35,7 @@ from inercal.physics.sensors import Form, Sensor, inverse
 from inercal.recordings import Recording, temperature_rate
 
 if TYPE_CHECKING:
+    from inercal.calibration.prediction import Prediction
     from inercal.calibration.specification import Conformity
 
 
@@ -299,6 +301,45 @@ class Calibration:
             dw = np.gradient(rough.w, recording.time, axis=-2)
         motion = inverse(self.sensor, y, self.values, f=f, w=w, dw=dw, dT=dT, dTdt=dTdt)
         return corrected_motion(self.sensor, y, self.values, motion, in_part)
+
+    def predict(
+        self,
+        f: ArrayLike | None = None,
+        w: ArrayLike | None = None,
+        T: ArrayLike | None = None,
+        *,
+        extrapolate: bool = False,
+    ) -> "Prediction":
+        """Predict the error of the readings, and the uncertainty of corrected values, at points.
+
+        Parameters
+        ----------
+        f : (3,) or (n, 3) array, optional
+            Specific force in m/s², in the frame of the calibration; zero by default.
+        w : (3,) or (n, 3) array, optional
+            Angular rate in rad/s; zero by default.
+        T : (n,) array or float, optional
+            Temperature in K; by default the temperature of the calibration.
+        extrapolate : bool
+            Whether points outside the validity are accepted. U then includes the effects that the
+            data cannot show (`inercal.calibration.prediction`).
+
+        Returns
+        -------
+        Prediction
+            One row for each point, in SI units.
+
+        Raises
+        ------
+        InputError
+            If the calibration states no uncertainties, if a point is not finite or outside the
+            validity, or if the sensor does not sense a part that is not zero.
+        NotInvertible
+            If the model has no unique correction at a point.
+        """
+        from inercal.calibration.prediction import predict
+
+        return predict(self, f, w, T, extrapolate=extrapolate)
 
     def _columns(self, recording: Recording) -> Array:
         missing = [name for name in self.sensor.channels if name not in recording.channels]

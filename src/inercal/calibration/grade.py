@@ -43,6 +43,7 @@ from inercal.calibration.best_cause import (
     find_best_cause,
     find_outlier_row,
 )
+from inercal.calibration.detectability import UndetectableCause
 from inercal.calibration.explanation import ExplanationSection, fit
 from inercal.estimation import Estimate
 from inercal.estimation.scores import (
@@ -172,6 +173,9 @@ class Verdict:
         Coefficients that `also = "auto"` added, in order.
     warned : tuple of str
         Kinds of the findings that are warnings or refusals (`Finding.what`).
+    undetectable : tuple of UndetectableCause or None
+        Causes that no test can detect in the data and that U does not include; None if the file
+        does not state them.
     """
 
     grade: Grade
@@ -187,6 +191,7 @@ class Verdict:
     rounding: tuple[RoundedChannel, ...] = ()
     additions: tuple[Addition, ...] = ()
     warned: tuple[str, ...] = ()
+    undetectable: tuple[UndetectableCause, ...] | None = None
 
     @property
     def statements(self) -> tuple[str, ...]:

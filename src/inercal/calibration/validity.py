@@ -3,9 +3,20 @@
 from dataclasses import dataclass
 from math import isfinite
 
+import numpy as np
+
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 
 Range = tuple[float, float]
+READING_MARGIN = 0.01  # fraction of a range by which readings may be outside, because they scatter
+
+
+def distance_outside(limits: Range, values: Array, margin: float) -> Array:
+    """Return how far values are outside a range, in their unit; 0 up to the margin."""
+    low, high = limits
+    away = np.maximum(low - values, values - high)
+    return np.where(away > margin, away, 0.0)
 
 
 @dataclass(frozen=True)

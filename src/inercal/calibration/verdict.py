@@ -49,7 +49,7 @@ from inercal.estimation.scores import SIGNIFICANCE_LEVEL
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import G0, Sensor
-from inercal.physics.sensors.coefficient_words import axis_words, coefficient_words
+from inercal.physics.sensors.coefficient_words import GROUP_WORDS, axis_words, coefficient_words
 from inercal.recordings import Finding, merge_messages
 
 _DRIFT_PREFIX = "drift of "  # followed by the axis
@@ -78,13 +78,6 @@ _REMEDIES = (
     "wait ",
 )  # how the last clause of a finding begins if it says what to do
 _MAIN_SHARE = 0.5  # share of a variance that one bench quantity must contribute
-_GROUP_WORDS = {
-    "scale": "scale factor",
-    "cross": "cross-axis",
-    "g": "g-sensitivity",
-    "g2": "g²-sensitivity",
-    "arm": "lever arm",
-}
 
 
 class _Step(NamedTuple):
@@ -225,6 +218,7 @@ def verdict(
             if text
         ),
         advice=advice,
+        undetectable=tuple(unseen),
     )
 
 
@@ -375,7 +369,7 @@ def _largest_uncertainties(
         key = (kind, group, line.unit)
         if key not in groups or std > groups[key][0]:
             size = two_digits(COVERAGE * std / line.si)
-            word = line.meaning if group == "temperature" else _GROUP_WORDS.get(group, group)
+            word = line.meaning if group == "temperature" else GROUP_WORDS.get(group, group)
             groups[key] = std, k, _Uncertainty(kind, word, size, line.unit)
     sources = _main_sources(estimate, expected, [k for _, k, _ in groups.values()])
     return [

@@ -10,6 +10,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.run_file_advice import Advice, Change
 from inercal.calibration.additions import Addition
 from inercal.calibration.best_cause import SuspectedCause
+from inercal.calibration.detectability import UndetectableCause
 from inercal.calibration.explanation import NOTES, UNCERTAINTIES, ExplanationSection, fit
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, NoiseFactor, Verdict
 from inercal.estimation.scores import CandidateKind
@@ -94,6 +95,12 @@ class _Addition(Record):
     indistinguishable: list[str]
 
 
+class _UndetectableCause(Record):
+    name: str
+    component: str
+    size: Measured
+
+
 class _Section(Record):
     heading: str
     lines: list[str]
@@ -116,6 +123,7 @@ class VerdictRecord(Record):
     rounding: list[_RoundedChannel] | None = None
     additions: list[_Addition] = Field(default_factory=list[_Addition])
     warned: list[str] | None = None
+    undetectable: list[_UndetectableCause] | None = None
 
 
 def verdict_object(verdict: Verdict) -> dict[str, Any]:
@@ -147,6 +155,8 @@ def verdict_object(verdict: Verdict) -> dict[str, Any]:
         content["rounding"] = verdict.rounding
     if verdict.additions:
         content["additions"] = verdict.additions
+    if verdict.undetectable is not None:
+        content["undetectable"] = verdict.undetectable
     return record_object(content)
 
 
@@ -220,6 +230,9 @@ def recorded_verdict(record: VerdictRecord, notes: tuple[str, ...]) -> Verdict:
             for one in record.additions
         ),
         tuple(warned),
+        None
+        if record.undetectable is None
+        else tuple(UndetectableCause(**vars(one)) for one in record.undetectable),
     )
 
 

@@ -35,6 +35,7 @@ QUALIFICATION = OutputKind("qualification", b'"schema": "inercal/qualification/'
 CONTROL = OutputKind("result of control", b'"schema": "inercal/control/')
 BUDGET = OutputKind("budget file", b'"schema": "inercal budget ')
 RECORDING, WORKSHEET = OutputKind("recording"), OutputKind("worksheet")
+PREDICTIONS = OutputKind("table of predictions")
 RUN_FILE, BACKUP = OutputKind("run file"), OutputKind("backup")
 CERTIFICATE, BUNDLE = OutputKind("certificate"), OutputKind("bundle")
 SELF_CHECK = OutputKind("report of a self-check", b"Self-check of inercal")

@@ -13,6 +13,7 @@ from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
 from inercal.calibration.corrected_motion import component_names
 from inercal.calibration.temperature_range import temperatures_outside
+from inercal.calibration.validity import READING_MARGIN, distance_outside
 from inercal.methods import METHODS
 from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
 from inercal.pipeline.calibration_record import KEPT_CORRECTIONS
@@ -21,7 +22,6 @@ from inercal.recordings.data import recording_loader
 from inercal.recordings.data.recording_loader import readback_columns, reader_columns
 from inercal.runfile import Run, read
 
-_MARGIN = 0.01  # fraction of the range of the rates
 _DIGITS = 9  # significant digits of numbers in a text file
 _LARGEST_EXACT = 1e22  # larger powers of ten are not exact
 _TEMPERATURE_DECIMALS = 6
@@ -62,9 +62,8 @@ def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Findi
     sensor = calibration.sensor.select_axes("w")
     columns = [recording.channels.index(name) for name in sensor.channels]
     rate = sensor.to_si(recording.data[..., columns])
-    low, high = limits
-    margin = _MARGIN * (high - low)
-    beyond = ((rate < low - margin) | (rate > high + margin)).any(axis=-1)
+    margin = READING_MARGIN * (limits[1] - limits[0])
+    beyond = distance_outside(limits, rate, margin).any(axis=-1)
     if not beyond.any():
         return ()
     ends = " to ".join(f"{math.degrees(value):.4g}" for value in limits)

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import require_extra, require_installed
 from inercal.basics.units import format_value_and_uncertainty
+from inercal.calibration import Calibration
+from inercal.calibration.prediction import Prediction
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import Outcome
@@ -301,6 +303,32 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
     with _extras():
         from inercal.report.budget_page import budget_page
     return write_text(path, budget_page(budget, under))
+
+
+def write_prediction(
+    calibration: Calibration, found: Prediction, name: str, path: str | Path
+) -> Path:
+    """Write the page about operating points of which one part varies, and return its path.
+
+    The file is written completely or not at all.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    found : Prediction
+        Its prediction for the points, in ascending or descending order of the part that varies.
+    name : str
+        The part that varies: "fx", …, "wz" or "T".
+    path : path
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing, or the file cannot be written.
+    """
+    with _extras():
+        from inercal.report.prediction_page import prediction_page
+    return write_text(path, prediction_page(calibration, found, name))
 
 
 def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:

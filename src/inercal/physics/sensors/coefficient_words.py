@@ -23,6 +23,14 @@ _GROUPS = {
     "g": "sensitivity to acceleration",
     "g2": "sensitivity to the square of the acceleration",
 }
+GROUP_WORDS = {
+    "scale": "scale factor",
+    "cross": "cross-axis",
+    "g": "g-sensitivity",
+    "g2": "g²-sensitivity",
+    "arm": "lever arm",
+}
+"""Short words for groups whose name in a run file is not a plain word."""
 _OF_AXIS = re.compile(r"(?= about | along | against | to |, )")
 _TRIAD_NAME = re.compile(r"[agw]?([xyz])")
 
@@ -64,4 +72,4 @@ def coefficient_words(sensor: Sensor, word: str, components: Sequence[str] = ())
     return f"{what} of {whose}{''.join(rest)} ({word})"
 
 
-__all__ = ["axis_words", "coefficient_words"]
+__all__ = ["GROUP_WORDS", "axis_words", "coefficient_words"]

@@ -66,7 +66,7 @@ def inverse(
     NotInvertible
         A reading is beyond the model's fold, where no unique motion exists.
     """
-    basis = _observed_directions(sensor)
+    basis = observed_directions(sensor)
     for quantity, given in ((SPECIFIC_FORCE, f), (ANGULAR_RATE, w)):
         rank = sensor.rank(quantity.symbol)
         if 0 < rank < 3 and given is None:
@@ -98,7 +98,7 @@ def inverse(
     return _motion(sensed, np.asarray(rates), thermal)
 
 
-def _observed_directions(sensor: Sensor) -> Array:
+def observed_directions(sensor: Sensor) -> Array:
     """Return an orthonormal basis for the part of (f, ω) that the input axes measure, (6, k)."""
     columns: list[Array] = []
     for offset, quantity in ((0, SPECIFIC_FORCE), (3, ANGULAR_RATE)):

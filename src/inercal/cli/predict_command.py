@@ -1,0 +1,122 @@
+"""`inercal predict`: error and uncertainty of a calibrated sensor at operating points."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from inercal.basics.errors import InputError
+from inercal.cli.console import (
+    print_json,
+    print_line,
+    print_lines,
+    print_table,
+    print_written_files,
+    report_line,
+)
+from inercal.cli.options import Force, Json
+from inercal.cli.outputs import PAGE, PREDICTIONS, check_outputs, require_suffix
+
+if TYPE_CHECKING:
+    from inercal.calibration.prediction import Prediction
+
+_LEAST_SHARE = 0.005  # smallest share that is printed
+
+
+def run(
+    calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
+    at: list[str] = typer.Option(
+        [], help='A point, such as "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C".'
+    ),
+    points: Path | None = typer.Option(
+        None, help="A table of points; its columns are fx \\[g], …, wx \\[°/s], …, T \\[°C]."
+    ),
+    sweep: str = typer.Option(
+        "", help='A part that varies, such as "fx = -1 g … 1 g"; --at states the other parts.'
+    ),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="File to write: .csv of --points, .html with plots of --sweep."
+    ),
+    extrapolate: bool = typer.Option(
+        False,
+        "--extrapolate",
+        help="Also accept points outside the validity; U then includes undetectable effects.",
+    ),
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Predict the raw error and the uncertainty after correction at operating points."""
+    from inercal.calibration.files import load
+
+    if (points is None) != bool(at or sweep) or (sweep and len(at) > 1):
+        raise InputError("give --at, or --points, or --sweep with at most one --at", key="--at")
+    if out is None and not (at and not sweep):
+        raise InputError("name the file to write with --out", key="--out")
+    if out is not None:
+        require_suffix(out, ".html" if sweep else ".csv")
+        inputs = [path for path in (calibration_file, points) if path is not None]
+        check_outputs({out: PAGE if sweep else PREDICTIONS}, inputs, force=force)
+    calibration = load(calibration_file)
+    from inercal.basics.documents import record_object
+    from inercal.pipeline.operating_points import (
+        points_from_table,
+        points_from_texts,
+        prediction_columns,
+        swept_points,
+    )
+
+    name = ""
+    chosen = points_from_texts(at, calibration) if points is None else points_from_table(points)
+    if sweep:
+        name, chosen = swept_points(sweep, chosen)
+    try:
+        found = calibration.predict(**chosen, extrapolate=extrapolate)
+    except InputError as error:
+        raise error.located(f"{points or calibration_file}") from None
+    if sweep and out is not None:
+        from inercal.report import write_prediction
+
+        write_prediction(calibration, found, name, out)
+    elif out is not None:
+        from inercal.recordings.io.mean_tables import write_means
+
+        write_means(out, prediction_columns(found))
+    verdict = calibration.verdict
+    if verdict is not None and verdict.grade == "unreliable":
+        report_line(f"warning: {calibration_file} is {verdict.word}")
+    if json:
+        more = {"expanded": found.expanded.tolist(), "file": None if out is None else str(out)}
+        print_json(record_object(found) | more)
+        return
+    for j in range(len(found.outside) if out is None else 0):
+        _print_point(found, j)
+    print_lines(found.remarks)
+    if out is not None:
+        print_written_files([out])
+
+
+def _print_point(found: "Prediction", j: int) -> None:
+    """Print the quantities of a point, the shares of all causes, and the validity."""
+    from inercal.pipeline.operating_points import point_text, quantity_cells
+
+    print_line(point_text(found, j), "bold")
+    print_table(
+        ("", ">reading", ">raw error", ">corrected ± U (k = 2)"),
+        ((name, *quantity_cells(found, j, k)) for k, name in enumerate(found.names)),
+    )
+    shares: list[tuple[str, ...]] = []
+    for causes in (found.groups, found.bench, found.effects):
+        for name, share in causes.items():
+            if abs(share[j]).max() >= _LEAST_SHARE:
+                percent = (f"{round(100 * x) + 0} %" for x in share[j].tolist())
+                shares.append((name, *(cell.replace("-", "−") for cell in percent)))
+        shares.append(())
+    print_table(("share of u²", *(f">{name}" for name in found.names)), shares)
+    print_lines(f"Outside the validity: {one.text}." for one in found.outside[j])
+    if not found.outside[j]:
+        print_line("Inside the validity.")
+    elif found.effects:
+        print_line("U includes the effects in the last rows, which the data cannot show.")
+
+
+__all__ = ["run"]

@@ -1,0 +1,212 @@
+"""Operating points from texts, sweeps and tables, and the predictions for them as tables.
+
+A text names the parts of a point: "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C". Parts that are
+missing are zero, and a missing temperature is that of the calibration. A table has the columns fx,
+fy, fz, wx, wy, wz and T, each with its unit in brackets, such as "fx [g]". Missing columns are
+missing parts.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, to_si
+from inercal.calibration import Calibration
+from inercal.calibration.prediction import SHOWN, Prediction, calibration_temperature
+from inercal.physics.section_settings import si_value
+from inercal.recordings.io.read import read_table
+
+_LIKE = {"f": "m/s²", "w": "rad/s", "T": "°C"}
+_NAMES = tuple(kind + axis for kind in "fw" for axis in "xyz")
+_COLUMN = re.compile(r"(\w+) *(?:\[(.*)\])?")
+_SWEEP = re.compile(r"(\w+) *= *(.+?) *(?:…|\.\.\.?| to ) *(.+)")
+_STEPS = 201
+_EXAMPLE = '"f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"'
+
+
+Points: TypeAlias = dict[str, Array]
+"""Arguments of `Calibration.predict`: f and w, (n, 3), and T, (n,), in SI; only what is stated."""
+
+
+def points_from_texts(texts: Sequence[str], calibration: Calibration) -> Points:
+    """Return one point for each text.
+
+    Three numbers are components in the frame of the calibration. If a sensor has fewer than three
+    axes of a kind, one number for each axis, along its input axis, is also accepted.
+
+    Raises
+    ------
+    InputError
+        A text has another form, or a number that is not zero has no unit.
+    """
+    found = [_point(text, calibration) for text in texts]
+    default = {"f": np.zeros(3), "w": np.zeros(3), "T": calibration_temperature(calibration)}
+    stated = {kind for one in found for kind in one}
+    return {kind: np.array([one.get(kind, default[kind]) for one in found]) for kind in stated}
+
+
+def _point(text: str, calibration: Calibration) -> dict[str, Any]:
+    """Return the parts of a point that a text states, by "f", "w" and "T", SI."""
+    found: dict[str, Any] = {}
+    for part in map(str.strip, text.rstrip("; ").split(";")):
+        kind, equals, value = (word.strip() for word in part.partition("="))
+        if not (equals and value) or kind not in _LIKE or kind in found:
+            raise InputError(
+                f"--at {part!r}: state f, w and T, each at most once, as in {_EXAMPLE}",
+                key="--at",
+                names=(kind,),
+            )
+        numbers = [_number(word, kind, f"--at {kind}") for word in value.split(",")]
+        found[kind] = numbers[0] if kind == "T" else _vector(numbers, kind, calibration)
+        if kind == "T" and len(numbers) > 1:
+            raise InputError(f"--at T = {value!r}: give one temperature", key="--at", names=("T",))
+    return found
+
+
+def _number(text: str, kind: str, key: str) -> float:
+    """Return a quantity in SI; only zero needs no unit, and a temperature always needs one."""
+    if kind != "T" and re.fullmatch(r"[+\-−]?0*\.?0*", text.strip()) and "0" in text:
+        return 0.0
+    return si_value(text, _LIKE[kind], key)
+
+
+def _vector(numbers: Sequence[float], kind: str, calibration: Calibration) -> Array:
+    directions = [axis.i for axis in calibration.sensor.axes if axis.measures == kind]
+    if len(numbers) == 3:
+        return np.array(numbers)
+    if len(numbers) == len(directions) < 3:
+        return np.array(numbers) @ np.array(directions)
+    raise InputError(
+        f"--at {kind} has {format_count(len(numbers), 'number')}; give 3 components, or one for "
+        "each axis if there are fewer axes",
+        key="--at",
+        names=(kind,),
+    )
+
+
+def points_from_table(path: Path) -> Points:
+    """Read operating points from a table.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a column has no unit, another name, or numbers that are missing
+        or not finite.
+    """
+    table = read_table(path)
+    parts: dict[str, Array] = {}
+    for name in table.names:
+        found = _COLUMN.fullmatch(name)
+        short, unit = (found[1], found[2]) if found else (name, None)
+        if short not in (*_NAMES, "T") or unit is None or short in parts:
+            raise InputError(
+                f"{path}: column {name!r}: the columns are {', '.join(_NAMES)} and T, each with "
+                "its unit in brackets, as in 'fx [g]', 'wz [°/s]', 'T [°C]'",
+                file=path,
+                names=(name,),
+            )
+        values = table.numbers(name)
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
+            raise InputError(
+                f"{path}: row {row}: {name} is not a number; fill it in", file=path, names=(name,)
+            )
+        try:
+            parts[short] = to_si(values, unit, _LIKE[short[0]])
+        except InputError as error:
+            raise error.located(f"{path}: column {name!r}", file=path, key=name) from None
+    zero = np.zeros(next(iter(parts.values())).size)
+    points = {
+        kind: np.stack([parts.get(kind + axis, zero) for axis in "xyz"], axis=-1)
+        for kind in {name[0] for name in parts} & {"f", "w"}
+    }
+    return points | {name: values for name, values in parts.items() if name == "T"}
+
+
+def swept_points(text: str, base: Points) -> tuple[str, Points]:
+    """Return the name of the part that varies, and 201 points between both ends.
+
+    Parameters
+    ----------
+    text : str
+        Text such as "fx = -1 g … 1 g" or "T = 10 °C to 40 °C".
+    base : dict
+        A single point, which states the other parts.
+
+    Raises
+    ------
+    InputError
+        The text has another form, or both ends are equal.
+    """
+    found = _SWEEP.fullmatch(text.strip())
+    if not found or found[1] not in (*_NAMES, "T"):
+        raise InputError(
+            f"--sweep {text!r}: name one of {', '.join(_NAMES)} and T with both ends, as in "
+            '"fx = -1 g … 1 g"',
+            key="--sweep",
+        )
+    name, *ends = found.groups()
+    low, high = (_number(end, name[0], f"--sweep {name}") for end in ends)
+    if low == high:
+        raise InputError(f"--sweep {text!r}: both ends are equal; give a range", key="--sweep")
+    line = np.linspace(low, high, _STEPS)
+    if name != "T":
+        vectors = np.repeat(base.get(name[0], np.zeros((1, 3))), _STEPS, axis=0)
+        vectors[:, "xyz".index(name[1])] = line
+        line = vectors
+    return name, {**base, name[0]: line}
+
+
+def swept_values(name: str, found: Prediction) -> tuple[Array, str]:
+    """Return the part that varies, in the unit in which it is printed, and this unit."""
+    if name == "T":
+        return found.temperature - ZERO_CELSIUS, "°C"
+    unit, si = SHOWN[name[0]]
+    return (found.f if name[0] == "f" else found.w)[:, "xyz".index(name[1])] / si, unit
+
+
+def point_text(found: Prediction, j: int) -> str:
+    """Return a point as text, without what is zero and not measured."""
+    parts: list[str] = []
+    for kind, vectors in (("f", found.f), ("w", found.w)):
+        if kind in found.measures or vectors[j].any():
+            unit, si = SHOWN[kind]
+            parts.append(f"{kind} = ({', '.join(f'{x / si:.6g}' for x in vectors[j])}) {unit}")
+    text = "; ".join((*parts, f"T = {found.temperature[j] - ZERO_CELSIUS:.2f} °C"))
+    return text.replace("-", "−")
+
+
+def quantity_cells(found: Prediction, j: int, k: int) -> tuple[str, str, str]:
+    """Return the raw reading, its error, and the corrected value with U of a quantity."""
+    unit = SHOWN[found.measures[k]][0]
+    value, error, u = (float(one[j, k]) for one in (found.value, found.raw_error, found.expanded))
+    return (
+        format_quantity(value + error, 0.0, unit, 6).replace("-", "−"),
+        format_quantity(error, 0.0, unit, 4).replace("-", "−"),
+        format_quantity(value, u, unit).replace("-", "−"),
+    )
+
+
+def prediction_columns(found: Prediction) -> dict[str, Sequence[Any]]:
+    """Return a prediction as columns of a table; shares are in percent of the variance."""
+    columns: dict[str, Sequence[Any]] = {}
+    for kind, vectors in (("f", found.f), ("w", found.w)):
+        unit, si = SHOWN[kind]
+        for k, axis in enumerate("xyz"):
+            columns[f"{kind}{axis} [{unit}]"] = (vectors[:, k] / si).tolist()
+    columns["T [°C]"] = (found.temperature - ZERO_CELSIUS).tolist()
+    columns["inside"] = ["no" if one else "yes" for one in found.outside]
+    for k, (name, kind) in enumerate(zip(found.names, found.measures, strict=True)):
+        unit, si = SHOWN[kind]
+        parts = {"raw error": found.raw_error, "corrected": found.value, "U": found.expanded}
+        for word, values in parts.items():
+            columns[f"{name} {word} [{unit}]"] = (values[:, k] / si).tolist()
+        for causes in (found.groups, found.bench, found.effects):
+            for cause, share in causes.items():
+                columns[f"{name} share of {cause} [%]"] = np.round(100 * share[:, k], 2).tolist()
+    return columns
