@@ -213,22 +213,16 @@ def draft_run_file(
         roles = replace(roles, units={**roles.units, "arm_rate": values["data.arm_rate_unit"]})
     roles = with_rate_table(table, roles)
     name, logs = recording_name(logs), read.files
-    found = _draft(
-        logs, path, stated, values, (table, gyros, roles), read.signs, name, typical=typical
-    )
+
+    def draft(roles: ColumnRoles) -> Draft:
+        columns = table, gyros, roles
+        return _draft(logs, path, stated, values, columns, read.signs, name, typical=typical)
+
+    found = draft(roles)
     labelled = "label" in roles.single and "data.label" not in stated and not roles.means
     guessed = labelled or roles.marks not in ("", "labels", "found")
     if found.method is None and guessed:
-        other = _draft(
-            logs,
-            path,
-            stated,
-            values,
-            (table, gyros, without_sections(roles)),
-            read.signs,
-            name,
-            typical=typical,
-        )
+        other = draft(without_sections(roles))
         found = other if other.method is not None else found
     if found.method is None:
         _require_possible_keys(found.trials, stated)
