@@ -1,6 +1,7 @@
-"""Names in a package that are loaded when they are first used."""
+"""Names in a package, and functions, that are loaded when they are first used."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -24,3 +25,21 @@ def lazy_names(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]
         return getattr(import_module(f"{package}.{modules[name]}"), name)
 
     return load
+
+
+@dataclass(frozen=True)
+class LazyFunction:
+    """A function whose module is imported when it is called; it can be sent to a process.
+
+    Parameters
+    ----------
+    place : str
+        The function as "module:name".
+    """
+
+    place: str
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Import the module, and call its function."""
+        module, _, name = self.place.partition(":")
+        return getattr(import_module(module), name)(*arguments)

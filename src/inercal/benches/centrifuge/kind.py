@@ -5,6 +5,7 @@ from math import degrees
 
 import numpy as np
 
+from inercal.basics.lazy_names import LazyFunction
 from inercal.basics.units import Measured
 from inercal.benches.centrifuge.arm_motion import sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
@@ -24,7 +25,6 @@ from inercal.benches.report_data import (
 )
 from inercal.physics.plan import Spin
 from inercal.physics.sensors import G0
-from inercal.recordings.data import EstimatorInput, RunBase
 
 _NONE = Measured(0.0, 0.0)
 
@@ -48,13 +48,6 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     )
 
 
-def _observe(run: RunBase[CentrifugeData]) -> EstimatorInput:
-    """Return the observations from a run; the reader is imported only when it is needed."""
-    from inercal.benches.centrifuge.reading import observe
-
-    return observe(run)
-
-
 KIND = Kind(
     "centrifuge",
     Centrifuge,
@@ -62,7 +55,7 @@ KIND = Kind(
     CentrifugeData,
     build,
     (Spin,),
-    _observe,
+    LazyFunction("inercal.benches.centrifuge.reading:observe"),
     simulate_without_sensor(simulate_arm_motion),
     arm_plan_duration,
     effects=(

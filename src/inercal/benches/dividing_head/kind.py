@@ -1,7 +1,6 @@
 """A dividing head, as a kind of bench."""
 
-from typing import TYPE_CHECKING
-
+from inercal.basics.lazy_names import LazyFunction
 from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
 from inercal.benches.dividing_head.report import describe_position, directions, plots
 from inercal.benches.dividing_head.settings import DividingHeadData, DividingHeadSection, build
@@ -11,11 +10,6 @@ from inercal.benches.kind_definition import Kind, Output, Vocabulary
 from inercal.physics.plan import Index
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
-from inercal.recordings import Recording
-from inercal.recordings.data import EstimatorInput, RunBase
-
-if TYPE_CHECKING:
-    from inercal.recordings.segments import RestDetection
 
 
 def _sensor(
@@ -36,20 +30,6 @@ def _sensor(
     return mounted_sensor(name, "ab"[: len(columns)], *accelerometer)
 
 
-def _observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
-    """Return the observations from a run; the reader is imported only when it is needed."""
-    from inercal.benches.dividing_head.reading import observe
-
-    return observe(run)
-
-
-def _rests(run: RunBase[DividingHeadData], recording: Recording) -> "RestDetection":
-    """Return the rests in a refused recording."""
-    from inercal.recordings.data.rest_marks import rests_without_plan
-
-    return rests_without_plan(run, recording)
-
-
 KIND = Kind(
     "dividing_head",
     DividingHead,
@@ -57,12 +37,12 @@ KIND = Kind(
     DividingHeadData,
     build,
     (Index,),
-    _observe,
+    LazyFunction("inercal.benches.dividing_head.reading:observe"),
     simulate_head_motion,
     words=Vocabulary(rows="positions", attitudes="Positions of the head", components=""),
     sensor=_sensor,
     sheet=sheet,
-    rests=_rests,
+    rests=LazyFunction("inercal.recordings.data.rest_marks:rests_without_plan"),
     directions=directions,
     plots=plots,
     row=describe_position,

@@ -2,10 +2,11 @@
 
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from inercal.basics.lazy_names import LazyFunction
 from inercal.benches.hand.bench import Hand
 from inercal.benches.hand.sheet import sheet
 from inercal.benches.hand.simulation import simulate_hand_motion
@@ -21,11 +22,7 @@ from inercal.benches.report_data import MeasuredDirection, ReportInput, measured
 from inercal.physics.plan import Hold, Turn
 from inercal.physics.section_settings import BenchSection, BenchUsage, section_constant
 from inercal.physics.sensors import Sensor, triad
-from inercal.recordings import Recording
-from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
-
-if TYPE_CHECKING:
-    from inercal.recordings.segments import RestDetection
+from inercal.recordings.data import RestsSection
 
 
 @add_bench_keys(Hand)
@@ -94,27 +91,6 @@ def _sensor(
     return triad(name, "w", "g", *gyro)
 
 
-def _observe(run: RunBase[RestsSection]) -> EstimatorInput:
-    """Return the observations from a run; the reader is imported only when it is needed."""
-    from inercal.benches.hand.reading import observe
-
-    return observe(run)
-
-
-def _audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
-    """Return the recording with findings about its norms at rest."""
-    from inercal.benches.hand.reading import audit
-
-    return audit(recording, sensor, bench)
-
-
-def _rests(run: RunBase[RestsSection], recording: Recording) -> "RestDetection":
-    """Return the rests in a refused recording."""
-    from inercal.benches.hand.reading import refused_recording_rests
-
-    return refused_recording_rests(run, recording)
-
-
 KIND = Kind(
     "hand",
     Hand,
@@ -122,15 +98,15 @@ KIND = Kind(
     RestsSection,
     build,
     (Hold, Turn),
-    _observe,
+    LazyFunction("inercal.benches.hand.reading:observe"),
     simulate_without_sensor(simulate_hand_motion, in_hand=True),
     # At the equator the vertical component of the earth's rate is zero.
     effects=(
         Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),
     ),
-    audit=_audit,
+    audit=LazyFunction("inercal.benches.hand.reading:audit"),
     sheet=sheet,
-    rests=_rests,
+    rests=LazyFunction("inercal.benches.hand.reading:refused_recording_rests"),
     sensor=_sensor,
     directions=directions,
 )

@@ -1,5 +1,6 @@
 """A rate platform, as a kind of bench."""
 
+from inercal.basics.lazy_names import LazyFunction
 from inercal.benches.kind_definition import (
     Kind,
     Output,
@@ -15,7 +16,6 @@ from inercal.benches.rate_platform.sheet import sheet
 from inercal.benches.rate_platform.simulation import simulate_sections
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor, triad
-from inercal.recordings.data import EstimatorInput, RunBase
 
 
 def _sensor(
@@ -31,13 +31,6 @@ def _sensor(
     return triad(name, "w", "g", *gyro)
 
 
-def _observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
-    """Return the observations from a run; the reader is imported only when it is needed."""
-    from inercal.benches.rate_platform.reading import observe
-
-    return observe(run)
-
-
 KIND = Kind(
     "rate_platform",
     RatePlatform,
@@ -45,7 +38,7 @@ KIND = Kind(
     RatePlatformData,
     build,
     (RateDwell, Pose),
-    _observe,
+    LazyFunction("inercal.benches.rate_platform.reading:observe"),
     simulate_sections,
     words=Vocabulary(row="section", turning_device="table", rows="sections"),
     sensor=_sensor,

@@ -98,19 +98,13 @@ def _table(run: RunBase[RatePlatformData]) -> EstimatorInput:
             run.path,
         )
     table = read_columns(path, wanted, list(columns.values()))
-    rows = len(next(iter(table.columns.values())))
-    durations = table.numbers(columns["seconds"]) if "seconds" in columns else np.zeros(rows)
-    made = [_step(data, path, table, columns, k, float(durations[k])) for k in range(rows)]
+    durations = table.numbers(columns["seconds"]) if "seconds" in columns else None
+    seconds = np.zeros(table.rows) if durations is None else durations
+    made = [_step(data, path, table, columns, k, one) for k, one in enumerate(seconds.tolist())]
     labels = tuple(number_repeated_names([step.label for step in made]))
     steps = tuple(replace(step, label=label) for step, label in zip(made, labels, strict=True))
     observations = observations_from_table(
-        path,
-        table,
-        labels,
-        wanted,
-        run.sensor,
-        stated_deviations(run),
-        durations if "seconds" in columns else np.ones(rows),
+        path, table, labels, wanted, run.sensor, stated_deviations(run), durations
     )
     return EstimatorInput(None, (), observations, steps, steps, ())
 

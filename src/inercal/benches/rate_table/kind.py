@@ -1,5 +1,6 @@
 """A plain rate table, as a kind of bench."""
 
+from inercal.basics.lazy_names import LazyFunction
 from inercal.benches.kind_definition import (
     Kind,
     Vocabulary,
@@ -13,18 +14,10 @@ from inercal.benches.rate_table.sheet import sheet
 from inercal.benches.rate_table.simulation import simulate_table_motion, table_plan_duration
 from inercal.benches.report_data import describe_spin
 from inercal.physics.plan import Spin
-from inercal.recordings.data import EstimatorInput, RunBase
 
 _UNJUDGED = (
     "the nominal motion (for a tilted state, its norm) minus the motion computed from one reading"
 )
-
-
-def _observe(run: RunBase[RateTableData]) -> EstimatorInput:
-    """Return the observations from a run; the reader is imported only when it is needed."""
-    from inercal.benches.rate_table.reading import observe
-
-    return observe(run)
 
 
 KIND = Kind(
@@ -34,7 +27,7 @@ KIND = Kind(
     RateTableData,
     build,
     (Spin,),
-    _observe,
+    LazyFunction("inercal.benches.rate_table.reading:observe"),
     simulate_without_sensor(simulate_table_motion),
     table_plan_duration,
     Vocabulary(row="state or mounting", turning_device="table", rows="states", unjudged=_UNJUDGED),

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.lazy_names import LazyFunction
 from inercal.benches.contract import SensorSimulation
 from inercal.benches.kind_definition import Kind, Vocabulary
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
@@ -22,7 +23,6 @@ from inercal.benches.turntable.simulation import (
 )
 from inercal.physics.plan import Position, Rotation, TableStep
 from inercal.physics.sensors import Noise, Sensor
-from inercal.recordings.data import EstimatorInput, RunBase
 
 
 def _simulate(
@@ -80,13 +80,6 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     return tuple(result)
 
 
-def _observe(run: RunBase[TurntableData]) -> EstimatorInput:
-    """Return the observations from a run; the reader is imported only when it is needed."""
-    from inercal.benches.turntable.reading.track_observation import observe
-
-    return observe(run)
-
-
 KIND = Kind(
     "turntable",
     Turntable,
@@ -94,7 +87,9 @@ KIND = Kind(
     TurntableData,
     build,
     (Position, Rotation),
-    _observe,
+    LazyFunction(
+        "inercal.benches.turntable.reading.track_observation:observe"
+    ),  # loads the readers
     _simulate,
     turntable_path_duration,
     Vocabulary(components=""),

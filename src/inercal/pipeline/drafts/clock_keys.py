@@ -35,12 +35,11 @@ def clock_keys(
         return None, ()
     name = roles.single.get("time")
     ask = 'the sampling rate, such as "100 Hz"'
-    count = next(iter(table.columns.values())).size
     rate = stated.get("data.rate")
     hertz = None if rate is None else si_value(rate, "Hz", "[data] rate")
     if hertz is not None and hertz <= 0:
         raise InputError(f"[data] rate: {rate!r} must be positive", key="[data] rate")
-    by_rate = None if hertz is None else np.arange(count) / hertz
+    by_rate = None if hertz is None else np.arange(table.rows) / hertz
     rate_key = DraftKey("data", "rate", rate or UNKNOWN, "as stated" if rate else "", ask)
     if name is None:
         if why := _standing_stamps(table, roles):

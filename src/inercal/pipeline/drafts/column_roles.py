@@ -118,7 +118,6 @@ def recognise_columns(
     names = [name for name in table.names if name not in taken]
     numbers = [name for name in names if table.columns[name].dtype.kind != "U"]
     texts = [name for name in names if table.columns[name].dtype.kind == "U"]
-    rows = next(iter(table.columns.values())).size
     reasons, units = dict[str, str](), dict[str, str]()
     named = named_triads(numbers, reasons, units) if table.header else {}
     triads = {kind: named[kind] for kind in _TRIADS if kind in named and kind not in stated}
@@ -148,13 +147,13 @@ def recognise_columns(
         turning = len(axes) == len("xyz") and rate is not None and follows_rate(table, axes, rate)
         kind = "gyro" if turning and "gyro" not in triads else "accelerometer"
         triads[kind], reasons[kind] = in_axis_order(axes), "the remaining columns"
-    means = reader not in _LOGS and rows < FEWEST_SAMPLES
+    means = reader not in _LOGS and table.rows < FEWEST_SAMPLES
     clock = single.get("time")
     means = means and (not has_even_steps(table, clock) or counts_rows(table, str(clock)))
     if means and "accelerometer" not in triads and not single.keys() & _MOVED_BY_BENCH:
         own = [n for n in free if role_of_name(n) is None and not is_other_quantity(n)]
         own = [n for n in own if not counts_rows(table, n)]
-        if len(own) == len("xyz") and rows >= _FEWEST_POSES:
+        if len(own) == len("xyz") and table.rows >= _FEWEST_POSES:
             triads["accelerometer"] = in_axis_order(own)
             reasons["accelerometer"] = "the three remaining columns"
     if "label" not in stated:
@@ -234,7 +233,7 @@ def _judge_unknown(
     reasons: dict[str, str],
 ) -> None:
     """Add the clock and the triads that cannot be recognised by name."""
-    if next(iter(table.columns.values())).size < FEWEST_SAMPLES:
+    if table.rows < FEWEST_SAMPLES:
         return
     if "time" not in single and (clock := clock_by_values(table, free)) is not None:
         single["time"], reasons["time"] = clock, "it increases in equal steps"

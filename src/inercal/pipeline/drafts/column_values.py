@@ -320,14 +320,13 @@ def finite_rows(table: Table, names: Iterable[str] | None = None) -> Table:
     names : iterable of str, optional
         Columns that must contain numbers; by default, the columns that do so in most rows.
     """
-    count = next(iter(table.columns.values())).size
-    if count < FEWEST_SAMPLES:
+    if table.rows < FEWEST_SAMPLES:
         return table
     if names is None:
         chosen = [n for n, bad in _bad_rows(table, table.names) if bad.mean() < _MOSTLY]
     else:
         chosen = list(names)
-    keep = np.ones(count, np.bool_)
+    keep = np.ones(table.rows, np.bool_)
     for _, bad in _bad_rows(table, chosen):
         keep &= ~bad
     if keep.all():

@@ -59,10 +59,10 @@ def join_parts(
     names = [n for n in ordered[0].names if all(n in one.columns for one in ordered)]
     columns = {name: np.concatenate([one.columns[name] for one in ordered]) for name in names}
     if heated is not None:
-        lengths = [next(iter(one.columns.values())).size for one in ordered]
+        lengths = [one.rows for one in ordered]
         columns[NAMED] = np.repeat([float(one.replace("−", "-")) for one in labelled], lengths)
     table = replace(ordered[0], names=(*columns,), columns=columns, block=None)
-    ends = np.cumsum([next(iter(one.columns.values())).size for one in ordered])
+    ends = np.cumsum([one.rows for one in ordered])
     edges, spans = ends[:-1], tuple(pairwise([0, *ends.tolist()]))
     stated = stated_columns(values, table, second_file=False)
     first = recognise_columns(ordered[0], stated=stated).single.get("time")

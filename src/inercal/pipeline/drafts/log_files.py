@@ -128,10 +128,13 @@ def _with_marks(found: LogFiles, values: Mapping[str, Any]) -> LogFiles:
     roles, path = found.roles, found.files[0].parent / MARKS_FILE
     if roles.means or roles.marks or "data.marks" in values or not path.is_file():
         return found
-    rows = next(iter(found.table.columns.values())).size
     try:
         spans = tuple((mark.start, mark.stop) for mark in marks_from_file(path))
-        why = "" if all(0 <= a < b <= rows for a, b in spans) else f"the log has {rows} rows"
+        why = (
+            ""
+            if all(0 <= a < b <= found.table.rows for a, b in spans)
+            else f"the log has {found.table.rows} rows"
+        )
     except InputError as error:
         spans, why = (), str(error).removeprefix(f"{path}: ")
     if "label" in roles.single and not why:
@@ -193,7 +196,6 @@ def _arrays_of_two_lengths(log: Path, table: Table, values: Mapping[str, Any]) -
     None if all columns have the usual length, or if the others are no gyros. Gyros without times of
     their own are left out, with the reason.
     """
-    rows = next(iter(table.columns.values())).size
     for length in sorted({n for n in table.other_lengths.values() if n >= FEWEST_SAMPLES}):
         names = tuple(name for name, n in table.other_lengths.items() if n == length)
         other = read_table(log, names, options=stated_options(values, log))
@@ -203,7 +205,7 @@ def _arrays_of_two_lengths(log: Path, table: Table, values: Mapping[str, Any]) -
             roles = recognise_columns(table, detect_reader(log).name)
             why = (
                 f"{', '.join(names)}: left out, because they have {length} values and "
-                f"{', '.join(table.names)} {rows}, and not both have a column of times"
+                f"{', '.join(table.names)} {table.rows}, and not both have a column of times"
             )
             roles = replace(roles, reasons={**roles.reasons, NO_GYROS: why})
             return LogFiles((log,), table, None, roles)
@@ -279,7 +281,7 @@ def _with_own_clock(
 ) -> tuple[ColumnRoles, Table]:
     """Return the roles, with `gyro_time` if the gyros have their own clock, and the gyros."""
     names = [one.single.get("time") for one in (roles, found)]
-    rows = [next(iter(one.columns.values())).size for one in (table, gyros)]
+    rows = [one.rows for one in (table, gyros)]
     dates = [
         name is not None and one.columns[name].dtype.kind == "U"
         for one, name in zip((table, gyros), names, strict=True)

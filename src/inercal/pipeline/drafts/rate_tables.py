@@ -32,8 +32,7 @@ _POSE_ERRORS = {"attitude": "tilt of a pose", "mounting": "mounting of the case 
 
 def with_rate_table(table: Table, roles: ColumnRoles) -> ColumnRoles:
     """Return the roles, with `axis` and `table_rate` if the table is one of rates."""
-    rows = next(iter(table.columns.values())).size
-    if not roles.means or "gyro" not in roles.triads or rows < _FEWEST_ROWS:
+    if not roles.means or "gyro" not in roles.triads or table.rows < _FEWEST_ROWS:
         return roles
     texts = [name for name in table.names if table.columns[name].dtype.kind == "U"]
     used = {name for triad in roles.triads.values() for name in triad}
