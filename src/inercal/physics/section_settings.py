@@ -135,6 +135,22 @@ def key_error(
     return InputError(f"{where}: {text}", file=file, key=key, names=names)
 
 
+def positive_value(text: str, like: str, key: str) -> float:
+    """Return the SI value of a quantity given as text, which must be positive; see `si_value`."""
+    value = si_value(text, like, key)
+    if not value > 0:
+        raise key_error(key, f"{text!r} must be positive")
+    return value
+
+
+def non_negative_value(text: str, like: str, key: str) -> float:
+    """Return the SI value of a quantity given as text, which must be 0 or more; see `si_value`."""
+    value = si_value(text, like, key)
+    if value < 0:
+        raise key_error(key, f"{text!r} is negative; give 0 or more")
+    return value
+
+
 def si_value(text: str, like: str, key: str) -> float:
     """Return the SI value of a quantity given as text; an error names `key`.
 
@@ -178,9 +194,7 @@ def section_deviation(
 ) -> float:
     """Return a standard deviation stated in the section, SI."""
     key, text = f"[bench] {name}", getattr(section, name)
-    value = si_value(text, like, key)
-    if value < 0:
-        raise key_error(key, f"{text!r} is negative; give 0 or more")
+    value = non_negative_value(text, like, key)
     if limit is not None and value > limit.value:
         raise key_error(key, f"{text!r} is more than {limit.meaning}; check the value and its unit")
     return value

@@ -9,11 +9,10 @@ from inercal.benches.rate_platform.bench import STATED, RatePlatform
 from inercal.physics.section_settings import (
     SMALL_ANGLE,
     BenchSection,
-    key_error,
     measured_constant,
+    positive_value,
     section_deviation,
     section_gravity,
-    si_value,
 )
 from inercal.recordings.data import DataSection, unit_size
 
@@ -90,10 +89,7 @@ class RatePlatformData(DataSection):
         """The time to leave out at the beginning of each section, s."""
         if self.settle is None:
             return 0.0
-        seconds = si_value(self.settle, "s", "[data] settle")
-        if seconds <= 0:
-            raise key_error("[data] settle", f"{self.settle!r} must be positive")
-        return seconds
+        return positive_value(self.settle, "s", "[data] settle")
 
     @property
     def rate_size(self) -> float:

@@ -3,7 +3,7 @@
 from math import degrees
 
 from inercal.basics.units import format_duration
-from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
+from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.physics.plan import describe_direction
@@ -47,12 +47,7 @@ def sheet(run: RunBase[RatePlatformData]) -> Sheet:
     gyro = data.gyro if run.sensor.select_axes("w").axes else ()
     return Sheet(
         f"{len(rows)} sections, {format_duration(sum(step.seconds for step in steps))} in all",
-        (
-            Heading("row", align_right=True),
-            Heading("up"),
-            Heading("set to", align_right=True),
-            Heading("for", align_right=True),
-        ),
+        (ROW, Heading("up"), Heading("set to", align_right=True), DURATION),
         tuple(rows),
         (
             "A positive rate is counter-clockwise seen from above.",

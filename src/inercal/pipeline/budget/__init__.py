@@ -74,6 +74,11 @@ class Budget:
     stated: Array
     shifts: tuple[Shift, ...]
 
+    def unit_size(self, coefficient: int) -> float:
+        """Return the size in SI of the unit in which a coefficient is printed."""
+        sensor = self.experiment.sensor
+        return sensor.coefficient(sensor.coefficients[coefficient]).si
+
     def sorted_contributions(self, coefficient: int) -> list[tuple[Imperfection, BudgetDeviations]]:
         """Return all imperfections and their contributions to one coefficient, largest first."""
         return sorted(

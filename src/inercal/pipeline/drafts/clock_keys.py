@@ -8,7 +8,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
-from inercal.physics.section_settings import si_value
+from inercal.physics.section_settings import positive_value
 from inercal.pipeline.drafts.column_names import role_of_name, run_file_column, time_unit
 from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
@@ -36,9 +36,7 @@ def clock_keys(
     name = roles.single.get("time")
     ask = 'the sampling rate, such as "100 Hz"'
     rate = stated.get("data.rate")
-    hertz = None if rate is None else si_value(rate, "Hz", "[data] rate")
-    if hertz is not None and hertz <= 0:
-        raise InputError(f"[data] rate: {rate!r} must be positive", key="[data] rate")
+    hertz = None if rate is None else positive_value(rate, "Hz", "[data] rate")
     by_rate = None if hertz is None else np.arange(table.rows) / hertz
     rate_key = DraftKey("data", "rate", rate or UNKNOWN, "as stated" if rate else "", ask)
     if name is None:

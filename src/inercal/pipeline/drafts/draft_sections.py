@@ -304,10 +304,8 @@ def facts(
     if rests is not None:
         spans = rests.spans
         samples = int((spans[:, 1] - spans[:, 0]).sum())
-        unit = "samples"
-        facts.append(
-            f"{format_count(len(spans), 'section')} at rest, {samples} of {table.rows} {unit}"
-        )
+        count = format_count(len(spans), "section")
+        facts.append(f"{count} at rest, {samples} of {table.rows} samples")
     every = list(np.hstack(list(readings.values())).T)
     for kind, data in readings.items():
         facts.append(f"{kind}s read {data.min():.6g} to {data.max():.6g}")

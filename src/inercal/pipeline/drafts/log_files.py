@@ -125,16 +125,12 @@ def _read_files(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
 
 def _with_marks(found: LogFiles, values: Mapping[str, Any]) -> LogFiles:
     """Return the recording with the file of marks beside it, if its marks suit the recording."""
-    roles, path = found.roles, found.files[0].parent / MARKS_FILE
+    roles, rows, path = found.roles, found.table.rows, found.files[0].parent / MARKS_FILE
     if roles.means or roles.marks or "data.marks" in values or not path.is_file():
         return found
     try:
         spans = tuple((mark.start, mark.stop) for mark in marks_from_file(path))
-        why = (
-            ""
-            if all(0 <= a < b <= found.table.rows for a, b in spans)
-            else f"the log has {found.table.rows} rows"
-        )
+        why = "" if all(0 <= a < b <= rows for a, b in spans) else f"the log has {rows} rows"
     except InputError as error:
         spans, why = (), str(error).removeprefix(f"{path}: ")
     if "label" in roles.single and not why:
