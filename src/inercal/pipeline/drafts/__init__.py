@@ -285,11 +285,7 @@ def _draft(
     at_rates = "table_rate" in roles.single
     if "arm_rate" in roles.single:
         unit, reason = arm_rate_unit(table, roles, readings["accelerometer"], radius)
-        roles = replace(
-            roles,
-            units={**roles.units, "arm_rate": unit},
-            reasons={**roles.reasons, "arm_rate_unit": reason},
-        )
+        roles = roles.because({"arm_rate_unit": reason}, units={**roles.units, "arm_rate": unit})
     try:
         if at_rates:
             readouts = {"gyro": gyro_readout(table, roles)}
@@ -338,11 +334,8 @@ def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, s
     for key in stated:
         section, _, name = key.rpartition(".")
         if keys == {f"[{section}] {name}"}:
-            raise InputError(f"--set {key}: {_without_key(trials[0])}", key=key, names=(key,))
-
-
-def _without_key(trial: MethodTrial) -> str:
-    return trial.reason.removeprefix(f"{trial.key}: ")
+            reason = trials[0].reason.removeprefix(f"{trials[0].key}: ")
+            raise InputError(f"--set {key}: {reason}", key=key, names=(key,))
 
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
@@ -394,11 +387,8 @@ def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tu
     known = {entry.dotted: entry for entry in entries}
     for key, value in stated.items():
         section, _, name = key.rpartition(".")
-        known[key] = replace(
-            known.get(key, DraftKey(section, name, value)),
-            value=value,
-            reason="as stated",
-        )
+        entry = known.get(key, DraftKey(section, name, value))
+        known[key] = replace(entry, value=value, reason="as stated")
     if "bench.latitude" in stated and "bench.gravity" not in stated:
         known.pop("bench.gravity", None)
         weighs_gravity = any(one.section == "sensor.accelerometer" for one in entries)

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from json import dumps
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
@@ -99,6 +98,10 @@ class ColumnRoles:
     marks: str = ""
     parts: tuple[tuple[int, int], ...] = ()
 
+    def because(self, reasons: Mapping[str, str], **changes: Any) -> "ColumnRoles":
+        """Return the roles with further reasons and other changes."""
+        return replace(self, reasons={**self.reasons, **reasons}, **changes)
+
 
 def recognise_columns(
     table: Table, reader: str = "text", stated: Mapping[str, tuple[str, ...]] | None = None
@@ -184,7 +187,7 @@ def _judge_labels(
     force = None
     moved = single.keys() & _MOVED_BY_BENCH
     if triads.get("accelerometer") and not moved:
-        force = np.stack([table.numbers(n) for n in triads["accelerometer"]], axis=-1)
+        force = table.stack(triads["accelerometer"])
     for name in names:
         text = table.columns[name].dtype.kind == "U"
         if moved or (names_rows(table, name) if means else names_sections(table, name, force)):
@@ -266,8 +269,8 @@ def without_sections(roles: ColumnRoles) -> ColumnRoles:
     """Return the roles without the labels or the file of marks, whose sections suit no method."""
     single = dict(roles.single)
     name = single.pop("label", Path(roles.marks).name)
-    reasons = {**roles.reasons, NO_LABEL: f"ignored, because no method suits its sections: {name}"}
-    return replace(roles, single=single, reasons=reasons, marks="", parts=())
+    why = f"ignored, because no method suits its sections: {name}"
+    return roles.because({NO_LABEL: why}, single=single, marks="", parts=())
 
 
 _MOST_LISTED = 12

@@ -72,12 +72,10 @@ def join_parts(
     single = {role: name for role, name in roles.single.items() if role != "label"}
     if heated is not None:
         single["temperature"] = NAMED
-        roles = replace(
-            roles, reasons={**roles.reasons, "temperature": "it stands in the names, at the star"}
-        )
+        roles = roles.because({"temperature": "it stands in the names, at the star"})
     marks = "found"
     if (triad := roles.triads.get("accelerometer")) is not None:
-        force = np.stack([table.numbers(name) for name in triad], axis=-1)
+        force = table.stack(triad)
         scatter = [part.std(axis=0).max() for part in np.split(force, edges)]
         still = max(scatter) <= _STILL * np.ptp(force, axis=0).max()
         marks = "labels" if still and len(files) >= _FEWEST_POSES else "found"

@@ -70,7 +70,7 @@ def with_rate_table(table: Table, roles: ColumnRoles) -> ColumnRoles:
 
 def _along(table: Table, gyro: tuple[str, ...], faces: list[str | None]) -> Array:
     """Return the readings of the gyro whose axis is up, with their sign, (n,)."""
-    readings = np.stack([table.numbers(name) for name in gyro], axis=-1)
+    readings = table.stack(gyro)
     columns = ["xyz".index(face[-1]) if face else 0 for face in faces]
     signs = [-1.0 if face and face.startswith("-") else 1.0 for face in faces]
     return np.asarray(signs * readings[np.arange(len(faces)), columns], dtype=float)

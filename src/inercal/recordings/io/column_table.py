@@ -4,7 +4,7 @@ import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from fractions import Fraction
@@ -147,6 +147,10 @@ class Table:
     def rows(self) -> int:
         """Number of rows."""
         return next(iter(self.columns.values())).size
+
+    def stack(self, names: Iterable[str]) -> Array:
+        """Return columns of numbers side by side, (n, k)."""
+        return np.stack([self.numbers(name) for name in names], axis=-1)
 
     def line(self, row: int) -> int | None:
         """Return the line of a row, which is counted from 0; None if unknown."""
