@@ -6,7 +6,7 @@ example if its default is None or uninformative; error messages show this exampl
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
@@ -66,6 +66,11 @@ class BenchUsage:
     qualified: tuple[str, ...] = ()
 
 
+def optional(*examples: Any, about: str = "", default: Any = None, **rules: Any) -> Any:
+    """Declare a key with a default; its examples come first, and `about` says what it means."""
+    return Field(default, description=about or None, examples=list(examples) or None, **rules)
+
+
 class Section(BaseModel):
     """A section of a run file; it rejects keys that it does not declare."""
 
@@ -81,29 +86,23 @@ class BenchSection(Section):
     Gravity is given, or computed from latitude and height.
     """
 
-    gravity: str | None = Field(None, examples=["9.8073 m/s² ± 0.2 mm/s²"])
-    latitude: str | None = Field(None, examples=["48.1 °"])
-    height: str | None = Field(None, examples=["520 m"])
-    qualification: str | tuple[str, ...] | None = Field(
-        None,
-        description="files from inercal qualify, which replace keys",
-        examples=["head.qualification.json"],
+    gravity: str | None = optional("9.8073 m/s² ± 0.2 mm/s²")
+    latitude: str | None = optional("48.1 °")
+    height: str | None = optional("520 m")
+    qualification: str | tuple[str, ...] | None = optional(
+        "head.qualification.json", about="files from inercal qualify, which replace keys"
     )
-    name: str = Field(
-        "",
-        description="the laboratory's name for the bench",
-        examples=["table 2"],
+    name: str = optional(
+        "table 2",
+        default="",
+        about="the laboratory's name for the bench",
         json_schema_extra=DESCRIPTION,
     )
-    check_standard: str | None = Field(
-        None,
-        description="file from inercal control: the check standard of this bench",
-        examples=["REF-1.control.json"],
+    check_standard: str | None = optional(
+        "REF-1.control.json", about="file from inercal control: the check standard of this bench"
     )
-    check_standard_age: str | None = Field(
-        None,
-        description="longest time allowed between its last measurement and the run",
-        examples=["24 h"],
+    check_standard_age: str | None = optional(
+        "24 h", about="longest time allowed between its last measurement and the run"
     )
 
     @property

@@ -287,9 +287,7 @@ def budget(
         trials,
         seed,
         lines,
-        BudgetDeviations(
-            np.sqrt(np.sum(np.square(list(linear.values())), axis=0)), *sample_deviation(together)
-        ),
+        BudgetDeviations(first_order, *sample_deviation(together)),
         together.mean(axis=0) - experiment.true_values,
         experiment.stated(),
         effect_shifts(experiment),
