@@ -54,7 +54,7 @@ def convergence_figure(outcome: Outcome, truth: Mapping[str, float] | None) -> M
     for (axes,), kind in zip(panels, kinds, strict=True):
         box = axes.get_position()
         axes.set_position((box.x0, box.y0, (1 - _LEGEND_SHARE) * box.width, box.height))
-        _draw_convergence(axes, kind, sensor, truth)
+        _draw_convergence(axes, kind, truth)
         axes.set_xlabel("time, s")
     beyond = "the truth" if truth is not None else "the result"
     return svg(figure, "courses", f"Estimates minus {beyond} with two standard deviations")
@@ -75,7 +75,7 @@ def _coefficient_groups(course: FilterHistory, sensor: Sensor) -> list[_Coeffici
 
 
 def _draw_convergence(
-    axes: Axes, kind: _CoefficientGroup, sensor: Sensor, truth: Mapping[str, float] | None
+    axes: Axes, kind: _CoefficientGroup, truth: Mapping[str, float] | None
 ) -> None:
     course = kind.course
     picks = thin_indices(course.shown_time.size)

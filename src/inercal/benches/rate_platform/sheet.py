@@ -27,19 +27,12 @@ def sheet(run: RunBase[RatePlatformData]) -> Sheet:
     for k, step in enumerate(steps, start=1):
         if isinstance(step, RateDwell):
             given = (step.axis, f"{step.rate / data.rate_size:.12g}", "", "", step.place)
-            up, set_to = (
-                f"{describe_direction(step.up)} up",
-                f"{degrees(step.rate):.6g} °/s".replace("-", "−"),
-            )
-            group = step.place
+            up, group = f"{describe_direction(step.up)} up", step.place
+            set_to = f"{degrees(step.rate):.6g} °/s".replace("-", "−")
         else:
             angles = (f"{a / data.angle_size:.12g}" for a in (step.roll, step.pitch))
-            given, up, set_to, group = (
-                ("", "", *angles, ""),
-                "pose",
-                step.describe().replace("-", "−"),
-                "poses",
-            )
+            given = ("", "", *angles, "")
+            up, set_to, group = "pose", step.describe().replace("-", "−"), "poses"
         cells = (str(k), up, set_to, f"{step.seconds:.6g} s")
         told = (*given, f"{step.seconds:.12g}")
         stated = tuple(t for t, column in zip(told, columns, strict=True) if column is not None)

@@ -40,7 +40,7 @@ def clock_keys(
     by_rate = None if hertz is None else np.arange(table.rows) / hertz
     rate_key = DraftKey("data", "rate", rate or UNKNOWN, "as stated" if rate else "", ask)
     if name is None:
-        if why := _standing_stamps(table, roles):
+        if why := _standing_stamps(table):
             rate_key = replace(rate_key, ask=f"{ask}; {why}")
         return by_rate, (rate_key,)
     entry = DraftKey("data", "time", run_file_column(name), roles.reasons.get("time", ""))
@@ -109,7 +109,7 @@ def _why_no_times(stamps: Array, unit: str | None) -> str:
     return shared_stamps_text(stamps * si_factor(unit))
 
 
-def _standing_stamps(table: Table, roles: ColumnRoles) -> str:
+def _standing_stamps(table: Table) -> str:
     """Return why a column that is named like a time is not used; empty if there is none."""
     for name in (one for one in table.names if role_of_name(one) == "time"):
         column, unit = table.columns[name], time_unit(name)
