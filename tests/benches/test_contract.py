@@ -169,7 +169,7 @@ def test_a_simulation_lasts_no_longer_than_the_kind_says(kind: str, method: str)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_plan_of_another_kind_has_no_budget_there(kind: str) -> None:
     from inercal.basics.errors import InputError
-    from inercal.pipeline.budget.plan_requirements import require_budget_plan
+    from inercal.pipeline.budget.virtual_experiment import require_budget_plan
 
     bench = bench_of(KINDS[kind])
     for other, name in plans():

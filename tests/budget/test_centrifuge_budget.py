@@ -16,8 +16,13 @@ from inercal.benches import Centrifuge
 from inercal.estimation import Gaussian
 from inercal.methods.centrifuge_norm import ml, plan, series
 from inercal.physics.plan import Spin
-from inercal.pipeline.budget import Budget, Experiment, budget
-from inercal.pipeline.budget.contributions import effect_shifts, first_order_contributions
+from inercal.pipeline.budget import (
+    Budget,
+    Experiment,
+    budget,
+    effect_shifts,
+    first_order_contributions,
+)
 
 Array = NDArray[np.float64]
 ARCSEC = pi / 648_000

@@ -15,13 +15,14 @@ from inercal.benches import Hand
 from inercal.methods import method
 from inercal.physics.plan import six_positions
 from inercal.physics.sensors import triad
-from inercal.pipeline.budget import Experiment, budget
-from inercal.pipeline.budget.contribution_table import budget_as_dict, contribution_rows
-from inercal.pipeline.budget.contributions import (
+from inercal.pipeline.budget import (
+    Experiment,
+    budget,
     effect_shifts,
     first_order_contributions,
     sample_deviation,
 )
+from inercal.pipeline.budget.contribution_table import budget_as_dict, contribution_rows
 from inercal.pipeline.budget.experiment_from_runfile import experiment_from_run
 from inercal.runfile import read
 

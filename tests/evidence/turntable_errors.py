@@ -33,7 +33,7 @@ from tests.methods.turntable_cases import bench, errors, observations, sensor
 
 from inercal.methods.turntable_kalman import METHOD
 from inercal.pipeline import apply_data_columns, calibrate, simulate
-from inercal.pipeline.truth import true_coefficients
+from inercal.pipeline.outcome import true_coefficients
 from inercal.recordings.io.write import write_recording
 from inercal.runfile import read as read_run
 

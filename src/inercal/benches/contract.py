@@ -129,6 +129,16 @@ class MeanBench(Bench, Protocol):
         ...
 
 
+class NoReadingOffsets:
+    """The base of a bench on which no error adds an offset to the readings."""
+
+    def reading_offsets(
+        self, steps: Sequence[Any], sensor: Sensor, q: Mapping[str, Array]
+    ) -> Array:
+        """Return zero."""
+        return np.zeros(())
+
+
 def require_possible_values(
     bench: str, positive: Mapping[str, float], deviations: Mapping[str, float]
 ) -> None:

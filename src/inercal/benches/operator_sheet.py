@@ -38,6 +38,10 @@ class Heading:
         return self.text if self.page is None else self.page
 
 
+ROW = Heading("row", align_right=True)
+DURATION = Heading("for", align_right=True)
+
+
 @dataclass(frozen=True)
 class SheetRow:
     """One row of a sheet.

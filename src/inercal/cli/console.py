@@ -62,7 +62,7 @@ def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
 def _write_refusal_page(run: "Run", message: str, page: "Path") -> bool:
     """Write the page about a refusal, and return whether it was written."""
     from inercal.basics.errors import InputError
-    from inercal.pipeline.refused_recording import inspect_refused_recording
+    from inercal.pipeline.outcome import inspect_refused_recording
     from inercal.report import write_refusal
 
     if (inspected := inspect_refused_recording(run)) is None:
@@ -198,7 +198,7 @@ def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
 def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     """Print the coefficients with U (k = 2), and error/u if the truth is known."""
     from inercal.calibration.display import coefficient_lines, title
-    from inercal.pipeline.truth import true_coefficients
+    from inercal.pipeline.outcome import true_coefficients
 
     calibration = outcome.calibration
     true = true_coefficients(calibration, truth)

@@ -275,7 +275,7 @@ def _show_recording(file: Path, json: bool) -> None:
                 row |= {"smallest": float(numbers.min()), "median": float(np.median(numbers))}
                 row["largest"] = float(numbers.max())
         rows.append(row)
-    count = next(iter(table.columns.values())).size
+    count = table.rows
     if json:
         print_json({"file": "recording", "source": table.source, "rows": count, "columns": rows})
         return

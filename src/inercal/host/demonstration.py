@@ -26,7 +26,7 @@ from inercal.host.run_folder import create_run, prepare_folder
 from inercal.host.sim.mimu import mean_drift, packet_rate
 from inercal.host.sim.simulated_errors import draw_errors
 from inercal.pipeline import Outcome
-from inercal.pipeline.truth import true_coefficients
+from inercal.pipeline.outcome import true_coefficients
 from inercal.report import require_report_packages
 from inercal.runfile import Run, read
 

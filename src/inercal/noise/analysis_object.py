@@ -1,8 +1,9 @@
 """Convert a noise analysis to an object for JSON."""
 
-from math import isfinite, sqrt
-from typing import Any, cast
+from math import sqrt
+from typing import Any
 
+from inercal.basics.documents import record_object
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
 from inercal.noise.output_filter import OutputFilter
 
@@ -13,22 +14,12 @@ def analysis_object(analysis: NoiseAnalysis) -> dict[str, Any]:
         "source": analysis.source,
         "sha256": analysis.sha256,
         "duration": analysis.duration,
-        "remarks": list(analysis.remarks),
+        "remarks": analysis.remarks,
         "channels": [_channel_object(one) for one in analysis.channels],
     }
     if analysis.movement:
         found["movement"] = analysis.movement
-    return cast("dict[str, Any]", _finite(found))
-
-
-def _finite(content: Any) -> Any:
-    if isinstance(content, float):
-        return content if isfinite(content) else None
-    if isinstance(content, dict):
-        return {key: _finite(one) for key, one in cast("dict[str, Any]", content).items()}
-    if isinstance(content, list):
-        return [_finite(one) for one in cast("list[Any]", content)]
-    return content
+    return record_object(found)
 
 
 def _filter_object(output: OutputFilter | None) -> dict[str, Any] | None:
@@ -55,7 +46,7 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
         "interval": channel.dt,
         "mean": channel.mean,
         "method": channel.method,
-        "model": list(channel.fit.symbols),
+        "model": channel.fit.symbols,
         "coefficients": [
             {
                 "symbol": one.symbol,
@@ -74,38 +65,31 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
         ],
         "filter": _filter_object(channel.output),
         "highest_frequency_used": channel.band,
-        "refused": None
-        if channel.refusal is None
-        else {"symbols": list(channel.refusal.symbols), "cause": channel.refusal.cause},
+        "refused": channel.refusal,
         "comparison": {
             name: {symbol: {"value": value, "u": u} for symbol, (value, u) in found.items()}
             for name, found in channel.comparison.items()
         },
         "models": [
-            {"terms": list(one.symbols), "aic": one.aic - channel.fit.aic}
+            {"terms": one.symbols, "aic": one.aic - channel.fit.aic}
             for one in (channel.fit, *channel.selection.rivals)
         ],
         "goodness": {
             "fits": channel.goodness.fits,
             "verdict": channel.goodness.verdict,
-            "decades": [vars(one) for one in channel.goodness.decades],
+            "decades": channel.goodness.decades,
         },
-        "lines": [vars(one) for one in channel.lines],
-        "disturbances": [vars(one) for one in channel.disturbances],
-        "drift": [vars(one) for one in channel.drift],
-        "remarks": list(channel.remarks),
+        "lines": channel.lines,
+        "disturbances": channel.disturbances,
+        "drift": channel.drift,
+        "remarks": channel.remarks,
         "smallest_allan_deviation": {
             "value": float(channel.oadev.value[channel.oadev.lowest]),
             "tau": float(channel.oadev.tau[channel.oadev.lowest]),
         },
         "deviations": {
             kind: {
-                "tau": one.tau.tolist(),
-                "value": one.value.tolist(),
-                "low": one.low.tolist(),
-                "high": one.high.tolist(),
-                "edf": one.edf.tolist(),
-                "label": list(one.label),
+                name: getattr(one, name) for name in ("tau", "value", "low", "high", "edf", "label")
             }
             for kind, one in channel.deviations.items()
         },

@@ -335,7 +335,7 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
         coefficients, comparison = estimate_coefficients(
             selection, bins, one.octaves, one.quantity, used, one.longest
         )
-        remarks = undetermined(selection, bins, one.longest * one.dt)
+        remarks = undetermined(selection, one.longest * one.dt)
     output, band = settled_filter(bins, selection.fit), bins.limit
     if band < np.inf:
         # Compare the whole spectrum with the model that was fitted to its lower part.

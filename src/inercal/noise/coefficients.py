@@ -194,13 +194,12 @@ def _coefficient(
     return NoiseCoefficient(symbol, name, value, u, low, high, unit, *tested, is_open)
 
 
-def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
+def undetermined(selection: Selection, seconds: float) -> list[str]:
     """Return remarks on models that fit equally well, and on terms hidden by white noise.
 
     Parameters
     ----------
     selection : Selection
-    bins : Bins
     seconds : float
         Length of the longest piece, s.
     """

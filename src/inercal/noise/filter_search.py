@@ -110,14 +110,12 @@ class FilterSearch:
     ----------
     best : FilterFit
     gain : float
-    white_shift, white_spread : float
-        Relative difference between the mean N of all shapes, weighted by the criterion, and N of
-        the best shape; and the relative standard deviation of N between the shapes.
+    white_spread : float
+        Relative standard deviation of N between all shapes, weighted by the criterion.
     """
 
     best: FilterFit
     gain: float
-    white_shift: float
     white_spread: float
 
     @property
@@ -248,7 +246,7 @@ def find_filter(bins: Bins, symbols: Sequence[str], known_floor: float) -> Filte
     values = np.sqrt([max(one.white, 0.0) for one in polished]) / np.sqrt(max(best.white, 1e-300))
     mean = float(weight @ values / weight.sum())
     spread = float(np.sqrt(weight @ (values - mean) ** 2 / weight.sum()))
-    return FilterSearch(best, without - best.criterion, mean - 1, spread)
+    return FilterSearch(best, without - best.criterion, spread)
 
 
 def apply_filter(bins: Bins, symbols: Sequence[str], search: FilterSearch) -> Bins:

@@ -173,7 +173,8 @@ def _triad(axes: Sequence[ChannelNoise], quantity: SensorKind) -> TriadNoise:
     ]
     notes += [f"{one.channel}: {text}" for one in axes for text in filter_notes(one)]
     for symbol in values:
-        if symbol not in limits and (few := [one.channel for one in axes if _limited(one, symbol)]):
+        few = [one.channel for one in axes if not axis_coefficient(one, symbol)[0]]
+        if few and symbol not in limits:
             notes.append(f"{symbol} of {', '.join(few)} is the upper limit (95 %)")
     limited = "NBK" if any(one.value("B") for one in axes) else "NK"
     coefficients = tuple(
@@ -183,7 +184,3 @@ def _triad(axes: Sequence[ChannelNoise], quantity: SensorKind) -> TriadNoise:
     return TriadNoise(
         quantity, coefficients, values, tuple(notes), 1 / axes[0].dt, limits=tuple(limits)
     )
-
-
-def _limited(channel: ChannelNoise, symbol: str) -> bool:
-    return not axis_coefficient(channel, symbol)[0]

@@ -6,7 +6,7 @@ example if its default is None or uninformative; error messages show this exampl
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
@@ -66,6 +66,11 @@ class BenchUsage:
     qualified: tuple[str, ...] = ()
 
 
+def optional(*examples: Any, about: str = "", default: Any = None, **rules: Any) -> Any:
+    """Declare a key with a default; its examples come first, and `about` says what it means."""
+    return Field(default, description=about or None, examples=list(examples) or None, **rules)
+
+
 class Section(BaseModel):
     """A section of a run file; it rejects keys that it does not declare."""
 
@@ -81,29 +86,23 @@ class BenchSection(Section):
     Gravity is given, or computed from latitude and height.
     """
 
-    gravity: str | None = Field(None, examples=["9.8073 m/s² ± 0.2 mm/s²"])
-    latitude: str | None = Field(None, examples=["48.1 °"])
-    height: str | None = Field(None, examples=["520 m"])
-    qualification: str | tuple[str, ...] | None = Field(
-        None,
-        description="files from inercal qualify, which replace keys",
-        examples=["head.qualification.json"],
+    gravity: str | None = optional("9.8073 m/s² ± 0.2 mm/s²")
+    latitude: str | None = optional("48.1 °")
+    height: str | None = optional("520 m")
+    qualification: str | tuple[str, ...] | None = optional(
+        "head.qualification.json", about="files from inercal qualify, which replace keys"
     )
-    name: str = Field(
-        "",
-        description="the laboratory's name for the bench",
-        examples=["table 2"],
+    name: str = optional(
+        "table 2",
+        default="",
+        about="the laboratory's name for the bench",
         json_schema_extra=DESCRIPTION,
     )
-    check_standard: str | None = Field(
-        None,
-        description="file from inercal control: the check standard of this bench",
-        examples=["REF-1.control.json"],
+    check_standard: str | None = optional(
+        "REF-1.control.json", about="file from inercal control: the check standard of this bench"
     )
-    check_standard_age: str | None = Field(
-        None,
-        description="longest time allowed between its last measurement and the run",
-        examples=["24 h"],
+    check_standard_age: str | None = optional(
+        "24 h", about="longest time allowed between its last measurement and the run"
     )
 
     @property
@@ -134,6 +133,22 @@ def key_error(
     where = key if file is None else f"{file}: {key}"
     colon = "" if text.startswith(("is ", "has ")) else ":"
     return InputError(f"{where}{colon} {text}", file=file, key=key, names=names)
+
+
+def positive_value(text: str, like: str, key: str) -> float:
+    """Return the SI value of a quantity given as text, which must be positive; see `si_value`."""
+    value = si_value(text, like, key)
+    if not value > 0:
+        raise key_error(key, f"{text!r} must be positive")
+    return value
+
+
+def non_negative_value(text: str, like: str, key: str) -> float:
+    """Return the SI value of a quantity given as text, which must be 0 or more; see `si_value`."""
+    value = si_value(text, like, key)
+    if value < 0:
+        raise key_error(key, f"{text!r} is negative; give 0 or more")
+    return value
 
 
 def si_value(text: str, like: str, key: str) -> float:
@@ -179,9 +194,7 @@ def section_deviation(
 ) -> float:
     """Return a standard deviation stated in the section, SI."""
     key, text = f"[bench] {name}", getattr(section, name)
-    value = si_value(text, like, key)
-    if value < 0:
-        raise key_error(key, f"{text!r} is negative; give 0 or more")
+    value = non_negative_value(text, like, key)
     if limit is not None and value > limit.value:
         raise key_error(key, f"{text!r} is more than {limit.meaning}; check the value and its unit")
     return value

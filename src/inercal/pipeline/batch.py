@@ -17,7 +17,6 @@ from inercal.basics.arrays import Array
 from inercal.basics.blas_threads import with_one_thread
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
-from inercal.estimation import Estimate
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.run_arguments import stated_run
 from inercal.recordings import Observations
@@ -166,15 +165,11 @@ def _calibrate_all(run: Run, columns: Mapping[str, NDArray[Any]], count: int) ->
         mean = run.sensor.to_si(np.moveaxis(output, 0, -1))
         found = solver(replace(observations, mean=mean), run.sensor, bench, inputs.plan, run.priors)
         values[some], chi2[some], converged[some] = found.value[:, :p], found.chi2, found.converged
-        covariance[some] = _stated_covariance(found, p)
+        covariance[some] = found.birge[:, None, None] ** 2 * found.covariance[:, :p, :p]
         dof = found.dof
     return BatchCalibration(
         run.sensor, run.method.name, run.estimator, values, covariance, chi2, dof, converged
     )
-
-
-def _stated_covariance(found: Estimate, p: int) -> Array:
-    return found.birge[:, None, None] ** 2 * found.covariance[:, :p, :p]
 
 
 def _readings(

@@ -1,12 +1,13 @@
-"""All results of a calibration run."""
+"""All results of a calibration run, its true coefficients, and what a refused run shows."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
@@ -20,8 +21,9 @@ from inercal.methods import Remarks
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.temperature_fit import TemperatureFit
-from inercal.recordings import Finding
+from inercal.recordings import Finding, Recording
 from inercal.recordings.data import EstimatorInput
+from inercal.recordings.data.recording_loader import load_recording
 from inercal.recordings.segments import RestDetection
 from inercal.runfile import Run
 
@@ -102,3 +104,58 @@ class Outcome(ReportInput):
         dT = seen.temperature_offset(self.sensor.reference_temperature)
         output = self.sensor.to_output(seen.mean)
         return self.calibration.correct(output, w=w, dw=np.zeros((1, 3)), dT=dT)
+
+
+def true_coefficients(calibration: Calibration, truth: Mapping[str, float]) -> Mapping[str, float]:
+    """Return the true coefficients by full name, in SI and in the frame of the calibration.
+
+    [sensor.truth] states coefficients in the mounting frame. In the symmetric frame, the same
+    sensor has different misalignments, and slightly different scale factors and biases. Only
+    bias, scale factor and misalignment can be rotated. If there are other terms, the true
+    coefficients are returned as stated.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    truth : mapping of str to float
+        Stated true coefficients, SI; missing coefficients are zero.
+    """
+    names = calibration.sensor.coefficients
+    stated: dict[str, float] = {name: truth.get(name, 0.0) for name in names}
+    if calibration.frame != "symmetric":
+        return stated
+    true = replace(calibration, values=np.array(list(stated.values())), frame="mount")
+    try:
+        rotated = true.in_frame("symmetric")
+    except InputError:
+        return stated
+    return {name: rotated.value(name) for name in names}
+
+
+@dataclass(frozen=True, eq=False)
+class InspectedRecording:
+    """A recording, with the rests that were detected in it.
+
+    Parameters
+    ----------
+    recording : Recording
+    rests : RestDetection
+        Detected rests; there are no marks if no rest was detected.
+    """
+
+    recording: Recording
+    rests: RestDetection
+
+
+def inspect_refused_recording(run: Run) -> InspectedRecording | None:
+    """Return the recording and the rests of a run that could not be calibrated.
+
+    Return None if there is no recording, if it cannot be read, or if the bench has no rests.
+    """
+    if run.data.kind == "means" or run.kind.rests is None:
+        return None
+    try:
+        recording = load_recording(run)
+        return InspectedRecording(recording, run.kind.rests(run, recording))
+    except InputError:
+        return None

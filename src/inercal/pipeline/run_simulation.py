@@ -11,6 +11,7 @@ from inercal.basics.units import si_factor
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.hand.bench import face_label
 from inercal.physics.motion import Motion
+from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Axis, Sensor
 from inercal.pipeline.chamber_simulation import (
     in_chamber,
@@ -179,17 +180,13 @@ def _stated_labels(run: Run, labels: NDArray[np.str_]) -> NDArray[np.str_]:
 def apply_data_columns(run: Run, recording: Recording) -> Recording:
     """Convert a recording to the columns and times that [data] states, for writing to a file."""
     if is_pattern(run.file(run.data.file)):
-        raise InputError(
-            f"{run.path}: [data] file: a simulation writes one file; give its name without a star",
-            file=run.path,
-            key="[data] file",
+        raise key_error(
+            "[data] file", "a simulation writes one file; give its name without a star", run.path
         )
     for key in ("gyro_file", "gyro_time"):
         if getattr(run.data, key) is not None:
-            raise InputError(
-                f"{run.path}: [data] {key}: a simulation writes one file; remove {key}",
-                file=run.path,
-                key=f"[data] {key}",
+            raise key_error(
+                f"[data] {key}", f"a simulation writes one file; remove {key}", run.path
             )
     named = {axis: column for axis, column, _ in reader_columns(run).channels}
     recording = apply_axis_signs(run, recording)

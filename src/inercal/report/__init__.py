@@ -20,7 +20,7 @@ from inercal.pipeline import Outcome
 from inercal.pipeline.budget import Budget
 from inercal.pipeline.design.worksheet import Worksheet
 from inercal.pipeline.drafts import Draft
-from inercal.pipeline.refused_recording import InspectedRecording
+from inercal.pipeline.outcome import InspectedRecording
 from inercal.recordings import Recording
 
 if TYPE_CHECKING:  # imported when needed: reports need no register, and few need noise

@@ -99,9 +99,7 @@ def _draw_panel(axes: Axes, title: str, rows: Sequence[BudgetRow]) -> None:
     # invisible.
     axes.plot([row.linear / largest for row in rows], places, "o", ms=3.6, mfc=INK, mec=PAPER,
               mew=0.6, clip_on=False, zorder=3)  # fmt: skip
-    axes.set_xlim(0, 1)
-    axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.set_xticks([])
+    axes.set(xlim=(0, 1), ylim=(len(rows) - 0.5, -0.5), xticks=[])
     axes.set_yticks(places, [row.name for row in rows])
     axes.tick_params(axis="y", length=0)
     axes.spines["bottom"].set_visible(False)

@@ -186,8 +186,7 @@ def name_positions(
     worst : sequence of int
         Indices of the names that must not be omitted, the most important first.
     """
-    axes.set_xticks([])
-    axes.set_xlim(-0.6, len(labels) - 0.4)
+    axes.set(xticks=[], xlim=(-0.6, len(labels) - 0.4))
     between = np.arange(len(labels) - 1) + 0.5
     axes.plot(np.repeat(between, 3), np.tile([0, 1, np.nan], between.size), color=FAINT, lw=0.5,
               zorder=1, transform=axes.get_xaxis_transform())  # fmt: skip
@@ -269,8 +268,7 @@ def draw_plot(plot: Plot) -> Markup | None:
         if panel.ticks:
             axes.set_xlim(panel.ticks[0] - _X_MARGIN, panel.ticks[-1] + _X_MARGIN)
             axes.set_xticks(panel.ticks)
-        axes.set_title(panel.title)
-        axes.set_xlabel(panel.x)
+        axes.set(title=panel.title, xlabel=panel.x)
         add_legend(axes)
     row[0].set_ylabel(plot.y)
     return svg(figure, plot.name, plot.title)

@@ -54,7 +54,7 @@ def convergence_figure(outcome: Outcome, truth: Mapping[str, float] | None) -> M
     for (axes,), kind in zip(panels, kinds, strict=True):
         box = axes.get_position()
         axes.set_position((box.x0, box.y0, (1 - _LEGEND_SHARE) * box.width, box.height))
-        _draw_convergence(axes, kind, sensor, truth)
+        _draw_convergence(axes, kind, truth)
         axes.set_xlabel("time, s")
     beyond = "the truth" if truth is not None else "the result"
     return svg(figure, "courses", f"Estimates minus {beyond} with two standard deviations")
@@ -75,7 +75,7 @@ def _coefficient_groups(course: FilterHistory, sensor: Sensor) -> list[_Coeffici
 
 
 def _draw_convergence(
-    axes: Axes, kind: _CoefficientGroup, sensor: Sensor, truth: Mapping[str, float] | None
+    axes: Axes, kind: _CoefficientGroup, truth: Mapping[str, float] | None
 ) -> None:
     course = kind.course
     picks = thin_indices(course.shown_time.size)
@@ -96,8 +96,7 @@ def _draw_convergence(
             axes.plot(time, side * reach[picks], style, color=colour, lw=0.5, alpha=0.55)
     axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
     _set_symmetric_scale(axes, min(final))
-    axes.set_ylabel(kind.unit)
-    axes.set_title(kind.title)
+    axes.set(ylabel=kind.unit, title=kind.title)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderpad=0, handlelength=2.0)
 
 
@@ -187,8 +186,7 @@ def innovation_figure(courses: Sequence[FilterHistory]) -> Markup:
         time, mean = _break_at_pauses(time[picks], mean[picks])
         axes.plot(time, mean, color=AXES[k % 3], lw=1.0, label=course.name)
     axes.set_ylim(bottom=0)
-    axes.set_ylabel("NIS per component")
-    axes.set_xlabel("time, s")
+    axes.set(ylabel="NIS per component", xlabel="time, s")
     drawing.add_legend(axes)
     return svg(figure, "nis", "Normalised innovations squared of each filter over time")
 
@@ -234,8 +232,7 @@ def path_figure(track: Track, bench: Turntable) -> Markup:
     ]
     axes.broken_barh(held, (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
                      transform=axes.get_xaxis_transform())  # fmt: skip
-    axes.set_ylabel("angle by readback, °")
-    axes.set_xlabel("time, s")
+    axes.set(ylabel="angle by readback, °", xlabel="time, s")
     drawing.add_legend(axes)
     return svg(figure, "path", "Angles of the table's axes over time, holds shaded")
 

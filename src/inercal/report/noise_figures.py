@@ -27,10 +27,7 @@ _CELLS = 32  # cells of the spectrogram along each axis
 
 
 def _log_axes(axes: Axes, x: str, y: str) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
+    axes.set(xscale="log", yscale="log", xlabel=x, ylabel=y)
     axes.grid(visible=True, which="major", color=FAINT, lw=0.4)
     _plain_decades(axes)
 
@@ -127,8 +124,7 @@ def residual_figure(channel: ChannelNoise) -> Markup:
             axes.axvspan(one.low, one.high, color=(WARN, 0.15), lw=0)
     axes.set_xscale("log")
     _plain_decades(axes)
-    axes.set_xlabel("frequency, Hz")
-    axes.set_ylabel("residual, sd")
+    axes.set(xlabel="frequency, Hz", ylabel="residual, sd")
     return svg(figure, f"{channel.channel}-residual", "Residuals of the spectrum's bins")
 
 
@@ -174,11 +170,9 @@ def _draw_ratios(axes: Axes, time: Array, y: Array) -> None:
         axes.errorbar(middles, ratio, yerr=[below, above], fmt="o-", ms=3, lw=0.7, color=colour,
                       elinewidth=0.6, label=f"{overall.tau[j]:.3g} s")  # fmt: skip
     axes.axhline(1, color=FAINT, lw=0.8)
-    axes.set_yscale("log")
-    axes.set_yticks([0.5, 1, 2, 5, 10])
+    axes.set(yscale="log", yticks=[0.5, 1, 2, 5, 10])
     _plain_decades(axes)
-    axes.set_ylim(0.3, max(3.0, axes.get_ylim()[1]))
-    axes.set_ylabel("deviation ratio")
+    axes.set(ylim=(0.3, max(3.0, axes.get_ylim()[1])), ylabel="deviation ratio")
     drawing.add_legend(axes)
 
 

@@ -10,6 +10,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.laboratory.check_standard.chart_texts import day
 from inercal.laboratory.store.entries import SensorEntry
 from inercal.laboratory.store.noise_history import NoiseEntry, NoiseTrend, noise_trends
 from inercal.laboratory.store.noise_history_text import change_lines, trend_rows
@@ -34,7 +35,7 @@ def noise_history_section(entries: Sequence[NoiseEntry]) -> Markup:
             rows=[tuple(map(typeset_minus, row)) for row in trend_rows(trends)],
             lines=[sentence_with_index(line) for line in change_lines(trends)],
             entries=[
-                (str(one.id), _date(one), one.source, f"{one.duration:.4g}", one.by)
+                (str(one.id), day(one.measured), one.source, f"{one.duration:.4g}", one.by)
                 for one in entries
             ],
             figure=noise_trend_figure(trends),
@@ -48,14 +49,10 @@ def noise_history_page(sensor: SensorEntry, entries: Sequence[NoiseEntry]) -> st
         "sensor_noise.html",
         sensor=sensor,
         count=len(entries),
-        first=_date(entries[0]),
-        last=_date(entries[-1]),
+        first=day(entries[0].measured),
+        last=day(entries[-1].measured),
         section=noise_history_section(entries),
     )
-
-
-def _date(one: NoiseEntry) -> str:
-    return one.measured.partition("T")[0]
 
 
 @drawing.style

@@ -5,7 +5,7 @@ from markupsafe import Markup
 
 from inercal.physics.sensors import Sensor, imu, triad
 from inercal.pipeline.drafts import UNKNOWN, Draft
-from inercal.pipeline.refused_recording import InspectedRecording
+from inercal.pipeline.outcome import InspectedRecording
 from inercal.recordings import Mark, Recording
 from inercal.report.templates import render
 from inercal.report.traces import scatter_figure, signal_figure

@@ -104,8 +104,7 @@ def step_residual_figure(found: Sequence[StepResiduals]) -> Markup:
         worst = rows_beyond_band(one.mean)
         for axes in (left, right):
             drawing.name_positions(axes, one.labels, worst=worst)
-        left.set_title(one.title)
-        left.set_ylabel("mean, in standard deviations")
+        left.set(title=one.title, ylabel="mean, in standard deviations")
         right.set_ylabel("rms minus 1")
         drawing.add_legend(right)
     return svg(figure, "residuals", "Means and sizes of whitened residuals by step")

@@ -17,7 +17,7 @@ from inercal.calibration.suspect_text import format_component, p_value_text
 from inercal.estimation import Estimate, ScoreTest
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.pipeline import Outcome
-from inercal.pipeline.truth import true_coefficients
+from inercal.pipeline.outcome import true_coefficients
 
 _MINUS_PATTERN = re.compile(r"(?<![^\s(\[e=,;:|])-(?=[\d.])")
 _MIN_CORRELATION = 0.5  # smallest correlation that is listed

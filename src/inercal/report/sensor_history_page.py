@@ -15,6 +15,7 @@ from inercal.calibration.comparison.changes import YEAR, TrendVerdict
 from inercal.calibration.comparison.comparison_text import format_en
 from inercal.calibration.suspect_text import p_value_text
 from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.laboratory.check_standard.chart_texts import day
 from inercal.laboratory.store import NoiseEntry, SensorHistory
 from inercal.laboratory.store.history import CoefficientTrend
 from inercal.laboratory.store.history_text import (
@@ -84,8 +85,8 @@ def sensor_history_page(
     return render(
         "over_time.html",
         history=history,
-        first=_date(history.entries[0].measured),
-        last=_date(history.entries[-1].measured),
+        first=day(history.entries[0].measured),
+        last=day(history.entries[-1].measured),
         tone="good" if set(history.verdicts) <= {"steady", "too few"} else "care",
         summary=lines[0],
         lines=lines[1:],
@@ -145,7 +146,7 @@ def _axis_histories(history: SensorHistory) -> list[AxisHistory]:
             trend_figure(history, found, f"axis{k}"),
             tuple(f"{CoefficientName(one.name).term}\n{one.unit}" for one in found),
             tuple(
-                (f"#{entry.id}", _date(entry.measured), *(_cell(one, place) for one in found))
+                (f"#{entry.id}", day(entry.measured), *(_cell(one, place) for one in found))
                 for place, entry in enumerate(history.entries)
             ),
         )
@@ -187,7 +188,7 @@ def _entry_rows(history: SensorHistory) -> list[tuple[str, ...]]:
     return [
         (
             f"#{entry.id}",
-            _date(entry.measured),
+            day(entry.measured),
             f"{entry.method}, {entry.estimator}",
             f"{entry.bench} ({entry.kind})" if entry.bench and entry.kind else entry.kind,
             "" if entry.run is None else str(entry.run),
@@ -196,10 +197,6 @@ def _entry_rows(history: SensorHistory) -> list[tuple[str, ...]]:
         )
         for entry, joint in zip(history.entries, history.joint_test, strict=True)
     ]
-
-
-def _date(time: str) -> str:
-    return time.partition("T")[0]
 
 
 @drawing.style

@@ -10,7 +10,12 @@ from inercal.basics.keys import CoefficientName
 from inercal.basics.units import Measured
 from inercal.methods import Method
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.section_settings import key_error, measured_constant, si_value
+from inercal.physics.section_settings import (
+    key_error,
+    measured_constant,
+    non_negative_value,
+    si_value,
+)
 from inercal.physics.sensors import Sensor
 from inercal.recordings.environment import ChamberProfile, Environment
 from inercal.recordings.temperature import first_impossible, impossible_text
@@ -234,12 +239,7 @@ def _stated_lag(section: EnvironmentSection, chosen: Method[Any, Any]) -> Measur
 
 def _positive(section: EnvironmentSection, name: str, like: str) -> float:
     text = getattr(section, name)
-    if text is None:
-        return 0.0
-    value = si_value(text, like, f"[environment] {name}")
-    if value < 0:
-        raise key_error(f"[environment] {name}", f"{text!r} is negative; give 0 or more")
-    return value
+    return 0.0 if text is None else non_negative_value(text, like, f"[environment] {name}")
 
 
 def _require_used(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from inercal.basics.keys import CoefficientName
 from inercal.methods import Method
-from inercal.physics.section_settings import key_error, si_value
+from inercal.physics.section_settings import key_error, positive_value, si_value
 from inercal.physics.sensors import Sensor
 from inercal.runfile.schema import FilterSection, RunSchema
 
@@ -137,9 +137,7 @@ def _filter_config(
 
 def _value(key: str, text: str, limits: _Range) -> float:
     """Return a quantity in SI units after checking its limits."""
-    value = si_value(text, limits.like, key)
-    if not value > 0:
-        raise key_error(key, f"{text!r} must be positive")
+    value = positive_value(text, limits.like, key)
     least, largest = (si_value(limit, limits.like, key) for limit in limits[1:])
     if not least * (1 - 1e-9) <= value <= largest * (1 + 1e-9):
         raise key_error(key, f"{text!r} is outside {limits.least} to {limits.largest}")

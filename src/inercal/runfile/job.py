@@ -5,64 +5,47 @@ calibration of an instrument was due before the date of the measurement, a warni
 """
 
 from datetime import date
+from functools import partial
 from pathlib import Path
 
-from pydantic import Field
-
-from inercal.physics.section_settings import DESCRIPTION, Section
+from inercal.physics.section_settings import DESCRIPTION, Section, optional
 from inercal.recordings import Finding
 from inercal.runfile.laboratory_file import read_laboratory
 
 _LABORATORY_TEXTS = {"laboratory", "address", "accreditation", "approved_by"}
 
 
-def _text(*example: str) -> str | None:
-    return Field(None, examples=list(example), json_schema_extra=DESCRIPTION)
+_told = partial(optional, json_schema_extra=DESCRIPTION)
 
 
 class JobSection(Section):
     """Keys of [job]: the order for this calibration."""
 
-    lab: str | None = Field(
-        None,
-        description="file of the laboratory",
-        examples=["lab.toml"],
-        json_schema_extra=DESCRIPTION,
-    )
-    number: str | None = _text("2026-117")
-    customer: str | None = _text("Basin No. 3")
-    customer_address: str | None = _text("Wharf 2, Kiel")
-    customer_email: str | None = _text("test@basin.example")
-    item: str | None = _text("accelerometer triad")
-    maker: str | None = _text("Q-Flex")
-    model: str | None = _text("QA 2000")
-    serial_number: str | None = _text("0417")
-    condition: str | None = _text("new, connector sealed")
-    operating_hours: float | None = Field(
-        None, ge=0, allow_inf_nan=False, examples=[1250.0], json_schema_extra=DESCRIPTION
-    )
-    received: date | None = Field(
-        None, examples=[date(2026, 11, 20)], json_schema_extra=DESCRIPTION
-    )
-    measured: date | None = Field(
-        None, examples=[date(2026, 11, 25)], json_schema_extra=DESCRIPTION
-    )
-    measured_until: date | None = Field(
-        None, examples=[date(2026, 11, 26)], json_schema_extra=DESCRIPTION
-    )
-    place: str | None = _text("at the customer's, Kiel")
-    procedure: str | None = _text("QA-17")
-    operator: str | None = _text("A. Lovelace")
-    ambient_temperature: str | None = _text("22.3 °C ± 0.5 °C")
-    ambient_humidity: str | None = _text("45 %")
-    ambient_pressure: str | None = _text("1013 hPa ± 2 hPa")
-    degrees_of_freedom: float | None = Field(
-        None, gt=0, examples=[8.0], json_schema_extra=DESCRIPTION
-    )
-    deviations: str | None = _text("position 3 was omitted")
-    external: str | None = _text("temperature tests by Laboratory B")
-    opinions: str | None = _text("the bias agrees with that of a new sensor")
-    notes: str | None = _text("after repair of the cable")
+    lab: str | None = _told("lab.toml", about="file of the laboratory")
+    number: str | None = _told("2026-117")
+    customer: str | None = _told("Basin No. 3")
+    customer_address: str | None = _told("Wharf 2, Kiel")
+    customer_email: str | None = _told("test@basin.example")
+    item: str | None = _told("accelerometer triad")
+    maker: str | None = _told("Q-Flex")
+    model: str | None = _told("QA 2000")
+    serial_number: str | None = _told("0417")
+    condition: str | None = _told("new, connector sealed")
+    operating_hours: float | None = _told(1250.0, ge=0, allow_inf_nan=False)
+    received: date | None = _told(date(2026, 11, 20))
+    measured: date | None = _told(date(2026, 11, 25))
+    measured_until: date | None = _told(date(2026, 11, 26))
+    place: str | None = _told("at the customer's, Kiel")
+    procedure: str | None = _told("QA-17")
+    operator: str | None = _told("A. Lovelace")
+    ambient_temperature: str | None = _told("22.3 °C ± 0.5 °C")
+    ambient_humidity: str | None = _told("45 %")
+    ambient_pressure: str | None = _told("1013 hPa ± 2 hPa")
+    degrees_of_freedom: float | None = _told(8.0, gt=0)
+    deviations: str | None = _told("position 3 was omitted")
+    external: str | None = _told("temperature tests by Laboratory B")
+    opinions: str | None = _told("the bias agrees with that of a new sensor")
+    notes: str | None = _told("after repair of the cable")
 
     @property
     def last_day(self) -> date | None:

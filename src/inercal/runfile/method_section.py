@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from inercal.basics.errors import InputError
 from inercal.methods import METHODS, Method
 from inercal.physics.plan import Step
-from inercal.physics.section_settings import si_value
+from inercal.physics.section_settings import key_error, positive_value, si_value
 from inercal.physics.sensors import G0
 from inercal.runfile.schema import MethodSection, SearchSection
 
@@ -57,9 +57,8 @@ def nominal_plan(
         place = f"[method] {key}"
         if option not in possible:
             keys = ", ".join(key for key, _, option in _PLAN if option in possible)
-            raise InputError(
-                f"{place}: the plan of {chosen.name} has no such option; its options are {keys}",
-                key=place,
+            raise key_error(
+                place, f"the plan of {chosen.name} has no such option; its options are {keys}"
             )
         options[option] = _plan_option(stated[key], like, place)
     return partial(chosen.plan, **options)
@@ -158,8 +157,4 @@ def search_options(
 
 
 def _positive_value(section: SearchSection, name: str, like: str) -> float:
-    key, text = f"{_SEARCH} {name}", getattr(section, name)
-    value = si_value(text, like, key)
-    if not value > 0:
-        raise InputError(f"{key}: {text!r} must be positive", key=key)
-    return value
+    return positive_value(getattr(section, name), like, f"{_SEARCH} {name}")

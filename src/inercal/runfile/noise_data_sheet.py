@@ -29,7 +29,7 @@ from inercal.noise.data_sheet import (
     white_noise_of_rms,
 )
 from inercal.physics.quantities import SensorKind
-from inercal.physics.section_settings import Section, key_error, si_value
+from inercal.physics.section_settings import Section, key_error, positive_value
 from inercal.runfile.sensor_builder import READING_UNITS
 from inercal.runfile.validation_errors import schema_error
 
@@ -88,7 +88,7 @@ def read_noise_data_sheet(path: Path) -> DataSheetNoise:
 def _noise(sheet: DataSheetSection, stem: str) -> DataSheetNoise:
     rate = 0.0
     if sheet.rate is not None:
-        rate = _positive(sheet.rate, "Hz", "[datasheet] rate")
+        rate = positive_value(sheet.rate, "Hz", "[datasheet] rate")
     coefficients: dict[SensorKind, tuple[SheetCoefficient, ...]] = {}
     remarks: list[str] = []
     for quantity in QUANTITIES:
@@ -101,13 +101,6 @@ def _noise(sheet: DataSheetSection, stem: str) -> DataSheetNoise:
             key="[datasheet]",
         )
     return DataSheetNoise(sheet.name or stem, rate, coefficients, tuple(remarks))
-
-
-def _positive(text: str, like: str, key: str) -> float:
-    value = si_value(text, like, key)
-    if value <= 0:
-        raise key_error(key, f"{text!r} must be positive")
-    return value
 
 
 class _Reader:
@@ -165,7 +158,9 @@ class _Reader:
         """Return the values of a key in SI units, and their text."""
         stated = getattr(self._section, key)
         texts: Sequence[str] = (stated,) if isinstance(stated, str) else stated
-        return tuple(_positive(one, like, f"{self._name} {key}") for one in texts), ", ".join(texts)
+        return tuple(positive_value(one, like, f"{self._name} {key}") for one in texts), ", ".join(
+            texts
+        )
 
     def _white(self) -> SheetCoefficient:
         values, text = self._values("white", f"({self._unit})/√Hz")
@@ -195,7 +190,7 @@ class _Reader:
                 f"missing: {text} rms states a density only together with its bandwidth, such as "
                 'bandwidth = "50 Hz"',
             )
-        band = _positive(section.bandwidth, "Hz", f"{self._name} bandwidth")
+        band = positive_value(section.bandwidth, "Hz", f"{self._name} bandwidth")
         kind = section.bandwidth_kind
         if kind is None:
             meanings = self._meanings(

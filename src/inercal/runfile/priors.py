@@ -10,6 +10,7 @@ import numpy as np
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.estimation import Gaussian
+from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0, Axis, Sensor
 from inercal.runfile.schema import MethodSection
 from inercal.runfile.sensor_builder import coefficient_value
@@ -72,9 +73,8 @@ def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
     key = "[method] prior_file"
     known = load(path)
     if known.method == CENTRIFUGE.name:
-        raise InputError(
-            f"{key}: {path.name} is a calibration on a centrifuge; give a static calibration",
-            key=key,
+        raise key_error(
+            key, f"{path.name} is a calibration on a centrifuge; give a static calibration"
         )
     if known.sensor.name != sensor.name:
         raise InputError(
@@ -90,10 +90,8 @@ def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
         if CoefficientName(name).term in ("k0", "k1") and name in known.sensor.coefficients
     )
     if not names:
-        raise InputError(
-            f"{key}: {path.name} has no k0 and k1 of {', '.join(sensor.channels)}; give another "
-            "file",
-            key=key,
+        raise key_error(
+            key, f"{path.name} has no k0 and k1 of {', '.join(sensor.channels)}; give another file"
         )
     theirs = {axis.name: axis for axis in known.sensor.axes}
     for axis in sensor.axes:
@@ -168,10 +166,9 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
         _require_same_readout(key, path, mine, other)
     sources = tuple(taken.values())
     if twice := tuple(name for name in dict.fromkeys(sources) if sources.count(name) > 1):
-        raise InputError(
-            f"{key}: {', '.join(twice)} of {path.name} is the prior of two coefficients; use it "
-            "only once",
-            key=key,
+        raise key_error(
+            key,
+            f"{', '.join(twice)} of {path.name} is the prior of two coefficients; use it only once",
             names=twice,
         )
     return _gaussian(tuple(taken), known, sources)

@@ -18,6 +18,7 @@ from inercal.physics.section_settings import (
     BenchSection,
     BenchUsage,
     Section,
+    optional,
 )
 from inercal.recordings.data import DataSection
 from inercal.recordings.io.readers import known_options, readers_with_option
@@ -28,27 +29,23 @@ class ReadoutSection(Section):
     """Keys of [sensor.accelerometer] and [sensor.gyro]: output and noise of the axes."""
 
     unit: str = Field(description="output unit, such as 'LSB' or 'V'", examples=["m/s²"])
-    unit_assumed: bool = Field(
-        False, description="whether the unit is a guess that neither the user nor the data confirm"
+    unit_assumed: bool = optional(
+        default=False,
+        about="whether the unit is a guess that neither the user nor the data confirm",
     )
-    scale: str | None = Field(None, description="nominal scale factor", examples=["2048 LSB/g"])
-    axis: str | tuple[str | tuple[float, float, float], ...] | None = Field(
-        None,
-        description="direction of each axis in the case, if there are not three along x, y, z",
-        examples=["z", ["x", "-z"], [[0.6, 0, 0.8]]],
+    scale: str | None = optional("2048 LSB/g", about="nominal scale factor")
+    axis: str | tuple[str | tuple[float, float, float], ...] | None = optional(
+        "z",
+        ["x", "-z"],
+        [[0.6, 0, 0.8]],
+        about="direction of each axis in the case, if there are not three along x, y, z",
     )
-    offset: float = Field(0.0, description="output at zero, in output units")
-    full_scale: str | None = Field(
-        None, description="largest reading", examples=["16 g", "2000 °/s"]
-    )
-    white: str | None = Field(
-        None, description="velocity or angle random walk", examples=["60 µg/√Hz", "0.1 °/√h"]
-    )
-    bias_instability: str | None = Field(None, examples=["20 µg", "5 °/h"])
-    random_walk: str | None = Field(None, examples=["1 µg/√s", "1 °/h/√s"])
-    quantisation: str | None = Field(
-        None, description="resolution of the reading", examples=["0.5 mg", "0.02 °/s"]
-    )
+    offset: float = optional(default=0.0, about="output at zero, in output units")
+    full_scale: str | None = optional("16 g", "2000 °/s", about="largest reading")
+    white: str | None = optional("60 µg/√Hz", "0.1 °/√h", about="velocity or angle random walk")
+    bias_instability: str | None = optional("20 µg", "5 °/h")
+    random_walk: str | None = optional("1 µg/√s", "1 °/h/√s")
+    quantisation: str | None = optional("0.5 mg", "0.02 °/s", about="resolution of the reading")
 
     @property
     def directions(self) -> tuple[str | tuple[float, float, float], ...]:
@@ -66,9 +63,9 @@ class ReadoutSection(Section):
 class SensorSection(Section):
     """Keys of [sensor]."""
 
-    name: str = Field("sensor", json_schema_extra=DESCRIPTION)
-    form: Literal["reference", "tilted"] | None = Field(
-        None, description="'reference', but 'tilted' on a dividing head"
+    name: str = optional(default="sensor", json_schema_extra=DESCRIPTION)
+    form: Literal["reference", "tilted"] | None = optional(
+        about="'reference', but 'tilted' on a dividing head"
     )
     frame: Literal["mount", "symmetric"] = "mount"
     accelerometer: ReadoutSection | None = None
@@ -81,11 +78,11 @@ class SensorSection(Section):
 class SearchSection(Section):
     """Keys of [method.search]: options for the estimator `global` of `ship_multi_angle`."""
 
-    seed: int = Field(0, ge=0)
+    seed: int = optional(default=0, ge=0)
     time_limit: str = "20 s"
-    goal: str = Field("5 %", description="largest relative error of a norm")
-    scale_error: str = Field(
-        "10 %", description="largest deviation of each scale factor from nominal"
+    goal: str = optional(default="5 %", about="largest relative error of a norm")
+    scale_error: str = optional(
+        default="10 %", about="largest deviation of each scale factor from nominal"
     )
     cross_axis: str = "10 %"
     bias: str = "0.2 g"
@@ -94,48 +91,38 @@ class SearchSection(Section):
 class FilterInitialSection(Section):
     """Keys of [method.filter.initial]: initial standard deviations of the filter states."""
 
-    gyro_bias: str | None = Field(
-        None, description="standard deviation of the gyros' biases", examples=["1000 °/h"]
+    gyro_bias: str | None = optional("1000 °/h", about="standard deviation of the gyros' biases")
+    gyro_scale: str | None = optional(
+        "5000 ppm", about="standard deviation of the gyros' scale factors"
     )
-    gyro_scale: str | None = Field(
-        None, description="standard deviation of the gyros' scale factors", examples=["5000 ppm"]
+    gyro_misalignment: str | None = optional(
+        "20 ′", about="standard deviation of the gyros' misalignments"
     )
-    gyro_misalignment: str | None = Field(
-        None, description="standard deviation of the gyros' misalignments", examples=["20 ′"]
+    accelerometer_bias: str | None = optional(
+        "5 mg", about="standard deviation of the accelerometers' biases"
     )
-    accelerometer_bias: str | None = Field(
-        None, description="standard deviation of the accelerometers' biases", examples=["5 mg"]
+    accelerometer_scale: str | None = optional(
+        "5000 ppm", about="standard deviation of the accelerometers' scale factors"
     )
-    accelerometer_scale: str | None = Field(
-        None,
-        description="standard deviation of the accelerometers' scale factors",
-        examples=["5000 ppm"],
+    accelerometer_misalignment: str | None = optional(
+        "20 ′", about="standard deviation of the accelerometers' misalignments"
     )
-    accelerometer_misalignment: str | None = Field(
-        None,
-        description="standard deviation of the accelerometers' misalignments",
-        examples=["20 ′"],
-    )
-    attitude: str | None = Field(
-        None, description="standard deviation of the attitude in both filters", examples=["30 ″"]
+    attitude: str | None = optional(
+        "30 ″", about="standard deviation of the attitude in both filters"
     )
 
 
 class FilterSection(Section):
     """Keys of [method.filter]: filter parameters of turntable_kalman that replace the defaults."""
 
-    readback_sd: str | None = Field(
-        None, description="measurement noise R of the attitude", examples=["4 ″"]
+    readback_sd: str | None = optional("4 ″", about="measurement noise R of the attitude")
+    velocity_sd: str | None = optional(
+        "0.1 mm/s", about="measurement noise R of the velocity at rest"
     )
-    velocity_sd: str | None = Field(
-        None, description="measurement noise R of the velocity at rest", examples=["0.1 mm/s"]
-    )
-    epoch: str | None = Field(
-        None, description="time between covariance updates", examples=["0.2 s"]
-    )
-    bias_drift: bool | None = Field(None, description="whether biases drift", examples=[False])
-    table_states: Literal["whole", "lean", "exact"] | None = Field(
-        None, description="table errors that are filter states", examples=["lean"]
+    epoch: str | None = optional("0.2 s", about="time between covariance updates")
+    bias_drift: bool | None = optional(False, about="whether biases drift")
+    table_states: Literal["whole", "lean", "exact"] | None = optional(
+        "lean", about="table errors that are filter states"
     )
     initial: FilterInitialSection | None = None
 
@@ -144,61 +131,46 @@ class MethodSection(Section):
     """Keys of [method]."""
 
     name: str = Field(examples=["six_position"])
-    estimator: str = Field("", examples=["ml"])
-    coefficients: tuple[str, ...] = Field(
-        (),
-        description="coefficients to estimate instead of the method's default",
-        examples=[["bias", "scale"]],
+    estimator: str = optional("ml", default="")
+    coefficients: tuple[str, ...] = optional(
+        ["bias", "scale"],
+        default=(),
+        about="coefficients to estimate instead of the method's default",
     )
-    also: Literal["auto"] | tuple[str, ...] = Field(
-        (),
-        description="additional coefficients; 'auto': those that score tests ask for",
-        examples=[["g", "k2"], "auto"],
+    also: Literal["auto"] | tuple[str, ...] = optional(
+        ["g", "k2"],
+        "auto",
+        default=(),
+        about="additional coefficients; 'auto': those that score tests ask for",
     )
-    temperature_order: Literal["auto"] | tuple[int, int, int] | None = Field(
-        None,
-        description="orders of bias, scale factor and misalignment in temperature, or 'auto'",
-        examples=["auto", [3, 2, 1]],
+    temperature_order: Literal["auto"] | tuple[int, int, int] | None = optional(
+        "auto",
+        [3, 2, 1],
+        about="orders of bias, scale factor and misalignment in temperature, or 'auto'",
     )
-    seconds: str | None = Field(
-        None, description="length of each hold in a simulation", examples=["20 s"]
+    seconds: str | None = optional("20 s", about="length of each hold in a simulation")
+    path: str | None = optional(
+        "fast", about="plan for a turntable: 'paper', 'fast', 'discrete', or a file with its steps"
     )
-    path: str | None = Field(
-        None,
-        description="plan for a turntable: 'paper', 'fast', 'discrete', or a file with its steps",
-        examples=["fast"],
+    turn: str | tuple[str, ...] | None = optional(
+        "-360 °", about="angle of the turns, positive counter-clockwise, or angles about x, y and z"
     )
-    turn: str | tuple[str, ...] | None = Field(
-        None,
-        description="angle of the turns, positive counter-clockwise, or angles about x, y and z",
-        examples=["-360 °"],
+    turn_seconds: str | None = optional("6 s")
+    positions: int | None = optional(
+        about="rests in a multi_position simulation, or positions on a dividing head"
     )
-    turn_seconds: str | None = Field(None, examples=["6 s"])
-    positions: int | None = Field(
-        None,
-        description="rests in a multi_position simulation, or positions on a dividing head",
+    reverse: bool | None = optional(about="whether a dividing head also runs the plan in reverse")
+    time_offset: bool = optional(
+        default=False, about="whether the time delay of the gyros is also estimated"
     )
-    reverse: bool | None = Field(
-        None, description="whether a dividing head also runs the plan in reverse"
-    )
-    time_offset: bool = Field(
-        False, description="whether the time delay of the gyros is also estimated"
-    )
-    attitudes: str | None = Field(
-        None, description="plan of attitudes on a centrifuge", examples=["half-circle"]
-    )
-    rates: tuple[str, ...] | None = Field(
-        None, description="arm rates in the plan", examples=[["60 rpm", "120 rpm"]]
-    )
-    turns: int | None = Field(
-        None, description="complete turns of the arm during each dwell of the plan"
-    )
+    attitudes: str | None = optional("half-circle", about="plan of attitudes on a centrifuge")
+    rates: tuple[str, ...] | None = optional(["60 rpm", "120 rpm"], about="arm rates in the plan")
+    turns: int | None = optional(about="complete turns of the arm during each dwell of the plan")
     search: SearchSection | None = None
     filter: FilterSection | None = None
-    prior_file: str | None = Field(
-        None,
-        description="calibration file with bias and scale factor from a static test",
-        examples=["static.calibration.json"],
+    prior_file: str | None = optional(
+        "static.calibration.json",
+        about="calibration file with bias and scale factor from a static test",
     )
     prior: dict[str, str] = Field(default_factory=dict, examples=[{"az.k0": "40 mg ± 5 mg"}])
     prior_from: dict[str, dict[str, str]] = Field(
@@ -211,53 +183,44 @@ class MethodSection(Section):
 class EnvironmentSection(Section):
     """Keys of [environment]: the temperatures around the bench."""
 
-    kind: Literal["soaks", "ramp"] = Field(
-        "soaks",
-        description="'soaks': run the plan at each temperature; 'ramp': vary the temperature",
+    kind: Literal["soaks", "ramp"] = optional(
+        default="soaks",
+        about="'soaks': run the plan at each temperature; 'ramp': vary the temperature",
     )
-    temperature_sd: str | None = Field(
-        None,
-        description="standard uncertainty of the temperature, common to all readings of a soak",
-        examples=["0.1 K"],
+    temperature_sd: str | None = optional(
+        "0.1 K", about="standard uncertainty of the temperature, common to all readings of a soak"
     )
-    accelerometer_repeatability: str | None = Field(
-        None, description="scatter of the biases from soak to soak", examples=["50 µg"]
+    accelerometer_repeatability: str | None = optional(
+        "50 µg", about="scatter of the biases from soak to soak"
     )
-    gyro_repeatability: str | None = Field(
-        None, description="scatter of the biases from soak to soak", examples=["5 °/h"]
+    gyro_repeatability: str | None = optional(
+        "5 °/h", about="scatter of the biases from soak to soak"
     )
-    lag: str | None = Field(
-        None,
-        description="delay of the recorded temperature behind the sensing element",
-        examples=["20 s ± 5 s"],
+    lag: str | None = optional(
+        "20 s ± 5 s", about="delay of the recorded temperature behind the sensing element"
     )
-    warm_up: str | None = Field(
-        None,
-        description="warm-up time constant of the biases, for a ramp up and down",
-        examples=["300 s"],
+    warm_up: str | None = optional(
+        "300 s", about="warm-up time constant of the biases, for a ramp up and down"
     )
-    temperatures: tuple[str, ...] = Field(
-        (),
-        description="for a simulation: soak temperatures, or turning points of a ramp",
-        examples=[["-40 °C", "25 °C", "85 °C"]],
+    temperatures: tuple[str, ...] = optional(
+        ["-40 °C", "25 °C", "85 °C"],
+        default=(),
+        about="for a simulation: soak temperatures, or turning points of a ramp",
         json_schema_extra=PLANNING,
     )
-    ramp_rate: str | None = Field(
-        None,
-        description="for a simulation: rate of the chamber between the temperatures",
-        examples=["2 K/min"],
+    ramp_rate: str | None = optional(
+        "2 K/min",
+        about="for a simulation: rate of the chamber between the temperatures",
         json_schema_extra=PLANNING,
     )
-    wait: str | None = Field(
-        None,
-        description="for a simulation: rest time at each temperature",
-        examples=["30 min"],
+    wait: str | None = optional(
+        "30 min",
+        about="for a simulation: rest time at each temperature",
         json_schema_extra=PLANNING,
     )
-    case_time: str | None = Field(
-        None,
-        description="for a simulation: thermal time constant of the case",
-        examples=["4 min"],
+    case_time: str | None = optional(
+        "4 min",
+        about="for a simulation: thermal time constant of the case",
         json_schema_extra=PLANNING,
     )
 
@@ -265,21 +228,19 @@ class EnvironmentSection(Section):
 class SpecificationSection(Section):
     """Keys of [specification]: limits for coefficients, and the decision rule."""
 
-    rule: Literal["guarded", "simple"] = Field(
-        "guarded",
-        description="'guarded': pass only outside the guard band; 'simple': no guard band",
+    rule: Literal["guarded", "simple"] = optional(
+        default="guarded",
+        about="'guarded': pass only outside the guard band; 'simple': no guard band",
     )
-    factor: float = Field(
-        1.0, description="width of the guard band as a multiple of U, for rule 'guarded'"
+    factor: float = optional(
+        default=1.0, about="width of the guard band as a multiple of U, for rule 'guarded'"
     )
-    uncertainty: Literal["session", "next_use"] = Field(
-        "session",
-        description="uncertainty used: that of this session, or that of the sensor's next use",
+    uncertainty: Literal["session", "next_use"] = optional(
+        default="session",
+        about="uncertainty used: that of this session, or that of the sensor's next use",
     )
-    repeatability: str | None = Field(
-        None,
-        description="file from inercal repeat, for uncertainty = 'next_use'",
-        examples=["ACC-1.repeatability.json"],
+    repeatability: str | None = optional(
+        "ACC-1.repeatability.json", about="file from inercal repeat, for uncertainty = 'next_use'"
     )
     limits: dict[str, str | tuple[str, str]] = Field(
         description="limits for a coefficient or for a group of coefficients",
@@ -294,7 +255,7 @@ class RunSchema(Section):
     bench: BenchSection
     data: DataSection
     method: MethodSection
-    job: JobSection | None = Field(None, json_schema_extra=DESCRIPTION)
+    job: JobSection | None = optional(json_schema_extra=DESCRIPTION)
     specification: SpecificationSection | None = None
     environment: EnvironmentSection | None = None
 

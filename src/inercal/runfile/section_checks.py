@@ -19,6 +19,7 @@ from inercal.physics.section_settings import (
     BenchUsage,
     key_error,
     measured_constant,
+    positive_value,
     section_gravity,
     si_value,
 )
@@ -173,10 +174,7 @@ def sampling_rate(data: DataSection) -> float | None:
         _ = data.thermometer
     if data.rate is None:
         return None
-    rate = si_value(data.rate, "Hz", "[data] rate")
-    if rate <= 0:
-        raise InputError(f"[data] rate: {data.rate!r} must be positive", key="[data] rate")
-    return rate
+    return positive_value(data.rate, "Hz", "[data] rate")
 
 
 def require_time_offset(section: MethodSection, chosen: Method[Any, Any], sensor: Sensor) -> None:
@@ -184,10 +182,9 @@ def require_time_offset(section: MethodSection, chosen: Method[Any, Any], sensor
     has_gyros = bool(sensor.select_axes("w").axes)
     estimates_delay = chosen.unknown_attitudes and not chosen.follows_rest and has_gyros
     if section.time_offset and not estimates_delay:
-        raise InputError(
-            "[method] time_offset: only method multi_position with gyros can estimate it; "
-            "remove time_offset",
-            key="[method] time_offset",
+        raise key_error(
+            "[method] time_offset",
+            "only method multi_position with gyros can estimate it; remove time_offset",
         )
 
 

@@ -6,7 +6,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import Measured, parse_quantity, si_factor
 from inercal.benches.stated_axes import StatedAxes
 from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
-from inercal.physics.section_settings import si_value
+from inercal.physics.section_settings import key_error, positive_value, si_value
 from inercal.physics.sensors import Noise, Readout, Sensor
 from inercal.runfile.schema import ReadoutSection, SensorSection
 
@@ -82,14 +82,12 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
         try:
             scale = 1.0 / si_factor(section.unit, quantity)
         except InputError as error:
-            raise InputError(
-                f"{key} unit: {error}; 'LSB' and 'V' are possible too, with a scale",
-                key=f"{key} unit",
+            raise key_error(
+                f"{key} unit", f"{error}; 'LSB' and 'V' are possible too, with a scale"
             ) from None
         if section.scale is not None:
-            raise InputError(
-                f"{key} scale: only LSB and V need a scale, not {section.unit}; remove this key",
-                key=f"{key} scale",
+            raise key_error(
+                f"{key} scale", f"only LSB and V need a scale, not {section.unit}; remove this key"
             )
     elif section.scale is None:
         raise InputError(
@@ -100,18 +98,10 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
     else:
         scale = si_value(section.scale, f"{output}/({quantity})", f"{key} scale")
     if scale == 0:
-        raise InputError(
-            f"{key} scale: {section.scale!r} is zero; give another value", key=f"{key} scale"
-        )
+        raise key_error(f"{key} scale", f"{section.scale!r} is zero; give another value")
     full = None
     if section.full_scale is not None:
-        reach = si_value(section.full_scale, quantity, f"{key} full_scale")
-        if reach <= 0:
-            raise InputError(
-                f"{key} full_scale: {section.full_scale!r} must be positive",
-                key=f"{key} full_scale",
-            )
-        full = abs(scale) * reach
+        full = abs(scale) * positive_value(section.full_scale, quantity, f"{key} full_scale")
     likes = {
         "white": f"({quantity})/√Hz",
         "bias_instability": quantity,
@@ -125,9 +115,8 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
     }
     for name, value in noise.items():
         if value < 0:
-            raise InputError(
-                f"{key} {name}: {getattr(section, name)!r} is negative; give 0 or more",
-                key=f"{key} {name}",
+            raise key_error(
+                f"{key} {name}", f"{getattr(section, name)!r} is negative; give 0 or more"
             )
     return Readout(scale, section.offset, section.unit, full), Noise(**noise)
 

@@ -14,7 +14,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.basics.units import Measured
 from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
-from inercal.benches.contract import MeanMotion
+from inercal.benches.contract import MeanMotion, NoReadingOffsets
 from inercal.benches.key_declarations import constant, declared_parameters, deviation, small_angle
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.plan import Spin
@@ -24,7 +24,7 @@ Platform = Literal["locked", "counter-rotating"]
 
 
 @dataclass(frozen=True)
-class Centrifuge:
+class Centrifuge(NoReadingOffsets):
     """A precision centrifuge.
 
     Parameters
@@ -168,12 +168,6 @@ class Centrifuge:
             result.motion,
             lambda: (_split_by_dwell(result.df, labels), _split_by_dwell(result.dw, labels)),
         )
-
-    def reading_offsets(
-        self, steps: Sequence[Spin], sensor: Sensor, q: Mapping[str, Array]
-    ) -> Array:
-        """Return zero, because no error of a centrifuge adds an offset to the readings."""
-        return np.zeros(())
 
 
 def _split_by_dwell(by: Mapping[str, Array], labels: Sequence[str]) -> dict[str, Array]:

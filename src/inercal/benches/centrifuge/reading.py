@@ -86,15 +86,9 @@ def _table(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     for name, values in readback.items():
         bad = np.flatnonzero(~np.isfinite(values) | ((values == 0) & (name == "arm_rate")))
         if bad.size:
-            row = int(bad[0])
-            raise InputError(
-                f"{path} {table.place(row)}: column {named[name]!r} is "
-                f"{table.numbers(named[name])[bad[0]]:g}; give the arm's rate or angle, or remove "
-                "the row",
-                file=path,
-                line=table.line(row),
-                names=(named[name],),
-            )
+            read = table.numbers(named[name])[bad[0]]
+            text = f"is {read:g}; give the arm's rate or angle, or remove the row"
+            raise table.cell_error(path, int(bad[0]), named[name], text)
     rates = readback["arm_rate"]
     size, unit = units["arm_rate"], run.data.arm_rate_unit
     if unit[:1].isdigit():
@@ -106,9 +100,8 @@ def _table(run: RunBase[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     labels = tuple(
         f"{name} at {rate:.6g} {unit}" for name, rate in zip(names, rates / size, strict=True)
     )
-    durations = np.ones(len(labels))  # nothing depends on them
     observations = observations_from_table(
-        path, table, labels, wanted, run.sensor, stated_deviations(run), durations
+        path, table, labels, wanted, run.sensor, stated_deviations(run)
     )
     attitudes = [None] * len(labels)
     if "psi" in readback:

@@ -9,7 +9,7 @@ from inercal.basics.units import format_duration
 from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.centrifuge.settings import CentrifugeData
 from inercal.benches.centrifuge.simulation import arm_plan_duration, head_angles_of_attitude
-from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
+from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.physics.plan import Spin, describe_direction
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import G0
@@ -70,13 +70,13 @@ def sheet(run: RunBase[CentrifugeData]) -> Sheet:
         f"{len(rows)} dwells in {len(positions)} attitudes, "
         f"{format_duration(duration)} in all, including spin-up and spin-down",
         (
-            Heading("row", align_right=True),
+            ROW,
             Heading("position"),
             *[Heading(text, align_right=True) for text in head_units if data.attitude is not None],
             Heading("outwards"),
             Heading("up"),
             Heading("r/min", align_right=True),
-            Heading("for", align_right=True),
+            DURATION,
             *(Heading(f"{axis}, g", align_right=True) for axis in run.sensor.channels),
         ),
         tuple(rows),

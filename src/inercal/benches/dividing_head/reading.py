@@ -88,22 +88,16 @@ def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInpu
             # A reading that is not used may be missing.
             bad &= _collimated_positions(bench, readback["angle"])
         if bad.any():
-            row = int(np.argmax(bad))
-            raise InputError(
-                f"{path} {table.place(row)}: column {named[name]!r} has no number; {_WANTED[name]}",
-                file=path,
-                line=table.line(row),
-                names=(named[name],),
-            )
+            text = f"has no number; {_WANTED[name]}"
+            raise table.cell_error(path, int(np.argmax(bad)), named[name], text)
     _require_unit(run, readback["angle"] / units["angle"])
     names = None
     if wanted.label is not None:
         names = [position_name(value) for value in table.columns[wanted.label].tolist()]
     steps = _steps(names, {name: np.nan_to_num(values) for name, values in readback.items()})
     labels = tuple(step.label for step in steps)
-    durations = np.ones(len(labels))  # nothing depends on them
     observations = observations_from_table(
-        path, table, labels, wanted, run.sensor, stated_deviations(run), durations
+        path, table, labels, wanted, run.sensor, stated_deviations(run)
     )
     return EstimatorInput(None, (), observations, steps, steps, ())
 

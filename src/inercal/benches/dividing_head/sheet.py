@@ -26,7 +26,7 @@ from inercal.benches.dividing_head.passes import (
     pass_numbers,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
-from inercal.benches.operator_sheet import EntryField, Heading, Sheet, SheetRow
+from inercal.benches.operator_sheet import ROW, EntryField, Heading, Sheet, SheetRow
 from inercal.physics.plan import Index
 from inercal.physics.sensors import Sensor
 from inercal.recordings.data import RunBase
@@ -80,7 +80,7 @@ def sheet(run: RunBase[DividingHeadData]) -> Sheet:
     return Sheet(
         f"{len(result)} positions, {format_duration(seconds)} of holding in all",
         (
-            Heading("row", align_right=True),
+            ROW,
             Heading("label", label=True),
             Heading("head at"),
             Heading("pass", page=""),

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from inercal.basics.arrays import Array
 from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.basics.units import Measured
-from inercal.benches.contract import MeanMotion, stack_derivatives
+from inercal.benches.contract import MeanMotion, NoReadingOffsets, stack_derivatives
 from inercal.benches.key_declarations import declared_parameters, deviation
 from inercal.physics.earth import EARTH_RATE, earth_rate_up_north
 from inercal.physics.motion import Motion
@@ -45,7 +45,7 @@ _SKEW = Limit(20 * DEGREE, "a face or an axis can err, 20°")
 
 
 @dataclass(frozen=True)
-class Hand:
+class Hand(NoReadingOffsets):
     """A sensor moved by hand on a table, as a bench. Standard deviations are in rad or ratios.
 
     Parameters
@@ -227,12 +227,6 @@ class Hand:
             stack_derivatives([row.df for row in rows], shape),
             stack_derivatives([row.dw for row in rows], shape),
         )
-
-    def reading_offsets(
-        self, steps: Sequence[HandStep], sensor: Sensor, q: Mapping[str, Array]
-    ) -> Array:
-        """Return zero, because no error of this bench adds an offset to the readings."""
-        return np.zeros(())
 
 
 def face_label(label: str) -> str:

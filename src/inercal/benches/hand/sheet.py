@@ -6,7 +6,7 @@ planned duration.
 """
 
 from inercal.basics.errors import InputError
-from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
+from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import key_error
 from inercal.recordings.data import RestsSection, RunBase
@@ -32,12 +32,7 @@ def sheet(run: RunBase[RestsSection]) -> Sheet:
     gyro = data.gyro if run.sensor.select_axes("w").axes else ()
     return Sheet(
         f"{kinds}, {sum(step.seconds for step in steps):.0f} s in all",
-        (
-            Heading("row", align_right=True),
-            Heading("label"),
-            Heading("set to"),
-            Heading("for", align_right=True),
-        ),
+        (ROW, Heading("label"), Heading("set to"), DURATION),
         rows,
         _operator_notes(run, turns=bool(turns)),
         (data.label, data.seconds, *data.accelerometer, *gyro),

@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from inercal.physics.section_settings import Section
+from inercal.physics.section_settings import Section, optional
 
 Column = str
 
@@ -23,15 +23,15 @@ class QualificationSection(Section):
         "gravity",
         "azimuth",
     ]
-    bench: str = Field("", description="kind of the bench", examples=["dividing_head"])
-    name: str = Field("", description="name of the bench; empty means any bench of its kind")
+    bench: str = optional("dividing_head", default="", about="kind of the bench")
+    name: str = optional(default="", about="name of the bench; empty means any bench of its kind")
     date: dt.date = Field(examples=[dt.date(2026, 3, 1)])
-    valid_until: dt.date | None = Field(None, examples=[dt.date(2027, 3, 1)])
+    valid_until: dt.date | None = optional(dt.date(2027, 3, 1))
     method: str = Field(examples=["polygon of 36 faces and autocollimator"])
-    instrument: str = Field("", examples=["autocollimator 4"])
-    certificate: str = Field("", examples=["PTB 4711/25"])
-    uses: tuple[str, ...] = Field(
-        (), description="files of earlier qualifications", examples=[["gravity.qualification.json"]]
+    instrument: str = optional("autocollimator 4", default="")
+    certificate: str = optional("PTB 4711/25", default="")
+    uses: tuple[str, ...] = optional(
+        ["gravity.qualification.json"], default=(), about="files of earlier qualifications"
     )
 
 
@@ -49,16 +49,16 @@ class HeadMapSection(AngleReadingSection):
     """Section [measurement] for a head map, measured with a polygon and an autocollimator."""
 
     autocollimator: str = Field(description="standard deviation of one reading", examples=["0.1 ″"])
-    harmonics: int = Field(2, ge=1, description="number of harmonics")
-    division: str = Field("0 ″", examples=["0.3 ″"])
-    polygon: str | None = Field(None, examples=["polygon.csv"])
+    harmonics: int = optional(default=2, about="number of harmonics", ge=1)
+    division: str = optional("0.3 ″", default="0 ″")
+    polygon: str | None = optional("polygon.csv")
     polygon_unit: str = "″"
-    polygon_sd: str = Field(
-        "0 ″", description="standard deviation of each certified deviation", examples=["0.05 ″"]
+    polygon_sd: str = optional(
+        "0.05 ″", default="0 ″", about="standard deviation of each certified deviation"
     )
-    face: Column | None = Field(None, examples=["face"])
-    series: Column | None = Field(None, examples=["series"])
-    axis: str | None = Field(None, description="axis of a turntable", examples=["outer"])
+    face: Column | None = optional("face")
+    series: Column | None = optional("series")
+    axis: str | None = optional("outer", about="axis of a turntable")
 
 
 class TableTiltSection(AngleReadingSection):
@@ -66,19 +66,19 @@ class TableTiltSection(AngleReadingSection):
 
     level_at: Literal["table", "base"] = "table"
     level: str = Field(description="standard deviation of one reading", examples=["0.2 ″"])
-    level_scale: str = Field("0 %", examples=["1 %"])
-    azimuth: str | None = Field(None, description="azimuth of the level", examples=["90 °"])
-    wobble: int = Field(1, ge=1, le=6, description="highest harmonic of the wobble")
+    level_scale: str = optional("1 %", default="0 %")
+    azimuth: str | None = optional("90 °", about="azimuth of the level")
+    wobble: int = optional(default=1, about="highest harmonic of the wobble", ge=1, le=6)
 
 
 class RightAngleSection(AngleReadingSection):
     """Section [measurement] for a right angle, measured with a level, direct and reversed."""
 
     axes: str = Field(examples=["zxy"])
-    right_angle: int = Field(1, description="1 is between the outermost axis and the next")
+    right_angle: int = optional(default=1, about="1 is between the outermost axis and the next")
     sense: Column = "sense"
     level: str = Field(description="standard deviation of one reading", examples=["0.2 ″"])
-    level_scale: str = Field("0 %", examples=["1 %"])
+    level_scale: str = optional("1 %", default="0 %")
 
 
 class RadiusSection(Section):
@@ -89,21 +89,13 @@ class RadiusSection(Section):
     reading: Column = "reading"
     reading_unit: str = Field(examples=["mm"])
     reading_sd: str = Field(description="standard deviation of one reading", examples=["2 µm"])
-    machine: str | None = Field(
-        None, description="certified standard uncertainty of the machine", examples=["3 µm"]
-    )
+    machine: str | None = optional("3 µm", about="certified standard uncertainty of the machine")
     rate: Column = "rate"
     rate_unit: str = "rpm"
-    rate_error: str | None = Field(
-        None, description="relative error that all rates share", examples=["1 ppm"]
-    )
-    scale: str | None = Field(
-        None, description="scale factor uncertainty of the sensor", examples=["20 ppm"]
-    )
-    k2: str | None = Field(
-        None, description="quadratic term of the sensor", examples=["0 µg/g² ± 1 µg/g²"]
-    )
-    stretch: bool = Field(False, description="whether the stretch is estimated")
+    rate_error: str | None = optional("1 ppm", about="relative error that all rates share")
+    scale: str | None = optional("20 ppm", about="scale factor uncertainty of the sensor")
+    k2: str | None = optional("0 µg/g² ± 1 µg/g²", about="quadratic term of the sensor")
+    stretch: bool = optional(default=False, about="whether the stretch is estimated")
 
 
 class RateSection(Section):
@@ -115,29 +107,27 @@ class RateSection(Section):
     turns: Column = "turns"
     seconds: Column = "seconds"
     timer: str = Field(description="standard deviation of one time stamp", examples=["10 µs"])
-    timebase: str = Field("0 ppm", examples=["0.1 ppm"])
+    timebase: str = optional("0.1 ppm", default="0 ppm")
 
 
 class GravitySection(Section):
     """Section [measurement] for gravity."""
 
     by: Literal["absolute", "network", "computed"]
-    gravity: str | None = Field(
-        None, description="gravity at the measured point", examples=["9.80123 m/s² ± 0.1 µm/s²"]
+    gravity: str | None = optional(
+        "9.80123 m/s² ± 0.1 µm/s²", about="gravity at the measured point"
     )
-    file: str | None = Field(None, examples=["gravimeter.csv"])
+    file: str | None = optional("gravimeter.csv")
     site: Column = "site"
     hours: Column = "hours"
     reading: Column = "reading"
     reading_unit: str = "mGal"
-    reading_sd: str | None = Field(None, examples=["5 µGal"])
-    scale: str = Field("0 %", examples=["0.01 %"])
-    latitude: str | None = Field(None, examples=["48.1 °"])
-    height: str | None = Field(None, description="height above sea level", examples=["520 m"])
-    above: str = Field(
-        "0 m", description="height of the sensor above the point", examples=["1.2 m"]
-    )
-    gradient: str | None = Field(None, examples=["3.086 µm/s²/m ± 0.1 µm/s²/m"])
+    reading_sd: str | None = optional("5 µGal")
+    scale: str = optional("0.01 %", default="0 %")
+    latitude: str | None = optional("48.1 °")
+    height: str | None = optional("520 m", about="height above sea level")
+    above: str = optional("1.2 m", default="0 m", about="height of the sensor above the point")
+    gradient: str | None = optional("3.086 µm/s²/m ± 0.1 µm/s²/m")
     tide: Literal["corrected", "in the uncertainty"] = "in the uncertainty"
 
 
@@ -150,7 +140,7 @@ class AzimuthSection(AngleReadingSection):
     offset: str = Field(
         description="angle of the input axis from the body's y axis", examples=["0 ° ± 0.01 °"]
     )
-    scale: str = Field("1 %", examples=["0.1 %"])
+    scale: str = optional("0.1 %", default="1 %")
 
 
 SECTIONS: dict[str, type[Section]] = {

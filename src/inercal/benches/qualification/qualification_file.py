@@ -9,6 +9,7 @@ suspects), `unseen`, `remarks`, `provenance`, `withdrawn`, and `sha256`, the has
 import datetime as dt
 import hashlib
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -51,7 +52,7 @@ class _Test(_Strict):
     chi2: float
     dof: int
     p_value: float
-    suspects: list[str]
+    suspects: tuple[str, ...]
 
 
 class _File(_Strict):
@@ -67,8 +68,8 @@ class _File(_Strict):
     parameters: Annotated[list[_Parameter], Field(min_length=1)]
     covariance: list[list[float]]
     test: _Test
-    unseen: list[str]
-    remarks: list[str]
+    unseen: tuple[str, ...]
+    remarks: tuple[str, ...]
     provenance: dict[str, str]
     withdrawn: str
     sha256: str
@@ -76,33 +77,19 @@ class _File(_Strict):
 
 def qualification_object(found: Qualification) -> dict[str, Any]:
     """Return the qualification as the JSON object of its file."""
-    content: dict[str, Any] = record_object({
-        "schema": SCHEMA,
-        "kind": found.kind,
+    flat: dict[str, Any] = record_object(found)
+    flat |= {
+        "schema_": SCHEMA,
         "bench": {"kind": found.bench, "name": found.bench_name},
-        "determination": found.determination,
-        "date": found.date,
-        "valid_until": found.valid_until,
-        "method": found.method,
-        "instrument": found.instrument,
-        "certificate": found.certificate,
         "parameters": [
             {"name": one.name, "unit": one.unit, "value": one.value, "std": float(u)}
             | record_object(one)
             for one, u in zip(found.parameters, found.std, strict=True)
         ],
-        "covariance": found.covariance,
-        "test": {
-            "chi2": found.chi2,
-            "dof": found.dof,
-            "p_value": found.p_value,
-            "suspects": found.suspects,
-        },
-        "unseen": found.unseen,
-        "remarks": found.remarks,
-        "provenance": found.provenance,
-        "withdrawn": found.withdrawn,
-    })  # fmt: skip
+        "test": {name: flat[name] for name in _Test.model_fields},
+    }
+    keys = {name: one.alias or name for name, one in _File.model_fields.items() if name in flat}
+    content = {key: flat[name] for name, key in keys.items()}
     return content | {"sha256": _digest(content)}
 
 
@@ -149,27 +136,19 @@ def load(path: str | Path) -> Qualification:
     size = {len(row) for row in read.covariance} | {len(read.covariance)}
     covariance = np.array(read.covariance) if size == {len(names)} else np.zeros((0, 0))
     require_covariance(covariance, names, str(path))
-    return Qualification(
-        read.kind,
-        read.bench.kind,
-        read.bench.name,
-        read.determination,
-        read.date,
-        read.valid_until,
-        read.method,
-        read.instrument,
-        read.certificate,
-        tuple(QualifiedParameter(**one.model_dump(exclude={"std"})) for one in read.parameters),
-        covariance,
-        read.test.chi2,
-        read.test.dof,
-        read.test.p_value,
-        tuple(read.test.suspects),
-        tuple(read.unseen),
-        tuple(read.remarks),
-        read.provenance,
-        read.withdrawn,
+    stated: dict[str, Any] = (
+        dict(read)
+        | dict(read.test)
+        | {
+            "bench": read.bench.kind,
+            "bench_name": read.bench.name,
+            "parameters": tuple(
+                QualifiedParameter(**one.model_dump(exclude={"std"})) for one in read.parameters
+            ),
+            "covariance": covariance,
+        }
     )
+    return Qualification(**{one.name: stated[one.name] for one in fields(Qualification)})
 
 
 def determination_sha256(

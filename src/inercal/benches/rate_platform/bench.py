@@ -33,8 +33,6 @@ from dataclasses import dataclass, replace
 from math import sqrt
 from typing import NamedTuple
 
-import numpy as np
-
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import ErrorName
@@ -46,7 +44,7 @@ from inercal.basics.parameters import (
     local_gravity,
 )
 from inercal.basics.units import Measured
-from inercal.benches.contract import MeanMotion, require_possible_values
+from inercal.benches.contract import MeanMotion, NoReadingOffsets, require_possible_values
 from inercal.benches.rate_platform.mean_motion import level_rate_factor, sensed_motion
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose, RateDwell
 from inercal.physics.earth import earth_rate_up_north
@@ -88,7 +86,7 @@ STATED: Mapping[str, StatedError] = {
 
 
 @dataclass(frozen=True)
-class RatePlatform:
+class RatePlatform(NoReadingOffsets):
     """A rate platform. An error that is None is not stated.
 
     Parameters
@@ -273,12 +271,6 @@ class RatePlatform:
     def mean_motion(self, steps: Sequence[PlatformStep], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion during each section; see `inercal.benches.contract.MeanBench`."""
         return sensed_motion(self, steps, q)
-
-    def reading_offsets(
-        self, steps: Sequence[PlatformStep], sensor: Sensor, q: Mapping[str, Array]
-    ) -> Array:
-        """Return zero, because no error of this bench adds an offset to the readings."""
-        return np.zeros(())
 
     def without_earth_rate(self) -> "RatePlatform":
         """Return the same bench on an earth that does not rotate."""

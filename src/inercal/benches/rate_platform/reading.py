@@ -1,6 +1,6 @@
 """Read the observations from a table of means, or from a recording of labelled sections."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -98,19 +98,13 @@ def _table(run: RunBase[RatePlatformData]) -> EstimatorInput:
             run.path,
         )
     table = read_columns(path, wanted, list(columns.values()))
-    rows = len(next(iter(table.columns.values())))
-    durations = table.numbers(columns["seconds"]) if "seconds" in columns else np.zeros(rows)
-    made = [_step(data, path, table, columns, k, float(durations[k])) for k in range(rows)]
+    durations = table.numbers(columns["seconds"]) if "seconds" in columns else None
+    seconds = np.zeros(table.rows) if durations is None else durations
+    made = [_step(data, path, table, columns, k, one) for k, one in enumerate(seconds.tolist())]
     labels = tuple(number_repeated_names([step.label for step in made]))
     steps = tuple(replace(step, label=label) for step, label in zip(made, labels, strict=True))
     observations = observations_from_table(
-        path,
-        table,
-        labels,
-        wanted,
-        run.sensor,
-        stated_deviations(run),
-        durations if "seconds" in columns else np.ones(rows),
+        path, table, labels, wanted, run.sensor, stated_deviations(run), durations
     )
     return EstimatorInput(None, (), observations, steps, steps, ())
 
@@ -153,15 +147,22 @@ def _step(
             names=(columns.get(name, name),),
         )
 
+    def number(name: str) -> float:
+        text = cell(name)
+        try:
+            value = float(text.replace("−", "-"))
+        except ValueError:
+            value = float("nan")
+        if not np.isfinite(value):
+            raise refuse(name, f"is {text!r}; give a number" if text else "is empty; give a number")
+        return value
+
     if cell("axis") and (cell("roll") or cell("pitch")):
         raise refuse("axis", "names the axis of a rate, but the row has angles of a pose; keep one")
     if not cell("axis"):
         if "roll" not in columns:
             raise refuse("axis", "is empty; name the case axis that is up, such as x or -x")
-        roll, pitch = (
-            _number(cell(name), lambda text, n=name: refuse(n, text)) * data.angle_size
-            for name in ("roll", "pitch")
-        )
+        roll, pitch = (number(name) * data.angle_size for name in ("roll", "pitch"))
         return Pose(pose_label(roll, pitch), roll, pitch, seconds)
     axis = parse_face(cell("axis"))
     if axis is None:
@@ -169,24 +170,14 @@ def _step(
     if cell("turn"):
         if cell("table_rate"):
             raise refuse("turn", "has the angle of a turn, but the row has a rate; keep one")
-        angle = _number(cell("turn"), lambda text: refuse("turn", text)) * data.angle_size
+        angle = number("turn") * data.angle_size
         if not seconds > 0:
             raise refuse("seconds", "needs a duration above 0 for the turn")
         return KnownTurn(turn_label(axis, angle), axis, angle / seconds, seconds, cell("setting"))
-    rate = _number(cell("table_rate"), lambda text: refuse("table_rate", text)) * data.rate_size
+    rate = number("table_rate") * data.rate_size
     if "setting" in columns and not cell("setting"):
         raise refuse("setting", "is empty; give the setting's name")
     return RateDwell(dwell_label(axis, rate), axis, rate, seconds, cell("setting"))
-
-
-def _number(text: str, refuse: Callable[[str], InputError]) -> float:
-    try:
-        value = float(text.replace("−", "-"))
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise refuse(f"is {text!r}; give a number" if text else "is empty; give a number")
-    return value
 
 
 def _recording(run: RunBase[RatePlatformData]) -> EstimatorInput:

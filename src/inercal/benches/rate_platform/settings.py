@@ -3,17 +3,17 @@
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
 from inercal.physics.section_settings import (
     SMALL_ANGLE,
     BenchSection,
-    key_error,
     measured_constant,
+    optional,
+    positive_value,
     section_deviation,
     section_gravity,
-    si_value,
 )
 from inercal.recordings.data import DataSection, unit_size
 
@@ -25,16 +25,16 @@ class RatePlatformSection(BenchSection):
     """
 
     kind: Literal["rate_platform"]
-    rate_scale: str | None = Field(None, examples=["500 ppm"])
-    rate_asymmetry: str | None = Field(None, examples=["100 ppm"])
-    rate_stability: str | None = Field(None, examples=["100 ppm"])
-    angle_reading: str | None = Field(None, examples=["5 ″"])
-    turn_angle: str | None = Field(None, examples=["0.01 °"])
-    setting: str | None = Field(None, examples=["0.05 °"])
-    arm: str | None = Field(None, examples=["5 mm"])
-    turn_on: str | None = Field(None, examples=["60 °/h"])
-    attitude: str | None = Field(None, examples=["0.05 °"])
-    mounting: str | None = Field(None, examples=["0.1 °"])
+    rate_scale: str | None = optional("500 ppm")
+    rate_asymmetry: str | None = optional("100 ppm")
+    rate_stability: str | None = optional("100 ppm")
+    angle_reading: str | None = optional("5 ″")
+    turn_angle: str | None = optional("0.01 °")
+    setting: str | None = optional("0.05 °")
+    arm: str | None = optional("5 mm")
+    turn_on: str | None = optional("60 °/h")
+    attitude: str | None = optional("0.05 °")
+    mounting: str | None = optional("0.1 °")
 
 
 class RatePlatformData(DataSection):
@@ -43,39 +43,26 @@ class RatePlatformData(DataSection):
     A table of means states them in columns. In a recording, the label of a section describes it.
     """
 
-    accelerometer: tuple[str | int, ...] = Field(
-        (), description="columns; none if there are only gyros", examples=[["ax", "ay", "az"]]
+    accelerometer: tuple[str | int, ...] = optional(
+        ["ax", "ay", "az"], default=(), about="columns; none if there are only gyros"
     )
-    axis: str | int | None = Field(
-        None, description="for means: column of the case axis that is up", examples=["axis"]
+    axis: str | int | None = optional("axis", about="for means: column of the case axis that is up")
+    table_rate: str | int | None = optional("rate", about="for means: column of the table's rate")
+    table_rate_unit: str = optional("rad/s", default="°/s")
+    turn: str | int | None = optional("turn", about="for means: column of the angle of a turn")
+    setting: str | int | None = optional(
+        about="for means: column of settings; without it each axis is one setting"
     )
-    table_rate: str | int | None = Field(
-        None, description="for means: column of the table's rate", examples=["rate"]
-    )
-    table_rate_unit: str = Field("°/s", examples=["rad/s"])
-    turn: str | int | None = Field(
-        None, description="for means: column of the angle of a turn", examples=["turn"]
-    )
-    setting: str | int | None = Field(
-        None, description="for means: column of settings; without it each axis is one setting"
-    )
-    roll: str | int | None = Field(
-        None, description="for means: column of a pose's roll", examples=["roll"]
-    )
-    pitch: str | int | None = Field(
-        None, description="for means: column of a pose's pitch", examples=["pitch"]
-    )
-    angle_unit: str = Field("°", description="unit of roll, pitch and turn", examples=["rad"])
+    roll: str | int | None = optional("roll", about="for means: column of a pose's roll")
+    pitch: str | int | None = optional("pitch", about="for means: column of a pose's pitch")
+    angle_unit: str = optional("rad", default="°", about="unit of roll, pitch and turn")
 
-    sections: tuple[str, ...] | None = Field(
-        None,
-        description="for a recording: its sections in order, in place of the plan",
-        examples=[["x rest", "x +50", "x -50"]],
+    sections: tuple[str, ...] | None = optional(
+        ["x rest", "x +50", "x -50"],
+        about="for a recording: its sections in order, in place of the plan",
     )
-    settle: str | None = Field(
-        None,
-        description="for a recording: time to skip at the beginning of each section",
-        examples=["2 s"],
+    settle: str | None = optional(
+        "2 s", about="for a recording: time to skip at the beginning of each section"
     )
 
     @model_validator(mode="after")
@@ -90,10 +77,7 @@ class RatePlatformData(DataSection):
         """The time to leave out at the beginning of each section, s."""
         if self.settle is None:
             return 0.0
-        seconds = si_value(self.settle, "s", "[data] settle")
-        if seconds <= 0:
-            raise key_error("[data] settle", f"{self.settle!r} must be positive")
-        return seconds
+        return positive_value(self.settle, "s", "[data] settle")
 
     @property
     def rate_size(self) -> float:

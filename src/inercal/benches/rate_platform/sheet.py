@@ -3,7 +3,7 @@
 from math import degrees
 
 from inercal.basics.units import format_duration
-from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
+from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.physics.plan import describe_direction
@@ -27,19 +27,12 @@ def sheet(run: RunBase[RatePlatformData]) -> Sheet:
     for k, step in enumerate(steps, start=1):
         if isinstance(step, RateDwell):
             given = (step.axis, f"{step.rate / data.rate_size:.12g}", "", "", step.place)
-            up, set_to = (
-                f"{describe_direction(step.up)} up",
-                f"{degrees(step.rate):.6g} °/s".replace("-", "−"),
-            )
-            group = step.place
+            up, group = f"{describe_direction(step.up)} up", step.place
+            set_to = f"{degrees(step.rate):.6g} °/s".replace("-", "−")
         else:
             angles = (f"{a / data.angle_size:.12g}" for a in (step.roll, step.pitch))
-            given, up, set_to, group = (
-                ("", "", *angles, ""),
-                "pose",
-                step.describe().replace("-", "−"),
-                "poses",
-            )
+            given = ("", "", *angles, "")
+            up, set_to, group = "pose", step.describe().replace("-", "−"), "poses"
         cells = (str(k), up, set_to, f"{step.seconds:.6g} s")
         told = (*given, f"{step.seconds:.12g}")
         stated = tuple(t for t, column in zip(told, columns, strict=True) if column is not None)
@@ -47,12 +40,7 @@ def sheet(run: RunBase[RatePlatformData]) -> Sheet:
     gyro = data.gyro if run.sensor.select_axes("w").axes else ()
     return Sheet(
         f"{len(rows)} sections, {format_duration(sum(step.seconds for step in steps))} in all",
-        (
-            Heading("row", align_right=True),
-            Heading("up"),
-            Heading("set to", align_right=True),
-            Heading("for", align_right=True),
-        ),
+        (ROW, Heading("up"), Heading("set to", align_right=True), DURATION),
         tuple(rows),
         (
             "A positive rate is counter-clockwise seen from above.",

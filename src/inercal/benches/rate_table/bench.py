@@ -36,7 +36,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.basics.units import Measured
 from inercal.benches.arm_directions import outward_and_up_directions
-from inercal.benches.contract import MeanMotion, require_possible_values
+from inercal.benches.contract import MeanMotion, NoReadingOffsets, require_possible_values
 from inercal.benches.key_declarations import (
     declarations,
     declared_parameters,
@@ -56,7 +56,7 @@ _LEAN = {1: "toward the centre", 2: "along"}
 
 
 @dataclass(frozen=True)
-class RateTable:
+class RateTable(NoReadingOffsets):
     """A rate table with a fixture.
 
     Parameters
@@ -143,12 +143,6 @@ class RateTable:
     def mean_motion(self, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion during each dwell; see `inercal.benches.contract.MeanBench`."""
         return sensed_motion(self, steps, q)
-
-    def reading_offsets(
-        self, steps: Sequence[Spin], sensor: Sensor, q: Mapping[str, Array]
-    ) -> Array:
-        """Return zero, because no error of a rate table adds an offset to the readings."""
-        return np.zeros(())
 
 
 def _acting_rows(

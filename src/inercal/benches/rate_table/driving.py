@@ -16,7 +16,6 @@ from itertools import pairwise
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.parameters import Parameter
 from inercal.benches.arm_directions import outward_and_up_directions
 from inercal.benches.motion_control import MotionControl, SensedMotion, SpinTask
 from inercal.benches.rate_table.bench import RateTable, mounting_names, speed_names
@@ -107,16 +106,12 @@ def _settling(bench: RateTable) -> float:
     return _SETTLING_SECONDS
 
 
-def _errors(bench: RateTable, steps: Sequence[Spin]) -> Mapping[str, Parameter]:
-    return bench.acting_parameters(steps)
-
-
 MOTION_CONTROL = MotionControl(
     tasks=spin_tasks,
     readback=_readback,
     quantity="rate",
     required_keys={"time": '"time"', "rate": '"50 Hz"'},
     settling=_settling,
-    errors=_errors,
+    errors=RateTable.acting_parameters,
     sensed_motion=sensed_motion,
 )

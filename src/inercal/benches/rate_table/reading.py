@@ -7,8 +7,6 @@ from math import pi, radians
 from pathlib import Path
 from typing import cast
 
-import numpy as np
-
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.rate_table.bench import RateTable, mounting_names, speed_names
@@ -75,9 +73,8 @@ def _table(run: RunBase[RateTableData]) -> EstimatorInput:
     rpm = (rates * 30 / pi).tolist()
     names = [f"{pose.name} at {turning:.6g} rpm" for pose, turning in zip(poses, rpm, strict=True)]
     labels = tuple(number_repeated_names(names))
-    durations = np.ones(len(labels))  # nothing depends on them
     observations = observations_from_table(
-        path, table, labels, wanted, run.sensor, stated_deviations(run), durations
+        path, table, labels, wanted, run.sensor, stated_deviations(run)
     )
     steps = tuple(
         Spin(label, turning, 0.0, pose)

@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 
 from inercal.basics.units import format_duration
-from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
+from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
 from inercal.benches.rate_table.bench import mounting_names, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, group_by_mounting, is_tilted
 from inercal.benches.rate_table.settings import RateTableData
@@ -40,11 +40,11 @@ def sheet(run: RunBase[RateTableData]) -> Sheet:
     return Sheet(
         f"{len(rows)} states, {format_duration(sum(step.seconds for step in steps))} in all",
         (
-            Heading("row", align_right=True),
+            ROW,
             Heading("mounting"),
             Heading("up"),
             Heading("r/min", align_right=True),
-            Heading("for", align_right=True),
+            DURATION,
             *(Heading(f"{channel}, g", align_right=True) for channel in run.sensor.channels),
         ),
         tuple(rows),

@@ -6,6 +6,7 @@ over turns and counted from the zero found by homing.
 """
 
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 
 import numpy as np
 
@@ -82,17 +83,13 @@ def _tasks(bench: Turntable, steps: Sequence[Step]) -> tuple[TurnTask, ...]:
     return plan_tasks(bench, table_steps(steps))
 
 
-def _names(bench: Turntable) -> tuple[str, ...]:
-    return bench.names
-
-
 def _errors(bench: Turntable, steps: Sequence[Step]) -> Mapping[str, Parameter]:
     return bench.acting_parameters()
 
 
 MOTION_CONTROL = MotionControl(
     tasks=_tasks,
-    readback=_names,
+    readback=attrgetter("names"),
     quantity="angle",
     required_keys={"time": '"time"', "rate": '"200 Hz"', "label": '"step"', "hold": '"hold"'},
     settling=settling_time,

@@ -48,14 +48,19 @@ def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
     last. The Monte Carlo total is computed with all imperfections drawn together. To first order,
     the total is the root sum of squares.
     """
-    sensor = budget.experiment.sensor
-    si = sensor.coefficient(sensor.coefficients[k]).si
+    si = budget.unit_size(k)
     total = float(budget.total.monte_carlo[k]) / si
     rows: list[BudgetRow] = []
     small: list[tuple[float, float]] = []
 
     def share(size: float) -> float:
         return (size / total) ** 2 if total else 0.0
+
+    def cells(linear: float, size: float, error: float) -> tuple[str, str, str]:
+        return (
+            format_value_and_uncertainty(linear, error)[0],
+            *format_value_and_uncertainty(size, error),
+        )
 
     for imperfection, deviations in budget.sorted_contributions(k):
         linear, size, error = (
@@ -65,13 +70,10 @@ def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
         if max(linear, size) < _SMALL * total:
             small.append((linear, size))
             continue
-        cells = (
-            format_value_and_uncertainty(linear, error)[0],
-            *format_value_and_uncertainty(size, error),
-        )
+        shown = cells(linear, size, error)
         rows.append(
             BudgetRow(
-                imperfection.name, imperfection.stated, *cells, share(size), "line", size, linear
+                imperfection.name, imperfection.stated, *shown, share(size), "line", size, linear
             )
         )
     if small:
@@ -82,18 +84,14 @@ def contribution_rows(budget: Budget, k: int) -> list[BudgetRow]:
             BudgetRow(name, "", shown[0], shown[1], "", share(size), "others", size, linear)
         )
     linear, error = (float(x[k]) / si for x in (budget.total.first_order, budget.total.error))
-    cells = (
-        format_value_and_uncertainty(linear, error)[0],
-        *format_value_and_uncertainty(total, error),
-    )
-    rows.append(BudgetRow("total", "", *cells, 1.0, "total", total, linear))
+    shown = cells(linear, total, error)
+    rows.append(BudgetRow("total", "", *shown, 1.0, "total", total, linear))
     return rows
 
 
 def uncertainty_and_bias_cells(budget: Budget, k: int) -> tuple[str, str, str]:
     """Return the stated uncertainty, the Monte Carlo bias, and the standard error of the bias."""
-    sensor = budget.experiment.sensor
-    si = sensor.coefficient(sensor.coefficients[k]).si
+    si = budget.unit_size(k)
     total, error = float(budget.total.monte_carlo[k]), float(budget.total.error[k])
     bias = format_value_and_uncertainty(float(budget.bias[k]) / si, total / si / budget.trials**0.5)
     return format_value_and_uncertainty(float(budget.stated[k]) / si, error / si)[0], *bias
@@ -101,8 +99,7 @@ def uncertainty_and_bias_cells(budget: Budget, k: int) -> tuple[str, str, str]:
 
 def shift_cells(budget: Budget, k: int) -> list[str]:
     """Return the shifts of coefficient k in its unit, with three digits; 0 for rounding errors."""
-    sensor = budget.experiment.sensor
-    si = sensor.coefficient(sensor.coefficients[k]).si
+    si = budget.unit_size(k)
     least = _SHOWN * float(budget.total.monte_carlo[k])
     sizes = [float(one.shift[k]) for one in budget.shifts]
     return [f"{'+' * (x > 0)}{format_number(x / si, 3)}" if abs(x) > least else "0" for x in sizes]
@@ -137,12 +134,8 @@ def budget_as_dict(budget: Budget) -> dict[str, Any]:
         "trials": budget.trials,
         "seed": budget.seed,
         "imperfections": [
-            {
-                "name": one.name,
-                "meaning": one.meaning,
-                "stated": one.stated,
-                "draws": len(one.draws),
-            }
+            {name: getattr(one, name) for name in ("name", "meaning", "stated")}
+            | {"draws": len(one.draws)}
             for one in budget.contributions
         ],
         "effects": [{"name": x.name, "value": x.value} for x in budget.shifts],

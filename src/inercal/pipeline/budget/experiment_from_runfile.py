@@ -9,8 +9,7 @@ from inercal.basics.errors import InputError
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Axis
-from inercal.pipeline.budget.plan_requirements import require_budget_plan
-from inercal.pipeline.budget.virtual_experiment import Experiment
+from inercal.pipeline.budget.virtual_experiment import Experiment, require_budget_plan
 from inercal.recordings.data.recording_loader import stated_deviations
 from inercal.runfile import Run
 

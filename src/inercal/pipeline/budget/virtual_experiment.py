@@ -11,7 +11,7 @@ The derivative of E at a point gives the budget to first order (GUM 5.1). The sc
 random z gives the Monte Carlo budget (GUM Supplement 1, JCGM 101:2008).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -20,9 +20,10 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters
-from inercal.benches import MeanBench
+from inercal.benches import Bench, MeanBench
+from inercal.benches.kinds import kind_for_bench
 from inercal.estimation import Estimate, Gaussian
-from inercal.physics.plan import Step
+from inercal.physics.plan import Spin, Step
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.budget.imperfections import (
     NOISE,
@@ -31,7 +32,6 @@ from inercal.pipeline.budget.imperfections import (
     noise_imperfection,
     prior_imperfection,
 )
-from inercal.pipeline.budget.plan_requirements import require_budget_plan
 from inercal.recordings import Observations
 
 Estimator = Callable[..., Estimate]  # observations, sensor, bench, steps, priors
@@ -273,3 +273,38 @@ class Experiment:
     ) -> Estimate:
         seen = self.observations(readings)
         return self.estimator(seen, self.sensor, bench or self.bench, self.steps, priors)
+
+
+def require_budget_plan(bench: Bench, steps: Sequence[Step]) -> MeanBench:
+    """Return the bench; raise an error if the plan does not define the motion of the sensor.
+
+    Raises
+    ------
+    InputError
+        If there are no steps, if the steps are for another bench, if attitudes on the arm are
+        unknown, or if this kind of bench does not accept the plan.
+    """
+    kind = kind_for_bench(bench)
+    if steps and not all(isinstance(step, kind.steps) for step in steps):
+        raise InputError(
+            f"the steps of the plan are for another bench than {kind.name}; change [bench] kind or "
+            "the plan",
+            key="[bench] kind",
+        )
+    if reason := kind.refuses_budget(bench, steps):
+        raise InputError(reason)
+    if not isinstance(bench, MeanBench):
+        raise InputError(
+            f"a budget needs mean readings, which a bench of kind {kind.name} does not provide; "
+            "use another bench",
+            key="[bench] kind",
+        )
+    if not steps:
+        raise InputError("a budget needs a plan with steps; add steps", key="steps")
+    if any(isinstance(step, Spin) and step.attitude is None for step in steps):
+        raise InputError(
+            "a budget needs a plan with attitudes, but a table of means does not state attitudes; "
+            "state [method] attitudes and rates",
+            key="[method] attitudes",
+        )
+    return bench

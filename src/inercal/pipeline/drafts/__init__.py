@@ -213,22 +213,16 @@ def draft_run_file(
         roles = replace(roles, units={**roles.units, "arm_rate": values["data.arm_rate_unit"]})
     roles = with_rate_table(table, roles)
     name, logs = recording_name(logs), read.files
-    found = _draft(
-        logs, path, stated, values, (table, gyros, roles), read.signs, name, typical=typical
-    )
+
+    def draft(roles: ColumnRoles) -> Draft:
+        columns = table, gyros, roles
+        return _draft(logs, path, stated, values, columns, read.signs, name, typical=typical)
+
+    found = draft(roles)
     labelled = "label" in roles.single and "data.label" not in stated and not roles.means
     guessed = labelled or roles.marks not in ("", "labels", "found")
     if found.method is None and guessed:
-        other = _draft(
-            logs,
-            path,
-            stated,
-            values,
-            (table, gyros, without_sections(roles)),
-            read.signs,
-            name,
-            typical=typical,
-        )
+        other = draft(without_sections(roles))
         found = other if other.method is not None else found
     if found.method is None:
         _require_possible_keys(found.trials, stated)
@@ -291,11 +285,7 @@ def _draft(
     at_rates = "table_rate" in roles.single
     if "arm_rate" in roles.single:
         unit, reason = arm_rate_unit(table, roles, readings["accelerometer"], radius)
-        roles = replace(
-            roles,
-            units={**roles.units, "arm_rate": unit},
-            reasons={**roles.reasons, "arm_rate_unit": reason},
-        )
+        roles = roles.because({"arm_rate_unit": reason}, units={**roles.units, "arm_rate": unit})
     try:
         if at_rates:
             readouts = {"gyro": gyro_readout(table, roles)}
@@ -344,11 +334,8 @@ def _require_possible_keys(trials: Sequence[MethodTrial], stated: Mapping[str, s
     for key in stated:
         section, _, name = key.rpartition(".")
         if keys == {f"[{section}] {name}"}:
-            raise InputError(f"--set {key}: {_without_key(trials[0])}", key=key, names=(key,))
-
-
-def _without_key(trial: MethodTrial) -> str:
-    return trial.reason.removeprefix(trial.key).lstrip(": ")
+            reason = trials[0].reason.removeprefix(trials[0].key).lstrip(": ")
+            raise InputError(f"--set {key}: {reason}", key=key, names=(key,))
 
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
@@ -400,11 +387,8 @@ def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tu
     known = {entry.dotted: entry for entry in entries}
     for key, value in stated.items():
         section, _, name = key.rpartition(".")
-        known[key] = replace(
-            known.get(key, DraftKey(section, name, value)),
-            value=value,
-            reason="as stated",
-        )
+        entry = known.get(key, DraftKey(section, name, value))
+        known[key] = replace(entry, value=value, reason="as stated")
     if "bench.latitude" in stated and "bench.gravity" not in stated:
         known.pop("bench.gravity", None)
         weighs_gravity = any(one.section == "sensor.accelerometer" for one in entries)

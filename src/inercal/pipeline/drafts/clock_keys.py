@@ -8,7 +8,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
-from inercal.physics.section_settings import si_value
+from inercal.physics.section_settings import positive_value
 from inercal.pipeline.drafts.column_names import role_of_name, run_file_column, time_unit
 from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
@@ -35,15 +35,12 @@ def clock_keys(
         return None, ()
     name = roles.single.get("time")
     ask = 'the sampling rate, such as "100 Hz"'
-    count = next(iter(table.columns.values())).size
     rate = stated.get("data.rate")
-    hertz = None if rate is None else si_value(rate, "Hz", "[data] rate")
-    if hertz is not None and hertz <= 0:
-        raise InputError(f"[data] rate: {rate!r} must be positive", key="[data] rate")
-    by_rate = None if hertz is None else np.arange(count) / hertz
+    hertz = None if rate is None else positive_value(rate, "Hz", "[data] rate")
+    by_rate = None if hertz is None else np.arange(table.rows) / hertz
     rate_key = DraftKey("data", "rate", rate or UNKNOWN, "as stated" if rate else "", ask)
     if name is None:
-        if why := _standing_stamps(table, roles):
+        if why := _standing_stamps(table):
             rate_key = replace(rate_key, ask=f"{ask}; {why}")
         return by_rate, (rate_key,)
     entry = DraftKey("data", "time", run_file_column(name), roles.reasons.get("time", ""))
@@ -112,7 +109,7 @@ def _why_no_times(stamps: Array, unit: str | None) -> str:
     return shared_stamps_text(stamps * si_factor(unit))
 
 
-def _standing_stamps(table: Table, roles: ColumnRoles) -> str:
+def _standing_stamps(table: Table) -> str:
     """Return why a column that is named like a time is not used; empty if there is none."""
     for name in (one for one in table.names if role_of_name(one) == "time"):
         column, unit = table.columns[name], time_unit(name)

@@ -1,12 +1,15 @@
 """Find the roles of a recording's columns from statements, names or values."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from json import dumps
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.pipeline.drafts.column_names import (
@@ -34,7 +37,7 @@ from inercal.pipeline.drafts.column_values import (
     reason_without_gyros,
     value_reason,
 )
-from inercal.pipeline.drafts.label_columns import names_rows, names_sections
+from inercal.recordings.data.face_names import planned_name
 from inercal.recordings.io.column_table import Table, shorten
 
 NO_GYROS = "no gyros"
@@ -59,6 +62,12 @@ _LOGS = ("ulog", "dataflash", "rosbag")  # formats that contain samples in SI un
 _FEWEST_POSES = 6  # rows of a table of means whose columns have other names
 _MOVED_BY_BENCH = {"angle", "arm_rate", "mounting", "hold"}
 _SI = {"accelerometer": "m/s²", "gyro": "rad/s"}
+_FEWEST_LABELS, _MOST_LABELS = 2, 1000
+_LABEL_STRETCH = 20  # samples in a typical stretch
+_LABELS_AT_REST = 4  # labels whose stretches are at rest
+_STILL = 0.05  # scatter of a stretch at rest, relative to the range of the recording
+_DATE = re.compile(r"\d{1,4}([-/.]\d{1,2}[-/.]\d{1,4}\b.*|:\d{2}\b.*)")
+_ABSENT = ("", "nan", "none")
 
 
 @dataclass(frozen=True)
@@ -99,6 +108,10 @@ class ColumnRoles:
     marks: str = ""
     parts: tuple[tuple[int, int], ...] = ()
 
+    def because(self, reasons: Mapping[str, str], **changes: Any) -> "ColumnRoles":
+        """Return the roles with further reasons and other changes."""
+        return replace(self, reasons={**self.reasons, **reasons}, **changes)
+
 
 def recognise_columns(
     table: Table,
@@ -124,7 +137,6 @@ def recognise_columns(
     names = [name for name in table.names if name not in taken]
     numbers = [name for name in names if table.columns[name].dtype.kind != "U"]
     texts = [name for name in names if table.columns[name].dtype.kind == "U"]
-    rows = next(iter(table.columns.values())).size
     reasons, units = dict[str, str](), dict[str, str]()
     named = named_triads(numbers, reasons, units, incomplete) if table.header else {}
     triads = {kind: named[kind] for kind in _TRIADS if kind in named and kind not in stated}
@@ -154,13 +166,13 @@ def recognise_columns(
         turning = len(axes) == len("xyz") and rate is not None and follows_rate(table, axes, rate)
         kind = "gyro" if turning and "gyro" not in triads else "accelerometer"
         triads[kind], reasons[kind] = in_axis_order(axes), "the remaining columns"
-    means = reader not in _LOGS and rows < FEWEST_SAMPLES
+    means = reader not in _LOGS and table.rows < FEWEST_SAMPLES
     clock = single.get("time")
     means = means and (not has_even_steps(table, clock) or counts_rows(table, str(clock)))
     if means and "accelerometer" not in triads and not single.keys() & _MOVED_BY_BENCH:
         own = [n for n in free if role_of_name(n) is None and not is_other_quantity(n)]
         own = [n for n in own if not counts_rows(table, n)]
-        if len(own) == len("xyz") and rows >= _FEWEST_POSES:
+        if len(own) == len("xyz") and table.rows >= _FEWEST_POSES:
             triads["accelerometer"] = in_axis_order(own)
             reasons["accelerometer"] = "the three remaining columns"
     if "label" not in stated:
@@ -191,10 +203,10 @@ def _judge_labels(
     force = None
     moved = single.keys() & _MOVED_BY_BENCH
     if triads.get("accelerometer") and not moved:
-        force = np.stack([table.numbers(n) for n in triads["accelerometer"]], axis=-1)
+        force = table.stack(triads["accelerometer"])
     for name in names:
         text = table.columns[name].dtype.kind == "U"
-        if moved or (names_rows(table, name) if means else names_sections(table, name, force)):
+        if moved or (_names_rows(table, name) if means else _names_sections(table, name, force)):
             single["label"] = name
             reasons["label"] = "its values name the sections" if text else "by its name"
             break
@@ -240,7 +252,7 @@ def _judge_unknown(
     reasons: dict[str, str],
 ) -> None:
     """Add the clock and the triads that cannot be recognised by name."""
-    if next(iter(table.columns.values())).size < FEWEST_SAMPLES:
+    if table.rows < FEWEST_SAMPLES:
         return
     if "time" not in single and (clock := clock_by_values(table, free)) is not None:
         single["time"], reasons["time"] = clock, "it increases in equal steps"
@@ -273,8 +285,8 @@ def without_sections(roles: ColumnRoles) -> ColumnRoles:
     """Return the roles without the labels or the file of marks, whose sections suit no method."""
     single = dict(roles.single)
     name = single.pop("label", Path(roles.marks).name)
-    reasons = {**roles.reasons, NO_LABEL: f"ignored, because no method suits its sections: {name}"}
-    return replace(roles, single=single, reasons=reasons, marks="", parts=())
+    why = f"ignored, because no method suits its sections: {name}"
+    return roles.because({NO_LABEL: why}, single=single, marks="", parts=())
 
 
 _MOST_LISTED = 12
@@ -316,3 +328,50 @@ def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> Unkno
     )
     error.columns = numbers
     return error
+
+
+def _names_sections(table: Table, name: str, force: Array | None) -> bool:
+    """Return whether a column of a recording names its sections.
+
+    Columns of text also contain frame ids, device names, status words, dates and checksums. A label
+    has few values, each in one or several stretches. It names faces, axes or turns, or it changes
+    where the sensor is moved: most readings within a stretch are then alike.
+
+    Parameters
+    ----------
+    table : Table
+    name : str
+    force : (n, k) array or None
+        Readings of the accelerometers, if they are known.
+    """
+    column = table.columns[name]
+    if column.dtype.kind != "U":
+        return _few_stretches(np.nan_to_num(column.astype(np.float64)), force)
+    values = [one for one in np.unique(column).tolist() if one.strip().lower() not in _ABSENT]
+    if any(planned_name(one) for one in values):
+        return True
+    dates = sum(_DATE.fullmatch(one) is not None for one in values)
+    return 2 * dates <= len(values) and _few_stretches(column, force)
+
+
+def _names_rows(table: Table, name: str) -> bool:
+    """Return whether a column of a table of means names its rows: each differently, or by faces."""
+    values = [str(one).strip() for one in table.columns[name].tolist()]
+    return len(set(values)) == len(values) or all(map(planned_name, values))
+
+
+def _few_stretches(column: np.ndarray, force: Array | None) -> bool:
+    edges = np.flatnonzero(column[1:] != column[:-1]) + 1
+    spans = np.column_stack([np.append(0, edges), np.append(edges, column.size)])
+    count = len(np.unique(column))
+    if not _FEWEST_LABELS <= count <= _MOST_LABELS or _LABEL_STRETCH * len(spans) > column.size:
+        return False
+    if force is None:
+        return True
+    reach = np.ptp(np.quantile(force, (0.001, 0.999), axis=0), axis=0).max()
+    still = {
+        str(column[a])
+        for a, b in spans.tolist()
+        if b - a > 2 and force[a:b].std(axis=0).max() <= _STILL * reach
+    }
+    return len(still) >= _LABELS_AT_REST

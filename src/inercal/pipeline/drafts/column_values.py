@@ -107,7 +107,7 @@ def counts_rows(table: Table, name: str) -> bool:
 
 def follows_rate(table: Table, names: Sequence[str], rate: str) -> bool:
     """Return whether the norm of three columns is proportional to a rate, as that of gyros is."""
-    norm = np.linalg.norm(_stacked(table, names), axis=-1)
+    norm = np.linalg.norm(table.stack(names), axis=-1)
     speed = np.abs(table.numbers(rate))
     usable = np.isfinite(norm) & np.isfinite(speed)
     norm, speed = norm[usable], speed[usable]
@@ -130,7 +130,7 @@ def accelerometers_by_values(table: Table, names: Sequence[str]) -> tuple[str, .
     """
     found: list[tuple[float, tuple[str, ...], float]] = []
     for triple in _neighbours(table, names):
-        data = _stacked(table, triple)
+        data = table.stack(triple)
         means = rest_means(_quiet(data), data, None).force
         if len(means) < _FEWEST_RESTS or np.ptp(means, axis=0).max() <= _SPREAD * _reach(data):
             continue
@@ -151,11 +151,11 @@ def gyros_by_values(
     If no turns show this and `need_turns` is false, return the columns that respond most to motion
     among those that read the same in all attitudes.
     """
-    force = _stacked(table, accelerometers)
+    force = table.stack(accelerometers)
     found: list[tuple[float, tuple[str, ...]]] = []
     moved: list[tuple[float, tuple[str, ...]]] = []
     for triple in _neighbours(table, names):
-        data = _stacked(table, triple)
+        data = table.stack(triple)
         spans = _quiet(np.hstack([force, data]))
         if len(spans) < 2:
             continue
@@ -175,14 +175,14 @@ def gyros_by_values(
 
 def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Sequence[str]) -> str:
     """Return why columns that look like gyros are not used; empty if there are no such columns."""
-    force = _stacked(table, accelerometers)
+    force = table.stack(accelerometers)
     triples = _neighbours(table, names)
     if not triples and len(names) == _AXES - 1 and _moves_alike(table, names, force):
         return f"{' and '.join(names)} look like gyros, but a third is missing"
     for triple in triples:
         if not _moves_alike(table, triple, force):
             continue
-        data = _stacked(table, triple)
+        data = table.stack(triple)
         spans = _quiet(np.hstack([force, data]))
         turns = turns_of_readings(rest_means(spans, force, data), data, 0.0)
         if turns is None:
@@ -200,7 +200,7 @@ def reason_without_gyros(table: Table, names: Sequence[str], accelerometers: Seq
 
 def _moves_alike(table: Table, names: Sequence[str], force: Array) -> bool:
     """Return whether columns read the same at all rests and all of them change in between."""
-    data = _stacked(table, names)
+    data = table.stack(names)
     spans = _quiet(np.hstack([force, data]))
     reach = _reach(data)
     if len(spans) < _FEWEST_RESTS or not reach:
@@ -233,7 +233,7 @@ def _still_triads(
     table: Table, triples: Sequence[tuple[str, ...]], reasons: dict[str, str]
 ) -> dict[str, tuple[str, ...]]:
     """Tell the triads of a sensor that did not move apart by gravity; {} if they may be others."""
-    norms = [float(np.linalg.norm(np.median(_stacked(table, one), axis=0))) for one in triples]
+    norms = [float(np.linalg.norm(np.median(table.stack(one), axis=0))) for one in triples]
     gravity = [gravity_unit(norm) is not None for norm in norms]
     # Counts have no size of their own, and a triad that reads 1 may be gyros biased by 1 °/s.
     if len(triples) == 1:
@@ -271,10 +271,6 @@ def _neighbours(table: Table, names: Sequence[str]) -> list[tuple[str, ...]]:
     return [one for one in triples if place[one[-1]] - place[one[0]] == _AXES - 1]
 
 
-def _stacked(table: Table, names: Sequence[str]) -> Array:
-    return np.stack([table.numbers(name) for name in names], axis=-1)
-
-
 def _reach(data: Array) -> float:
     """Return the largest range of any column, without outliers."""
     return float(np.ptp(np.quantile(data, (0.001, 0.999), axis=0), axis=0).max())
@@ -289,7 +285,7 @@ def _motion(data: Array, spans: Indices) -> float:
 
 def _varies_between_rests(table: Table, columns: Sequence[str]) -> bool:
     """Return whether readings differ far more between quiet blocks than within a block."""
-    data = _stacked(table, columns)
+    data = table.stack(columns)
     data = data[np.isfinite(data).all(axis=1)]
     block = max(20, len(data) // 1000)
     blocks = data[: len(data) // block * block].reshape(-1, block, len(columns))
@@ -320,14 +316,13 @@ def finite_rows(table: Table, names: Iterable[str] | None = None) -> Table:
     names : iterable of str, optional
         Columns that must contain numbers; by default, the columns that do so in most rows.
     """
-    count = next(iter(table.columns.values())).size
-    if count < FEWEST_SAMPLES:
+    if table.rows < FEWEST_SAMPLES:
         return table
     if names is None:
         chosen = [n for n, bad in _bad_rows(table, table.names) if bad.mean() < _MOSTLY]
     else:
         chosen = list(names)
-    keep = np.ones(count, np.bool_)
+    keep = np.ones(table.rows, np.bool_)
     for _, bad in _bad_rows(table, chosen):
         keep &= ~bad
     if keep.all():

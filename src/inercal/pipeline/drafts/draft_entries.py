@@ -1,6 +1,6 @@
 """The keys of a drafted run file, each with its reason."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -97,24 +97,16 @@ def run_file_text(entries: tuple[DraftKey, ...], head: tuple[str, ...]) -> str:
         Lines for the comment at the top.
     """
     lines = [f"# {line}".rstrip() for line in head]
-    for section, found in _by_section(entries).items():
+    by_section: dict[str, list[DraftKey]] = {}
+    for entry in entries:
+        by_section.setdefault(entry.section, []).append(entry)
+    for section, found in by_section.items():
         lines += ["", f"[{section}]"]
         for entry in found:
             text = f"{entry.key} = {_toml(entry.value)}"
             reason = "please state: " + entry.question if entry.value == UNKNOWN else entry.reason
-            lines.append(f"{text}  # {_one_line(reason)}" if reason else text)
+            lines.append(f"{text}  # {' '.join(reason.split())}" if reason else text)
     return "\n".join(lines) + "\n"
-
-
-def _by_section(entries: tuple[DraftKey, ...]) -> Mapping[str, list[DraftKey]]:
-    found: dict[str, list[DraftKey]] = {}
-    for entry in entries:
-        found.setdefault(entry.section, []).append(entry)
-    return found
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
 
 
 def _toml(value: object) -> str:

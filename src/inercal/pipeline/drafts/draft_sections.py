@@ -294,9 +294,8 @@ def facts(
     readings: Mapping[str, Array],
 ) -> tuple[str, ...]:
     """Return lines with facts about a recording: size, rate, rests and ranges."""
-    rows = next(iter(table.columns.values())).size
     facts = [
-        f"{' and '.join(log.name for log in logs)}: {rows} rows of "
+        f"{' and '.join(log.name for log in logs)}: {table.rows} rows of "
         f"{format_count(len(table.names), 'column')}"
     ]
     if time is not None and time.size > 1:
@@ -305,8 +304,8 @@ def facts(
     if rests is not None:
         spans = rests.spans
         samples = int((spans[:, 1] - spans[:, 0]).sum())
-        unit = "samples"
-        facts.append(f"{format_count(len(spans), 'section')} at rest, {samples} of {rows} {unit}")
+        count = format_count(len(spans), "section")
+        facts.append(f"{count} at rest, {samples} of {table.rows} samples")
     every = list(np.hstack(list(readings.values())).T)
     for kind, data in readings.items():
         facts.append(f"{kind}s read {data.min():.6g} to {data.max():.6g}")

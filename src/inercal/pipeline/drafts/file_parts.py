@@ -59,10 +59,10 @@ def join_parts(
     names = [n for n in ordered[0].names if all(n in one.columns for one in ordered)]
     columns = {name: np.concatenate([one.columns[name] for one in ordered]) for name in names}
     if heated is not None:
-        lengths = [next(iter(one.columns.values())).size for one in ordered]
+        lengths = [one.rows for one in ordered]
         columns[NAMED] = np.repeat([float(one.replace("−", "-")) for one in labelled], lengths)
     table = replace(ordered[0], names=(*columns,), columns=columns, block=None)
-    ends = np.cumsum([next(iter(one.columns.values())).size for one in ordered])
+    ends = np.cumsum([one.rows for one in ordered])
     edges, spans = ends[:-1], tuple(pairwise([0, *ends.tolist()]))
     stated = stated_columns(values, table, second_file=False)
     first = recognise_columns(ordered[0], stated=stated).single.get("time")
@@ -72,12 +72,10 @@ def join_parts(
     single = {role: name for role, name in roles.single.items() if role != "label"}
     if heated is not None:
         single["temperature"] = NAMED
-        roles = replace(
-            roles, reasons={**roles.reasons, "temperature": "it stands in the names, at the star"}
-        )
+        roles = roles.because({"temperature": "it stands in the names, at the star"})
     marks = "found"
     if (triad := roles.triads.get("accelerometer")) is not None:
-        force = np.stack([table.numbers(name) for name in triad], axis=-1)
+        force = table.stack(triad)
         scatter = [part.std(axis=0).max() for part in np.split(force, edges)]
         still = max(scatter) <= _STILL * np.ptp(force, axis=0).max()
         marks = "labels" if still and len(files) >= _FEWEST_POSES else "found"

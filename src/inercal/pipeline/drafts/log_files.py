@@ -104,8 +104,7 @@ def _read_files(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
         kept = [file for file in files if file not in others]
         found = _read_files(kept, values)
         text = f"left out, because no method uses them: {', '.join(one.name for one in others)}"
-        reasons = {**found.roles.reasons, NO_SENSOR: text}
-        return replace(found, roles=replace(found.roles, reasons=reasons))
+        return replace(found, roles=found.roles.because({NO_SENSOR: text}))
     tables, signs = [table for table, _ in read], next((one for _, one in read if one), ())
     if len(files) == 2:
         found = _separate_angles(files, tables, values) or _separate_gyros(files, tables, values)
@@ -125,10 +124,9 @@ def _read_files(logs: Sequence[Path], values: Mapping[str, Any]) -> LogFiles:
 
 def _with_marks(found: LogFiles, values: Mapping[str, Any]) -> LogFiles:
     """Return the recording with the file of marks beside it, if its marks suit the recording."""
-    roles, path = found.roles, found.files[0].parent / MARKS_FILE
+    roles, rows, path = found.roles, found.table.rows, found.files[0].parent / MARKS_FILE
     if roles.means or roles.marks or "data.marks" in values or not path.is_file():
         return found
-    rows = next(iter(found.table.columns.values())).size
     try:
         spans = tuple((mark.start, mark.stop) for mark in marks_from_file(path))
         why = "" if all(0 <= a < b <= rows for a, b in spans) else f"the log has {rows} rows"
@@ -137,10 +135,10 @@ def _with_marks(found: LogFiles, values: Mapping[str, Any]) -> LogFiles:
     if "label" in roles.single and not why:
         why = f"the column {roles.single['label']} names the sections"
     if why:
-        reasons = {**roles.reasons, NO_MARKS: f"{path.name} beside the log is not used: {why}"}
-        return replace(found, roles=replace(roles, reasons=reasons))
-    reasons = {**roles.reasons, "marks": "a file of marks beside the log"}
-    return replace(found, roles=replace(roles, marks=str(path), parts=spans, reasons=reasons))
+        text = f"{path.name} beside the log is not used: {why}"
+        return replace(found, roles=roles.because({NO_MARKS: text}))
+    reasons = {"marks": "a file of marks beside the log"}
+    return replace(found, roles=roles.because(reasons, marks=str(path), parts=spans))
 
 
 def _is_other(file: Path, table: Table) -> bool:
@@ -193,7 +191,6 @@ def _arrays_of_two_lengths(log: Path, table: Table, values: Mapping[str, Any]) -
     None if all columns have the usual length, or if the others are no gyros. Gyros without times of
     their own are left out, with the reason.
     """
-    rows = next(iter(table.columns.values())).size
     for length in sorted({n for n in table.other_lengths.values() if n >= FEWEST_SAMPLES}):
         names = tuple(name for name, n in table.other_lengths.items() if n == length)
         other = read_table(log, names, options=stated_options(values, log))
@@ -203,10 +200,9 @@ def _arrays_of_two_lengths(log: Path, table: Table, values: Mapping[str, Any]) -
             roles = recognise_columns(table, detect_reader(log).name)
             why = (
                 f"{', '.join(names)}: left out, because they have {length} values and "
-                f"{', '.join(table.names)} {rows}, and not both have a column of times"
+                f"{', '.join(table.names)} {table.rows}, and not both have a column of times"
             )
-            roles = replace(roles, reasons={**roles.reasons, NO_GYROS: why})
-            return LogFiles((log,), table, None, roles)
+            return LogFiles((log,), table, None, roles.because({NO_GYROS: why}))
         if found is not None:
             return found
     return None
@@ -223,12 +219,11 @@ def _separate_angles(
             continue
         stated = stated_columns(values, table, second_file=False)
         roles = recognise_columns(table, detect_reader(files[first]).name, stated)
-        roles = replace(
-            roles,
+        roles = roles.because(
+            {"table_time": angles.reasons["time"]},
             table=angles.table,
             table_file=str(files[second]),
             single={**roles.single, "table_time": angles.single["time"]},
-            reasons={**roles.reasons, "table_time": angles.reasons["time"]},
         )
         return LogFiles((files[first],), table, None, roles)
     return None
@@ -279,7 +274,7 @@ def _with_own_clock(
 ) -> tuple[ColumnRoles, Table]:
     """Return the roles, with `gyro_time` if the gyros have their own clock, and the gyros."""
     names = [one.single.get("time") for one in (roles, found)]
-    rows = [next(iter(one.columns.values())).size for one in (table, gyros)]
+    rows = [one.rows for one in (table, gyros)]
     dates = [
         name is not None and one.columns[name].dtype.kind == "U"
         for one, name in zip((table, gyros), names, strict=True)
@@ -303,11 +298,9 @@ def _with_own_clock(
         return roles, gyros
     nearest = np.rint(np.interp(time, other, np.arange(other.size))).astype(int)
     paired = {name: column[nearest] for name, column in gyros.columns.items()}
-    single = {**roles.single, "gyro_time": own}
-    reasons = {**roles.reasons, "gyro_time": "the gyros were sampled at other times"}
-    return replace(roles, single=single, reasons=reasons), replace(
-        gyros, columns=paired, block=None
-    )
+    reasons = {"gyro_time": "the gyros were sampled at other times"}
+    roles = roles.because(reasons, single={**roles.single, "gyro_time": own})
+    return roles, replace(gyros, columns=paired, block=None)
 
 
 def _read(log: Path, values: Mapping[str, Any]) -> tuple[Table, tuple[DraftKey, ...]]:

@@ -7,7 +7,7 @@ samples are closed up; longer gaps split the recording.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import cast
 
@@ -70,7 +70,7 @@ class LongRestRecording:
         axes = [axis for axis, _, _ in columns.channels]
         stream = NoiseStream(dt, axes, self.layout.units, source)
         read = 0
-        for block in _chained(first, blocks):
+        for block in chain([first], blocks):
             counts = block[:, : len(names)]
             if columns.signed_bits is not None:
                 counts = signed_counts(counts, columns.signed_bits)
@@ -124,11 +124,6 @@ def open_long_rest_recording(
             key="data.nonfinite",
         )
     return LongRestRecording(table, rest_layout(log, table.head(), stated))
-
-
-def _chained(first: Array, blocks: Iterator[Array]) -> Iterator[Array]:
-    yield first
-    yield from blocks
 
 
 def _unwrapped(blocks: Iterator[Array], modulus: float) -> Iterator[Array]:

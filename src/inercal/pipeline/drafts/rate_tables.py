@@ -33,14 +33,13 @@ _POSE_ERRORS = {"attitude": "tilt of a pose", "mounting": "mounting of the case 
 
 def with_rate_table(table: Table, roles: ColumnRoles) -> ColumnRoles:
     """Return the roles, with `axis` and `table_rate` if the table is one of rates."""
-    rows = next(iter(table.columns.values())).size
     triads, reasons, units = dict(roles.triads), dict(roles.reasons), dict(roles.units)
     if "gyro" not in triads:
         numbers = [name for name in table.names if table.columns[name].dtype.kind != "U"]
         found = named_triads(numbers, reasons, units, incomplete=True)
         triads |= {kind: names for kind, names in found.items() if kind == "gyro"}
     letters = axis_letters(triads.get("gyro", ()))
-    if not roles.means or not letters or rows < max(_FEWEST_ROWS, 2 * len(letters)):
+    if not roles.means or not letters or table.rows < max(_FEWEST_ROWS, 2 * len(letters)):
         return roles
     texts = [name for name in table.names if table.columns[name].dtype.kind == "U"]
     used = {name for triad in triads.values() for name in triad}
@@ -77,8 +76,7 @@ def with_rate_table(table: Table, roles: ColumnRoles) -> ColumnRoles:
 
 def _along(table: Table, gyro: tuple[str, ...], faces: list[str | None]) -> Array:
     """Return the readings of the gyro whose axis is up, with their sign, (n,)."""
-    readings = np.stack([table.numbers(name) for name in gyro], axis=-1)
-    letters = axis_letters(gyro)
+    readings, letters = table.stack(gyro), axis_letters(gyro)
     columns = [letters.index(face[-1]) if face and face[-1] in letters else 0 for face in faces]
     signs = [-1.0 if face and face.startswith("-") else 1.0 for face in faces]
     return np.asarray(signs * readings[np.arange(len(faces)), columns], dtype=float)

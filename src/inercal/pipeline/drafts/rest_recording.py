@@ -13,7 +13,7 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.benches.stated_axes import axis_letters
-from inercal.physics.section_settings import si_value
+from inercal.physics.section_settings import key_error, si_value
 from inercal.physics.sensors.axis import Readout
 from inercal.pipeline.drafts.clock_keys import clock_keys
 from inercal.pipeline.drafts.column_names import is_other_quantity
@@ -238,9 +238,8 @@ def _columns(
         )
     policy = values.get("data.nonfinite", "refuse")
     if policy not in get_args(NonfinitePolicy):
-        raise InputError(
-            f"data.nonfinite: {policy!r} can be {', '.join(get_args(NonfinitePolicy))}",
-            key="data.nonfinite",
+        raise key_error(
+            "data.nonfinite", f"{policy!r} can be {', '.join(get_args(NonfinitePolicy))}"
         )
     unit = str(values.get("data.time_unit", keys.get("time_unit", "s")))
     dates = "time" in keys and table.columns[roles.single["time"]].dtype.kind == "U"

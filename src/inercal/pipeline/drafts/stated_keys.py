@@ -8,14 +8,17 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin
+from typing import Any, Literal, Union, cast, get_args, get_origin
 
 from pydantic import BaseModel
 
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import parse_toml
 from inercal.basics.units import si_factor
+from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS
+from inercal.physics.plan import Turn
+from inercal.physics.section_settings import PLANNING, BenchUsage, key_error
 from inercal.pipeline.drafts.column_names import NAMES
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
 from inercal.pipeline.drafts.readouts import COUNTED_UNITS
@@ -24,9 +27,6 @@ from inercal.recordings.io.read import detect_reader
 from inercal.recordings.io.readers import known_options
 from inercal.recordings.temperature import TemperatureReadout, temperature_readout
 from inercal.runfile.schema import RunSchema
-
-if TYPE_CHECKING:
-    from inercal.benches.kinds import Kind
 
 _TRIADS = ("accelerometer", "gyro")
 _COLUMNS = (*_TRIADS, *NAMES)
@@ -92,15 +92,13 @@ def stated_thermometer(values: Mapping[str, Any]) -> TemperatureReadout:
     given = {key: values.get(f"data.temperature_{key}") for key in ("unit", "scale", "zero")}
     for key, value in given.items():
         if value is not None and not isinstance(value, str):
-            raise InputError(
-                f"data.temperature_{key}: {value!r} has no unit; write it as text with its unit",
-                key=f"data.temperature_{key}",
+            raise key_error(
+                f"data.temperature_{key}", f"{value!r} has no unit; write it as text with its unit"
             )
     allowed = values.get("data.allow_temperature", False)
     if not isinstance(allowed, bool):
-        raise InputError(
-            f"data.allow_temperature: {allowed!r} is not possible; it can be true or false",
-            key="data.allow_temperature",
+        raise key_error(
+            "data.allow_temperature", f"{allowed!r} is not possible; it can be true or false"
         )
     unit = given["unit"] or "°C"
     return temperature_readout(unit, given["scale"], given["zero"], allowed=allowed)
@@ -265,10 +263,7 @@ def default_bench_keys(content: Mapping[str, Any], method_name: str) -> tuple[Dr
     method_name : str
         Name of the proposed method; defaults that do not change its results are left out.
     """
-    from inercal.benches.kinds import KINDS
     from inercal.methods import method
-    from inercal.physics.plan import Turn
-    from inercal.physics.section_settings import PLANNING, BenchUsage
 
     bench = cast("dict[str, Any]", content.get("bench", {}))
     kind = KINDS[bench.get("kind", "hand")]
@@ -319,7 +314,7 @@ def _acts(value: object) -> bool:
     return False
 
 
-def _meanings(kind: "Kind[Any, Any]") -> dict[str, str]:
+def _meanings(kind: Kind[Any, Any]) -> dict[str, str]:
     """Return the meaning of each key that a kind of bench declares."""
     from inercal.benches.key_declarations import declarations
 

@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from inercal.basics.errors import InputError
 from inercal.basics.units import parse_quantity, si_factor
 from inercal.physics.plan import Step
-from inercal.physics.section_settings import BenchUsage, Section
+from inercal.physics.section_settings import BenchUsage, Section, optional
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Observations, Recording
 from inercal.recordings.environment import Environment
@@ -43,53 +43,42 @@ class DataSection(Section):
     kind: Literal["recording", "means"] = "recording"
     accelerometer: tuple[str | int, ...] = ("acc_x", "acc_y", "acc_z")
     gyro: tuple[str | int, ...] = ("gyr_x", "gyr_y", "gyr_z")
-    gyro_file: str | None = Field(
-        None,
-        description="the gyros' file, with the same rows, if it is not [data] file",
-        examples=["gyro.mat"],
+    gyro_file: str | None = optional(
+        "gyro.mat", about="the gyros' file, with the same rows, if it is not [data] file"
     )
-    gyro_time: str | int | None = Field(
-        None,
-        description="the gyros' own time column, if they were sampled at different times",
-        examples=["gyro_time"],
+    gyro_time: str | int | None = optional(
+        "gyro_time", about="the gyros' own time column, if they were sampled at different times"
     )
     time: str | int | None = None
     time_unit: str = "s"
-    rate: str | None = Field(None, examples=["100 Hz"])
-    counter_modulus: int | float | None = Field(
-        None,
-        ge=3,
-        description="for a time column that wraps around to 0: after how many of its units",
+    rate: str | None = optional("100 Hz")
+    counter_modulus: int | float | None = optional(
+        about="for a time column that wraps around to 0: after how many of its units", ge=3
     )
-    signed_bits: int | None = Field(
-        None,
+    signed_bits: int | None = optional(
+        16,
+        about="bits of signed readings that were written as unsigned numbers, 0 … 65535",
         ge=8,
         le=32,
-        description="bits of signed readings that were written as unsigned numbers, 0 … 65535",
-        examples=[16],
     )
     label: str | int | None = None
     temperature: str | int | None = None
     temperature_unit: str = "°C"
-    temperature_scale: str | None = Field(
-        None, description="for a thermometer in 'LSB' or 'V'", examples=["340 LSB/K"]
+    temperature_scale: str | None = optional("340 LSB/K", about="for a thermometer in 'LSB' or 'V'")
+    temperature_zero: str | None = optional(
+        "36.53 °C", about="for a thermometer in 'LSB' or 'V': temperature at a reading of 0"
     )
-    temperature_zero: str | None = Field(
-        None,
-        description="for a thermometer in 'LSB' or 'V': temperature at a reading of 0",
-        examples=["36.53 °C"],
+    allow_temperature: bool = optional(
+        default=False, about="accept temperatures outside −100 to 300 °C, but never below 0 K"
     )
-    allow_temperature: bool = Field(
-        False, description="accept temperatures outside −100 to 300 °C, but never below 0 K"
-    )
-    marks: str = Field("found", description="'found', 'labels', or a file of marks")
+    marks: str = optional(default="found", about="'found', 'labels', or a file of marks")
     nonfinite: Literal["refuse", "drop"] = "refuse"
     sd: dict[Literal["accelerometer", "gyro"], str] = Field(
         default_factory=dict[Literal["accelerometer", "gyro"], str],
         description="for tables of means: standard deviation of each mean",
         examples=[{"accelerometer": "30 µg", "gyro": "5 °/h"}],
     )
-    seconds: str | int | None = Field(None, description="for tables of means: durations, s")
+    seconds: str | int | None = optional(about="for tables of means: durations, s")
 
     @model_validator(mode="after")
     def _keys_fit_together(self) -> "DataSection":
@@ -169,10 +158,8 @@ class DataSection(Section):
 class RestsSection(DataSection):
     """[data] for a bench that rests in marked sections."""
 
-    accept_moving: tuple[str, ...] | None = Field(
-        None,
-        description="marked sections to accept as rests although the mean changes within them",
-        examples=[["p11"]],
+    accept_moving: tuple[str, ...] | None = optional(
+        ["p11"], about="marked sections to accept as rests although the mean changes within them"
     )
 
     @model_validator(mode="after")

@@ -9,7 +9,7 @@ from typing import cast
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import is_file
 from inercal.basics.units import parse_quantity
-from inercal.physics.section_settings import si_value
+from inercal.physics.section_settings import key_error, si_value
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Recording, ahead_of_lag
 from inercal.recordings.data import DataSection, ReadbackColumn, RunBase
@@ -34,11 +34,10 @@ def load_recording(run: RunBase[DataSection]) -> Recording:
         columns = reader_columns(run)
         if is_pattern(path):
             if run.data.marks not in ("labels", "found"):
-                raise InputError(
-                    f"{run.path}: [data] marks: each section has its own file: state marks = "
-                    '"labels"',
-                    file=run.path,
-                    key="[data] marks",
+                raise key_error(
+                    "[data] marks",
+                    'each section has its own file: state marks = "labels"',
+                    run.path,
                 )
             recording = read_sections(path, columns, limits)
         else:

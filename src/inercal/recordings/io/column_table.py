@@ -4,7 +4,7 @@ import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from fractions import Fraction
@@ -143,6 +143,15 @@ class Table:
             if isinstance(column, int) and self.block is not None:
                 self.columns[name] = self.block[:, column]
 
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return next(iter(self.columns.values())).size
+
+    def stack(self, names: Iterable[str]) -> Array:
+        """Return columns of numbers side by side, (n, k)."""
+        return np.stack([self.numbers(name) for name in names], axis=-1)
+
     def line(self, row: int) -> int | None:
         """Return the line of a row, which is counted from 0; None if unknown."""
         return line_of_row(row, self.first_line, self.line_breaks)
@@ -151,6 +160,12 @@ class Table:
         """Return where a row is, in words: its line if known, otherwise its number from 1."""
         line = self.line(row)
         return f"row {row + 1}" if line is None else f"line {line}"
+
+    def cell_error(self, path: Path, row: int, name: str, text: str) -> InputError:
+        """Return the error for a cell: "means.csv line 3: column 'ax' …"."""
+        where = f"{path} {self.place(row)}"
+        message = f"{where}: column {name!r} {text}"
+        return InputError(message, file=path, line=self.line(row), names=(name,))
 
     def numbers(self, name: str) -> Array:
         """Return a column of numbers, (n,), as float64.

@@ -14,6 +14,7 @@ import re
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from inercal.recordings.io.logged_corrections import (
     COPY_AGAIN,
     CORRECTIONS_OPTION,
     Correction,
+    damaged_log,
     keeps_corrections,
     rotation_matrix,
     stated_parameters,
@@ -44,6 +46,7 @@ from inercal.recordings.io.readers import Reader
 HEAD = b"\xa3\x95"
 _FMT, _FMT_BYTES = 128, 89
 _BLOCK = 1 << 20  # bytes
+_damaged = partial(damaged_log, "a DataFlash log")
 # Type and factor by letter; text and the arrays with letter "a" are not numbers.
 _LETTERS: dict[str, tuple[str, float]] = {
     "a": ("V64", 0),
@@ -155,13 +158,6 @@ def read_messages(path: Path, wanted: Callable[[str], bool]) -> dict[str, Logged
     if len(types) == 1:
         raise _damaged(path, 0, "it does not describe any message format")
     return {one.name: one for one in types.values()}
-
-
-def _damaged(path: Path, at: int, why: str) -> InputError:
-    return InputError(
-        f"{path.name} is not a DataFlash log or is damaged at byte {at}: {why}; copy it from the "
-        "flight controller again"
-    )
 
 
 def _format(path: Path, at: int, raw: bytes) -> tuple[int, LoggedType]:

@@ -13,6 +13,7 @@ The first 39 rotations are the same in both programs.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -28,6 +29,12 @@ CORRECTIONS_OPTION = Option(
 )
 
 COPY_AGAIN = "copy it from the flight controller again"
+
+
+def damaged_log(kind: str, path: Path, at: int, why: str) -> InputError:
+    """Return the error for a log of some kind, "a ULog file", that is damaged at a byte."""
+    return InputError(f"{path.name} is not {kind} or is damaged at byte {at}: {why}; {COPY_AGAIN}")
+
 
 # Roll, pitch and yaw in °, by the value of the parameter.
 ROTATIONS: tuple[tuple[int, int, int], ...] = (

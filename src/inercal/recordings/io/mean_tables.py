@@ -65,11 +65,10 @@ def read_means(
     """
     table = read_columns(path, columns, [] if seconds is None else [seconds])
     if columns.label is None:
-        rows = next(iter(table.columns.values())).size
-        labels = tuple(map(str, range(1, rows + 1)))
+        labels = tuple(map(str, range(1, table.rows + 1)))
     else:
         labels = tuple(row_names([str(label).strip() for label in table.columns[columns.label]]))
-    durations = np.ones(len(labels)) if seconds is None else table.numbers(seconds)
+    durations = None if seconds is None else table.numbers(seconds)
     return observations_from_table(path, table, labels, columns, sensor, sd, durations)
 
 
@@ -108,7 +107,7 @@ def observations_from_table(
     columns: Columns,
     sensor: Sensor,
     sd: Mapping[str, float],
-    durations: Array,
+    durations: Array | None = None,
 ) -> Observations:
     """Convert the rows of a table to observations.
 
@@ -121,8 +120,8 @@ def observations_from_table(
         Names of the rows.
     columns, sensor, sd
         As in `read_means`.
-    durations : (r,) array
-        Durations, s.
+    durations : (r,) array, optional
+        Durations, s; by default 1 s in each row, for benches on which nothing depends on them.
 
     Raises
     ------
@@ -130,6 +129,7 @@ def observations_from_table(
         A value is not finite, a temperature is impossible, a label is repeated, a column has the
         same value in all rows, or no deviation is stated.
     """
+    durations = np.ones(len(labels)) if durations is None else durations
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:
         raise InputError(
@@ -237,14 +237,11 @@ def _require_within_range(path: Path, table: Table, name: str, axis: Axis, mean:
     reach = axis.readout.full_scale
     beyond = np.flatnonzero(np.abs(mean - axis.readout.offset) >= (reach or np.inf))
     if beyond.size:
-        row = int(beyond[0])
-        raise InputError(
-            f"{path} {table.place(row)}: column {name!r} is {mean[beyond[0]]:g}, at or beyond the "
-            "full_scale that [sensor] states; remove the row or correct full_scale",
-            file=path,
-            line=table.line(row),
-            names=(name,),
+        text = (
+            f"is {mean[beyond[0]]:g}, at or beyond the full_scale that [sensor] states; remove the "
+            "row or correct full_scale"
         )
+        raise table.cell_error(path, int(beyond[0]), name, text)
 
 
 def number_column(path: Path, table: Table, name: str, remedy: str) -> Array:
@@ -291,11 +288,10 @@ def _standard_deviations(
     sd: Mapping[str, float],
 ) -> Array:
     """Return the standard deviation of each mean, (r, m) SI, as stated or from the columns."""
-    rows = next(iter(table.columns.values())).size
     deviations: list[Array] = []
     for axis in sensor.axes:
         if axis.measures in sd:
-            deviations.append(np.full(rows, sd[axis.measures]))
+            deviations.append(np.full(table.rows, sd[axis.measures]))
             continue
         name = by_axis[axis.name] + SD_SUFFIX
         if name not in table.columns:
@@ -308,14 +304,8 @@ def _standard_deviations(
             )
         column = number_column(path, table, name, "write the standard deviation of the mean")
         if (bad := np.flatnonzero(column <= 0)).size:
-            row = int(bad[0])
-            raise InputError(
-                f"{path} {table.place(row)}: column {name!r} is {column[row]:g}; a standard "
-                "deviation must be positive",
-                file=path,
-                line=table.line(row),
-                names=(name,),
-            )
+            text = f"is {column[bad[0]]:g}; a standard deviation must be positive"
+            raise table.cell_error(path, int(bad[0]), name, text)
         deviations.append(column / abs(axis.readout.scale))
     return np.stack(deviations, axis=-1)
 

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Collection, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,18 +119,25 @@ def _whole_numbers(path: Path, layout: TextLayout, column: int, read: Array) -> 
         warnings.simplefilter("error", DeprecationWarning)  # raised for a cell such as 1.7e18
         warnings.simplefilter("ignore", UserWarning)
         try:
-            whole = np.loadtxt(
-                _lines(file, layout, set()),
-                dtype=np.int64,
-                delimiter=layout.delimiter,
-                comments=layout.comment,
-                quotechar='"' if layout.quoted else None,
-                usecols=column,
-                ndmin=1,
-            )
+            whole = _parsed(_lines(file, layout, set()), layout, np.int64, usecols=column)
         except (ValueError, OverflowError, DeprecationWarning):
             return read
     return whole if whole.shape == read.shape else read
+
+
+def _parsed(
+    lines: Iterator[str], layout: TextLayout, dtype: Any, *, quoted: bool = False, **options: Any
+) -> NDArray[Any]:
+    """Read lines with NumPy's parser."""
+    return np.loadtxt(
+        lines,
+        dtype=dtype,
+        delimiter=layout.delimiter,
+        comments=layout.comment,
+        quotechar='"' if layout.quoted or quoted else None,
+        ndmin=1,
+        **options,
+    )
 
 
 class _RowError(ValueError):
@@ -160,10 +168,10 @@ def _chunks(
     path: Path, layout: TextLayout, numbers: Collection[str], words: set[int], fill: set[int]
 ) -> Iterator[NDArray[np.void]]:
     """Yield structured arrays with blocks of rows; unwanted columns are read as single letters."""
-    kinds = {
-        k: "f8" if str(k) in numbers else "O" if k in words else "U1"
+    kinds = [
+        (str(k), "f8" if str(k) in numbers else "O" if k in words else "U1")
         for k in range(len(layout.names))
-    }
+    ]
     n = 0
     with path.open(encoding="utf-8-sig") as file:
         lines = _lines(file, layout, fill)
@@ -171,14 +179,8 @@ def _chunks(
             try:
                 with warnings.catch_warnings():  # for blank lines, or an empty chunk
                     warnings.simplefilter("ignore", UserWarning)
-                    rows = np.loadtxt(
-                        lines,
-                        dtype=np.dtype([(str(k), kind) for k, kind in kinds.items()]),
-                        delimiter=layout.delimiter,
-                        comments=layout.comment,
-                        quotechar='"' if layout.quoted or words else None,
-                        max_rows=BLOCK_ROWS,
-                        ndmin=1,
+                    rows = _parsed(
+                        lines, layout, np.dtype(kinds), quoted=bool(words), max_rows=BLOCK_ROWS
                     )
             except ValueError as error:
                 near = re.search(r"at row (\d+)", str(error))

@@ -10,6 +10,7 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
@@ -25,6 +26,7 @@ from inercal.recordings.io.logged_corrections import (
     COPY_AGAIN,
     CORRECTIONS_OPTION,
     Correction,
+    damaged_log,
     euler_matrix,
     keeps_corrections,
     rotation_matrix,
@@ -47,6 +49,7 @@ from inercal.recordings.io.readers import Reader
 # Source: the ULog file format, https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 HEADER = b"ULog\x01\x12\x35"
 _HEADER_BYTES = 16
+_damaged = partial(damaged_log, "a ULog file")
 _KNOWN = frozenset(b"BFIMPQARDLCSO")
 
 
@@ -73,13 +76,6 @@ def scan_topics(path: Path) -> list[str]:
 def topic_name(name: str, instance: int) -> str:
     """Return a topic's name; instances other than 0 have their number in brackets."""
     return f"{name}[{instance}]" if instance else name
-
-
-def _damaged(path: Path, at: int, why: str) -> InputError:
-    return InputError(
-        f"{path.name} is not a ULog file or is damaged at byte {at}: {why}; copy it from the "
-        "flight controller again"
-    )
 
 
 def _messages(path: Path) -> Iterator[tuple[int, bytes, bytes]]:

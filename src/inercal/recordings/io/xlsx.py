@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from datetime import datetime
 from importlib import import_module
-from itertools import islice, pairwise
+from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -133,10 +133,7 @@ def _table(path: Path, rows: Iterator[tuple[int, list[Cell]]], wanted: ReadReque
     words: dict[str, list[str]] = {name: [] for name in chosen if name in texts}
     numbers = {name: array("d") for name in chosen if name not in texts}
     lines: list[int] = []
-    for line, cells in first[heading.skipped :]:
-        _add(source, line, cells, at, words, numbers)
-        lines.append(line)
-    for line, cells in rows:
+    for line, cells in chain(first[heading.skipped :], rows):
         _add(source, line, cells, at, words, numbers)
         lines.append(line)
     blank, block = wanted.empty_columns(len(lines), list(numbers))

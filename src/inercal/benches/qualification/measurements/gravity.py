@@ -36,7 +36,6 @@ def local_gravity(
     gradient: Measured | None = None,
     tide: bool,
     fit: LinearFit = NO_FIT,
-    remarks: tuple[str, ...] = (),
 ) -> MeasuredParameters:
     """Return the parameter "g" at a height above the point where gravity is known, m/s².
 
@@ -52,13 +51,12 @@ def local_gravity(
         Whether runs are corrected for the tide; otherwise its standard deviation is added.
     fit : LinearFit
         Fit of the measurement at the point, which provides the tests.
-    remarks : tuple of str
     """
     slope = gradient or Measured(GRADIENT, _GRADIENT_SHARE * GRADIENT)
     value = point.value - slope.value * height
     variance = point.sd**2 + (slope.sd * height) ** 2 + (0.0 if tide else TIDE**2 / 3)
     unseen = () if tide else ("the tide on the day; the uncertainty includes ± 0.15 mGal",)
-    return from_fit(fit, ("g",), "m/s²", np.array([value]), np.array([[variance]]), unseen, remarks)
+    return from_fit(fit, ("g",), "m/s²", np.array([value]), np.array([[variance]]), unseen)
 
 
 def tied_gravity(

@@ -73,9 +73,9 @@ class ClockAlignment:
     offset_sd, drift_sd, correlation : float
         Standard deviations of offset and drift, and their correlation. They are enlarged if the
         local offsets scatter more than their own standard deviations predict.
-    time, local, local_sd : (e,) arrays
-        Times, local offsets T − t and their standard deviations for each stretch in which the rate
-        changes, s, on the IMU's clock.
+    time, local : (e,) arrays
+        Times and local offsets T − t for each stretch in which the rate changes, s, on the IMU's
+        clock.
     """
 
     angles: Array
@@ -86,7 +86,6 @@ class ClockAlignment:
     correlation: float
     time: Array
     local: Array
-    local_sd: Array
 
 
 def align_readback(
@@ -178,7 +177,6 @@ def align_readback(
         float(covariance[0, 1]) / (offset_sd * drift_sd),
         found.time + origin,
         found.value + about,
-        found.sd,
     )
 
 
