@@ -29,16 +29,7 @@ from inercal.export.reader_definition import (
     parameter_calibration,
 )
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
-from inercal.export.targets.shared import (
-    PARAMETERS,
-    Correction,
-    by_triad,
-    number,
-    parameter_correction,
-    require_aligned,
-    single,
-    with_comments,
-)
+from inercal.export.targets import shared
 
 _WORDS = {"f": "ACC", "w": "GYR"}
 _CENTRE = 35.0  # °C
@@ -84,7 +75,7 @@ def _shifted(powers: Array, by: float) -> Array:
 
 def _render(request: Request) -> Rendering:
     model, options = request.model, request.options
-    require_aligned(model, "ardupilot")
+    shared.require_aligned(model, "ardupilot")
     imu = options["imu"]
     if not 1 <= imu <= 3:
         raise InputError(
@@ -107,7 +98,7 @@ def _render(request: Request) -> Rendering:
         taken = float(np.clip(reference, *limits))
         lines += [(f"INS_TCAL{imu}_ENABLE", 1)]
         lines += [(f"INS_TCAL{imu}_TMIN", limits[0]), (f"INS_TCAL{imu}_TMAX", limits[1])]
-    corrections: dict[str, Correction] = {}
+    corrections: dict[str, shared.Correction] = {}
     for kind, triad in model.triads:
         offsets, scales, device, temperature = _parameter_names(kind, imu)
         powers = triad.bias_powers[:_ORDERS]
@@ -128,10 +119,10 @@ def _render(request: Request) -> Rendering:
                 for j, a in enumerate("XYZ")
             ]
             lines.append((temperature, taken))
-        corrections[kind] = parameter_correction(
-            single(bias),
-            single(scale),
-            single(about) * _UNIT,
+        corrections[kind] = shared.parameter_correction(
+            shared.single(bias),
+            shared.single(scale),
+            shared.single(about) * _UNIT,
             taken,
             limits,
             reference=reference,
@@ -142,7 +133,7 @@ def _render(request: Request) -> Rendering:
 
     # Device ids have more digits than single precision can represent.
     body = "".join(
-        f"{name},{value if isinstance(value, int) else number(single(value).item())}\n"
+        f"{name},{value if isinstance(value, int) else shared.number(float(np.float32(value)))}\n"
         for name, value in lines
     )
     formula = ["accelerometer: f = SCAL * (raw - thermal - OFFS); gyro: w = raw - thermal - OFFS"]
@@ -157,8 +148,8 @@ def _render(request: Request) -> Rendering:
             "no device ids were stated (acc_id, gyro_id); make sure that this is the right board"
         )
     return Rendering(
-        by_triad(model, corrections),
-        with_comments(body),
+        shared.by_triad(model, corrections),
+        shared.with_comments(body),
         tuple(formula),
         "readings of the driver in m/s^2 and rad/s, before AHRS_ORIENTATION",
         tuple(remarks),
@@ -209,7 +200,7 @@ TARGET = Target(
     "ardupilot",
     "ArduPilot parameters",
     ".param",
-    PARAMETERS,
+    shared.PARAMETERS,
     _render,
     OPTIONS,
     temperature_order=_ORDERS,

@@ -12,18 +12,7 @@ from dataclasses import dataclass, field
 from math import hypot, isfinite
 from typing import Any
 
-from sqlalchemy import (
-    Column,
-    Connection,
-    Double,
-    ForeignKey,
-    Integer,
-    String,
-    Table,
-    Text,
-    insert,
-    select,
-)
+import sqlalchemy as sa
 
 from inercal.basics.errors import InputError
 from inercal.laboratory.store.document import to_utc
@@ -32,33 +21,33 @@ from inercal.laboratory.store.register_tables import metadata, sensor
 from inercal.noise import NoiseAnalysis, NoiseCoefficient
 from inercal.noise.analysis_object import analysis_object
 
-noise_analysis = Table(
+noise_analysis = sa.Table(
     "noise_analysis",
     metadata,
-    Column("id", Integer, primary_key=True),
-    Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
-    Column("measured", String, nullable=False),
-    Column("measured_from", String, nullable=False),  # "stated" or "entered"
-    Column("source", String, nullable=False),  # name of the recording file
-    Column("recording_sha256", String, nullable=False),
-    Column("duration", Double, nullable=False),  # s
-    Column("content", Text, nullable=False),  # the whole analysis as JSON
-    Column("sha256", String, nullable=False),  # SHA-256 of the content
-    Column("entered_by", String, nullable=False),
-    Column("entered_at", String, nullable=False),
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False, index=True),
+    sa.Column("measured", sa.String, nullable=False),
+    sa.Column("measured_from", sa.String, nullable=False),  # "stated" or "entered"
+    sa.Column("source", sa.String, nullable=False),  # name of the recording file
+    sa.Column("recording_sha256", sa.String, nullable=False),
+    sa.Column("duration", sa.Double, nullable=False),  # s
+    sa.Column("content", sa.Text, nullable=False),  # the whole analysis as JSON
+    sa.Column("sha256", sa.String, nullable=False),  # SHA-256 of the content
+    sa.Column("entered_by", sa.String, nullable=False),
+    sa.Column("entered_at", sa.String, nullable=False),
 )
-noise_coefficient = Table(
+noise_coefficient = sa.Table(
     "noise_coefficient",
     metadata,
-    Column("analysis_id", Integer, ForeignKey("noise_analysis.id"), primary_key=True),
-    Column("channel", String, primary_key=True),
-    Column("symbol", String, primary_key=True),
-    Column("place", Integer, nullable=False),  # index in the analysis, from 0
-    Column("value", Double, nullable=False),  # SI; 0 if only an upper limit is known
-    Column("u", Double),  # SI; null if only an upper limit is known
-    Column("low", Double, nullable=False),
-    Column("high", Double, nullable=False),
-    Column("unit", String, nullable=False),  # unit for printing
+    sa.Column("analysis_id", sa.Integer, sa.ForeignKey("noise_analysis.id"), primary_key=True),
+    sa.Column("channel", sa.String, primary_key=True),
+    sa.Column("symbol", sa.String, primary_key=True),
+    sa.Column("place", sa.Integer, nullable=False),  # index in the analysis, from 0
+    sa.Column("value", sa.Double, nullable=False),  # SI; 0 if only an upper limit is known
+    sa.Column("u", sa.Double),  # SI; null if only an upper limit is known
+    sa.Column("low", sa.Double, nullable=False),
+    sa.Column("high", sa.Double, nullable=False),
+    sa.Column("unit", sa.String, nullable=False),  # unit for printing
 )
 
 
@@ -141,7 +130,7 @@ class NoiseTrend:
 
 
 def enter_noise(
-    db: Connection, analysis: NoiseAnalysis, name: str, measured: str | None, who: EntryAuthor
+    db: sa.Connection, analysis: NoiseAnalysis, name: str, measured: str | None, who: EntryAuthor
 ) -> int:
     """Enter a noise analysis, and also its sensor if it is new; return the analysis number.
 
@@ -165,14 +154,14 @@ def enter_noise(
                 f"{measured!r} is not a time; write it in ISO 8601, such as 2026-03-01",
                 key="--measured",
             ) from None
-    found = db.scalar(select(sensor.c.id).where(sensor.c.name == name))
+    found = db.scalar(sa.select(sensor.c.id).where(sensor.c.name == name))
     axes = {one.channel: _MEASURES[one.quantity] for one in analysis.channels}
     # The axes of a known sensor are not changed, because channels of a log may have other names.
     sensor_id = enter_axes(db, name, axes, who) if found is None else int(found)
     content = json.dumps(analysis_object(analysis), ensure_ascii=False, allow_nan=False)
     digest = hashlib.sha256(content.encode()).hexdigest()
     same = (noise_analysis.c.sensor_id == sensor_id, noise_analysis.c.sha256 == digest)
-    if (there := db.scalar(select(noise_analysis.c.id).where(*same))) is not None:
+    if (there := db.scalar(sa.select(noise_analysis.c.id).where(*same))) is not None:
         return int(there)
     values = {
         "sensor_id": sensor_id,
@@ -184,7 +173,7 @@ def enter_noise(
         "content": content,
         "sha256": digest,
     }
-    key = db.execute(insert(noise_analysis).values(**values, **who.columns)).inserted_primary_key
+    key = db.execute(sa.insert(noise_analysis).values(**values, **who.columns)).inserted_primary_key
     assert key is not None
     rows = [
         {
@@ -202,11 +191,11 @@ def enter_noise(
         for place, one in enumerate(channel.coefficients)
     ]
     if rows:
-        db.execute(insert(noise_coefficient), rows)
+        db.execute(sa.insert(noise_coefficient), rows)
     return int(key[0])
 
 
-def read_noise(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
+def read_noise(db: sa.Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
     """Return the noise analyses of a sensor in the order of measurement.
 
     Raises
@@ -215,7 +204,7 @@ def read_noise(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
         If the text in the register differs from the text that was entered.
     """
     query = (
-        select(noise_analysis, sensor.c.name.label("sensor"))
+        sa.select(noise_analysis, sensor.c.name.label("sensor"))
         .join(sensor, sensor.c.id == noise_analysis.c.sensor_id)
         .where(noise_analysis.c.sensor_id == sensor_id)
         .order_by(noise_analysis.c.measured, noise_analysis.c.id)
@@ -239,10 +228,10 @@ def read_noise(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
 
 
 def _coefficients(
-    db: Connection, sensor_id: int
+    db: sa.Connection, sensor_id: int
 ) -> dict[int, dict[str, tuple[NoiseCoefficient, ...]]]:
     query = (
-        select(noise_coefficient)
+        sa.select(noise_coefficient)
         .join(noise_analysis, noise_analysis.c.id == noise_coefficient.c.analysis_id)
         .where(noise_analysis.c.sensor_id == sensor_id)
         .order_by(

@@ -15,7 +15,7 @@ from inercal.estimation import FilterHistory
 from inercal.methods.turntable import model
 from inercal.methods.turntable_discrete import least_squares
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
-from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS
+from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS
 from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.physics.sensors import Sensor
 from inercal.studies.claim import Rms, rms
