@@ -16,7 +16,6 @@ from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, NamedTuple
 
 from inercal.basics.errors import InputError
-from inercal.basics.system_user import user_name
 from inercal.cli.console import report_line
 
 if TYPE_CHECKING:
@@ -35,11 +34,6 @@ class Answer(NamedTuple):
 
     mounting: str
     operator: str
-
-
-def operator_name(given: str) -> str:
-    """Return the operator's name as given, or else the user name on this system."""
-    return given or user_name()
 
 
 def read_answers(path: Path) -> list[Answer]:

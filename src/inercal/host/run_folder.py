@@ -236,10 +236,9 @@ def _referenced_files(run_file: Path) -> list[str]:
     for name in files:
         if Path(name).parent != Path():
             raise InputError(
-                f"{run_file}: [method] names {name}, but a run can only copy files from the folder "
+                f"[method] names {name}, but a run can only copy files from the folder "
                 "of the run file; move this file to that folder",
-                file=run_file,
                 key="[method]",
                 names=(name,),
-            )
+            ).located(run_file)
     return files

@@ -205,9 +205,7 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
                 what = "is not the log of a run; name another file"
                 if at:
                     what = "is damaged; the data before this can be read"
-                raise InputError(
-                    f"{path}: no frame begins at byte {at}: the file {what}", file=path
-                )
+                raise InputError(f"no frame begins at byte {at}: the file {what}").located(path)
             if len(head) < _HEAD.size + _CHECK.size:
                 return
             _, kind, length, time = _HEAD.unpack_from(head)

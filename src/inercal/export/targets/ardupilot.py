@@ -20,14 +20,9 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
+from inercal.export import reader_definition
 from inercal.export.parameter_files import stated_parameters
 from inercal.export.ranges import temperature_limits
-from inercal.export.reader_definition import (
-    CalibrationReader,
-    StatedCalibration,
-    StatedTriad,
-    parameter_calibration,
-)
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
 
@@ -156,11 +151,11 @@ def _render(request: Request) -> Rendering:
     )
 
 
-def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
+def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCalibration:
     known = stated_parameters(text, "ArduPilot")
     imu = options["imu"]
     thermal = known.get(f"INS_TCAL{imu}_ENABLE") == 1
-    triads: dict[str, StatedTriad] = {}
+    triads: dict[str, reader_definition.StatedTriad] = {}
     references: set[float] = set()
     for kind, word in _WORDS.items():
         offsets, scales, _, temperature = _parameter_names(kind, imu)
@@ -185,7 +180,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             ]
             powers = _shifted(np.array(about) * _UNIT, taken - _CENTRE)
             references.add(taken + ZERO_CELSIUS)
-        triads[kind] = StatedTriad(
+        triads[kind] = reader_definition.StatedTriad(
             scale=1 / scale if kind == "f" else None, bias=bias, bias_powers=powers
         )
     if not triads:
@@ -193,7 +188,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"there are no parameters of IMU {imu}, such as INS_ACCOFFS_X; give parameters of "
             "ArduPilot, or another --set imu=…"
         )
-    return parameter_calibration("ArduPilot", triads, references, "CALTEMP")
+    return reader_definition.parameter_calibration("ArduPilot", triads, references, "CALTEMP")
 
 
 TARGET = Target(
@@ -205,4 +200,4 @@ TARGET = Target(
     OPTIONS,
     temperature_order=_ORDERS,
 )
-READER = CalibrationReader("ardupilot", "ArduPilot parameter", _read, (_IMU,))
+READER = reader_definition.CalibrationReader("ardupilot", "ArduPilot parameter", _read, (_IMU,))

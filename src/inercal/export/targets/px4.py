@@ -16,14 +16,9 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
+from inercal.export import reader_definition
 from inercal.export.parameter_files import stated_parameters
 from inercal.export.ranges import temperature_limits
-from inercal.export.reader_definition import (
-    CalibrationReader,
-    StatedCalibration,
-    StatedTriad,
-    parameter_calibration,
-)
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets import shared
 
@@ -113,10 +108,10 @@ def _render(request: Request) -> Rendering:
     )
 
 
-def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
+def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCalibration:
     known = stated_parameters(text, "PX4")
     n = options["instance"]
-    triads: dict[str, StatedTriad] = {}
+    triads: dict[str, reader_definition.StatedTriad] = {}
     references: set[float] = set()
     for kind, (word, letter) in _NAMES.items():
         stem = f"CAL_{word}{n}_"
@@ -136,7 +131,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             )
             bias, powers = bias + table[0], table[1:]
             references.add(known.get(f"{thermal}TREF", 25.0) + ZERO_CELSIUS)
-        triads[kind] = StatedTriad(
+        triads[kind] = reader_definition.StatedTriad(
             scale=1 / scale if kind == "f" else None, bias=bias, bias_powers=powers
         )
     if not triads:
@@ -144,7 +139,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"there are no parameters CAL_ACC{n}_XOFF or CAL_GYRO{n}_XOFF; give parameters of "
             "PX4, or another --set instance=…"
         )
-    return parameter_calibration("PX4", triads, references, "TREF")
+    return reader_definition.parameter_calibration("PX4", triads, references, "TREF")
 
 
 def _thermal_set(known: Mapping[str, float], letter: str, device: float | None) -> str | None:
@@ -164,4 +159,4 @@ TARGET = Target(
     OPTIONS,
     temperature_order=_ORDERS,
 )
-READER = CalibrationReader("px4", "PX4 parameter", _read, (_INSTANCE,))
+READER = reader_definition.CalibrationReader("px4", "PX4 parameter", _read, (_INSTANCE,))

@@ -281,12 +281,11 @@ def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
     rate = rate_hz or layout.rate_hz or run.rate_hz
     if rate is None:
         raise InputError(
-            f"{run.path}: [data] rate is missing, and {layout.name!r} states no rate; "
+            f"[data] rate is missing, and {layout.name!r} states no rate; "
             'add it, such as rate = "200 Hz"',
-            file=run.path,
             key="[data] rate",
             names=(layout.name,),
-        )
+        ).located(run.path)
     if not (0 < rate < 1e5 and rate == (layout.rate_hz or rate)):
         raise InputError(
             f"sample rate {rate:g} Hz is not possible; "

@@ -9,7 +9,8 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import hypot, isfinite
+from itertools import pairwise
+from math import hypot, inf, isfinite
 from typing import Any
 
 import sqlalchemy as sa
@@ -17,7 +18,7 @@ import sqlalchemy as sa
 from inercal.basics.errors import InputError
 from inercal.laboratory.store.document import to_utc
 from inercal.laboratory.store.insertions import EntryAuthor, enter_axes
-from inercal.laboratory.store.register_tables import metadata, sensor
+from inercal.laboratory.store.register_tables import entry_columns, metadata, sensor
 from inercal.noise import NoiseAnalysis, NoiseCoefficient
 from inercal.noise.analysis_object import analysis_object
 
@@ -33,8 +34,7 @@ noise_analysis = sa.Table(
     sa.Column("duration", sa.Double, nullable=False),  # s
     sa.Column("content", sa.Text, nullable=False),  # the whole analysis as JSON
     sa.Column("sha256", sa.String, nullable=False),  # SHA-256 of the content
-    sa.Column("entered_by", sa.String, nullable=False),
-    sa.Column("entered_at", sa.String, nullable=False),
+    *entry_columns(),
 )
 noise_coefficient = sa.Table(
     "noise_coefficient",
@@ -52,7 +52,7 @@ noise_coefficient = sa.Table(
 
 
 _MEASURES = {"gyro": "w", "accelerometer": "f"}
-_INFINITE = float("inf")
+_NOT_FACTS = ("coefficients", "content")  # fields of an entry
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class NoiseTrend:
     def normalised_errors(self) -> tuple[float | None, ...]:
         """E_n relative to the previous value; None for the first, or if one is only a limit."""
         found: list[float | None] = [None]
-        for before, after in zip(self.values[:-1], self.values[1:], strict=True):
+        for before, after in pairwise(self.values):
             u = hypot(before.u, after.u)
             known = isfinite(u) and u > 0
             found.append(abs(after.value - before.value) / (2 * u) if known else None)
@@ -240,7 +240,7 @@ def _coefficients(
     )
     found: dict[int, dict[str, tuple[NoiseCoefficient, ...]]] = {}
     for row in db.execute(query):
-        u = _INFINITE if row.u is None else row.u
+        u = inf if row.u is None else row.u
         one = NoiseCoefficient(row.symbol, "", row.value, u, row.low, row.high, row.unit)
         channels = found.setdefault(row.analysis_id, {})
         channels[row.channel] = (*channels.get(row.channel, ()), one)
@@ -249,7 +249,8 @@ def _coefficients(
 
 def noise_trends(entries: tuple[NoiseEntry, ...]) -> tuple[NoiseTrend, ...]:
     """Return the coefficients of all channels over time, from the last entry of each recording."""
-    last = {one.recording_sha256 or f"#{one.id}": one.id for one in sorted(entries, key=_number)}
+    in_order = sorted(entries, key=lambda one: one.id)
+    last = {one.recording_sha256 or f"#{one.id}": one.id for one in in_order}
     kept = [one for one in entries if last[one.recording_sha256 or f"#{one.id}"] == one.id]
     points: dict[tuple[str, str, str], list[tuple[NoiseEntry, NoiseCoefficient]]] = {}
     for entry in kept:
@@ -262,22 +263,10 @@ def noise_trends(entries: tuple[NoiseEntry, ...]) -> tuple[NoiseTrend, ...]:
     )
 
 
-def _number(entry: NoiseEntry) -> int:
-    return entry.id
-
-
 def noise_entry_object(entry: NoiseEntry) -> dict[str, Any]:
     """Return an entry as a JSON object, with its coefficients but without its content."""
-    return {
-        "id": entry.id,
-        "sensor": entry.sensor,
-        "measured": entry.measured,
-        "measured_from": entry.measured_from,
-        "source": entry.source,
-        "recording_sha256": entry.recording_sha256,
-        "duration": entry.duration,
-        "by": entry.by,
-        "at": entry.at,
+    facts = {name: value for name, value in vars(entry).items() if name not in _NOT_FACTS}
+    return facts | {
         "coefficients": [
             {
                 "channel": channel,

@@ -20,7 +20,7 @@ def _text_columns(*names: str) -> list[sa.Column[str]]:
     return [sa.Column(name, sa.String, nullable=False) for name in names]
 
 
-def _entry_columns() -> list[sa.Column[str]]:
+def entry_columns() -> list[sa.Column[str]]:
     """Return the columns for the author and time of an entry."""
     return _text_columns("entered_by", "entered_at")
 
@@ -31,7 +31,7 @@ sensor = sa.Table(
     sa.Column("id", sa.Integer, primary_key=True),
     sa.Column("name", sa.String, nullable=False, unique=True),
     sa.Column("axes", sa.Text, nullable=False),  # JSON list of {name, measures}
-    *_entry_columns(),
+    *entry_columns(),
 )
 bench = sa.Table(
     "bench",
@@ -39,7 +39,7 @@ bench = sa.Table(
     sa.Column("id", sa.Integer, primary_key=True),
     sa.Column("kind", sa.String, nullable=False),
     sa.Column("name", sa.String, nullable=False),  # empty if the run file states no name
-    *_entry_columns(),
+    *entry_columns(),
     sa.UniqueConstraint("kind", "name"),
 )
 run = sa.Table(
@@ -50,7 +50,7 @@ run = sa.Table(
     sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False, index=True),
     sa.Column("bench_id", sa.Integer, sa.ForeignKey("bench.id"), nullable=False),
     *_text_columns("begun", "state", "table_address", "imu_address", "folder"),
-    *_entry_columns(),
+    *entry_columns(),
 )
 file = sa.Table(
     "file",
@@ -59,7 +59,7 @@ file = sa.Table(
     sa.Column("name", sa.String, primary_key=True),
     sa.Column("size", sa.BigInteger, nullable=False),
     sa.Column("sha256", sa.String, nullable=False, index=True),
-    *_entry_columns(),
+    *entry_columns(),
 )
 calibration = sa.Table(
     "calibration",
@@ -77,7 +77,7 @@ calibration = sa.Table(
     sa.Column("recording_sha256", sa.String, nullable=False, index=True),  # empty if not stated
     sa.Column("content", sa.Text, nullable=False),  # the whole file as JSON
     sa.Column("sha256", sa.String, nullable=False, unique=True),
-    *_entry_columns(),
+    *entry_columns(),
 )
 coefficient = sa.Table(
     "coefficient",
@@ -106,6 +106,6 @@ certificate = sa.Table(  # database triggers prevent changes and deletion of row
     *_text_columns("pdf_sha256", "dcc_sha256"),
     sa.Column("pdf", sa.LargeBinary, nullable=False),
     sa.Column("dcc", sa.LargeBinary, nullable=False),  # XML
-    *_entry_columns(),
+    *entry_columns(),
     sa.UniqueConstraint("series", "year", "sequence"),
 )
