@@ -124,9 +124,8 @@ class _Lines:
     def __init__(self):
         # Not by sys.stdin: it buffers all waiting bytes, which select does not see.
         self._descriptor, self._buffer, self._at_end = sys.stdin.fileno(), b"", False
-        self._lock = (
-            Lock()
-        )  # shared by the reading thread and the run's thread, which discards lines
+        # Shared by the reading thread and the run's thread, which discards lines.
+        self._lock = Lock()
 
     def drop_earlier(self) -> None:
         """Discard all input received so far, including an incomplete line."""

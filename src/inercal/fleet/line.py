@@ -102,9 +102,8 @@ class Line:
             See `inercal.runfile.read`. The error is also raised if the value of a cell is not
             possible for its key.
         """
-        from inercal.runfile import (
-            from_sections,
-        )  # imported here because only workers need the methods
+        # Imported here because only workers need the methods.
+        from inercal.runfile import from_sections
 
         return from_sections(self.path, self.sections(row), digest or self.digest(row))
 

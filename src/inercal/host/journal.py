@@ -16,8 +16,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, Self
 
 from inercal.basics.atomic_files import atomic_write
+from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InputError
-from inercal.host.closeable import Closeable, on_failure
 from inercal.host.run_log import os_errors_as_input_errors
 
 NOTE_LEVEL = "note"  # level of an event written by the operator

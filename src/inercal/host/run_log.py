@@ -23,8 +23,8 @@ from time import monotonic, sleep
 from typing import Literal, NamedTuple
 from zlib import crc32
 
+from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InputError
-from inercal.host.closeable import Closeable, on_failure
 from inercal.recordings.io import column_table
 
 if sys.platform != "win32":

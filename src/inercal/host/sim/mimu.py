@@ -37,9 +37,9 @@ from typing import Protocol
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InputError
 from inercal.estimation.kernel_options import on_compilation
-from inercal.host.closeable import Closeable
 from inercal.host.packets import PacketLayout, read_layout
 from inercal.host.sim import motion_link
 from inercal.host.sim.faults import parse_number, unknown_fault

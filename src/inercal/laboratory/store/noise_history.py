@@ -17,7 +17,7 @@ import sqlalchemy as sa
 
 from inercal.basics.errors import InputError
 from inercal.laboratory.store.document import to_utc
-from inercal.laboratory.store.insertions import EntryAuthor, enter_axes
+from inercal.laboratory.store.insertions import EntryAuthor, enter_axes, insert_row
 from inercal.laboratory.store.register_tables import entry_columns, metadata, sensor
 from inercal.noise import NoiseAnalysis, NoiseCoefficient
 from inercal.noise.analysis_object import analysis_object
@@ -173,11 +173,10 @@ def enter_noise(
         "content": content,
         "sha256": digest,
     }
-    key = db.execute(sa.insert(noise_analysis).values(**values, **who.columns)).inserted_primary_key
-    assert key is not None
+    number = insert_row(db, noise_analysis, values, who)
     rows = [
         {
-            "analysis_id": int(key[0]),
+            "analysis_id": number,
             "channel": channel.channel,
             "symbol": one.symbol,
             "place": place,
@@ -192,7 +191,7 @@ def enter_noise(
     ]
     if rows:
         db.execute(sa.insert(noise_coefficient), rows)
-    return int(key[0])
+    return number
 
 
 def read_noise(db: sa.Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:

@@ -4,10 +4,10 @@ import os
 from collections.abc import Callable, Collection, Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Self
 
 from sqlalchemy import Connection, Engine, select
 
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InputError
 from inercal.basics.system_user import user_name
 from inercal.calibration import Calibration
@@ -28,7 +28,7 @@ from inercal.physics.sensors import Sensor
 Transaction = Callable[[Engine, RegisterAddress], AbstractContextManager[Connection]]
 
 
-class Register:
+class Register(Closeable):
     """A register of sensors, benches, runs, hashes of raw data and calibrations.
 
     Each entry has an author and a time. The register is a context manager. Each call is a separate
@@ -322,12 +322,6 @@ class Register:
     def close(self) -> None:
         """Close the connection to the database."""
         self._engine.dispose()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _bench_kind(calibration: Calibration) -> str:

@@ -66,9 +66,8 @@ calibration = sa.Table(
     metadata,
     sa.Column("id", sa.Integer, primary_key=True),
     sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False, index=True),
-    sa.Column(
-        "bench_id", sa.Integer, sa.ForeignKey("bench.id")
-    ),  # null if this version does not know the method
+    # Null if this version does not know the method.
+    sa.Column("bench_id", sa.Integer, sa.ForeignKey("bench.id")),
     sa.Column("run_id", sa.Integer, sa.ForeignKey("run.id"), index=True),
     sa.Column("measured", sa.String, nullable=False),
     sa.Column("measured_from", sa.String, nullable=False),  # "stated", "run" or "created"

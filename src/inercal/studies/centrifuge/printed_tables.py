@@ -24,10 +24,8 @@ from inercal.studies.study import StudySection, StudyTable
 OUTPUTS_TEXT = read_section_text("inercal.studies.centrifuge", "table1")
 
 _LAST_DIGIT = 1e-6  # V, one unit in the last printed digit
-_THRESHOLD, _SUSPECT = (
-    2.385,
-    6.0,
-)  # standard deviations; 2.385 gives 95 % efficiency for normal noise
+# Standard deviations; 2.385 gives 95 % efficiency for normal noise.
+_THRESHOLD, _SUSPECT = 2.385, 6.0
 _ROUNDING_TOLERANCE = _LAST_DIGIT  # the last digit may be truncated or rounded
 
 

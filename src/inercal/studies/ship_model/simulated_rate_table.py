@@ -29,12 +29,8 @@ SENSOR = triad().with_coefficients("k0", "k1", "delta_o", "delta_p")
 RADIUS = 0.25  # m
 POSE_SD, SEAT_SD, SPEED_SD = radians(0.2), 0.5e-3, 0.05e-2  # rad, m, relative
 NOISE = 0.3e-3  # g, noise of each mean
-SIZES = {
-    "k0": 0.04 * G0,
-    "k1": 0.02,
-    "delta_o": 0.012,
-    "delta_p": 0.012,
-}  # 1σ of the devices' coefficients
+# 1σ of the devices' coefficients.
+SIZES = {"k0": 0.04 * G0, "k1": 0.02, "delta_o": 0.012, "delta_p": 0.012}
 SPEEDS = (0.0, 20.0, 46.0, 56.0, 66.0, 76.0, 86.0)  # r/min
 POSE_COUNT = 300  # poses
 MILLI = 1e-3

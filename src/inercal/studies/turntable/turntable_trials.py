@@ -179,9 +179,8 @@ class TurntableTrials:
     accelerometers: dict[str, list[FilterErrors]] = field(
         default_factory=dict[str, list[FilterErrors]]
     )
-    decided_at_ends: list[int] = field(
-        default_factory=list[int]
-    )  # with attitudes compared at the ends of turns
+    # With attitudes compared at the ends of turns.
+    decided_at_ends: list[int] = field(default_factory=list[int])
 
     def add(self, kind: str, name: str, found: FilterErrors) -> None:
         """Append the errors of one run."""
