@@ -52,7 +52,6 @@ noise_coefficient = sa.Table(
 
 
 _MEASURES = {"gyro": "w", "accelerometer": "f"}
-_NOT_FACTS = ("coefficients", "content")  # fields of an entry
 
 
 @dataclass(frozen=True)
@@ -175,23 +174,20 @@ def enter_noise(
     }
     number = insert_row(db, noise_analysis, values, who)
     rows = [
-        {
-            "analysis_id": number,
-            "channel": channel.channel,
-            "symbol": one.symbol,
-            "place": place,
-            "value": one.value,
-            "u": one.u if isfinite(one.u) else None,
-            "low": one.low,
-            "high": one.high,
-            "unit": one.unit,
-        }
+        {"analysis_id": number, "channel": channel.channel, "place": place}
+        | _coefficient_fields(one)
+        | {"u": one.u if isfinite(one.u) else None}
         for channel in analysis.channels
         for place, one in enumerate(channel.coefficients)
     ]
     if rows:
         db.execute(sa.insert(noise_coefficient), rows)
     return number
+
+
+def _coefficient_fields(one: NoiseCoefficient) -> dict[str, Any]:
+    """Return the columns of a coefficient, which are also its keys in a JSON object."""
+    return {name: getattr(one, name) for name in ("symbol", "value", "u", "low", "high", "unit")}
 
 
 def read_noise(db: sa.Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
@@ -264,18 +260,10 @@ def noise_trends(entries: tuple[NoiseEntry, ...]) -> tuple[NoiseTrend, ...]:
 
 def noise_entry_object(entry: NoiseEntry) -> dict[str, Any]:
     """Return an entry as a JSON object, with its coefficients but without its content."""
-    facts = {name: value for name, value in vars(entry).items() if name not in _NOT_FACTS}
-    return facts | {
+    hidden = ("coefficients", "content")
+    return {name: value for name, value in vars(entry).items() if name not in hidden} | {
         "coefficients": [
-            {
-                "channel": channel,
-                "symbol": one.symbol,
-                "value": one.value,
-                "u": one.u,
-                "low": one.low,
-                "high": one.high,
-                "unit": one.unit,
-            }
+            {"channel": channel} | _coefficient_fields(one)
             for channel, coefficients in entry.coefficients.items()
             for one in coefficients
         ],
