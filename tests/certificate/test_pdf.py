@@ -21,8 +21,7 @@ from inercal.laboratory.certificate.content import (
     CertificateInput,
     make_certificate,
 )
-from inercal.laboratory.certificate.fonts import find_font
-from inercal.laboratory.certificate.issue import write_pdf_a1
+from inercal.laboratory.certificate.issue import find_font, write_pdf_a1
 from inercal.laboratory.certificate.job import read_job
 from inercal.laboratory.certificate.texts import LANGUAGES, Language, Texts, text_table
 from inercal.physics.sensors.coefficient_tables import TABLES
@@ -186,7 +185,7 @@ def test_a_long_word_stays_on_the_page(laboratory: Laboratory):
 
 def test_no_chinese_font_is_refused_with_what_to_install(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(
-        "inercal.laboratory.certificate.fonts._CHINESE_FONTS", (Path("/nowhere/font.ttc"),)
+        "inercal.laboratory.certificate.issue._CHINESE_FONTS", (Path("/nowhere/font.ttc"),)
     )
     with pytest.raises(InputError) as caught:
         find_font("zh", None)

@@ -17,12 +17,8 @@ from inercal.host.assembly import SampleAssembler
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.run_log import LogFrame, RunLog
 from inercal.methods import METHODS
-from inercal.methods.turntable_kalman.combined_estimate import (
-    FILTER_CONFIGS,
-    run_filter,
-    split_priors,
-)
-from inercal.methods.turntable_kalman.filter_config import FILTER_KINDS
+from inercal.methods.turntable_kalman.combined_estimate import run_filter, split_priors
+from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS, FILTER_KINDS
 from inercal.methods.turntable_kalman.filter_tests import FilterResult
 from inercal.pipeline import calibrate
 from inercal.runfile import Run, read

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 
-from inercal.laboratory.certificate.fonts import find_font
+from inercal.laboratory.certificate.issue import find_font
 from inercal.laboratory.certificate.job import read_job, require_complete
 from inercal.laboratory.certificate.schema import schema_defects
 from inercal.laboratory.store import Register, restore_register

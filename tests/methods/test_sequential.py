@@ -16,7 +16,8 @@ from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.paths import systematic_path
 from inercal.benches.turntable.simulation import path_profile
 from inercal.methods import METHODS, Method, PartialEstimate, Sequential
-from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS, run_filter
+from inercal.methods.turntable_kalman.combined_estimate import run_filter
+from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS
 from inercal.physics.plan import Position, Rotation
 from inercal.physics.sensors import Noise, Sensor, imu
 from inercal.recordings import Track

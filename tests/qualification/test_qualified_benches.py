@@ -19,7 +19,8 @@ from inercal.basics.units import Measured
 from inercal.benches import Bench, DividingHead, Turntable
 from inercal.benches.qualification.joint_prior import with_joint_prior
 from inercal.estimation import Estimate, Gaussian
-from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS, run_filter
+from inercal.methods.turntable_kalman.combined_estimate import run_filter
+from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS
 from inercal.methods.turntable_kalman.filter_tests import FilterResult
 
 Array = NDArray[np.float64]

@@ -213,10 +213,9 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(
-            f"{folder}: the folder cannot be created: {error.strerror}; give another folder",
-            file=folder,
+            f"the folder cannot be created: {error.strerror}; give another folder",
             key="--out",
-        ) from None
+        ).located(folder) from None
 
 
 def writable_target(path: str | os.PathLike[str]) -> Path:

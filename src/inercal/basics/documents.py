@@ -104,9 +104,8 @@ def read_document(path: Path, model: type[Content], verb: str) -> Content:
     except ValidationError as error:
         place, reason = first_problem(error)
         raise InputError(
-            f"{path}: {place or 'the whole file'}: {reason}; give a file that {verb} wrote",
-            file=path,
-        ) from None
+            f"{place or 'the whole file'}: {reason}; give a file that {verb} wrote",
+        ).located(path) from None
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:

@@ -65,10 +65,8 @@ def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> b
         ) from None
     if len(raw) > largest:
         raise InputError(
-            f"{path}: more than {largest} bytes, too many for a {what}; check that this is the "
-            "right file",
-            file=path,
-        )
+            f"more than {largest} bytes, too many for a {what}; check that this is the right file",
+        ).located(path)
     return raw
 
 
@@ -233,9 +231,8 @@ def csv_lines(
             where = f"line {reader.line_num}"
             if len(cells) != len(names):
                 raise InputError(
-                    f"{path}: {where} has {len(cells)} cells; the table has {len(names)} columns",
-                    file=path,
-                )
+                    f"{where} has {len(cells)} cells; the table has {len(names)} columns",
+                ).located(path)
             yield where, dict(zip(names, cells, strict=True))
     except csv.Error as error:
         raise InputError(f"{path}: line {reader.line_num}: {error}", file=path) from None
@@ -252,11 +249,10 @@ def check_columns(path: Path, names: Sequence[str], needed: Sequence[str]) -> No
     for one in needed:
         if one not in names:
             raise InputError(
-                f"{path}: no column {one!r}; {'its columns are ' * any(names)}"
+                f"no column {one!r}; {'its columns are ' * any(names)}"
                 f"{', '.join(names) or 'the file is empty'}"
                 f"{'; save it with commas between' * (len(names) == 1 and ';' in names[0])}",
-                file=path,
                 names=(one,),
-            )
+            ).located(path)
     if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
         raise InputError(f"{path}: column {twice[0]!r} appears twice", file=path, names=(twice[0],))

@@ -11,16 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from inercal.basics.errors import InputError, require_extra
-from inercal.cli.console import (
-    exit_with_verdict,
-    open_register,
-    print_coefficients,
-    print_json,
-    print_verdict,
-    print_written_files,
-    progress_status,
-    report_line,
-)
+from inercal.cli import console
 from inercal.cli.options import Explain, Json, positive_number, run_options
 
 if TYPE_CHECKING:
@@ -94,16 +85,16 @@ def run(
 
     options = run_options(speed, patience, temperature)
     plan = read(run_file)
-    kept = None if register is None else open_register(register)
+    kept = None if register is None else console.open_register(register)
     _require_operator(plan, answers, simulated=bool(clock))
-    with progress_status("checking the plan"):
+    with console.progress_status("checking the plan"):
         warnings = check_plan(plan)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
     result, journal = create_run(folder, plan, (table, imu, clock))
     with journal, result.removed_on_failure():
         for words in warnings:
             journal.record_event("warning", words)
-            report_line(words)
+            console.report_line(words)
         _complete_run(result, journal, options, kept, operator, answers, explain=explain, json=json)
 
 
@@ -126,7 +117,7 @@ def resume(
     from inercal.host.run_folder import reopen_run
 
     options = run_options(speed, patience, temperature)
-    kept = None if register is None else open_register(register)
+    kept = None if register is None else console.open_register(register)
     result, journal = reopen_run(folder, (table, imu, clock))
     with journal:
         _require_operator(result.run, answers, simulated=bool(journal.header().addresses[2]))
@@ -155,19 +146,19 @@ def _complete_run(
         live = _carry_out_plan(folder, journal, options, register_sync, operator, answers)
     sensor = folder.run.sensor.name
     try:
-        with progress_status(f"calibrating {sensor} from {folder.run.data.file}"):
+        with console.progress_status(f"calibrating {sensor} from {folder.run.data.file}"):
             outcome, files = finish_run(
                 folder, journal, live, lambda: register_sync.history(sensor)
             )
     finally:
         _enter_run(register_sync)
     if json:
-        print_json(calibration_object(outcome.calibration) | files)
+        console.print_json(calibration_object(outcome.calibration) | files)
     else:
-        print_coefficients(outcome, folder.run.truth)
-        print_verdict(outcome.verdict, explain=explain)
-        print_written_files(files.values())
-    exit_with_verdict(outcome)
+        console.print_coefficients(outcome, folder.run.truth)
+        console.print_verdict(outcome.verdict, explain=explain)
+        console.print_written_files(files.values())
+    console.exit_with_verdict(outcome)
 
 
 def _require_operator(run: "Run", answers: Path | None, *, simulated: bool) -> None:
@@ -197,7 +188,7 @@ def _enter_run(register_sync: "RegisterSync") -> None:
     """Enter a run in its present state; on failure, print the error and how to enter it later."""
     register_sync.update()
     if register_sync.trouble:
-        report_line(register_sync.trouble)
+        console.report_line(register_sync.trouble)
 
 
 def _carry_out_plan(
@@ -215,7 +206,7 @@ def _carry_out_plan(
     from inercal.host.precompilation import precompile_run
     from inercal.host.run_execution import RunInterrupted, execute_run
 
-    with progress_status("compiling (only once on each machine)"):
+    with console.progress_status("compiling (only once on each machine)"):
         precompile_run(folder.run, layout_of_address(journal.header().imu))
     try:
         typed = TypedConfirmation()
@@ -232,7 +223,7 @@ def _carry_out_plan(
             )
     except RunInterrupted as error:
         _enter_run(register_sync)
-        report_line(f"interrupted: {error}")
+        console.report_line(f"interrupted: {error}")
         if error.can_be_resumed:
             print(f"to continue: inercal bench resume {folder.path}", file=sys.stderr)
         raise typer.Exit(130) from None
@@ -387,7 +378,7 @@ def devices(
         }
         lines += imu_lines(reply)
     if json:
-        print_json(content)
+        console.print_json(content)
         return
     for line in lines:
         print(line)

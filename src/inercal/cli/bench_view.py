@@ -9,13 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inercal.basics.keys import CoefficientName
+from inercal.basics.system_user import user_name
 from inercal.cli.console import make_table
-from inercal.cli.mounting_answers import (
-    WORD,
-    TypedConfirmation,
-    answer_mountings,
-    operator_name,
-)
+from inercal.cli.mounting_answers import WORD, TypedConfirmation, answer_mountings
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -172,7 +168,7 @@ def listen_to_keys(
     The key p pauses the run and the key g continues it. A line confirms the requested mounting,
     unless an answer file does so.
     """
-    operator = operator_name(operator)
+    operator = operator or user_name()
     if not sys.stdin.isatty():
         with answer_mountings(run, operator, answers) if run.has_mountings else nullcontext():
             yield

@@ -50,11 +50,10 @@ def run(
     check_outputs({page: PAGE, table: BUDGET}, plan.input_files())
     if plan.search is not None:
         raise InputError(
-            f"{run_file}: a budget would repeat the search of estimator {plan.estimator} for "
+            f"a budget would repeat the search of estimator {plan.estimator} for "
             "hours; use estimator damped, which solves the same equations, or joint",
-            file=run_file,
             key="[method] estimator",
-        )
+        ).located(run_file)
     warn_of_root(scheduler)
     with progress_status(f"first order of {plan.sensor.name}") as update, executor:
         result = budget(

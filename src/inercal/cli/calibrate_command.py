@@ -9,28 +9,9 @@ import typer
 
 from inercal.basics.atomic_files import atomic_write_all, keep_previous, write_text
 from inercal.basics.errors import InputError, MissingExtra
-from inercal.cli.console import (
-    draw_refusal,
-    exit_with_verdict,
-    generation_text,
-    open_register,
-    print_coefficients,
-    print_json,
-    print_verdict,
-    print_written_files,
-    progress_status,
-    report_line,
-)
+from inercal.cli import console, outputs
 from inercal.cli.log_drafts import SET, draft_logs
 from inercal.cli.options import Explain, Json, Strict
-from inercal.cli.outputs import (
-    CALIBRATION,
-    PAGE,
-    RUN_FILE,
-    check_outputs,
-    require_same_run,
-    table_kind,
-)
 
 if TYPE_CHECKING:
     from inercal.pipeline.drafts import Draft
@@ -100,30 +81,30 @@ def run(
     from inercal.recordings.io.mean_tables import write_means
 
     files = {"calibration_file": out / f"{run_file.stem}.calibration.json"}
-    kinds = {files["calibration_file"]: CALIBRATION}
+    kinds = {files["calibration_file"]: outputs.CALIBRATION}
     refused = out / f"{run_file.stem}.refused.html" if with_report else None
     if refused is not None:
         files["report"] = out / f"{run_file.stem}.report.html"
-        kinds |= {files["report"]: PAGE, refused: PAGE}
+        kinds |= {files["report"]: outputs.PAGE, refused: outputs.PAGE}
     sources = plan.input_files()
-    check_outputs(kinds, sources)
+    outputs.check_outputs(kinds, sources)
     if not force:
-        require_same_run(files["calibration_file"], run_file, plan.sensor.name)
+        outputs.require_same_run(files["calibration_file"], run_file, plan.sensor.name)
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
     with (
-        nullcontext() if register is None else open_register(register) as opened,
-        progress_status(doing) as update,
+        nullcontext() if register is None else console.open_register(register) as opened,
+        console.progress_status(doing) as update,
     ):
-        with draw_refusal(plan, refused):
+        with console.draw_refusal(plan, refused):
             outcome = calibrate(
                 plan,
-                lambda generation: update(f"{doing}: {generation_text(generation)}"),
+                lambda generation: update(f"{doing}: {console.generation_text(generation)}"),
                 also="auto" if auto else None,
             )
         tables = plan.kind.tables(plan, outcome)
         files |= {what: out / f"{run_file.stem}.{what}.csv" for what in tables}
-        own = {files[what]: table_kind(what, columns) for what, columns in tables.items()}
-        check_outputs(own, sources)
+        own = {files[what]: outputs.table_kind(what, columns) for what, columns in tables.items()}
+        outputs.check_outputs(own, sources)
         results = [kind for kind in files if kind != "report"]
         keep_previous(files["calibration_file"])
         with atomic_write_all([files[kind] for kind in results]) as parts:
@@ -148,18 +129,18 @@ def run(
     if drafted is not None:
         files["run_file"] = run_file
     if json:
-        print_json(
+        console.print_json(
             calibration_object(outcome.calibration)
             | {kind: str(path) for kind, path in files.items()}
             | ({} if drafted is None else {"assumptions": list(drafted.assumptions)})
         )
     else:
-        print_coefficients(outcome, plan.truth)
-        print_verdict(outcome.verdict, explain=explain)
-        print_written_files(files.values())
+        console.print_coefficients(outcome, plan.truth)
+        console.print_verdict(outcome.verdict, explain=explain)
+        console.print_written_files(files.values())
     if missing is not None:
-        report_line(f"no report: {missing}")
-    exit_with_verdict(outcome, strict=strict)
+        console.report_line(f"no report: {missing}")
+    console.exit_with_verdict(outcome, strict=strict)
 
 
 def _draft(
@@ -175,7 +156,7 @@ def _draft(
             "--force",
             file=path,
         )
-    check_outputs({path: RUN_FILE}, logs, force=force)
+    outputs.check_outputs({path: outputs.RUN_FILE}, logs, force=force)
     draft = draft_logs(logs, path, stated, yes=yes)
     require_answers(draft)
     return draft

@@ -9,16 +9,10 @@ import typer
 
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
+from inercal.cli import session_inputs
 from inercal.cli.console import open_register, print_json, print_written_files
 from inercal.cli.options import Force, Json, RegisterOption
 from inercal.cli.outputs import CONTROL, PAGE, check_outputs
-from inercal.cli.session_inputs import (
-    SameOption,
-    Sensor,
-    Sessions,
-    read_sessions,
-    require_single_source,
-)
 
 if TYPE_CHECKING:
     from inercal.laboratory.check_standard import ControlCharts
@@ -38,14 +32,14 @@ def run(
         help="Calibration files of the check standard, in chronological order.",
         metavar="FILE…",
     ),
-    table: Sessions = None,
-    sensor: Sensor = None,
+    table: session_inputs.Sessions = None,
+    sensor: session_inputs.Sensor = None,
     bench: str | None = typer.Option(
         None,
         help="A bench in the register, by name or kind: chart its parameters from its own runs.",
     ),
     register: RegisterOption = None,
-    same: SameOption = None,
+    same: session_inputs.SameOption = None,
     reference: int = typer.Option(20, help="Number of days in the reference."),
     run_length: float = typer.Option(
         370.0, help="Mean number of days between false alarms, over all charts."
@@ -76,7 +70,7 @@ def run(
         "lasting": lasting.value,
     }
     if bench is not None:
-        require_single_source(files, table, sensor, bench)
+        session_inputs.require_single_source(files, table, sensor, bench)
         if same:
             raise InputError(
                 "--same: bench runs are always charted by day; remove it", key="--same"
@@ -88,7 +82,7 @@ def run(
     from inercal.laboratory.check_standard import CheckedSession, control_charts
     from inercal.laboratory.check_standard.chart_texts import control_charts_object
 
-    given, inputs = read_sessions(files, table, sensor, register, same)
+    given, inputs = session_inputs.read_sessions(files, table, sensor, register, same)
     undated = [one.session.label for one in given if not one.measured]
     if undated:
         raise InputError(

@@ -6,13 +6,7 @@ from pathlib import Path
 
 import typer
 
-from inercal.cli.console import (
-    exit_with_verdict,
-    print_coefficients,
-    print_json,
-    print_line,
-    print_written_files,
-)
+from inercal.cli import console
 from inercal.cli.options import Json
 
 
@@ -39,12 +33,12 @@ def run(
         shown = demo(out, seed, quick=quick, show=show, compiling=compiling)
     if json:
         result = calibration_object(shown.outcome.calibration)
-        print_json(result | {"truth": dict(shown.truth)} | dict(shown.files))
-        exit_with_verdict(shown.outcome)
+        console.print_json(result | {"truth": dict(shown.truth)} | dict(shown.files))
+        console.exit_with_verdict(shown.outcome)
         return
-    print_coefficients(shown.outcome, shown.truth)
-    print_line(shown.outcome.verdict.lines[0], "bold")
+    console.print_coefficients(shown.outcome, shown.truth)
+    console.print_line(shown.outcome.verdict.lines[0], "bold")
     print(f"{shown.seconds / 60:.1f} minutes simulated in {shown.seconds / shown.speed:.0f} s")
     print(f"normalised squared error relative to the truth: {shown.nees:.2f} (1 is expected)")
-    print_written_files(shown.files.values())
-    exit_with_verdict(shown.outcome)
+    console.print_written_files(shown.files.values())
+    console.exit_with_verdict(shown.outcome)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
 from inercal.cli import export_command
@@ -190,9 +191,9 @@ def report(
         folder = line / results.FOLDER if out is None else out
         found = fleet_statistics(read_population(read_line(line), folder))
         if path is not None:
-            from inercal.fleet.report_page import write_fleet_report
+            from inercal.fleet.report_page import fleet_page
 
-            write_fleet_report(found, path, line.resolve().name)
+            write_text(path, fleet_page(found, line.resolve().name))
     if json:
         print_json(statistics_object(found))
         return

@@ -16,7 +16,6 @@ from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, NamedTuple
 
 from inercal.basics.errors import InputError
-from inercal.basics.system_user import user_name
 from inercal.cli.console import report_line
 
 if TYPE_CHECKING:
@@ -35,11 +34,6 @@ class Answer(NamedTuple):
 
     mounting: str
     operator: str
-
-
-def operator_name(given: str) -> str:
-    """Return the operator's name as given, or else the user name on this system."""
-    return given or user_name()
 
 
 def read_answers(path: Path) -> list[Answer]:
@@ -130,9 +124,8 @@ class _Lines:
     def __init__(self):
         # Not by sys.stdin: it buffers all waiting bytes, which select does not see.
         self._descriptor, self._buffer, self._at_end = sys.stdin.fileno(), b"", False
-        self._lock = (
-            Lock()
-        )  # shared by the reading thread and the run's thread, which discards lines
+        # Shared by the reading thread and the run's thread, which discards lines.
+        self._lock = Lock()
 
     def drop_earlier(self) -> None:
         """Discard all input received so far, including an incomplete line."""

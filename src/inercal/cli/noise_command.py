@@ -300,10 +300,9 @@ def _read(path: Path, known: dict[str, str]) -> "Recording":
     run = read(path)
     if run.data.kind == "means":
         raise InputError(
-            f"{path}: [data] contains means, which have no sample noise; give a recording",
-            file=path,
+            "[data] contains means, which have no sample noise; give a recording",
             key="[data] kind",
-        )
+        ).located(path)
     recording = load_recording(run)
     axes = {axis.name: axis for axis in run.sensor.axes}
     chosen = [axes[name] for name in recording.channels]

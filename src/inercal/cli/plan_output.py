@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from inercal.basics.atomic_files import write_text
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_duration
-from inercal.cli.console import (
-    print_json,
-    print_lines,
-    print_table,
-    print_written_files,
-    progress_status,
-)
+from inercal.cli import console
 from inercal.cli.outputs import WORKSHEET, check_outputs, require_suffix
 from inercal.physics.quantities import QUANTITIES
 
@@ -64,7 +58,7 @@ def print_plan(
 
     run = read(run_file, keys)
     files: dict[str, Path] = {}
-    with progress_status(f"computing the uncertainties of {run.method.name}"):
+    with console.progress_status(f"computing the uncertainties of {run.method.name}"):
         recorded = run.kind.sampled or (
             run.method.unknown_attitudes and run.data.kind == "recording"
         )
@@ -107,7 +101,7 @@ def print_optimised_plan(
     if out is not None:
         require_suffix(out, ".csv")
         check_outputs({out: WORKSHEET}, run.input_files(), force=force)
-    with progress_status("searching for a path") as say:
+    with console.progress_status("searching for a path") as say:
         found = search_path(run, seconds, trials, _SEED, lambda k: say(f"path {k} of {trials}"))
     note = (
         f"This is the best of {found.tried} paths of at most {duration}. Its uncertainties are "
@@ -132,10 +126,10 @@ def _print_plan(run: "Run", plan: _Plan, files: Mapping[str, Path], *, json: boo
             "expected": expected,
             **plan.more,
         }
-        print_json(content | {kind: str(path) for kind, path in files.items()})
+        console.print_json(content | {kind: str(path) for kind, path in files.items()})
         return
     _print(run, plan)
-    print_written_files(files.values())
+    console.print_written_files(files.values())
 
 
 def _next_step(run: "Run", sheet: Path) -> str:
@@ -278,7 +272,7 @@ def _print(run: "Run", plan: _Plan) -> None:
     from inercal.basics.units import format_value_and_uncertainty
     from inercal.estimation.uncertainty.coverage import COVERAGE
 
-    print_table(plan.heads, plan.rows, title=plan.title)
+    console.print_table(plan.heads, plan.rows, title=plan.title)
     rows: list[tuple[str, ...]] = []
     for part in plan.expected:
         for each in part:
@@ -286,9 +280,9 @@ def _print(run: "Run", plan: _Plan) -> None:
             cell = format_value_and_uncertainty(0.0, u)[1] if isfinite(u) else "—"
             rows.append((each.name, each.meaning, cell, each.unit))
         rows.append(())
-    print_table(
+    console.print_table(
         ("coefficient", "meaning", ">U (k = 2)", "unit"),
         rows,
         title=f"expected for {run.sensor.name}: {run.method.name}, {run.estimator}",
     )
-    print_lines(plan.notes, "· ")
+    console.print_lines(plan.notes, "· ")

@@ -6,14 +6,7 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from inercal.basics.atomic_files import write_text
-from inercal.cli.console import (
-    axis_of,
-    print_json,
-    print_line,
-    print_lines,
-    print_table,
-    print_written_files,
-)
+from inercal.cli import console
 from inercal.cli.options import Force, Json, RegisterOption
 from inercal.cli.outputs import CALIBRATION, REPEATABILITY, check_outputs
 from inercal.cli.session_inputs import SameOption, Sensor, Sessions
@@ -66,10 +59,10 @@ def run(
         write_text(targets[0], document_text(repeatability_object(found)))
         save(next_use_calibration(found), targets[1])
     if json:
-        print_json(repeatability_object(found))
+        console.print_json(repeatability_object(found))
         return
     _print_repeatability(found)
-    print_written_files(targets)
+    console.print_written_files(targets)
 
 
 def _print_repeatability(found: "Repeatability") -> None:
@@ -80,7 +73,7 @@ def _print_repeatability(found: "Repeatability") -> None:
     matched = found.matched
     count = len(matched.sessions)
     days, mounts, turn_ons = (int(matched.level(which).max()) + 1 for which in range(3))
-    print_line(
+    console.print_line(
         f"{matched.sensor.name}: {format_count(count, 'session')} of {format_count(days, 'day')}"
         f", {format_count(mounts, 'mounting')}, {format_count(turn_ons, 'turn-on')}; U with 95 "
         f"% coverage; the next use is after another {found.scope}"
@@ -96,8 +89,8 @@ def _print_repeatability(found: "Repeatability") -> None:
         )
         rows.append((name, *mean, next_use[1], term.unit))
     heads = ("coefficient", ">mean", ">U of the mean", ">U of the next use", "unit")
-    print_table(heads, rows, section=axis_of)
-    print_table(
+    console.print_table(heads, rows, section=console.axis_of)
+    console.print_table(
         ("scatter", "with each", ">standard deviation", ">from", ">to", "unit", "in the next use"),
         [
             (one.effect.name, one.effect.level,
@@ -106,4 +99,4 @@ def _print_repeatability(found: "Repeatability") -> None:
             for one in found.components
         ],
     )  # fmt: skip
-    print_lines((*found.findings, *advice_lines(found)), "· ")
+    console.print_lines((*found.findings, *advice_lines(found)), "· ")

@@ -4,15 +4,7 @@ from pathlib import Path
 
 import typer
 
-from inercal.cli.console import (
-    draw_refusal,
-    exit_with_verdict,
-    generation_text,
-    print_json,
-    print_verdict,
-    print_written_files,
-    progress_status,
-)
+from inercal.cli import console
 from inercal.cli.options import Explain, Json, Strict
 from inercal.cli.outputs import PAGE, check_outputs
 
@@ -42,15 +34,16 @@ def run(
     page = out or Path(f"{run_file.stem}.report.html")
     refused = page.parent / f"{run_file.stem}.refused.html"
     check_outputs({page: PAGE, refused: PAGE}, plan.input_files())
-    with progress_status(f"writing {page}") as update:
-        with draw_refusal(plan, refused):
+    with console.progress_status(f"writing {page}") as update:
+        with console.draw_refusal(plan, refused):
             outcome = calibrate(
-                plan, lambda generation: update(f"writing {page}: {generation_text(generation)}")
+                plan,
+                lambda generation: update(f"writing {page}: {console.generation_text(generation)}"),
             )
         write_report(outcome, page, plan.truth or None, for_customer=for_customer)
     if json:
-        print_json({"report": str(page), "verdict": verdict_object(outcome.verdict)})
+        console.print_json({"report": str(page), "verdict": verdict_object(outcome.verdict)})
     else:
-        print_verdict(outcome.verdict, explain=explain)
-        print_written_files([page])
-    exit_with_verdict(outcome, strict=strict)
+        console.print_verdict(outcome.verdict, explain=explain)
+        console.print_written_files([page])
+    console.exit_with_verdict(outcome, strict=strict)

@@ -140,11 +140,9 @@ def _of_table(table: Path, same: list[Same] | None) -> tuple[list[DatedSession],
     for k, (where, cells) in enumerate(csv_lines(table, (_FILE,), "table of sessions")):
         if unknown := sorted(cells.keys() - {_FILE, *_LEVELS}):
             raise InputError(
-                f"{table}: column {unknown[0]!r} is unknown; the columns are {_FILE}, "
-                f"{', '.join(_LEVELS)}",
-                file=table,
+                f"column {unknown[0]!r} is unknown; the columns are {_FILE}, {', '.join(_LEVELS)}",
                 names=(unknown[0],),
-            )
+            ).located(table)
         if empty := [name for name, cell in cells.items() if not cell.strip()]:
             raise InputError(f"{table}: {where}: column {empty[0]} is empty", file=table)
         file = table.parent / cells[_FILE]

@@ -315,10 +315,9 @@ def _enter_path(opened: "Register", path: Path, measured: str | None) -> dict[st
     files = sorted(path.glob("*.calibration.json"))
     if not files:
         raise InputError(
-            f"{path}: the folder contains neither a bench run nor *.calibration.json; give the "
+            "the folder contains neither a bench run nor *.calibration.json; give the "
             "folder of a run, or calibration files",
-            file=path,
-        )
+        ).located(path)
     return _entry_summary(path, None, opened.enter_calibrations(files), before)
 
 

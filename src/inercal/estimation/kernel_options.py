@@ -40,8 +40,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 def kernel(function: F) -> F:
     """Compile a function that can be called from Python."""
-    result: F = _compile(**KERNEL_OPTIONS, nogil=True)(function)
-    return result
+    return _compile(**KERNEL_OPTIONS, nogil=True)(function)
 
 
 def kernel_step(function: F) -> F:
@@ -50,8 +49,7 @@ def kernel_step(function: F) -> F:
     The compiled function has no Python wrapper, because for many array arguments the wrapper takes
     longer to compile than the function.
     """
-    result: F = _compile(**INNER_OPTIONS)(function)
-    return result
+    return _compile(**INNER_OPTIONS)(function)
 
 
 def kernel_piece(function: F) -> F:
@@ -60,8 +58,7 @@ def kernel_piece(function: F) -> F:
     Without inlining, each call would have to pass all arrays in its tuples, which are hundreds of
     numbers.
     """
-    result: F = _compile(**INNER_OPTIONS, inline="always")(function)
-    return result
+    return _compile(**INNER_OPTIONS, inline="always")(function)
 
 
 def kernel_value(function: F) -> F:
@@ -69,8 +66,7 @@ def kernel_value(function: F) -> F:
 
     The compiler can then keep its result, such as a tuple of nine numbers, in registers.
     """
-    result: F = _compile(**INNER_OPTIONS, forceinline=True)(function)
-    return result
+    return _compile(**INNER_OPTIONS, forceinline=True)(function)
 
 
 class _CompilationListener(event.Listener):

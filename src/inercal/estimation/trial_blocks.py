@@ -12,20 +12,12 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
-from inercal.estimation import gauss_newton_steps
+from inercal.estimation import gauss_newton_steps, whitened_problem
 from inercal.estimation.fitting import LinearisedRows, estimate_at_solution
 from inercal.estimation.nullspace import Observability, observability
 from inercal.estimation.problem import NormalEquations, Problem
 from inercal.estimation.result import Estimate
 from inercal.estimation.search import merge, search
-from inercal.estimation.whitened_problem import (
-    WhitenedProblem,
-    gauge_basis,
-    noise_error,
-    prior_equations,
-    prior_targets,
-    require_finite,
-)
 
 # Not a power of two: arrays whose addresses are equal modulo the cache-way size would evict one
 # another.
@@ -81,7 +73,7 @@ def least_squares_of_trials(
 
         return stages[1].solve(part, next_of)
 
-    first, *others = _blocks(trials, WhitenedProblem(problem_of(slice(0, 1))))
+    first, *others = _blocks(trials, whitened_problem.WhitenedProblem(problem_of(slice(0, 1))))
     solved = solve(first)
     if not others:
         return solved
@@ -109,7 +101,7 @@ class _Stage:
         """Return the estimate for some trials; the first call must start with the first trial."""
         if self._structure is not None:
             return self._solve_from_others(part, problem_of(part), self._structure)
-        one = WhitenedProblem(problem_of(slice(0, 1)))
+        one = whitened_problem.WhitenedProblem(problem_of(slice(0, 1)))
         structure = observability(one, one.first)
         solved = _solve_block(problem_of(part), part, structure, self._max_iterations)
         if solved.converged[0]:
@@ -166,7 +158,7 @@ def _solve_block(
         packed = PackedTrials(problem, trials)
         point, converged, iterations = search(packed, max_iterations)
         return packed.estimate(point, structure, converged, iterations)
-    system = WhitenedProblem(problem)
+    system = whitened_problem.WhitenedProblem(problem)
     at, converged, iterations = search(LinearisedRows(system), max_iterations)
     return estimate_at_solution(system, at, structure, converged, iterations)
 
@@ -189,7 +181,7 @@ def _with_room(solved: Estimate, trials: int) -> Estimate:
     return replace(solved, **arrays)
 
 
-def _blocks(trials: int, one: WhitenedProblem) -> list[slice]:
+def _blocks(trials: int, one: whitened_problem.WhitenedProblem) -> list[slice]:
     """Return slices of nearly equal lengths, because a short last block would use another solver.
 
     The first block is shorter, because the others start at its solutions.
@@ -235,17 +227,19 @@ class PackedTrials:
         assert problem.normal_equations is not None
         self.problem, self.trials, self._of = problem, trials, problem.normal_equations
         self.reweighted = callable(problem.noise)
-        self.basis, start = gauge_basis(problem)
-        self._prior_full, self._prior_rows, targets = prior_equations(problem, self.basis)
-        self._target = prior_targets(targets, trials)
+        self.basis, start = whitened_problem.gauge_basis(problem)
+        self._prior_full, self._prior_rows, targets = whitened_problem.prior_equations(
+            problem, self.basis
+        )
+        self._target = whitened_problem.prior_targets(targets, trials)
         self.first = self._point(
             np.broadcast_to(start, (trials, start.shape[-1])), np.arange(trials)
         )
         self.m = self.first.residual.shape[-1]
-        require_finite(self.first.residual)
+        whitened_problem.require_finite(self.first.residual)
         positive = np.isfinite(self.first.weight).all(axis=0)
         if not positive.all():
-            raise noise_error(problem, int(np.flatnonzero(~positive)[0]))
+            raise whitened_problem.noise_error(problem, int(np.flatnonzero(~positive)[0]))
 
     @property
     def dof(self) -> int:

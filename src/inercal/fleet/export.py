@@ -224,9 +224,7 @@ def sensor_calibration(line: Line, folder: Path, name: str) -> Calibration:
         what = "it has no result yet; calibrate the line" if sensor else "it is not in the table"
         raise InputError(f"{folder}: sensor {name!r}: {what}", file=folder, names=(name,))
     if found["status"] != results.DONE:
-        raise InputError(
-            f"{folder}: sensor {name!r} was not calibrated: {found['error']}", file=folder
-        )
+        raise InputError(f"sensor {name!r} was not calibrated: {found['error']}").located(folder)
     return marked_as_outdated(parse(found["calibration"], name), found[OUTDATED])
 
 

@@ -4,19 +4,12 @@ from collections.abc import Sequence
 from math import inf, isfinite, isnan
 
 from inercal.basics.units import format_count
-from inercal.fleet.statistics import (
-    QUANTILES,
-    TRENDS,
-    CoefficientStatistics,
-    FleetStatistics,
-    GroupStatistics,
-    RuleYield,
-)
+from inercal.fleet import statistics
 
 _NAMED = 8  # largest number of names listed for a finding
 
 
-def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
+def summary_lines(found: statistics.FleetStatistics) -> tuple[str, list[str]]:
     """Return a one-line summary of the statistics, and lines about results that need attention."""
     population = found.population
     count = format_count(len(population.ids), "sensor")
@@ -28,7 +21,7 @@ def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
     return summary, _findings(found)
 
 
-def _findings(found: FleetStatistics) -> list[str]:
+def _findings(found: statistics.FleetStatistics) -> list[str]:
     texts: list[str] = []
     if found.population.outdated:
         outdated = format_count(found.population.outdated, "result is", "results are")
@@ -67,12 +60,12 @@ def _findings(found: FleetStatistics) -> list[str]:
     return texts
 
 
-def rule_text(one: RuleYield) -> str:
+def rule_text(one: statistics.RuleYield) -> str:
     """Describe a decision rule."""
     return "simple" if one.rule.name == "simple" else f"guarded, w = {one.rule.factor:g} U"
 
 
-def statistics_object(found: FleetStatistics) -> dict[str, object]:
+def statistics_object(found: statistics.FleetStatistics) -> dict[str, object]:
     """Return the statistics as a JSON object, in SI units."""
     population = found.population
     return {
@@ -85,8 +78,10 @@ def statistics_object(found: FleetStatistics) -> dict[str, object]:
         "outliers": [vars(one) for one in found.outliers],
         "outliers_searched": found.outliers_searched,
         "outliers_by_chance": found.outliers_by_chance,
-        "trends": [vars(one) for one in found.contrasts if one.of in TRENDS],
-        "station_differences": [vars(one) for one in found.contrasts if one.of not in TRENDS],
+        "trends": [vars(one) for one in found.contrasts if one.of in statistics.TRENDS],
+        "station_differences": [
+            vars(one) for one in found.contrasts if one.of not in statistics.TRENDS
+        ],
         "yield": [
             {"rule": one.rule.name, "factor": one.rule.factor, "share": one.share, **one.counts}
             for one in found.yields
@@ -107,12 +102,12 @@ def statistics_object(found: FleetStatistics) -> dict[str, object]:
     }
 
 
-def _coefficient_object(one: CoefficientStatistics) -> dict[str, object]:
+def _coefficient_object(one: statistics.CoefficientStatistics) -> dict[str, object]:
     parts, limits = one.components, one.limits or (-inf, inf)
     return {
         "name": one.name,
         **vars(one.summary),
-        "quantiles": dict(zip(map(str, QUANTILES), one.quantiles, strict=True)),
+        "quantiles": dict(zip(map(str, statistics.QUANTILES), one.quantiles, strict=True)),
         "components": {
             "mean": parts.mean,
             "mean_std": parts.std,
@@ -126,7 +121,7 @@ def _coefficient_object(one: CoefficientStatistics) -> dict[str, object]:
 
 
 def _group_objects(
-    groups: Sequence[GroupStatistics], names: Sequence[str]
+    groups: Sequence[statistics.GroupStatistics], names: Sequence[str]
 ) -> list[dict[str, object]]:
     return [
         {

@@ -102,9 +102,8 @@ class Line:
             See `inercal.runfile.read`. The error is also raised if the value of a cell is not
             possible for its key.
         """
-        from inercal.runfile import (
-            from_sections,
-        )  # imported here because only workers need the methods
+        # Imported here because only workers need the methods.
+        from inercal.runfile import from_sections
 
         return from_sections(self.path, self.sections(row), digest or self.digest(row))
 
@@ -199,10 +198,8 @@ def read_line(folder: str | Path) -> Line:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(
-            f"{folder}: there is no such folder; a line is a folder with {TEMPLATE} and "
-            f"{TABLES[0]}",
-            file=folder,
-        )
+            f"there is no such folder; a line is a folder with {TEMPLATE} and {TABLES[0]}",
+        ).located(folder)
     path = folder / TEMPLATE
     template = read_toml(path, "run file")
     table = next((folder / name for name in TABLES if (folder / name).is_file()), None)
@@ -214,12 +211,11 @@ def read_line(folder: str | Path) -> Line:
     if missing := sorted(line.placeholders - known):
         near = get_close_matches(missing[0], sorted(known), n=1)
         raise InputError(
-            f"{path}: {{{missing[0]}}} is not a column of "
+            f"{{{missing[0]}}} is not a column of "
             f"{table.name}{f'; did you mean {near[0]}?' if near else ''}; its columns are "
             f"{', '.join(sorted(known))}",
-            file=path,
             names=tuple(missing),
-        )
+        ).located(path)
     return line
 
 
@@ -239,20 +235,17 @@ def _read_rows(path: Path) -> list[SensorRow]:
             raise InputError(f"{path}: {where}: column {empty} is empty", file=path, names=(empty,))
         if name in seen:
             raise InputError(
-                f"{path}: {where}: id {name!r} is already used in {seen[name]}; each sensor "
-                "has one row",
-                file=path,
+                f"{where}: id {name!r} is already used in {seen[name]}; each sensor has one row",
                 names=(name,),
-            )
+            ).located(path)
         seen[name] = where
         _require_time(path, where, cells.get(MEASURED, ""))
         code = cells.get(BARCODE, "")
         if code and (other := codes.setdefault(code, where)) != where:
             raise InputError(
-                f"{path}: {where}: barcode {code!r} is already used in {other}; give each its own",
-                file=path,
+                f"{where}: barcode {code!r} is already used in {other}; give each its own",
                 names=(BARCODE,),
-            )
+            ).located(path)
         rows.append(SensorRow(name, recording, cells))
     if not rows:
         raise InputError(f"{path} contains no sensor", file=path)
@@ -265,11 +258,10 @@ def _require_time(path: Path, where: str, text: str) -> None:
             datetime.fromisoformat(text)
     except ValueError:
         raise InputError(
-            f"{path}: {where}: {MEASURED} {text!r} is not a time; write it in ISO 8601, such "
+            f"{where}: {MEASURED} {text!r} is not a time; write it in ISO 8601, such "
             "as 2026-03-01 or 2026-03-01T14:30:00+01:00",
-            file=path,
             names=(MEASURED,),
-        ) from None
+        ).located(path) from None
 
 
 def _parquet_lines(path: Path) -> Iterator[tuple[str, dict[str, str]]]:

@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite, isnan
-from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 
-from inercal.basics.atomic_files import write_text
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_count
 from inercal.calibration.specification import limit_text
@@ -39,28 +37,20 @@ class PrintedTable:
     more: int = 0
 
 
-def write_fleet_report(found: FleetStatistics, path: Path, line: str) -> Path:
-    """Write the page with a fleet's statistics, and return its path.
-
-    The file is written completely or not at all.
+def fleet_page(found: FleetStatistics, line: str) -> str:
+    """Return the page with a fleet's statistics as HTML.
 
     Parameters
     ----------
     found : FleetStatistics
-    path : Path
     line : str
         Name of the line.
 
     Raises
     ------
     InputError
-        matplotlib or jinja2 is missing, or the file cannot be written.
+        matplotlib or jinja2 is missing.
     """
-    return write_text(path, fleet_page(found, line))
-
-
-def fleet_page(found: FleetStatistics, line: str) -> str:
-    """Return the page as HTML."""
     population = found.population
     limited = [one for one in found.coefficients if one.limits is not None]
     shown = sorted(found.charts, key=lambda one: -one.beyond)[:_CHARTS]

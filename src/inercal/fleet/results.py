@@ -72,14 +72,6 @@ def lower_triangle(matrix: Array) -> list[float]:
     return matrix[np.tril_indices(len(matrix))].tolist()
 
 
-def from_lower_triangle(values: Sequence[float]) -> Array:
-    """Return the symmetric matrix (p, p) with this lower triangle."""
-    p = round((np.sqrt(8 * len(values) + 1) - 1) / 2)
-    matrix = np.zeros((p, p))
-    matrix[np.tril_indices(p)] = values
-    return matrix + np.tril(matrix, -1).T
-
-
 @dataclass(frozen=True)
 class ResultWriter:
     """Writer for the results of one run; all these results have the same generation.

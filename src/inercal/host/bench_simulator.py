@@ -9,10 +9,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InputError
 from inercal.estimation.kernel_options import on_compilation
 from inercal.host.addresses import DeviceAddresses
-from inercal.host.closeable import Closeable
 from inercal.host.packets import read_layout
 from inercal.host.precompilation import precompile_run
 from inercal.host.sim import motion_link

@@ -15,9 +15,9 @@ from threading import Condition, Thread
 from time import monotonic
 from typing import NamedTuple
 
+from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InercalError
 from inercal.host.clock import Tick
-from inercal.host.closeable import Closeable, on_failure
 from inercal.host.link import CONNECT_TIMEOUT, Link, LinkLost
 from inercal.host.packets import PacketLayout
 

@@ -16,8 +16,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, Self
 
 from inercal.basics.atomic_files import atomic_write
+from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InputError
-from inercal.host.closeable import Closeable, on_failure
 from inercal.host.run_log import os_errors_as_input_errors
 
 NOTE_LEVEL = "note"  # level of an event written by the operator
@@ -174,10 +174,9 @@ class Journal(Closeable):
         row, *_ = self._rows("SELECT * FROM run") or [None]
         if row is None:
             raise InputError(
-                f"{self.path}: the journal is damaged because it names no run; restore it from a "
+                "the journal is damaged because it names no run; restore it from a "
                 "copy, or begin a new run",
-                file=self.path,
-            )
+            ).located(self.path)
         return JournalHeader(*row)
 
     def set_addresses(self, addresses: tuple[str, str, str]) -> None:
@@ -286,10 +285,9 @@ def _sqlite_errors_as_input_errors(path: Path) -> Generator[None]:
         yield
     except sqlite3.Error as error:
         raise InputError(
-            f"{path}: SQLite cannot use the journal: {error}; check that the file is a journal "
+            f"SQLite cannot use the journal: {error}; check that the file is a journal "
             "and that its folder is writable",
-            file=path,
-        ) from None
+        ).located(path) from None
 
 
 def _now() -> str:

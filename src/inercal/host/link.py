@@ -13,8 +13,8 @@ from time import monotonic
 from typing import Protocol, Self
 from urllib.parse import SplitResult, parse_qsl, urlsplit
 
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError, InputError, require_extra
-from inercal.host.closeable import Closeable
 
 # On systems with terminals, a terminal that is gone raises this error, which is not an OSError.
 if sys.platform == "win32":

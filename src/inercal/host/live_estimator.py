@@ -68,12 +68,11 @@ class LiveEstimator:
         if begin is None:
             able = [name for name, one in METHODS.items() if one.sequential is not None]
             raise InputError(
-                f"{run.path}: [method] name: {run.method.name} cannot estimate during a run; "
+                f"[method] name: {run.method.name} cannot estimate during a run; "
                 f"possible: {', '.join(able)}",
-                file=run.path,
                 key="[method] name",
                 names=(run.method.name,),
-            )
+            ).located(run.path)
         rate_hz = required_rate(run)
         self.names, self.time = run.sensor.coefficients, nan
         # Keyed by the names of the coefficients of a part.

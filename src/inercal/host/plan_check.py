@@ -49,13 +49,12 @@ def check_plan(run: Run) -> tuple[str, ...]:
             return ()
         rest = "no rest" if first is None else f"{first.label}, a rest of {first.seconds:g} s"
         raise InputError(
-            f"{run.path}: the first rest of the plan is {rest}, but the method needs "
+            f"the first rest of the plan is {rest}, but the method needs "
             f"{COARSE_REST_SECONDS:g} s of rest for the first values of the biases: begin with a "
             "rest of this length or longer",
-            file=run.path,
             key="[method] path",
             names=() if first is None else (first.label,),
-        ) from None
+        ).located(run.path) from None
     except Exception:
         # A method may come from another package. If it fails on an ideal path, the run must not
         # end.

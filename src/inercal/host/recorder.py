@@ -13,11 +13,11 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InercalError
 from inercal.benches.turntable import require_turntable
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.clock import HostUptime, read_host_uptime
-from inercal.host.closeable import Closeable, on_failure
 from inercal.host.drivers.rotary_table import RotaryTable
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator, NavigationSolution, Navigator, is_whole_imu

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from inercal.basics.atomic_files import atomic_write, require_plain_name
+from inercal.basics.closeable import on_failure
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_toml
 from inercal.host.addresses import layout_of_address
 from inercal.host.assembly.table_polls import POLL_INTERVAL
-from inercal.host.closeable import on_failure
 from inercal.host.journal import Journal, JournalHeader
 from inercal.host.recording_writer import require_recordable
 from inercal.host.run_log import os_errors_as_input_errors
@@ -236,10 +236,9 @@ def _referenced_files(run_file: Path) -> list[str]:
     for name in files:
         if Path(name).parent != Path():
             raise InputError(
-                f"{run_file}: [method] names {name}, but a run can only copy files from the folder "
+                f"[method] names {name}, but a run can only copy files from the folder "
                 "of the run file; move this file to that folder",
-                file=run_file,
                 key="[method]",
                 names=(name,),
-            )
+            ).located(run_file)
     return files

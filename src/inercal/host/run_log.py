@@ -23,8 +23,8 @@ from time import monotonic, sleep
 from typing import Literal, NamedTuple
 from zlib import crc32
 
+from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InputError
-from inercal.host.closeable import Closeable, on_failure
 from inercal.recordings.io import column_table
 
 if sys.platform != "win32":
@@ -205,9 +205,7 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
                 what = "is not the log of a run; name another file"
                 if at:
                     what = "is damaged; the data before this can be read"
-                raise InputError(
-                    f"{path}: no frame begins at byte {at}: the file {what}", file=path
-                )
+                raise InputError(f"no frame begins at byte {at}: the file {what}").located(path)
             if len(head) < _HEAD.size + _CHECK.size:
                 return
             _, kind, length, time = _HEAD.unpack_from(head)

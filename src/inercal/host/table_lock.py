@@ -21,10 +21,10 @@ from pathlib import Path
 from stat import S_IWOTH
 from tempfile import gettempdir
 
+from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InputError
 from inercal.basics.system_user import user_name
 from inercal.host.addresses import table_places
-from inercal.host.closeable import Closeable, on_failure
 from inercal.host.run_log import lock_file, os_errors_as_input_errors
 
 _SHARED_FOLDERS = ("/run/lock", "/tmp")  # the first folder that is writable for all users is used

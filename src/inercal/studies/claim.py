@@ -188,11 +188,8 @@ def judge_claim(claim: Claim, computed: float, uncertainty: float, reason: str) 
     return ClaimResult(claim, float(computed), hypot(uncertainty, claim.rounding), reason)
 
 
-_PLAIN_MIN, _PLAIN_MAX, _PLAIN_DIGITS = (
-    1e-2,
-    1e4,
-    9,
-)  # numbers in this range are written without a power of ten
+# Numbers in this range are written without a power of ten.
+_PLAIN_MIN, _PLAIN_MAX, _PLAIN_DIGITS = 1e-2, 1e4, 9
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

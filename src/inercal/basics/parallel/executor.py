@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Self
 
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError
 from inercal.basics.units import format_duration
 
@@ -50,7 +51,7 @@ class Settled:
     error: BaseException | None
 
 
-class Executor(ABC):
+class Executor(Closeable, ABC):
     """The interface of executors, which run tasks and are closed at the end of a `with` block."""
 
     def __init__(self):
@@ -81,12 +82,6 @@ class Executor(ABC):
     @abstractmethod
     def close(self) -> None:
         """Stop all running tasks immediately; unfinished tasks have no result."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 class TolerantExecutor(Executor):

@@ -102,8 +102,9 @@ class ProcessExecutor(Executor):
 
     def _start(self, others: int) -> None:
         self._pool = ProcessPoolExecutor(others, mp_context=self._context)
-        for _ in range(others):  # each process is started by a task
-            self._pool.submit(_load_compiler)
+        for _ in range(others):
+            # A task starts each process; this one imports the module that takes longest to load.
+            self._pool.submit(import_module, "numba")
 
     def _is_long_work(self) -> bool:
         if self._task_seconds is None:
@@ -187,11 +188,6 @@ class ProcessExecutor(Executor):
                 break
             if task.index < failed.index:
                 self._waiting.append(task)
-
-
-def _load_compiler() -> None:
-    """Import the module that takes longest to load before a task needs it."""
-    import_module("numba")
 
 
 def _run_pickled(content: bytes) -> Any:

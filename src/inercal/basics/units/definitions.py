@@ -85,12 +85,6 @@ def canonical_name(name: str) -> str | None:
     return None
 
 
-def known_names() -> list[str]:
-    """Return all names of units, and each canonical name with each of its prefixes."""
-    names = [name for unit in UNITS.values() for name in unit.names]
-    return names + [prefix + unit for unit, one in UNITS.items() for prefix in one.prefixes]
-
-
 def size_and_dimension(powers: Mapping[str, float]) -> tuple[float, dict[str, float]]:
     """Return the SI size and dimension of a product of powers of units.
 

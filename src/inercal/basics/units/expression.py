@@ -17,7 +17,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from inercal.basics.errors import InputError
-from inercal.basics.units.definitions import UNITS, canonical_name, known_names, size_and_dimension
+from inercal.basics.units.definitions import UNITS, canonical_name, size_and_dimension
 
 if TYPE_CHECKING:  # the help of the verbs formats counts and must start without NumPy
     from inercal.basics.arrays import Array
@@ -226,7 +226,8 @@ def _canonical_unit(name: str) -> str:
     """
     if (found := canonical_name(name)) is not None:
         return found
-    known = known_names()
+    known = [name for unit in UNITS.values() for name in unit.names]
+    known += [prefix + unit for unit, one in UNITS.items() for prefix in one.prefixes]
     near = [n for n in known if n.lower() == name.lower()] or get_close_matches(name, known)
     advice = f"did you mean {' or '.join(map(repr, near))}?"
     if not near:

@@ -15,13 +15,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
-from inercal.export.targets.shared import (
-    Correction,
-    by_triad,
-    needed,
-    require_aligned,
-    with_comments,
-)
+from inercal.export.targets import shared
 from inercal.export.term_kinds import TermKind
 
 _SCALE_BITS = 16
@@ -49,13 +43,13 @@ _HELD: frozenset[TermKind] = frozenset({"bias", "scale"})
 
 def _render(request: Request) -> Rendering:
     model, options = request.model, request.options
-    require_aligned(model, "adis")
+    shared.require_aligned(model, "adis")
     first, step = options["order"], options["scale_lsb"]
     lines: list[str] = []
-    corrections: dict[str, Correction] = {}
+    corrections: dict[str, shared.Correction] = {}
     for kind, triad in model.triads:
         option, word, letter = _KINDS[kind]
-        lsb = needed(options, OPTIONS, option, "adis")
+        lsb = shared.needed(options, OPTIONS, option, "adis")
         scale = 1 / np.diag(triad.matrix)
         words = np.zeros(3) if step is None else np.rint((scale - 1) / step)
         factor = 1 + words * (step or 0.0)
@@ -72,8 +66,8 @@ def _render(request: Request) -> Rendering:
         "bias": f"out = {factor_text}(raw + LSB BIAS)",
     }[first]
     return Rendering(
-        by_triad(model, corrections),
-        with_comments("register,value,word\n" + "\n".join(lines) + "\n"),
+        shared.by_triad(model, corrections),
+        shared.with_comments("register,value,word\n" + "\n".join(lines) + "\n"),
         (f"{formula}; LSB = {sizes} (m/s^2, rad/s), as the user stated it",),
         "readings with all these registers at 0, in m/s^2 and rad/s",
         (

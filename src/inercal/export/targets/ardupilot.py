@@ -20,25 +20,11 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
+from inercal.export import reader_definition
 from inercal.export.parameter_files import stated_parameters
 from inercal.export.ranges import temperature_limits
-from inercal.export.reader_definition import (
-    CalibrationReader,
-    StatedCalibration,
-    StatedTriad,
-    parameter_calibration,
-)
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
-from inercal.export.targets.shared import (
-    PARAMETERS,
-    Correction,
-    by_triad,
-    number,
-    parameter_correction,
-    require_aligned,
-    single,
-    with_comments,
-)
+from inercal.export.targets import shared
 
 _WORDS = {"f": "ACC", "w": "GYR"}
 _CENTRE = 35.0  # °C
@@ -84,7 +70,7 @@ def _shifted(powers: Array, by: float) -> Array:
 
 def _render(request: Request) -> Rendering:
     model, options = request.model, request.options
-    require_aligned(model, "ardupilot")
+    shared.require_aligned(model, "ardupilot")
     imu = options["imu"]
     if not 1 <= imu <= 3:
         raise InputError(
@@ -107,7 +93,7 @@ def _render(request: Request) -> Rendering:
         taken = float(np.clip(reference, *limits))
         lines += [(f"INS_TCAL{imu}_ENABLE", 1)]
         lines += [(f"INS_TCAL{imu}_TMIN", limits[0]), (f"INS_TCAL{imu}_TMAX", limits[1])]
-    corrections: dict[str, Correction] = {}
+    corrections: dict[str, shared.Correction] = {}
     for kind, triad in model.triads:
         offsets, scales, device, temperature = _parameter_names(kind, imu)
         powers = triad.bias_powers[:_ORDERS]
@@ -128,10 +114,10 @@ def _render(request: Request) -> Rendering:
                 for j, a in enumerate("XYZ")
             ]
             lines.append((temperature, taken))
-        corrections[kind] = parameter_correction(
-            single(bias),
-            single(scale),
-            single(about) * _UNIT,
+        corrections[kind] = shared.parameter_correction(
+            shared.single(bias),
+            shared.single(scale),
+            shared.single(about) * _UNIT,
             taken,
             limits,
             reference=reference,
@@ -142,7 +128,7 @@ def _render(request: Request) -> Rendering:
 
     # Device ids have more digits than single precision can represent.
     body = "".join(
-        f"{name},{value if isinstance(value, int) else number(single(value).item())}\n"
+        f"{name},{value if isinstance(value, int) else shared.number(float(np.float32(value)))}\n"
         for name, value in lines
     )
     formula = ["accelerometer: f = SCAL * (raw - thermal - OFFS); gyro: w = raw - thermal - OFFS"]
@@ -157,19 +143,19 @@ def _render(request: Request) -> Rendering:
             "no device ids were stated (acc_id, gyro_id); make sure that this is the right board"
         )
     return Rendering(
-        by_triad(model, corrections),
-        with_comments(body),
+        shared.by_triad(model, corrections),
+        shared.with_comments(body),
         tuple(formula),
         "readings of the driver in m/s^2 and rad/s, before AHRS_ORIENTATION",
         tuple(remarks),
     )
 
 
-def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
+def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCalibration:
     known = stated_parameters(text, "ArduPilot")
     imu = options["imu"]
     thermal = known.get(f"INS_TCAL{imu}_ENABLE") == 1
-    triads: dict[str, StatedTriad] = {}
+    triads: dict[str, reader_definition.StatedTriad] = {}
     references: set[float] = set()
     for kind, word in _WORDS.items():
         offsets, scales, _, temperature = _parameter_names(kind, imu)
@@ -194,7 +180,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             ]
             powers = _shifted(np.array(about) * _UNIT, taken - _CENTRE)
             references.add(taken + ZERO_CELSIUS)
-        triads[kind] = StatedTriad(
+        triads[kind] = reader_definition.StatedTriad(
             scale=1 / scale if kind == "f" else None, bias=bias, bias_powers=powers
         )
     if not triads:
@@ -202,16 +188,16 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"there are no parameters of IMU {imu}, such as INS_ACCOFFS_X; give parameters of "
             "ArduPilot, or another --set imu=…"
         )
-    return parameter_calibration("ArduPilot", triads, references, "CALTEMP")
+    return reader_definition.parameter_calibration("ArduPilot", triads, references, "CALTEMP")
 
 
 TARGET = Target(
     "ardupilot",
     "ArduPilot parameters",
     ".param",
-    PARAMETERS,
+    shared.PARAMETERS,
     _render,
     OPTIONS,
     temperature_order=_ORDERS,
 )
-READER = CalibrationReader("ardupilot", "ArduPilot parameter", _read, (_IMU,))
+READER = reader_definition.CalibrationReader("ardupilot", "ArduPilot parameter", _read, (_IMU,))

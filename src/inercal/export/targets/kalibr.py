@@ -29,15 +29,7 @@ from inercal.basics.small_files import read_small_file
 from inercal.export.model import ExportModel
 from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
-from inercal.export.targets.shared import (
-    comments,
-    require_aligned,
-    row_text,
-    with_comments,
-    written,
-    yaml_number,
-    yaml_row,
-)
+from inercal.export.targets import shared
 from inercal.export.term_kinds import TermKind
 from inercal.physics import frames
 
@@ -85,11 +77,13 @@ class _TriangularModel:
 
 def _triangular_model(model: ExportModel, target: str) -> _TriangularModel:
     acc, gyro = model.require("f", target), model.require("w", target)
-    require_aligned(model, target)
+    shared.require_aligned(model, target)
     lower, turn = frames.decompose_triangular(acc.matrix)
     lower_g, turn_g = frames.decompose_triangular(gyro.matrix @ turn.T)
     sensitivity = model.g_sensitivity @ turn.T
-    return _TriangularModel(*(written(m, 12) for m in (lower, turn, lower_g, turn_g, sensitivity)))
+    return _TriangularModel(
+        *(shared.written(m, 12) for m in (lower, turn, lower_g, turn_g, sensitivity))
+    )
 
 
 def _render_kalibr(request: Request) -> Rendering:
@@ -100,13 +94,13 @@ def _render_kalibr(request: Request) -> Rendering:
         *_yaml_matrix("M", one.accelerometer, "    "),
         "  gyroscopes:",
         *_yaml_matrix("M", one.gyro, "    "),
-        *_yaml_matrix("A", written(one.sensitivity @ one.gyro_turn.T, 12), "    "),
+        *_yaml_matrix("A", shared.written(one.sensitivity @ one.gyro_turn.T, 12), "    "),
         *_yaml_matrix("C_gyro_i", one.gyro_turn, "    "),
     ]
     return _rendering(
         request,
         one,
-        with_comments("\n".join(lines) + "\n"),
+        shared.with_comments("\n".join(lines) + "\n"),
         (
             "y = M f + b; y_g = M_g C_gyro_i w + A C_gyro_i f + b_g (predicted readings)",
             "corrected: f = M^-1 (y - b); w = C_gyro_i^T M_g^-1 (y_g - b_g - A C_gyro_i f)",
@@ -127,7 +121,7 @@ def _render_openvins(request: Request) -> Rendering:
     ]
 
     def write(header: Sequence[str]) -> str:
-        return "%YAML:1.0\n" + comments(header, "#") + "\n" + "\n".join(lines) + "\n"
+        return "%YAML:1.0\n" + shared.comments(header, "#") + "\n" + "\n".join(lines) + "\n"
 
     return _rendering(
         request,
@@ -146,7 +140,7 @@ def _rendering(
     formula: tuple[str, ...],
     remark: str,
 ) -> Rendering:
-    rows = "; ".join(row_text(row, 12) for row in one.turn)
+    rows = "; ".join(shared.row_text(row, 12) for row in one.turn)
     acc, gyro = (triad for _, triad in request.model.triads)
     return Rendering(
         one.correction(np.zeros(3), np.zeros(3)),
@@ -157,7 +151,7 @@ def _rendering(
             f"[{rows}]",
             remark,
         ),
-        correct_with_bias=one.correction(written(acc.bias), written(gyro.bias)),
+        correct_with_bias=one.correction(shared.written(acc.bias), shared.written(gyro.bias)),
     )
 
 
@@ -174,7 +168,7 @@ def _head_lines(request: Request, target: str, model: str) -> list[str]:
 
 def _yaml_matrix(name: str, matrix: Array, indent: str, digits: int = 12) -> list[str]:
     """Return a matrix as YAML, with one flow list per row."""
-    rows = [f"{indent}- [{yaml_row(row, digits)}]" for row in matrix]
+    rows = [f"{indent}- [{shared.yaml_row(row, digits)}]" for row in matrix]
     return [f"{indent}{name}:", *rows]
 
 
@@ -205,7 +199,7 @@ def _noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
             key="--set",
             names=tuple(wrong),
         )
-    return [f"{name}: {yaml_number(known[name])}" for name in _KEYS] + [
+    return [f"{name}: {shared.yaml_number(known[name])}" for name in _KEYS] + [
         f"rostopic: {options['rostopic']}",
         "time_offset: 0.0",
     ]

@@ -16,26 +16,11 @@ import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
+from inercal.export import reader_definition
 from inercal.export.parameter_files import stated_parameters
 from inercal.export.ranges import temperature_limits
-from inercal.export.reader_definition import (
-    CalibrationReader,
-    StatedCalibration,
-    StatedTriad,
-    parameter_calibration,
-)
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
-from inercal.export.targets.shared import (
-    PARAMETERS,
-    Correction,
-    by_triad,
-    needed,
-    number,
-    parameter_correction,
-    require_aligned,
-    single,
-    with_comments,
-)
+from inercal.export.targets import shared
 
 _INTEGER, _REAL = 6, 9  # MAV_PARAM_TYPE
 _NAMES = {"f": ("ACC", "A"), "w": ("GYRO", "G")}
@@ -56,21 +41,21 @@ OPTIONS = (
 
 def _render(request: Request) -> Rendering:
     model, options = request.model, request.options
-    require_aligned(model, "px4")
+    shared.require_aligned(model, "px4")
     n = options["instance"]
     if not 0 <= n <= 3:
         raise InputError(
             f"--set instance={n} is not possible; PX4 has 0 to 3", key="--set", names=("instance",)
         )
     lines: list[tuple[str, float, int]] = []
-    corrections: dict[str, Correction] = {}
+    corrections: dict[str, shared.Correction] = {}
     limits = (-np.inf, np.inf)
     if model.sensor.uses("dT") and any(t.bias_powers.any() for _, t in model.triads):
         limits = temperature_limits(request.ranges, "px4", options["lowest"], options["highest"])
     reference = model.sensor.reference_temperature - ZERO_CELSIUS
     for kind, triad in model.triads:
         word, letter = _NAMES[kind]
-        device = needed(options, OPTIONS, "acc_id" if kind == "f" else "gyro_id", "px4")
+        device = shared.needed(options, OPTIONS, "acc_id" if kind == "f" else "gyro_id", "px4")
         prefix = f"CAL_{word}{n}_"
         lines += [
             (prefix + "ID", device, _INTEGER),
@@ -92,17 +77,17 @@ def _render(request: Request) -> Rendering:
             ]
             ends = (("TREF", reference), ("TMIN", limits[0]), ("TMAX", limits[1]))
             lines += [(thermal + name, value, _REAL) for name, value in ends]
-        corrections[kind] = parameter_correction(
-            single(triad.bias),
-            single(scale),
-            single(powers),
+        corrections[kind] = shared.parameter_correction(
+            shared.single(triad.bias),
+            shared.single(scale),
+            shared.single(powers),
             reference,
             limits,
             reference=reference,
             centre=reference,
         )
     body = "#\n# Vehicle\tComponent\tName\tValue\tType\n" + "".join(
-        f"1\t1\t{name}\t{number(value) if sort == _REAL else int(value)}\t{sort}\n"
+        f"1\t1\t{name}\t{shared.number(value) if sort == _REAL else int(value)}\t{sort}\n"
         for name, value, sort in lines
     )
     formula = ["accelerometer: f = SCALE * (raw - thermal - OFF); gyro: w = raw - thermal - OFF"]
@@ -111,8 +96,8 @@ def _render(request: Request) -> Rendering:
             "thermal = X1 D + X2 D^2 + X3 D^3 + X0, D = T - TREF in K, T within TMIN ... TMAX"
         )
     return Rendering(
-        by_triad(model, corrections),
-        with_comments(body),
+        shared.by_triad(model, corrections),
+        shared.with_comments(body),
         tuple(formula),
         "readings of the driver in m/s^2 and rad/s, axes of the sensor before the board's rotation",
         (
@@ -123,10 +108,10 @@ def _render(request: Request) -> Rendering:
     )
 
 
-def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
+def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCalibration:
     known = stated_parameters(text, "PX4")
     n = options["instance"]
-    triads: dict[str, StatedTriad] = {}
+    triads: dict[str, reader_definition.StatedTriad] = {}
     references: set[float] = set()
     for kind, (word, letter) in _NAMES.items():
         stem = f"CAL_{word}{n}_"
@@ -146,7 +131,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             )
             bias, powers = bias + table[0], table[1:]
             references.add(known.get(f"{thermal}TREF", 25.0) + ZERO_CELSIUS)
-        triads[kind] = StatedTriad(
+        triads[kind] = reader_definition.StatedTriad(
             scale=1 / scale if kind == "f" else None, bias=bias, bias_powers=powers
         )
     if not triads:
@@ -154,7 +139,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"there are no parameters CAL_ACC{n}_XOFF or CAL_GYRO{n}_XOFF; give parameters of "
             "PX4, or another --set instance=…"
         )
-    return parameter_calibration("PX4", triads, references, "TREF")
+    return reader_definition.parameter_calibration("PX4", triads, references, "TREF")
 
 
 def _thermal_set(known: Mapping[str, float], letter: str, device: float | None) -> str | None:
@@ -169,9 +154,9 @@ TARGET = Target(
     "px4",
     "PX4 parameters (QGroundControl)",
     ".params",
-    PARAMETERS,
+    shared.PARAMETERS,
     _render,
     OPTIONS,
     temperature_order=_ORDERS,
 )
-READER = CalibrationReader("px4", "PX4 parameter", _read, (_INSTANCE,))
+READER = reader_definition.CalibrationReader("px4", "PX4 parameter", _read, (_INSTANCE,))

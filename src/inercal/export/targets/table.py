@@ -5,14 +5,7 @@ from io import StringIO
 
 from inercal.basics.visible_text import spreadsheet_cell
 from inercal.export.target_definition import Rendering, Request, Target
-from inercal.export.targets.shared import (
-    MATRIX,
-    MATRIX_AND_G,
-    number,
-    output_text,
-    with_comments,
-    written,
-)
+from inercal.export.targets import shared
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import SI_UNITS
 
@@ -21,8 +14,8 @@ _DIGITS = 15
 
 def _render(request: Request) -> Rendering:
     model = request.model
-    matrix = written(model.correction / model.joined("scale"), _DIGITS)
-    offset = written(model.outputs(model.joined("bias")), _DIGITS)
+    matrix = shared.written(model.correction / model.joined("scale"), _DIGITS)
+    offset = shared.written(model.outputs(model.joined("bias")), _DIGITS)
     units = [QUANTITIES[kind].ascii_unit for kind, _ in model.triads for _ in range(3)]
     outputs = [triad.unit for _, triad in model.triads for _ in range(3)]
     motions = [kind + axis for kind, _ in model.triads for axis in "xyz"]
@@ -34,25 +27,25 @@ def _render(request: Request) -> Rendering:
     for i, to in enumerate(motions):
         for j, name in enumerate(channels):
             unit = f"({units[i]})/({outputs[j]})"
-            table.writerow(("C", to, name, number(matrix[i, j], _DIGITS), "", unit))
+            table.writerow(("C", to, name, shared.number(matrix[i, j], _DIGITS), "", unit))
     for name, value, unit in zip(channels, offset, outputs, strict=True):
-        table.writerow(("offset", name, "", number(value, _DIGITS), "", unit))
+        table.writerow(("offset", name, "", shared.number(value, _DIGITS), "", unit))
     calibration = model.calibration
     for full, value, std in zip(
         model.sensor.coefficients, calibration.values, calibration.std, strict=True
     ):
         unit = SI_UNITS[model.sensor.coefficient(full).unit]
-        row = (number(value, _DIGITS), number(std, 6), unit)
+        row = (shared.number(value, _DIGITS), shared.number(std, 6), unit)
         table.writerow(("coefficient", spreadsheet_cell(full), "", *row))
     return Rendering(
         lambda y, dT: (model.outputs(y) - offset) @ matrix.T,
-        with_comments(text.getvalue()),
+        shared.with_comments(text.getvalue()),
         ("motion = C (output - offset)",),
-        output_text(*(triad for _, triad in model.triads)),
+        shared.output_text(*(triad for _, triad in model.triads)),
         ("coefficients are those of the calibration in its own axes, u with k = 1, in SI",),
         takes_output=True,
     )
 
 
 TARGET = Target("csv", "CSV of the correction and of the coefficients", ".csv",
-                {"f": MATRIX, "w": MATRIX_AND_G}, _render)  # fmt: skip
+                {"f": shared.MATRIX, "w": shared.MATRIX_AND_G}, _render)  # fmt: skip

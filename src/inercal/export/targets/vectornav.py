@@ -10,15 +10,7 @@ between $ and *.
 from functools import reduce
 
 from inercal.export.target_definition import Rendering, Request, Target
-from inercal.export.targets.shared import (
-    MATRIX,
-    Correction,
-    by_triad,
-    matrix_correction,
-    number,
-    single,
-    with_comments,
-)
+from inercal.export.targets import shared
 
 REGISTERS = {"f": 25, "w": 84}
 
@@ -35,16 +27,16 @@ def message(body: str) -> str:
 def _render(request: Request) -> Rendering:
     model = request.model
     lines: list[str] = []
-    corrections: dict[str, Correction] = {}
+    corrections: dict[str, shared.Correction] = {}
     for kind, triad in model.triads:
-        matrix, bias = single(triad.correction), single(triad.bias)
-        values = ",".join(number(x) for x in (*matrix.ravel(), *bias))
+        matrix, bias = shared.single(triad.correction), shared.single(triad.bias)
+        values = ",".join(shared.number(x) for x in (*matrix.ravel(), *bias))
         lines.append(message(f"VNWRG,{REGISTERS[kind]},{values}"))
-        corrections[kind] = matrix_correction(matrix, bias)
+        corrections[kind] = shared.matrix_correction(matrix, bias)
 
     return Rendering(
-        by_triad(model, corrections),
-        with_comments("\n".join([*lines, message("VNWNV")]) + "\n"),
+        shared.by_triad(model, corrections),
+        shared.with_comments("\n".join([*lines, message("VNWNV")]) + "\n"),
         ("out = C (in - B), C row by row, then B: register 25 of force, 84 of rate",),
         "readings that both registers leave as they are (C = I, B = 0), in m/s^2 and rad/s",
         ("send the lines that begin with $; VNWNV stores them in the device",),
@@ -55,6 +47,6 @@ TARGET = Target(
     "vectornav",
     "VectorNav compensation registers",
     ".txt",
-    {"f": MATRIX, "w": MATRIX},
+    {"f": shared.MATRIX, "w": shared.MATRIX},
     _render,
 )

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import degrees, nan, radians
 
-from inercal.host.closeable import on_failure
+from inercal.basics.closeable import on_failure
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,

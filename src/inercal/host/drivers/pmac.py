@@ -25,8 +25,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from math import inf, tau
 
+from inercal.basics.closeable import on_failure
 from inercal.basics.errors import InputError
-from inercal.host.closeable import on_failure
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.pmac_codec import CommandRefused
 from inercal.host.drivers.pmac_dialogue import PmacDialogue

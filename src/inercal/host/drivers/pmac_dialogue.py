@@ -13,7 +13,7 @@ connection; see `control` and `ask_now`.
 from collections.abc import Callable
 from contextlib import suppress
 
-from inercal.host.closeable import Closeable, on_failure
+from inercal.basics.closeable import Closeable, on_failure
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.link import Link, LinkLost, open_link, read_until

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from math import degrees, inf, isfinite, radians
 from typing import Literal
 
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError, InputError
-from inercal.host.closeable import Closeable
 from inercal.host.link import LinkLost
 
 Feature = Literal["servo", "home"]  # functions that may be impossible for a single axis

@@ -8,7 +8,7 @@ for the reply to the next line, and no such protocol could detect this.
 
 from collections.abc import Callable
 
-from inercal.host.closeable import Closeable, on_failure
+from inercal.basics.closeable import Closeable, on_failure
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.link import Link, LinkLost, read_until
 

@@ -33,7 +33,7 @@ from subprocess import PIPE, STDOUT, Popen, TimeoutExpired
 from time import monotonic
 from weakref import WeakSet
 
-from inercal.host.closeable import Closeable, on_failure
+from inercal.basics.closeable import Closeable, on_failure
 from inercal.host.link import LinkLost
 
 _BEAT_INTERVAL = 0.1  # s

@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 from time import monotonic
 
+from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count
-from inercal.host.closeable import Closeable, on_failure
 from inercal.host.link import Link, LinkLost, open_link
 
 _OVERLOAD = 9e36

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from threading import Condition, Thread
 from time import monotonic
 
-from inercal.host.closeable import Closeable
+from inercal.basics.closeable import Closeable
 
 # Time from the last message to the stop command, s. The command then reaches the table within 0.3
 # s.

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from functools import partial
 from math import inf, isfinite
 
+from inercal.basics.closeable import Closeable
 from inercal.host.addresses import layout_of_address, open_imu
 from inercal.host.assembly import SampleAssembler
 from inercal.host.clock import Tick
-from inercal.host.closeable import Closeable
 from inercal.host.drivers.rotary_table import TableState
 from inercal.host.imu_port import ImuReceiver
 from inercal.host.interlocks import Interlocks

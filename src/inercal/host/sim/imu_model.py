@@ -183,12 +183,11 @@ class SimulatedImu:
         kinds = [axis.measures for axis in sensor.axes]
         if sorted(kinds) not in (["f"] * 3, ["f"] * 3 + ["w"] * 3):
             raise InputError(
-                f"{run.path}: [sensor]: the simulated IMU needs three accelerometers, and three "
+                "[sensor]: the simulated IMU needs three accelerometers, and three "
                 "gyros or none; add the missing axes",
-                file=run.path,
                 key="[sensor]",
                 names=tuple(axis.name for axis in sensor.axes),
-            )
+            ).located(run.path)
         c = np.array([run.truth[name] for name in sensor.coefficients])
         self._channel_order = [k for kind in "fw" for k, one in enumerate(kinds) if one == kind]
         self._is_ordered = self._channel_order == sorted(self._channel_order)

@@ -37,9 +37,9 @@ from typing import Protocol
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InputError
 from inercal.estimation.kernel_options import on_compilation
-from inercal.host.closeable import Closeable
 from inercal.host.packets import PacketLayout, read_layout
 from inercal.host.sim import motion_link
 from inercal.host.sim.faults import parse_number, unknown_fault
@@ -281,12 +281,11 @@ def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
     rate = rate_hz or layout.rate_hz or run.rate_hz
     if rate is None:
         raise InputError(
-            f"{run.path}: [data] rate is missing, and {layout.name!r} states no rate; "
+            f"[data] rate is missing, and {layout.name!r} states no rate; "
             'add it, such as rate = "200 Hz"',
-            file=run.path,
             key="[data] rate",
             names=(layout.name,),
-        )
+        ).located(run.path)
     if not (0 < rate < 1e5 and rate == (layout.rate_hz or rate)):
         raise InputError(
             f"sample rate {rate:g} Hz is not possible; "

@@ -94,11 +94,10 @@ class Runs:
         """Raise an error if the disk has too little free space for a run."""
         if (free := self.free_space()) < needed:
             raise InputError(
-                f"{self.folder}: the run needs about {needed / 1e6:.0f} MB, but only "
+                f"the run needs about {needed / 1e6:.0f} MB, but only "
                 f"{free / 1e6:.0f} MB are free on the disk: delete files, or serve another folder "
                 "(option --runs)",
-                file=self.folder,
-            )
+            ).located(self.folder)
 
     def stop(self, name: object) -> None:
         """Stop the run in the folder with a name, or all active runs if `name` is None."""

@@ -19,8 +19,8 @@ from threading import Condition, Thread
 from time import monotonic
 from typing import Any, Generic, TypeVar
 
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError
-from inercal.host.closeable import Closeable
 from inercal.host.web.run_request import ProcessRequest, premature_end_message
 
 # Kinds of messages that are replaced by later messages of the same kind.

@@ -7,17 +7,8 @@ from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_value_and_uncertainty
 from inercal.basics.visible_text import visible_text
 from inercal.calibration.specification import limit_text, probability_text
+from inercal.laboratory.certificate import facts
 from inercal.laboratory.certificate.content import Certificate
-from inercal.laboratory.certificate.facts import (
-    change_lines,
-    condition_facts,
-    general_lines,
-    method_facts,
-    results_title,
-    rule_lines,
-    uncertainty_lines,
-    verdict_lines,
-)
 from inercal.laboratory.certificate.results import ResultSet
 
 _LONG_WORD = re.compile(r"\S{64}(?=\S)")  # a longer word would run over the margin
@@ -68,12 +59,12 @@ def page_data(
 def _sections(certificate: Certificate, signed: bool) -> list[dict[str, Any]]:
     t = certificate.texts
     parts = [
-        _section(t.text("change"), _lines(change_lines(certificate))),
+        _section(t.text("change"), _lines(facts.change_lines(certificate))),
         _section(t.text("laboratory"), _facts(_laboratory(certificate))),
         _section(t.text("customer"), _facts(_customer(certificate))),
         _section(t.text("item"), _facts(_item(certificate))),
         _section(t.text("dates"), _facts(_dates(certificate))),
-        _section(t.text("method"), _facts(method_facts(certificate))),
+        _section(t.text("method"), _facts(facts.method_facts(certificate))),
     ]
     if len(certificate.results) == 1:
         parts.append(_conditions(certificate, certificate.results[0]))
@@ -81,16 +72,18 @@ def _sections(certificate: Certificate, signed: bool) -> list[dict[str, Any]]:
         blocks = [_result_table(certificate, one)]
         if one.status:
             blocks += _conditions(certificate, one)["blocks"]
-        parts.append({"title": results_title(t, one), "blocks": blocks})
+        parts.append({"title": facts.results_title(t, one), "blocks": blocks})
     parts += [
-        _section(t.text("uncertainty"), _lines(uncertainty_lines(certificate))),
-        _section(t.text("conformity"), _limit_table(certificate), _lines(rule_lines(certificate))),
+        _section(t.text("uncertainty"), _lines(facts.uncertainty_lines(certificate))),
+        _section(
+            t.text("conformity"), _limit_table(certificate), _lines(facts.rule_lines(certificate))
+        ),
         _section(
             t.text("traceability"),
             _lines((certificate.laboratory.traceability or "",)),
             _instruments(certificate),
         ),
-        _section(t.text("remarks"), _facts(_remarks(certificate)), _lines(general_lines(t))),
+        _section(t.text("remarks"), _facts(_remarks(certificate)), _lines(facts.general_lines(t))),
         _section(
             t.text("authorization"),
             _facts(_persons(certificate)),
@@ -161,7 +154,7 @@ def _dates(certificate: Certificate) -> list[tuple[str, str | None]]:
 
 
 def _conditions(certificate: Certificate, results: ResultSet) -> dict[str, Any]:
-    rows = condition_facts(certificate, results.calibration)
+    rows = facts.condition_facts(certificate, results.calibration)
     return _section(certificate.texts.text("conditions"), _facts(rows))
 
 
@@ -234,7 +227,7 @@ def _remarks(certificate: Certificate) -> list[tuple[str, str | None]]:
     return [
         (t.text("deviations"), job.deviations or t.text("none")),
         *((t.text("verdict") if k == 0 else "", line)
-          for k, line in enumerate(verdict_lines(certificate))),
+          for k, line in enumerate(facts.verdict_lines(certificate))),
         (t.text("external"), job.external),
         (t.text("opinions"), job.opinions),
         (t.text("notes"), job.notes),

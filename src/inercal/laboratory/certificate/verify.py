@@ -122,9 +122,8 @@ def _readable(path: Path) -> Generator[None]:
         raise
     except Exception as error:  # damaged bytes cause many types of errors
         raise InputError(
-            f"{path}: this PDF has no attached DCC, or it is damaged: {error}; get the file again",
-            file=path,
-        ) from None
+            f"this PDF has no attached DCC, or it is damaged: {error}; get the file again",
+        ).located(path) from None
 
 
 def _attached_dcc(content: bytes, path: Path) -> bytes:
@@ -134,9 +133,8 @@ def _attached_dcc(content: bytes, path: Path) -> bytes:
     found = [file["/EF"]["/F"].data for name, file in listed if name.endswith(".xml")]
     if len(found) != 1:
         raise InputError(
-            f"{path}: this PDF has {len(found)} attached DCCs, but a certificate has exactly one",
-            file=path,
-        )
+            f"this PDF has {len(found)} attached DCCs, but a certificate has exactly one",
+        ).located(path)
     return bytes(found[0])
 
 

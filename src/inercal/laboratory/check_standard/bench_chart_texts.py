@@ -8,22 +8,19 @@ from inercal.basics.documents import origin, record_object
 from inercal.basics.units import format_count
 from inercal.estimation.uncertainty.control_charts import EWMA_WEIGHT
 from inercal.laboratory.check_standard.bench_charts import BenchCharts
-from inercal.laboratory.check_standard.chart_texts import day, doubtful_text, signal_text
+from inercal.laboratory.check_standard.chart_texts import (
+    day,
+    doubtful_text,
+    opening_line,
+    signal_text,
+)
 
 SCHEMA = "inercal/control/bench/1"
 
 
 def bench_lines(found: BenchCharts) -> list[str]:
     """Return text lines with the results of the charts; the most serious result comes first."""
-    out = sum(not one.in_control for one in found.points)
-    if not found.points:
-        lines = ["no day has been charted yet, because all days so far belong to the reference"]
-    elif out:
-        word = "in control" if found.in_control else "out of control"
-        days = format_count(len(found.points), "day")
-        lines = [f"{word} on {day(found.points[-1].measured)}; {out} of {days} gave a signal"]
-    else:
-        lines = [f"in control: no signal on {format_count(len(found.points), 'day')}"]
+    lines = [opening_line([(one.measured, one.in_control) for one in found.points])]
     lines += [doubtful_text(one) for one in found.episodes]
     lines.append(
         "while the bench is in control, a false alarm from any of the charts is expected once "

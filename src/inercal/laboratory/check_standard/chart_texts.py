@@ -1,5 +1,6 @@
 """Describe control charts in words and rounded numbers, and in a file `*.control.json`."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -37,18 +38,21 @@ def doubtful_text(one: Episode) -> str:
     )
 
 
+def opening_line(days: Sequence[tuple[str, bool]]) -> str:
+    """Describe the charts in one line, from the time of each day and whether it is in control."""
+    if not days:
+        return "no day has been charted yet, because all days so far belong to the reference"
+    out, count = sum(not good for _, good in days), format_count(len(days), "day")
+    if not out:
+        return f"in control: no signal on {count}"
+    newest, good = days[-1]
+    word = "in control" if good else "out of control"
+    return f"{word} on {day(newest)}; {out} of {count} gave a signal"
+
+
 def control_lines(found: ControlCharts) -> list[str]:
     """Return text lines with the results of the charts; the most serious result comes first."""
-    out = sum(not one.in_control for one in found.points)
-    lines: list[str] = []
-    if not found.points:
-        lines.append("no day has been charted yet, because all days so far belong to the reference")
-    elif out:
-        word = "in control" if found.in_control else "out of control"
-        days = format_count(len(found.points), "day")
-        lines.append(f"{word} on {day(found.points[-1].last)}; {out} of {days} gave a signal")
-    else:
-        lines.append(f"in control: no signal on {format_count(len(found.points), 'day')}")
+    lines = [opening_line([(one.last, one.in_control) for one in found.points])]
     lines += [doubtful_text(one) for one in found.episodes]
     lines += [
         f"{label} is an outlier in the reference (p = {p:.1g}); leave it out if you know the cause"

@@ -119,10 +119,11 @@ def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
         for label, p in outlier_sessions(fit, mount_owner).items()
     ]
     if fit.has_other_days:
+        z = (fit.values - fit.mean) / np.sqrt(fit.variance)
         lines += [
             f"{matched.names[j]} scatters more than the same coefficient of the other axes. U "
             "of the next use includes its own scatter; with few sessions it covers less than 95 %"
-            for j in outlier_axes(_standardized(fit), _without_rotated(fit))
+            for j in outlier_axes(z, _without_rotated(fit))
             if fit.alone.counts[j]
         ]
     lines += hidden_scatter_lines(fit)
@@ -140,11 +141,6 @@ def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
             f"left out, because not all sessions estimated them: {', '.join(matched.left_out)}"
         )
     return tuple(lines)
-
-
-def _standardized(fit: SessionFit) -> Array:
-    """Return the deviations from the mean, divided by their standard deviations."""
-    return (fit.values - fit.mean) / np.sqrt(fit.variance)
 
 
 def _without_rotated(fit: SessionFit) -> Mapping[tuple[str, str, float], Sequence[int]]:

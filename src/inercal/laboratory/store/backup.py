@@ -16,13 +16,8 @@ from sqlalchemy import Connection, func, insert, select, text
 from inercal.basics.atomic_files import atomic_write
 from inercal.basics.errors import InputError
 from inercal.calibration.files import parse
+from inercal.laboratory.store import connection
 from inercal.laboratory.store.address import RegisterAddress, resolve_address
-from inercal.laboratory.store.connection import (
-    make_engine,
-    read_transaction,
-    upgrade_register,
-    write_transaction,
-)
 from inercal.laboratory.store.register_tables import calibration, certificate, metadata
 
 _ROWS = 200  # number of rows copied at once
@@ -46,8 +41,7 @@ def backup_register(address: str | None, path: Path) -> dict[str, int]:
     source = resolve_address(address)
     _require_register(source)
     with atomic_write(path) as temporary:
-        counts = _copy(source, resolve_address(str(temporary)))
-    return counts
+        return _copy(source, resolve_address(str(temporary)))
 
 
 def restore_register(path: Path, address: str | None) -> dict[str, int]:
@@ -83,26 +77,24 @@ def _is_sqlite(path: Path) -> bool:
 def _require_register(address: RegisterAddress) -> None:
     if address.file is not None and not address.file.is_file():
         raise InputError(
-            f"{address.file}: there is no such register; give another one with --register",
-            file=address.file,
+            "there is no such register; give another one with --register",
             key="--register",
-        )
+        ).located(address.file)
 
 
 def _copy(source: RegisterAddress, target: RegisterAddress) -> dict[str, int]:
-    engines = make_engine(source), make_engine(target)
+    engines = connection.make_engine(source), connection.make_engine(target)
     try:
-        upgrade_register(engines[0], source, create=False)
-        upgrade_register(engines[1], target)
+        connection.upgrade_register(engines[0], source, create=False)
+        connection.upgrade_register(engines[1], target)
         with (
-            read_transaction(engines[0], source) as old,
-            write_transaction(engines[1], target) as new,
+            connection.read_transaction(engines[0], source) as old,
+            connection.write_transaction(engines[1], target) as new,
         ):
             if old.dialect.name == "postgresql":  # read all tables in the same state
                 old.execute(text("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ"))
             _require_empty(new, target)
-            counts = _copy_tables(old, new)
-        return counts
+            return _copy_tables(old, new)
     finally:
         for engine in engines:
             engine.dispose()

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from datetime import date
 from typing import NamedTuple
 
-from sqlalchemy import Connection, func, insert, select
+from sqlalchemy import Connection, func, select
 
 from inercal.basics.errors import InputError
-from inercal.laboratory.store.insertions import EntryAuthor
+from inercal.laboratory.store.insertions import EntryAuthor, insert_row
 from inercal.laboratory.store.register_tables import calibration, certificate, sensor
 
 DEFAULT_SERIES = "{year}-{sequence:4}"
@@ -166,7 +166,7 @@ def issue_certificate(
         "pdf": files.pdf,
         "dcc": files.dcc,
     }
-    db.execute(insert(certificate).values(**values, **who.columns))
+    insert_row(db, certificate, values, who)
     return find_certificate(db, number)
 
 

@@ -1,14 +1,7 @@
 """Describe histories in words and rounded numbers."""
 
 from inercal.basics.units import format_value_and_uncertainty
-from inercal.calibration.comparison.comparison_text import (
-    INDEPENDENCE_NOTE,
-    SHARED_NOTE,
-    exceedance_text,
-    joint_test_text,
-    repeatability_lines,
-    run_to_run_lines,
-)
+from inercal.calibration.comparison import comparison_text
 from inercal.calibration.comparison.courses import LEAST_FOR_DRIFT, Course
 from inercal.calibration.suspect_text import p_value_text
 from inercal.estimation.uncertainty.coverage import COVERAGE
@@ -70,26 +63,26 @@ def history_lines(history: SensorHistory) -> list[str]:
     lines = _date_lines(history)
     if history.comparison_count:
         lines.append(
-            exceedance_text(
+            comparison_text.exceedance_text(
                 history.exceedances, history.comparison_count, history.expected_exceedances
             )
         )
     if (test := history.newest_joint_test) is not None:
         lines.append(
             f"the newest calibration compared with the previous one, all {test.size} coefficients "
-            f"together: {joint_test_text(test)}"
+            f"together: {comparison_text.joint_test_text(test)}"
         )
     if (ordinary := newest_run_to_run(history)) is not None:
-        lines += run_to_run_lines(ordinary)
+        lines += comparison_text.run_to_run_lines(ordinary)
     elif history.comparison_count:
-        lines += repeatability_lines(history.exceedances, history.newest_joint_test)
+        lines += comparison_text.repeatability_lines(history.exceedances, history.newest_joint_test)
     if any(one.line is not None for one in history.trends):
         lines.append(
             "about one coefficient in 20 is called drifting or changed although nothing changed"
         )
     if history.comparison_count:
         stated = all(one.shared is not None for one in history.calibrations)
-        lines.append(SHARED_NOTE if stated else INDEPENDENCE_NOTE)
+        lines.append(comparison_text.SHARED_NOTE if stated else comparison_text.INDEPENDENCE_NOTE)
     return [*lines, *(f"left out: {one}" for one in history.exclusions)]
 
 

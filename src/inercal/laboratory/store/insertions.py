@@ -62,7 +62,7 @@ def enter_axes(db: Connection, sensor_name: str, axes: dict[str, str], who: Entr
     found = db.execute(select(sensor).where(sensor.c.name == sensor_name)).one_or_none()
     if found is None:
         values = {"name": sensor_name, "axes": _axes_json(axes)}
-        return _insert_row(db, sensor, values, who)
+        return insert_row(db, sensor, values, who)
     known = {axis["name"]: axis["measures"] for axis in json.loads(found.axes)}
     for name, measures in axes.items():
         if known.get(name, measures) != measures:
@@ -86,7 +86,7 @@ def _axes_json(axes: dict[str, str]) -> str:
 def enter_bench(db: Connection, kind: str, name: str, who: EntryAuthor) -> int:
     """Enter a bench by its kind and its name, if it has a name; return its id."""
     found = db.scalar(select(bench.c.id).where(bench.c.kind == kind, bench.c.name == name))
-    return found or _insert_row(db, bench, {"kind": kind, "name": name}, who)
+    return found or insert_row(db, bench, {"kind": kind, "name": name}, who)
 
 
 def enter_run(db: Connection, facts: RunFacts, who: EntryAuthor) -> int:
@@ -110,7 +110,7 @@ def enter_run(db: Connection, facts: RunFacts, who: EntryAuthor) -> int:
             "imu_address": facts.imu,
             "folder": facts.folder,
         }
-        run_id = _insert_row(db, run, values, who)
+        run_id = insert_row(db, run, values, who)
     elif found.state == _DONE_STATE != facts.state:
         return found.id
     else:
@@ -205,7 +205,7 @@ def enter_calibration(
         "content": entered.text,
         "sha256": entered.sha256,
     }
-    new = _insert_row(db, calibration, values, who)
+    new = insert_row(db, calibration, values, who)
     names = found.sensor.coefficients
     columns = (names, found.values.tolist(), found.std.tolist(), entered.units)
     rows = [
@@ -243,7 +243,8 @@ def state_date(db: Connection, number: int, measured: str) -> None:
     db.execute(update(calibration).where(calibration.c.id == number).values(**new))
 
 
-def _insert_row(db: Connection, table: Table, values: dict[str, Any], who: EntryAuthor) -> int:
+def insert_row(db: Connection, table: Table, values: dict[str, Any], who: EntryAuthor) -> int:
+    """Insert a row with its author and time, and return its number."""
     result = db.execute(insert(table).values(**values, **who.columns)).inserted_primary_key
     assert result is not None
     return int(result[0])

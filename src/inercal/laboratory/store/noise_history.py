@@ -9,61 +9,49 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import hypot, isfinite
+from itertools import pairwise
+from math import hypot, inf, isfinite
 from typing import Any
 
-from sqlalchemy import (
-    Column,
-    Connection,
-    Double,
-    ForeignKey,
-    Integer,
-    String,
-    Table,
-    Text,
-    insert,
-    select,
-)
+import sqlalchemy as sa
 
 from inercal.basics.errors import InputError
 from inercal.laboratory.store.document import to_utc
-from inercal.laboratory.store.insertions import EntryAuthor, enter_axes
-from inercal.laboratory.store.register_tables import metadata, sensor
+from inercal.laboratory.store.insertions import EntryAuthor, enter_axes, insert_row
+from inercal.laboratory.store.register_tables import entry_columns, metadata, sensor
 from inercal.noise import NoiseAnalysis, NoiseCoefficient
 from inercal.noise.analysis_object import analysis_object
 
-noise_analysis = Table(
+noise_analysis = sa.Table(
     "noise_analysis",
     metadata,
-    Column("id", Integer, primary_key=True),
-    Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
-    Column("measured", String, nullable=False),
-    Column("measured_from", String, nullable=False),  # "stated" or "entered"
-    Column("source", String, nullable=False),  # name of the recording file
-    Column("recording_sha256", String, nullable=False),
-    Column("duration", Double, nullable=False),  # s
-    Column("content", Text, nullable=False),  # the whole analysis as JSON
-    Column("sha256", String, nullable=False),  # SHA-256 of the content
-    Column("entered_by", String, nullable=False),
-    Column("entered_at", String, nullable=False),
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False, index=True),
+    sa.Column("measured", sa.String, nullable=False),
+    sa.Column("measured_from", sa.String, nullable=False),  # "stated" or "entered"
+    sa.Column("source", sa.String, nullable=False),  # name of the recording file
+    sa.Column("recording_sha256", sa.String, nullable=False),
+    sa.Column("duration", sa.Double, nullable=False),  # s
+    sa.Column("content", sa.Text, nullable=False),  # the whole analysis as JSON
+    sa.Column("sha256", sa.String, nullable=False),  # SHA-256 of the content
+    *entry_columns(),
 )
-noise_coefficient = Table(
+noise_coefficient = sa.Table(
     "noise_coefficient",
     metadata,
-    Column("analysis_id", Integer, ForeignKey("noise_analysis.id"), primary_key=True),
-    Column("channel", String, primary_key=True),
-    Column("symbol", String, primary_key=True),
-    Column("place", Integer, nullable=False),  # index in the analysis, from 0
-    Column("value", Double, nullable=False),  # SI; 0 if only an upper limit is known
-    Column("u", Double),  # SI; null if only an upper limit is known
-    Column("low", Double, nullable=False),
-    Column("high", Double, nullable=False),
-    Column("unit", String, nullable=False),  # unit for printing
+    sa.Column("analysis_id", sa.Integer, sa.ForeignKey("noise_analysis.id"), primary_key=True),
+    sa.Column("channel", sa.String, primary_key=True),
+    sa.Column("symbol", sa.String, primary_key=True),
+    sa.Column("place", sa.Integer, nullable=False),  # index in the analysis, from 0
+    sa.Column("value", sa.Double, nullable=False),  # SI; 0 if only an upper limit is known
+    sa.Column("u", sa.Double),  # SI; null if only an upper limit is known
+    sa.Column("low", sa.Double, nullable=False),
+    sa.Column("high", sa.Double, nullable=False),
+    sa.Column("unit", sa.String, nullable=False),  # unit for printing
 )
 
 
 _MEASURES = {"gyro": "w", "accelerometer": "f"}
-_INFINITE = float("inf")
 
 
 @dataclass(frozen=True)
@@ -127,7 +115,7 @@ class NoiseTrend:
     def normalised_errors(self) -> tuple[float | None, ...]:
         """E_n relative to the previous value; None for the first, or if one is only a limit."""
         found: list[float | None] = [None]
-        for before, after in zip(self.values[:-1], self.values[1:], strict=True):
+        for before, after in pairwise(self.values):
             u = hypot(before.u, after.u)
             known = isfinite(u) and u > 0
             found.append(abs(after.value - before.value) / (2 * u) if known else None)
@@ -141,7 +129,7 @@ class NoiseTrend:
 
 
 def enter_noise(
-    db: Connection, analysis: NoiseAnalysis, name: str, measured: str | None, who: EntryAuthor
+    db: sa.Connection, analysis: NoiseAnalysis, name: str, measured: str | None, who: EntryAuthor
 ) -> int:
     """Enter a noise analysis, and also its sensor if it is new; return the analysis number.
 
@@ -165,14 +153,14 @@ def enter_noise(
                 f"{measured!r} is not a time; write it in ISO 8601, such as 2026-03-01",
                 key="--measured",
             ) from None
-    found = db.scalar(select(sensor.c.id).where(sensor.c.name == name))
+    found = db.scalar(sa.select(sensor.c.id).where(sensor.c.name == name))
     axes = {one.channel: _MEASURES[one.quantity] for one in analysis.channels}
     # The axes of a known sensor are not changed, because channels of a log may have other names.
     sensor_id = enter_axes(db, name, axes, who) if found is None else int(found)
     content = json.dumps(analysis_object(analysis), ensure_ascii=False, allow_nan=False)
     digest = hashlib.sha256(content.encode()).hexdigest()
     same = (noise_analysis.c.sensor_id == sensor_id, noise_analysis.c.sha256 == digest)
-    if (there := db.scalar(select(noise_analysis.c.id).where(*same))) is not None:
+    if (there := db.scalar(sa.select(noise_analysis.c.id).where(*same))) is not None:
         return int(there)
     values = {
         "sensor_id": sensor_id,
@@ -184,29 +172,25 @@ def enter_noise(
         "content": content,
         "sha256": digest,
     }
-    key = db.execute(insert(noise_analysis).values(**values, **who.columns)).inserted_primary_key
-    assert key is not None
+    number = insert_row(db, noise_analysis, values, who)
     rows = [
-        {
-            "analysis_id": int(key[0]),
-            "channel": channel.channel,
-            "symbol": one.symbol,
-            "place": place,
-            "value": one.value,
-            "u": one.u if isfinite(one.u) else None,
-            "low": one.low,
-            "high": one.high,
-            "unit": one.unit,
-        }
+        {"analysis_id": number, "channel": channel.channel, "place": place}
+        | _coefficient_fields(one)
+        | {"u": one.u if isfinite(one.u) else None}
         for channel in analysis.channels
         for place, one in enumerate(channel.coefficients)
     ]
     if rows:
-        db.execute(insert(noise_coefficient), rows)
-    return int(key[0])
+        db.execute(sa.insert(noise_coefficient), rows)
+    return number
 
 
-def read_noise(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
+def _coefficient_fields(one: NoiseCoefficient) -> dict[str, Any]:
+    """Return the columns of a coefficient, which are also its keys in a JSON object."""
+    return {name: getattr(one, name) for name in ("symbol", "value", "u", "low", "high", "unit")}
+
+
+def read_noise(db: sa.Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
     """Return the noise analyses of a sensor in the order of measurement.
 
     Raises
@@ -215,7 +199,7 @@ def read_noise(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
         If the text in the register differs from the text that was entered.
     """
     query = (
-        select(noise_analysis, sensor.c.name.label("sensor"))
+        sa.select(noise_analysis, sensor.c.name.label("sensor"))
         .join(sensor, sensor.c.id == noise_analysis.c.sensor_id)
         .where(noise_analysis.c.sensor_id == sensor_id)
         .order_by(noise_analysis.c.measured, noise_analysis.c.id)
@@ -239,10 +223,10 @@ def read_noise(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
 
 
 def _coefficients(
-    db: Connection, sensor_id: int
+    db: sa.Connection, sensor_id: int
 ) -> dict[int, dict[str, tuple[NoiseCoefficient, ...]]]:
     query = (
-        select(noise_coefficient)
+        sa.select(noise_coefficient)
         .join(noise_analysis, noise_analysis.c.id == noise_coefficient.c.analysis_id)
         .where(noise_analysis.c.sensor_id == sensor_id)
         .order_by(
@@ -251,7 +235,7 @@ def _coefficients(
     )
     found: dict[int, dict[str, tuple[NoiseCoefficient, ...]]] = {}
     for row in db.execute(query):
-        u = _INFINITE if row.u is None else row.u
+        u = inf if row.u is None else row.u
         one = NoiseCoefficient(row.symbol, "", row.value, u, row.low, row.high, row.unit)
         channels = found.setdefault(row.analysis_id, {})
         channels[row.channel] = (*channels.get(row.channel, ()), one)
@@ -260,7 +244,8 @@ def _coefficients(
 
 def noise_trends(entries: tuple[NoiseEntry, ...]) -> tuple[NoiseTrend, ...]:
     """Return the coefficients of all channels over time, from the last entry of each recording."""
-    last = {one.recording_sha256 or f"#{one.id}": one.id for one in sorted(entries, key=_number)}
+    in_order = sorted(entries, key=lambda one: one.id)
+    last = {one.recording_sha256 or f"#{one.id}": one.id for one in in_order}
     kept = [one for one in entries if last[one.recording_sha256 or f"#{one.id}"] == one.id]
     points: dict[tuple[str, str, str], list[tuple[NoiseEntry, NoiseCoefficient]]] = {}
     for entry in kept:
@@ -273,32 +258,12 @@ def noise_trends(entries: tuple[NoiseEntry, ...]) -> tuple[NoiseTrend, ...]:
     )
 
 
-def _number(entry: NoiseEntry) -> int:
-    return entry.id
-
-
 def noise_entry_object(entry: NoiseEntry) -> dict[str, Any]:
     """Return an entry as a JSON object, with its coefficients but without its content."""
-    return {
-        "id": entry.id,
-        "sensor": entry.sensor,
-        "measured": entry.measured,
-        "measured_from": entry.measured_from,
-        "source": entry.source,
-        "recording_sha256": entry.recording_sha256,
-        "duration": entry.duration,
-        "by": entry.by,
-        "at": entry.at,
+    hidden = ("coefficients", "content")
+    return {name: value for name, value in vars(entry).items() if name not in hidden} | {
         "coefficients": [
-            {
-                "channel": channel,
-                "symbol": one.symbol,
-                "value": one.value,
-                "u": one.u,
-                "low": one.low,
-                "high": one.high,
-                "unit": one.unit,
-            }
+            {"channel": channel} | _coefficient_fields(one)
             for channel, coefficients in entry.coefficients.items()
             for one in coefficients
         ],

@@ -36,7 +36,7 @@ def interval_table(found: Recalibration) -> tuple[tuple[str, ...], list[tuple[st
     ]
     if any(one.hours is not None for one in found.rows):
         heads.append("time in use, hours")
-        columns.append([hours_text(one.hours) for one in found.rows])
+        columns.append(["" if one.hours is None else f"{one.hours:.0f}" for one in found.rows])
     if found.pool is not None:
         heads.append("pooled sensors")
         columns.append([str(one.sensors or "") for one in found.rows])
@@ -89,11 +89,6 @@ def _too_few_text(found: Recalibration) -> str:
         "calibrations of this sensor, or two each of sensors of the same type; state [job] "
         "model, or name such sensors with --like"
     )
-
-
-def hours_text(hours: float | None) -> str:
-    """Return operating hours as text; empty if they are unknown."""
-    return "" if hours is None else f"{hours:.0f}"
 
 
 def _pool_lines(found: Recalibration) -> list[str]:

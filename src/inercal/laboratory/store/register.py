@@ -4,24 +4,18 @@ import os
 from collections.abc import Callable, Collection, Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Self
 
 from sqlalchemy import Connection, Engine, select
 
+from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InputError
 from inercal.basics.system_user import user_name
 from inercal.calibration import Calibration
-from inercal.laboratory.store import certificates, insertions, queries
+from inercal.laboratory.store import certificates, connection, insertions, queries
 from inercal.laboratory.store.address import (
     RegisterAddress,
     require_place_of_register,
     resolve_address,
-)
-from inercal.laboratory.store.connection import (
-    make_engine,
-    read_transaction,
-    upgrade_register,
-    write_transaction,
 )
 from inercal.laboratory.store.document import make_document, to_utc, utc_now
 from inercal.laboratory.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
@@ -34,7 +28,7 @@ from inercal.physics.sensors import Sensor
 Transaction = Callable[[Engine, RegisterAddress], AbstractContextManager[Connection]]
 
 
-class Register:
+class Register(Closeable):
     """A register of sensors, benches, runs, hashes of raw data and calibrations.
 
     Each entry has an author and a time. The register is a context manager. Each call is a separate
@@ -72,25 +66,25 @@ class Register:
         self.address = self._address.display_url
         self._by = by or user_name()
         self.files = () if self._address.file is None else (self._address.file,)
-        self._engine = make_engine(self._address)
+        self._engine = connection.make_engine(self._address)
         file = self._address.file
         self.exists = file is None or os.path.exists(file)
         if file is not None and not self.exists:
             require_place_of_register(file, create=create)
         else:
-            upgrade_register(self._engine, self._address, create=create)
+            connection.upgrade_register(self._engine, self._address, create=create)
 
     @contextmanager
     def _transaction(self, begin: Transaction) -> Generator[Connection]:
         if not self.exists:
-            upgrade_register(self._engine, self._address)
+            connection.upgrade_register(self._engine, self._address)
             self.exists = True
         with begin(self._engine, self._address) as db:
             yield db
 
     def sensors(self) -> tuple[SensorEntry, ...]:
         """Return all sensors, sorted by name."""
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             return queries.sensors(db)
 
     def sensor(self, key: int | str) -> SensorEntry:
@@ -101,14 +95,14 @@ class Register:
         InputError
             If there is none.
         """
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             return queries.find_sensor(db, key)
 
     def runs(
         self, sensor: int | str | None = None, newest: int | None = None
     ) -> tuple[RunEntry, ...]:
         """Return the runs of all sensors or of one, by start time; or only the `newest` runs."""
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             if sensor is None:
                 return queries.runs(db, newest=newest)
             one = queries.find_sensor(db, sensor)
@@ -126,7 +120,7 @@ class Register:
         newest : int, optional
             Number of calibrations to return, counted from the last measurement; None returns all.
         """
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             if sensor is None:
                 return queries.calibrations(db, newest=newest)
             one = queries.find_sensor(db, sensor)
@@ -134,13 +128,13 @@ class Register:
 
     def entered_sha256(self, wanted: Collection[str]) -> set[str]:
         """Return which of these SHA-256 hashes of calibration files are in the register."""
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             query = select(calibration.c.sha256).where(calibration.c.sha256.in_(wanted))
             return set(db.scalars(query))
 
     def calibration_numbers(self, run_id: int | None = None) -> tuple[int, ...]:
         """Return the numbers of all calibrations, or of one run's, in the order of measurement."""
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             if run_id is None:
                 return queries.calibration_numbers(db)
             return queries.calibration_numbers(db, calibration.c.run_id == run_id)
@@ -153,12 +147,12 @@ class Register:
         InputError
             If no calibration has this number.
         """
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             return queries.find_calibration(db, number)
 
     def coefficients(self, number: int) -> Sequence[tuple[str, float, float, str]]:
         """Return the name, value, standard uncertainty (k = 1) and SI unit of each coefficient."""
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             return queries.coefficients(db, number)
 
     def history(self, sensor: int | str) -> SensorHistory:
@@ -174,7 +168,7 @@ class Register:
 
     def noise_history(self, sensor: int | str) -> tuple[NoiseEntry, ...]:
         """Return the noise analyses of a sensor in the order of measurement."""
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             return read_noise(db, queries.find_sensor(db, sensor).id)
 
     def enter_noise(self, analysis: NoiseAnalysis, sensor: str, measured: str | None = None) -> int:
@@ -185,7 +179,7 @@ class Register:
         InputError
             If the name is empty, or `measured` is not a time in ISO 8601.
         """
-        with self._transaction(write_transaction) as db:
+        with self._transaction(connection.write_transaction) as db:
             return enter_noise(db, analysis, sensor, measured, self._author())
 
     def enter_sensor(self, sensor: Sensor) -> int:
@@ -196,7 +190,7 @@ class Register:
         InputError
             If an axis measures a different quantity from the axis with this name in the register.
         """
-        with self._transaction(write_transaction) as db:
+        with self._transaction(connection.write_transaction) as db:
             return insertions.enter_sensor(db, sensor, self._author())
 
     def enter_run(
@@ -213,7 +207,7 @@ class Register:
         """
         result = None if calibration is None else make_document(calibration)
         kind = "" if result is None else _bench_kind(result.calibration)
-        with self._transaction(write_transaction) as db:
+        with self._transaction(connection.write_transaction) as db:
             number = insertions.enter_run(db, facts, self._author())
             if result is not None:
                 insertions.enter_calibration(db, result, kind, None, self._author())
@@ -263,7 +257,7 @@ class Register:
                 ) from None
         result = [make_document(source) for source in sources]
         kinds = [_bench_kind(one.calibration) for one in result]
-        with self._transaction(write_transaction) as db:
+        with self._transaction(connection.write_transaction) as db:
             numbers = tuple(
                 insertions.enter_calibration(db, one, kind, measured, self._author())
                 for one, kind in zip(result, kinds, strict=True)
@@ -296,7 +290,7 @@ class Register:
         """
         document = make_document(source)
         kind = _bench_kind(document.calibration)
-        with self._transaction(write_transaction) as db:
+        with self._transaction(connection.write_transaction) as db:
             who = self._author()
             entered = insertions.enter_calibration(db, document, kind, measured, who)
             return certificates.issue_certificate(db, entered, wanted, who)
@@ -309,17 +303,17 @@ class Register:
         InputError
             If there is none.
         """
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             return certificates.find_certificate(db, number)
 
     def certificates(self) -> tuple[certificates.CertificateSummary, ...]:
         """Return all certificates without their files, in the order of issue."""
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             return certificates.list_certificates(db)
 
     def successors(self, number: str) -> tuple[tuple[str, str], ...]:
         """Return the number and kind of change of each certificate that changes this one."""
-        with self._transaction(read_transaction) as db:
+        with self._transaction(connection.read_transaction) as db:
             return certificates.successors(db, number)
 
     def _author(self) -> insertions.EntryAuthor:
@@ -328,12 +322,6 @@ class Register:
     def close(self) -> None:
         """Close the connection to the database."""
         self._engine.dispose()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _bench_kind(calibration: Calibration) -> str:

@@ -3,21 +3,9 @@
 Times are stored as text in ISO 8601, UTC, to the millisecond, so they sort chronologically.
 """
 
-from sqlalchemy import (
-    BigInteger,
-    Column,
-    Double,
-    ForeignKey,
-    Integer,
-    LargeBinary,
-    MetaData,
-    String,
-    Table,
-    Text,
-    UniqueConstraint,
-)
+import sqlalchemy as sa
 
-metadata = MetaData(
+metadata = sa.MetaData(
     naming_convention={
         "ix": "ix_%(table_name)s_%(column_0_N_name)s",
         "uq": "uq_%(table_name)s_%(column_0_N_name)s",
@@ -27,95 +15,96 @@ metadata = MetaData(
 )
 
 
-def _text_columns(*names: str) -> list[Column[str]]:
+def _text_columns(*names: str) -> list[sa.Column[str]]:
     """Return text columns in which every row must have a value."""
-    return [Column(name, String, nullable=False) for name in names]
+    return [sa.Column(name, sa.String, nullable=False) for name in names]
 
 
-def _entry_columns() -> list[Column[str]]:
+def entry_columns() -> list[sa.Column[str]]:
     """Return the columns for the author and time of an entry."""
     return _text_columns("entered_by", "entered_at")
 
 
-sensor = Table(
+sensor = sa.Table(
     "sensor",
     metadata,
-    Column("id", Integer, primary_key=True),
-    Column("name", String, nullable=False, unique=True),
-    Column("axes", Text, nullable=False),  # JSON list of {name, measures}
-    *_entry_columns(),
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("name", sa.String, nullable=False, unique=True),
+    sa.Column("axes", sa.Text, nullable=False),  # JSON list of {name, measures}
+    *entry_columns(),
 )
-bench = Table(
+bench = sa.Table(
     "bench",
     metadata,
-    Column("id", Integer, primary_key=True),
-    Column("kind", String, nullable=False),
-    Column("name", String, nullable=False),  # empty if the run file states no name
-    *_entry_columns(),
-    UniqueConstraint("kind", "name"),
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("kind", sa.String, nullable=False),
+    sa.Column("name", sa.String, nullable=False),  # empty if the run file states no name
+    *entry_columns(),
+    sa.UniqueConstraint("kind", "name"),
 )
-run = Table(
+run = sa.Table(
     "run",
     metadata,
-    Column("id", Integer, primary_key=True),
-    Column("key", String, nullable=False, unique=True),
-    Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
-    Column("bench_id", Integer, ForeignKey("bench.id"), nullable=False),
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("key", sa.String, nullable=False, unique=True),
+    sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False, index=True),
+    sa.Column("bench_id", sa.Integer, sa.ForeignKey("bench.id"), nullable=False),
     *_text_columns("begun", "state", "table_address", "imu_address", "folder"),
-    *_entry_columns(),
+    *entry_columns(),
 )
-file = Table(
+file = sa.Table(
     "file",
     metadata,
-    Column("run_id", Integer, ForeignKey("run.id"), primary_key=True),
-    Column("name", String, primary_key=True),
-    Column("size", BigInteger, nullable=False),
-    Column("sha256", String, nullable=False, index=True),
-    *_entry_columns(),
+    sa.Column("run_id", sa.Integer, sa.ForeignKey("run.id"), primary_key=True),
+    sa.Column("name", sa.String, primary_key=True),
+    sa.Column("size", sa.BigInteger, nullable=False),
+    sa.Column("sha256", sa.String, nullable=False, index=True),
+    *entry_columns(),
 )
-calibration = Table(
+calibration = sa.Table(
     "calibration",
     metadata,
-    Column("id", Integer, primary_key=True),
-    Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
-    Column(
-        "bench_id", Integer, ForeignKey("bench.id")
-    ),  # null if this version does not know the method
-    Column("run_id", Integer, ForeignKey("run.id"), index=True),
-    Column("measured", String, nullable=False),
-    Column("measured_from", String, nullable=False),  # "stated", "run" or "created"
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("sensor_id", sa.Integer, sa.ForeignKey("sensor.id"), nullable=False, index=True),
+    # Null if this version does not know the method.
+    sa.Column("bench_id", sa.Integer, sa.ForeignKey("bench.id")),
+    sa.Column("run_id", sa.Integer, sa.ForeignKey("run.id"), index=True),
+    sa.Column("measured", sa.String, nullable=False),
+    sa.Column("measured_from", sa.String, nullable=False),  # "stated", "run" or "created"
     *_text_columns("method", "estimator"),
-    Column("grade", String, nullable=False, server_default=""),  # empty if unknown
-    Column("recording_sha256", String, nullable=False, index=True),  # empty if not stated
-    Column("content", Text, nullable=False),  # the whole file as JSON
-    Column("sha256", String, nullable=False, unique=True),
-    *_entry_columns(),
+    sa.Column("grade", sa.String, nullable=False, server_default=""),  # empty if unknown
+    sa.Column("recording_sha256", sa.String, nullable=False, index=True),  # empty if not stated
+    sa.Column("content", sa.Text, nullable=False),  # the whole file as JSON
+    sa.Column("sha256", sa.String, nullable=False, unique=True),
+    *entry_columns(),
 )
-coefficient = Table(
+coefficient = sa.Table(
     "coefficient",
     metadata,
-    Column("calibration_id", Integer, ForeignKey("calibration.id"), primary_key=True),
-    Column("name", String, primary_key=True),
-    Column("place", Integer, nullable=False),  # index in the calibration, from 0
-    Column("value", Double, nullable=False),
-    Column("std", Double, nullable=False),
-    Column("unit", String, nullable=False),  # SI
+    sa.Column("calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), primary_key=True),
+    sa.Column("name", sa.String, primary_key=True),
+    sa.Column("place", sa.Integer, nullable=False),  # index in the calibration, from 0
+    sa.Column("value", sa.Double, nullable=False),
+    sa.Column("std", sa.Double, nullable=False),
+    sa.Column("unit", sa.String, nullable=False),  # SI
 )
-certificate = Table(  # database triggers prevent changes and deletion of rows
+certificate = sa.Table(  # database triggers prevent changes and deletion of rows
     "certificate",
     metadata,
-    Column("id", Integer, primary_key=True),
-    Column("number", String, nullable=False, unique=True),
-    Column("series", String, nullable=False),  # the pattern of the number
-    Column("year", Integer, nullable=False),
-    Column("sequence", Integer, nullable=False),
-    Column("calibration_id", Integer, ForeignKey("calibration.id"), nullable=False, index=True),
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("number", sa.String, nullable=False, unique=True),
+    sa.Column("series", sa.String, nullable=False),  # the pattern of the number
+    sa.Column("year", sa.Integer, nullable=False),
+    sa.Column("sequence", sa.Integer, nullable=False),
+    sa.Column(
+        "calibration_id", sa.Integer, sa.ForeignKey("calibration.id"), nullable=False, index=True
+    ),
     *_text_columns("issued"),  # ISO date
     *_text_columns("change"),  # "amended" or "substituted"; empty if it changes none
     *_text_columns("previous"),  # number of the changed certificate
     *_text_columns("pdf_sha256", "dcc_sha256"),
-    Column("pdf", LargeBinary, nullable=False),
-    Column("dcc", LargeBinary, nullable=False),  # XML
-    *_entry_columns(),
-    UniqueConstraint("series", "year", "sequence"),
+    sa.Column("pdf", sa.LargeBinary, nullable=False),
+    sa.Column("dcc", sa.LargeBinary, nullable=False),  # XML
+    *entry_columns(),
+    sa.UniqueConstraint("series", "year", "sequence"),
 )

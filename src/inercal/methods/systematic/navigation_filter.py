@@ -30,16 +30,10 @@ from inercal.basics.arrays import Array, Indices
 from inercal.benches.turntable.still_table import StillTable
 from inercal.estimation import FilterHistory, Gaussian
 from inercal.methods import Priors
+from inercal.methods.systematic import navigation
 from inercal.methods.systematic._filter_kernel import FILTER_VECTORS, NAVIGATION, filter_epochs
 from inercal.methods.systematic._kernels import NavigationSettings, TurnMotion
 from inercal.methods.systematic.alignment import initial_attitudes
-from inercal.methods.systematic.navigation import (
-    ImuModel,
-    bias_name,
-    block_means,
-    earth_rate,
-    earth_rate_slope,
-)
 from inercal.methods.systematic.segments import Segments
 from inercal.methods.turntable.drift import Drift, drift_model
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
@@ -85,9 +79,9 @@ class FilterModel:
     means: bool
 
     @cached_property
-    def imu(self) -> ImuModel:
+    def imu(self) -> navigation.ImuModel:
         """The model of the readings."""
-        return ImuModel(self.sensor)
+        return navigation.ImuModel(self.sensor)
 
     @cached_property
     def drifts(self) -> tuple[Drift, Drift]:
@@ -148,8 +142,8 @@ def filter_start(model: FilterModel, segments: Segments) -> FilterStart:
     latitude = model.known.latitude.value
     nominal = np.zeros(len(sensor.coefficients))
     attitudes, c = initial_attitudes(segments, imu, nominal, latitude)
-    earth = earth_rate(latitude)
-    biases = [bias_name(axis) for axis in sensor.axes if axis.measures == "w"]
+    earth = navigation.earth_rate(latitude)
+    biases = [navigation.bias_name(axis) for axis in sensor.axes if axis.measures == "w"]
     values = zip(sensor.coefficients, c.tolist(), strict=True)
     largest = max((abs(value) for name, value in values if name in biases), default=0.0)
     bias = _BIAS_SHARE * (float(np.linalg.norm(earth)) + largest)
@@ -271,14 +265,15 @@ class NavigationFilter:
         )
         motion = TurnMotion(*(np.ascontiguousarray(part[own]) for part in motion))
         rest = self._number_rests(self._holds[own].reshape(epochs, model.count))
-        means = block_means(motion, np.arange(0, n, model.count, dtype=np.int64))
+        means = navigation.block_means(motion, np.arange(0, n, model.count, dtype=np.int64))
         by_rate, by_force = self._effects(c, _with_steady_rests(means, rest))
         size = self._x.size
         innovation, standard, nis = np.zeros((epochs, 3)), np.zeros((epochs, 3)), np.zeros(epochs)
         filter_epochs(
             motion, by_rate, by_force, rest, self._rest_attitudes, self._present, model.count,
-            self._fed == 0, NavigationSettings(earth_rate(latitude), gravity, lag, model.dt),
-            earth_rate_slope(latitude), model.imu.white, REST_VELOCITY**2, self._keep,
+            self._fed == 0,
+            NavigationSettings(navigation.earth_rate(latitude), gravity, lag, model.dt),
+            navigation.earth_rate_slope(latitude), model.imu.white, REST_VELOCITY**2, self._keep,
             self._drawn, self._x, self._p, self._c, self._v, self._before,
             np.zeros((FILTER_VECTORS, 3)), np.zeros((4, 3, 3)), np.zeros((16, size)),
             innovation, standard, nis,
@@ -324,7 +319,7 @@ class NavigationFilter:
             result[kind][..., own] = by[
                 ..., [k for k, n in enumerate(part.coefficients) if n in names]
             ]
-            biases = [part.coefficients.index(bias_name(axis)) for axis in part.axes]
+            biases = [part.coefficients.index(navigation.bias_name(axis)) for axis in part.axes]
             for k in range(len(drift.times)):
                 result[kind][..., at + 3 * k : at + 3 * k + 3] = by[..., biases]
             at += drift.size
@@ -341,7 +336,7 @@ class NavigationFilter:
             rows, variance = drift.mean(elapsed)
             axes = [axis for axis in self.model.sensor.axes if axis.measures == kind]
             for k, axis in enumerate(axes):
-                name = bias_name(axis)
+                name = navigation.bias_name(axis)
                 if name in names:
                     to_mean[names.index(name), at : at + drift.size] = rows[k]
                     further[names.index(name)] = variance[k]

@@ -14,16 +14,8 @@ from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.scores import NO_SCORE_TESTS
 from inercal.methods import Priors, temperature
 from inercal.methods.turntable import model
-from inercal.methods.turntable_kalman import filter_tests
+from inercal.methods.turntable_kalman import filter_config, filter_tests
 from inercal.methods.turntable_kalman._filter_steps import INNOVATION_GATE
-from inercal.methods.turntable_kalman.filter_config import (
-    FILTER_CONFIGS,
-    FILTER_KINDS,
-    FilterConfig,
-    FilterKind,
-    require_whole_epoch,
-    sampling_step,
-)
 from inercal.physics.plan import TableSteps
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Observations, Track
@@ -34,11 +26,11 @@ _CHANCE_REJECTIONS = 2e-3
 
 
 def run_filter(
-    kind: FilterKind,
+    kind: filter_config.FilterKind,
     sensor: Sensor,
     bench: Turntable,
     track: Track,
-    config: FilterConfig,
+    config: filter_config.FilterConfig,
     priors: Priors = (),
     *,
     smooth: bool = False,
@@ -75,7 +67,7 @@ def estimate_by_filters(
     steps: TableSteps,
     priors: Priors = (),
     *,
-    config: FilterConfig,
+    config: filter_config.FilterConfig,
 ) -> Estimate:
     """Return the estimate from both filters, one trial after the other.
 
@@ -109,12 +101,12 @@ def estimate_by_filters(
     kinds = {axis.measures for axis in sensor.axes}
     priors = split_priors(sensor, priors)
     lead = track.reading.shape[:-2]
-    require_whole_epoch(config.epoch, sampling_step(track))
+    filter_config.require_whole_epoch(config.epoch, filter_config.sampling_step(track))
     trials = [
         # With several trials only the first has a smoothed time course and tests.
         [
             run_filter(kind, sensor, bench, track.trial(*k), config, priors, smooth=not any(k))
-            for kind in FILTER_KINDS
+            for kind in filter_config.FILTER_KINDS
             if kind in kinds
         ]
         for k in np.ndindex(*lead)
@@ -212,7 +204,7 @@ def split_priors(sensor: Sensor, priors: Priors) -> list[Gaussian]:
 
 
 def _notes(
-    parts: Sequence[filter_tests.FilterResult], config: FilterConfig, bench: Turntable
+    parts: Sequence[filter_tests.FilterResult], config: filter_config.FilterConfig, bench: Turntable
 ) -> tuple[str, ...]:
     """Return notes on the innovations and on errors that the uncertainties do not include."""
     result = [filter_tests.describe_innovations(one) for one in parts]
@@ -291,6 +283,3 @@ def _combine_filters(
         # Innovations do not test gravity, because they do not contain its error.
         covariance[np.ix_(first, first)] -= (ratio - 1) * one.shared_covariance
     return value, covariance, sum(one.nis for one in parts)
-
-
-__all__ = ["FILTER_CONFIGS", "estimate_by_filters", "run_filter", "split_priors"]

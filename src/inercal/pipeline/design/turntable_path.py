@@ -19,8 +19,8 @@ from inercal.methods.systematic.remarks import vertical_turn_messages
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD as KALMAN
-from inercal.methods.turntable_kalman import combined_estimate
-from inercal.methods.turntable_kalman.filter_config import FILTER_KINDS
+from inercal.methods.turntable_kalman.combined_estimate import run_filter
+from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS, FILTER_KINDS
 from inercal.physics.plan import Position, TableStep
 from inercal.pipeline.design.expected_uncertainty import (
     ExpectedUncertainty,
@@ -257,11 +257,11 @@ def _filter_uncertainties(
     run: Run, bench: Turntable, track: Track
 ) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
     """Return expected uncertainties from the filters, and directions that are not determined."""
-    way = run.filter or combined_estimate.FILTER_CONFIGS[run.estimator]
+    way = run.filter or FILTER_CONFIGS[run.estimator]
     found: dict[str, float] = {}
     undecided: list[str] = []
     for kind in FILTER_KINDS:
-        filtered = combined_estimate.run_filter(kind, run.sensor, bench, track, way, run.priors)
+        filtered = run_filter(kind, run.sensor, bench, track, way, run.priors)
         names = filtered.triad.sensor.coefficients
         p = len(names)
         covariance = filtered.covariance[:p, :p]

@@ -7,18 +7,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import RATES, closed_formulas
 from inercal.physics.plan import Spin
-from inercal.studies.centrifuge.simulated_centrifuge import (
-    AXES,
-    BENCH,
-    ESTIMATORS,
-    QUANTITIES,
-    TRUTH,
-    CentrifugeTrials,
-    ml_estimate,
-    outputs,
-    stated_deviations,
-    steps,
-)
+from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import format_all, format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
@@ -31,49 +20,53 @@ _SINGULAR = 1e-10
 
 def rank_and_condition(spins: tuple[Spin, ...]) -> tuple[int, float]:
     """Return the rank and the scaled condition number of the thirteen columns in (15)."""
-    rows = closed_formulas.regression_matrix(outputs(TRUTH, spins))
+    rows = closed_formulas.regression_matrix(simulated.outputs(simulated.TRUTH, spins))
     singular = np.linalg.svd(rows / np.linalg.norm(rows, axis=0))[1]
     return int(np.sum(singular > _SINGULAR * singular[0])), float(singular[0] / singular[-1])
 
 
 def least_observable_terms(spins: tuple[Spin, ...]) -> str:
     """Return the three terms in (15) that the dwells separate worst, as text."""
-    rows = closed_formulas.regression_matrix(outputs(TRUTH, spins))
+    rows = closed_formulas.regression_matrix(simulated.outputs(simulated.TRUTH, spins))
     vector = np.abs(np.linalg.svd(rows / np.linalg.norm(rows, axis=0))[2][-1])
-    terms = ["1", *(f"N_{axis}{power}" for power in ("", "²", "³", "⁴") for axis in AXES)]
+    terms = ["1", *(f"N_{axis}{power}" for power in ("", "²", "³", "⁴") for axis in simulated.AXES)]
     largest: list[int] = np.argsort(-vector)[:3].tolist()
     return ", ".join(terms[k] for k in largest)
 
 
 def known_attitude_bound() -> Array:
     """Return the Cramér–Rao bound for S, b and D, (3, 3), with exactly known attitudes."""
-    spins = steps()
-    return stated_deviations(
-        ml_estimate(outputs(TRUTH, spins), spins, replace(BENCH, indexing=0.0))
+    spins = simulated.steps()
+    return simulated.stated_deviations(
+        simulated.ml_estimate(
+            simulated.outputs(simulated.TRUTH, spins), spins, replace(simulated.BENCH, indexing=0.0)
+        )
     )
 
 
 def full_circle_bound() -> Array:
     """Return the bound for S, b and D, (3, 3), with the same number of dwells on a full circle."""
-    spins = steps("full-circle")
-    return stated_deviations(ml_estimate(outputs(TRUTH, spins), spins))
+    spins = simulated.steps("full-circle")
+    return simulated.stated_deviations(
+        simulated.ml_estimate(simulated.outputs(simulated.TRUTH, spins), spins)
+    )
 
 
-def section(trials: CentrifugeTrials) -> StudySection:
+def section(trials: simulated.CentrifugeTrials) -> StudySection:
     """Build the section about efficiency and the counting rule."""
     known, round_ = known_attitude_bound(), full_circle_bound()
-    once = steps(rates=RATES[:1]) * 3
-    twice, thrice = steps(rates=RATES[:2]), steps()
+    once = simulated.steps(rates=RATES[:1]) * 3
+    twice, thrice = simulated.steps(rates=RATES[:2]), simulated.steps()
     plans = {
         "half circle, one rate, each dwell three times": once,
         "half circle, two rates": twice,
         "half circle, three rates, as printed": thrice,
-        "full circle, three rates": steps("full-circle"),
+        "full circle, three rates": simulated.steps("full-circle"),
     }
     ranks = {name: (spins, *rank_and_condition(spins)) for name, spins in plans.items()}
     of_once, of_twice = (rank for _, rank, _ in list(ranks.values())[:2])
     sets = {
-        **{f"{name}, scatter": trials.std(name) for name in ESTIMATORS},
+        **{f"{name}, scatter": trials.std(name) for name in simulated.ESTIMATORS},
         "bound: norms": trials.bound,
         "bound: attitudes known": known,
         "bound: full circle, norms": round_,
@@ -88,7 +81,7 @@ def section(trials: CentrifugeTrials) -> StudySection:
             "the attitudes matter, and the condition number shows how well they determine the "
             "terms"),
     )  # fmt: skip
-    heads = [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES]
+    heads = [f"{q}_a{axis}" for q in simulated.QUANTITIES for axis in simulated.AXES]
     best = trials.bound / round_
     chi2, n = trials.chi2, len(trials.chi2)
     return TEXT.section(

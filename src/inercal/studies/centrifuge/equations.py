@@ -15,16 +15,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import RATES, closed_formulas
-from inercal.studies.centrifuge.simulated_centrifuge import (
-    TRUTH,
-    CentrifugeTrials,
-    G,
-    SimulatedTriad,
-    dwell_force,
-    outputs,
-    regress_squared_norms,
-    steps,
-)
+from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import Claim, ClaimResult, format_significant, judge_claim
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
@@ -64,7 +55,7 @@ def fit_to_order(output: Array, norm: Array, order: int | None) -> Array:
     order : int or None
         Order of truncation; None for the exact root.
     """
-    x: Array = TRUTH.values.copy()
+    x: Array = simulated.TRUTH.values.copy()
     for _ in range(_ITERATIONS):
         residual, scale = _residual(x, output, norm, order)
         columns: list[Array] = []
@@ -93,21 +84,21 @@ def _residual(x: Array, output: Array, norm: Array, order: int | None) -> tuple[
 
 def order_errors() -> dict[int | None, Array]:
     """Return the errors of S, b and D, (3, 3), for each order, on noise-free data."""
-    spins = steps()
-    output = outputs(TRUTH, spins)
-    norm = np.sqrt((np.array([s.rate for s in spins]) ** 2 / G) ** 2 + 1)
-    return {n: fit_to_order(output, norm, n) - TRUTH.values for n in (*ORDERS, None)}
+    spins = simulated.steps()
+    output = simulated.outputs(simulated.TRUTH, spins)
+    norm = np.sqrt((np.array([s.rate for s in spins]) ** 2 / simulated.G) ** 2 + 1)
+    return {n: fit_to_order(output, norm, n) - simulated.TRUTH.values for n in (*ORDERS, None)}
 
 
 def taylor_section() -> StudySection:
     """Build the section about the Taylor orders."""
-    f = dwell_force(steps())
-    worst = {n: float(np.abs(truncation_error(n, f, TRUTH.bend)).max()) for n in ORDERS}
-    u = (outputs(TRUTH, steps())) / TRUTH.scale
-    fourth = float((TRUTH.bend**2 * u**4).max())
+    f = simulated.dwell_force(simulated.steps())
+    worst = {n: float(np.abs(truncation_error(n, f, simulated.TRUTH.bend)).max()) for n in ORDERS}
+    u = (simulated.outputs(simulated.TRUTH, simulated.steps())) / simulated.TRUTH.scale
+    fourth = float((simulated.TRUTH.bend**2 * u**4).max())
     shift = order_errors()
     reach = np.linspace(-36.3, 36.3, 241)
-    bend = float(TRUTH.bend.max())
+    bend = float(simulated.TRUTH.bend.max())
     findings = (
         TAYLOR_TEXT.judge("error", worst[2], 0.0,
             f"the largest error in the design is 2D²f³ = {format_significant(worst[2])} g; the "
@@ -186,19 +177,19 @@ class EquationCheck:
 
 def norm_of_sum() -> EquationCheck:
     """Check (4), which takes the norm of a sum of perpendicular vectors as the sum of norms."""
-    a = RATES[0] ** 2 / G
-    true = float(np.linalg.norm(dwell_force(steps())[0]))
+    a = RATES[0] ** 2 / simulated.G
+    true = float(np.linalg.norm(simulated.dwell_force(simulated.steps())[0]))
     return EquationCheck("(4)", "|g + A| = g + A, at ω₁", "g", 1 + a, float(np.hypot(a, 1)), true,
                  "√(g² + A²), because g and A are perpendicular")  # fmt: skip
 
 
 def misalignment_signs() -> EquationCheck:
     """Check (9), which has wrong signs of misalignments and two exchanged angles in Δ₃."""
-    f = dwell_force(steps())
+    f = simulated.dwell_force(simulated.steps())
     g = MISALIGNMENT_ANGLES
     phi = np.array([[1, -g["xz"], g["xy"]], [g["yz"], 1, -g["yx"]], [-g["zy"], g["zx"], 1]])
     # (7): N = S Φ (f + D f²) + b
-    u = (f + TRUTH.bend * f**2) @ phi.T
+    u = (f + simulated.TRUTH.bend * f**2) @ phi.T
     x, y, z = u.T
     corrected = np.stack([
         -x - g["xz"] * y + g["xy"] * z,
@@ -210,7 +201,9 @@ def misalignment_signs() -> EquationCheck:
         -y + g["yz"] * x - g["yx"] * z,
         -z + g["zx"] * x - g["zy"] * y,
     ], axis=-1)  # fmt: skip
-    one, other = (truncated_root(-delta, TRUTH.bend, None) for delta in (printed, corrected))
+    one, other = (
+        truncated_root(-delta, simulated.TRUTH.bend, None) for delta in (printed, corrected)
+    )
     at = np.unravel_index(np.abs(one - f).argmax(), f.shape)
     axes = " and ".join("xyz"[k] for k in range(3) if np.abs((one - other)[:, k]).max() > 1e-9)
     return EquationCheck(
@@ -224,10 +217,10 @@ def misalignment_signs() -> EquationCheck:
 
 def fourth_power() -> EquationCheck:
     """Check (14), whose C₄ contains N⁴, so that (13) has N to the eighth power."""
-    output = outputs(TRUTH, steps())
-    norm2 = (dwell_force(steps()) ** 2).sum(axis=1)
-    k = TRUTH.bend * TRUTH.bias / TRUTH.scale
-    s, b, d = TRUTH.values
+    output = simulated.outputs(simulated.TRUTH, simulated.steps())
+    norm2 = (simulated.dwell_force(simulated.steps()) ** 2).sum(axis=1)
+    k = simulated.TRUTH.bend * simulated.TRUTH.bias / simulated.TRUTH.scale
+    s, b, d = simulated.TRUTH.values
     c1, c2, c3 = (
         -2 * b / s**2 * (1 + k) * (1 + 2 * k), (1 + 6 * k + 6 * k**2) / s**2,
         -2 * d / s**3 * (1 + 2 * k),
@@ -244,34 +237,37 @@ def fourth_power() -> EquationCheck:
     )  # fmt: skip
 
 
-def _regression_coefficients(device: SimulatedTriad) -> tuple[Array, Array, Array, Array]:
+def _regression_coefficients(device: simulated.SimulatedTriad) -> tuple[Array, Array, Array, Array]:
     """Return the regression coefficients C₁ to C₄ on exact data."""
-    output = outputs(device, steps())
-    c = regress_squared_norms(output, (dwell_force(steps()) ** 2).sum(axis=1))
+    output = simulated.outputs(device, simulated.steps())
+    c = simulated.regress_squared_norms(
+        output, (simulated.dwell_force(simulated.steps()) ** 2).sum(axis=1)
+    )
     return c[1:4], c[4:7], c[7:10], c[10:13]
 
 
 def root_branch() -> EquationCheck:
     """Check (19), whose root with the plus sign is −1 − K."""
-    c1, c2, c3, c4 = _regression_coefficients(TRUTH)
+    c1, c2, c3, c4 = _regression_coefficients(simulated.TRUTH)
     m = c4 / c3 * c1 / c2
     six = 6 * m - 5
     k = (-six + np.sqrt(12 * m**2 - 40 * m + 25)) / (2 * six)
+    true = simulated.TRUTH
     bias = -c1 * (1 + 6 * k + 6 * k**2) / (2 * c2 * (1 + k) * (1 + 2 * k))
     corrected = closed_formulas.paper(c1, c2, c3, c4)[1]
     return EquationCheck(
         "(19)", "b_ax from the root with +", "g", float(bias[0]), float(corrected[0]),
-        float(TRUTH.bias[0]),
+        float(true.bias[0]),
         f"K would be {format_significant(k[0], 7)} instead of "
-        f"{format_significant(TRUTH.bend[0] * TRUTH.bias[0] / TRUTH.scale[0])}, and the biases "
-        f"would be {', '.join(format_significant(x) for x in bias)} g; the root with the minus "
-        "sign gives the correct values",
+        f"{format_significant(true.bend[0] * true.bias[0] / true.scale[0])}, and the biases would "
+        f"be {', '.join(format_significant(x) for x in bias)} g; the root with the minus sign "
+        "gives the correct values",
     )  # fmt: skip
 
 
-def bend_sign(trials: CentrifugeTrials) -> EquationCheck:
+def bend_sign(trials: simulated.CentrifugeTrials) -> EquationCheck:
     """Check (21), whose root cannot give the sign of D and does not exist for negative numbers."""
-    bent = replace(TRUTH, bend=-TRUTH.bend)
+    bent = replace(simulated.TRUTH, bend=-simulated.TRUTH.bend)
     c = _regression_coefficients(bent)
     scale, _, corrected = closed_formulas.paper(*c)
     printed = np.sqrt(c[3] * scale**4 / 5)
@@ -285,18 +281,18 @@ def bend_sign(trials: CentrifugeTrials) -> EquationCheck:
 
 def inverted_fraction() -> EquationCheck:
     """Check (22), in which numerator and denominator are exchanged."""
-    c1, c2, c3, c4 = _regression_coefficients(TRUTH)
+    c1, c2, c3, c4 = _regression_coefficients(simulated.TRUTH)
     _, corrected, _ = closed_formulas.paper(c1, c2, c3, c4)
-    k = TRUTH.bend * TRUTH.bias / TRUTH.scale
+    k = simulated.TRUTH.bend * simulated.TRUTH.bias / simulated.TRUTH.scale
     printed = c2 * (1 + 6 * k + 6 * k**2) / (-2 * c1 * (1 + k) * (1 + 2 * k))
     return EquationCheck(
-        "(22)", "b_ax", "g", float(printed[0]), float(corrected[0]), float(TRUTH.bias[0]),
+        "(22)", "b_ax", "g", float(printed[0]), float(corrected[0]), float(simulated.TRUTH.bias[0]),
         f"biases of {', '.join(format_significant(x, 3) for x in printed)} g; corrected, "
         "b = −C₁ (1 + 6K + 6K²) / [2 C₂ (1 + K)(1 + 2K)]",
     )  # fmt: skip
 
 
-def equations_section(trials: CentrifugeTrials) -> StudySection:
+def equations_section(trials: simulated.CentrifugeTrials) -> StudySection:
     """Build the section about the equations."""
     tried = (
         norm_of_sum(),

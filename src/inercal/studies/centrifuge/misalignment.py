@@ -12,22 +12,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.methods.centrifuge_norm import closed_formulas, ml
 from inercal.studies.centrifuge import simulated_centrifuge
-from inercal.studies.centrifuge.simulated_centrifuge import (
-    BENCH,
-    TRUTH,
-    UNITS,
-    G,
-    SimulatedTriad,
-    closed_form_errors,
-    coefficients_as_printed,
-    estimator_errors,
-    misaligned_triad,
-    non_orthogonal_triad,
-    outputs,
-    regress_squared_norms,
-    rotated_triad,
-    steps,
-)
+from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
@@ -45,32 +30,36 @@ class IgnoredMisalignment:
     turn: dict[str, Array]
 
 
-def symmetric_ml_errors(device: SimulatedTriad) -> Array:
+def symmetric_ml_errors(device: simulated.SimulatedTriad) -> Array:
     """Return the errors of S, b and D, (3, 3), if the symmetric part of Φ is also estimated."""
-    spins, result = steps(), simulated_centrifuge.sensor("misalignment", symmetric=True)
+    spins, result = simulated.steps(), simulated_centrifuge.sensor("misalignment", symmetric=True)
     found = ml(
-        simulated_centrifuge.observations(outputs(device, spins), result), result, BENCH, spins
+        simulated_centrifuge.observations(simulated.outputs(device, spins), result),
+        result,
+        simulated.BENCH,
+        spins,
     )
     named = dict(zip(found.names, found.value.tolist(), strict=True))
     nine = [named[name] for name in simulated_centrifuge.sensor().coefficients]
-    return coefficients_as_printed(np.array(nine)) - TRUTH.values
+    return simulated.coefficients_as_printed(np.array(nine)) - simulated.TRUTH.values
 
 
-def _device_errors(device: SimulatedTriad) -> dict[str, Array]:
-    found = estimator_errors(outputs(device, steps()))
+def _device_errors(device: simulated.SimulatedTriad) -> dict[str, Array]:
+    found = simulated.estimator_errors(simulated.outputs(device, simulated.steps()))
     return found | {"ml, Φ found": symmetric_ml_errors(device)}
 
 
 def ignored_misalignment_errors() -> IgnoredMisalignment:
     """Return the effects of ignored misalignments over the range of Fig. 4."""
 
-    def over(devices: list[SimulatedTriad]) -> dict[str, Array]:
+    def over(devices: list[simulated.SimulatedTriad]) -> dict[str, Array]:
         found = [_device_errors(device) for device in devices]
         return {name: np.stack([one[name] for one in found]) for name in found[0]}
 
     gammas = ANGLES.tolist()
     return IgnoredMisalignment(
-        over([non_orthogonal_triad(g) for g in gammas]), over([rotated_triad(g) for g in gammas])
+        over([simulated.non_orthogonal_triad(g) for g in gammas]),
+        over([simulated.rotated_triad(g) for g in gammas]),
     )
 
 
@@ -89,10 +78,13 @@ def norm_change_shares(gamma: float) -> tuple[float, Array]:
         Shares of C₁ to C₄ in the change found by the regression, each as |ΔC| times the rms of its
         power.
     """
-    spins = steps()
-    norm2 = (np.array([s.rate for s in spins]) ** 2 / G) ** 2 + 1
-    straight, leaning = outputs(TRUTH, spins), outputs(non_orthogonal_triad(gamma), spins)
-    n, b = straight / TRUTH.scale, TRUTH.bias / TRUTH.scale
+    spins = simulated.steps()
+    norm2 = (np.array([s.rate for s in spins]) ** 2 / simulated.G) ** 2 + 1
+    straight, leaning = (
+        simulated.outputs(simulated.TRUTH, spins),
+        simulated.outputs(simulated.non_orthogonal_triad(gamma), spins),
+    )
+    n, b = straight / simulated.TRUTH.scale, simulated.TRUTH.bias / simulated.TRUTH.scale
     pairs = ((0, 1), (0, 2), (1, 2))
     parts = (
         sum(n[:, i] * n[:, j] for i, j in pairs),
@@ -102,7 +94,10 @@ def norm_change_shares(gamma: float) -> tuple[float, Array]:
     rms = np.array([np.sqrt(np.mean(np.square(part))) for part in parts])
     size = np.sqrt(np.mean(closed_formulas.regression_matrix(straight) ** 2, axis=0))
     change = (
-        np.abs(regress_squared_norms(leaning, norm2) - regress_squared_norms(straight, norm2))
+        np.abs(
+            simulated.regress_squared_norms(leaning, norm2)
+            - simulated.regress_squared_norms(straight, norm2)
+        )
         * size
     )
     groups = change[1:].reshape(4, 3).sum(axis=1)
@@ -115,13 +110,13 @@ def least_pattern_errors(gamma: float) -> tuple[int, Array]:
     In a pattern, each pair of axes leans by γ, by −γ or not at all. The errors of a pattern are the
     largest |ΔS|, |Δb| and |ΔD| of `paper`; the result is the minimum over the patterns.
     """
-    spins = steps()
+    spins = simulated.steps()
     found: list[Array] = []
     for xy, xz, yz in product((-1, 0, 1), repeat=3):
         if xy or xz or yz:
             phi = np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
-            output = outputs(misaligned_triad(gamma * phi), spins)
-            error = closed_form_errors(closed_formulas.paper, output)
+            output = simulated.outputs(simulated.misaligned_triad(gamma * phi), spins)
+            error = simulated.closed_form_errors(closed_formulas.paper, output)
             found.append(np.nanmax(np.abs(error), axis=-1))
     return len(found), np.min(found, axis=0)
 
@@ -153,15 +148,15 @@ def section(clean: Array) -> StudySection:
         TEXT.judge(
             f"small_{q}", paper[:, k].max(), rest[k],
             f"(16) to (22) have errors of {format_significant(paper[:, k].min())} to "
-            f"{format_significant(paper[:, k].max())} {UNITS[q]} over the range, ml with nine "
-            f"parameters by {format_significant(exact[:, k].min())} to "
+            f"{format_significant(paper[:, k].max())} {simulated.UNITS[q]} over the range, ml with "
+            f"nine parameters by {format_significant(exact[:, k].min())} to "
             f"{format_significant(exact[:, k].max())}; of {patterns} patterns of leaning axes, the "
             f"most favourable one gives {format_significant(at_least[k])} at 2·10⁻⁴ rad",
         )
         for k, q in enumerate("SbD")
     ]  # fmt: skip
     ratio = paper[:, :2] / paper[:, 1:]
-    relative = np.nanmax(np.abs(found.non_orthogonality["paper"]) / TRUTH.values, axis=-1)
+    relative = np.nanmax(np.abs(found.non_orthogonality["paper"]) / simulated.TRUTH.values, axis=-1)
     ordering = [
         TEXT.judge(claim, ratio[:, k].mean(), np.ptp(ratio[:, k]) / 2,
             f"the ratio is between {format_significant(ratio[:, k].min())} and "
@@ -226,7 +221,7 @@ def _chart(found: IgnoredMisalignment) -> Chart:
         "Largest errors of S, b and D when a non-orthogonality of γ is ignored, by estimator, and "
         "the bound that the source claims. Numbers cannot be read from the printed figure.",
         [
-            StudyPanel("", "γ, 10⁻⁴ rad", f"largest |Δ{q}|, {UNITS[q]}", lines(k))
+            StudyPanel("", "γ, 10⁻⁴ rad", f"largest |Δ{q}|, {simulated.UNITS[q]}", lines(k))
             for k, q in enumerate("SbD")
         ],
     )  # fmt: skip

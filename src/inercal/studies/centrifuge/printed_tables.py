@@ -16,17 +16,7 @@ from inercal.estimation import Cauchy, least_squares
 from inercal.methods.centrifuge_norm.problems import norm_problem
 from inercal.methods.centrifuge_norm.screening import SuspectRow, screen_rows
 from inercal.studies.centrifuge import simulated_centrifuge
-from inercal.studies.centrifuge.simulated_centrifuge import (
-    AXES,
-    BENCH,
-    ESTIMATORS,
-    QUANTITIES,
-    TRUTH,
-    UNITS,
-    CentrifugeTrials,
-    outputs,
-    steps,
-)
+from inercal.studies.centrifuge import simulated_centrifuge as simulated
 from inercal.studies.claim import LIMIT, Claim, ClaimResult, format_significant, judge_claim
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import StudySection, StudyTable
@@ -34,10 +24,8 @@ from inercal.studies.study import StudySection, StudyTable
 OUTPUTS_TEXT = read_section_text("inercal.studies.centrifuge", "table1")
 
 _LAST_DIGIT = 1e-6  # V, one unit in the last printed digit
-_THRESHOLD, _SUSPECT = (
-    2.385,
-    6.0,
-)  # standard deviations; 2.385 gives 95 % efficiency for normal noise
+# Standard deviations; 2.385 gives 95 % efficiency for normal noise.
+_THRESHOLD, _SUSPECT = 2.385, 6.0
 _ROUNDING_TOLERANCE = _LAST_DIGIT  # the last digit may be truncated or rounded
 
 
@@ -58,8 +46,10 @@ def read_printed_table() -> Array:
 
 def repair_table(printed: Array) -> ScreenedTable:
     """Screen the table without using the truth, and apply each unique repair."""
-    result, spins = simulated_centrifuge.sensor(), steps()
-    suspects = screen_rows(simulated_centrifuge.observations(printed, result), result, BENCH, spins)
+    result, spins = simulated_centrifuge.sensor(), simulated.steps()
+    suspects = screen_rows(
+        simulated_centrifuge.observations(printed, result), result, simulated.BENCH, spins
+    )
     repaired = printed.copy()
     for suspect in suspects:
         if len(suspect.repairs) == 1:
@@ -74,9 +64,9 @@ def count_falsely_rejected_rows(found: ScreenedTable) -> int:
     Such a fit starts at the nominal sensor and stays biased by the wrong rows. Screening therefore
     decreases the threshold step by step.
     """
-    result, spins = simulated_centrifuge.sensor(), steps()
+    result, spins = simulated_centrifuge.sensor(), simulated.steps()
     requested = norm_problem(
-        simulated_centrifuge.observations(found.printed, result), result, BENCH, spins
+        simulated_centrifuge.observations(found.printed, result), result, simulated.BENCH, spins
     )
     fit = least_squares(requested, Cauchy(_THRESHOLD))
     sound = (found.printed == found.repaired).all(axis=1)
@@ -85,7 +75,10 @@ def count_falsely_rejected_rows(found: ScreenedTable) -> int:
 
 def outputs_section() -> StudySection:
     """Build the section about Table 1."""
-    found, design = repair_table(read_printed_table()), outputs(TRUTH, steps())
+    found, design = (
+        repair_table(read_printed_table()),
+        simulated.outputs(simulated.TRUTH, simulated.steps()),
+    )
     printed = found.printed
     off = np.abs(printed - design)
     wrong = off > _ROUNDING_TOLERANCE
@@ -97,7 +90,7 @@ def outputs_section() -> StudySection:
     worst = float(np.abs(found.repaired - design).max())
     slipped = int((np.abs(found.repaired - design) > _LAST_DIGIT / 2 * (1 + 1e-6)).sum())
     rms = float(np.sqrt(np.mean((found.repaired - design) ** 2)))
-    sensed = simulated_centrifuge.dwell_force(steps())
+    sensed = simulated_centrifuge.dwell_force(simulated.steps())
     named = "; ".join(s.describe() for s in found.suspects[:2])
     findings = (
         OUTPUTS_TEXT.judge("signs", alike, 0.0,
@@ -169,7 +162,7 @@ class PrintedEstimate:
     @property
     def index(self) -> tuple[int, int]:
         """Return the row and the column in (3, 3) arrays of S, b and D."""
-        return QUANTITIES.index(self.quantity), AXES.index(self.axis)
+        return simulated.QUANTITIES.index(self.quantity), simulated.AXES.index(self.axis)
 
 
 PRINTED_ESTIMATES = (
@@ -189,10 +182,10 @@ def estimate_claim(entry: PrintedEstimate) -> Claim:
     """Return the claim for an entry: the value for S and b, the accuracy for D."""
     if entry.quantity != "D":
         return Claim(
-            entry.name, "Table 2", entry.value, UNITS[entry.quantity], kind="result",
+            entry.name, "Table 2", entry.value, simulated.UNITS[entry.quantity], kind="result",
             last_digit=entry.last_digit,
         )  # fmt: skip
-    accuracy = abs(entry.value / TRUTH.values[entry.index] - 1)
+    accuracy = abs(entry.value / simulated.TRUTH.values[entry.index] - 1)
     return Claim(
         f"{entry.name} accurate to {format_significant(accuracy)} of its value", "Table 2, "
                                                                            "(21)", accuracy,
@@ -200,10 +193,10 @@ def estimate_claim(entry: PrintedEstimate) -> Claim:
     )  # fmt: skip
 
 
-def judge_estimate(entry: PrintedEstimate, trials: CentrifugeTrials) -> ClaimResult:
+def judge_estimate(entry: PrintedEstimate, trials: simulated.CentrifugeTrials) -> ClaimResult:
     """Judge an entry with the scatter of the corrected `paper` from the stated noise."""
     result, at = estimate_claim(entry), entry.index
-    true, clean = TRUTH.values[at], trials.noise_free["paper"][at]
+    true, clean = simulated.TRUTH.values[at], trials.noise_free["paper"][at]
     noise, error = trials.std("paper")[at], trials.std_error("paper")[at]
     missed = entry.value - true
     if entry.quantity == "D":
@@ -224,13 +217,13 @@ def judge_estimate(entry: PrintedEstimate, trials: CentrifugeTrials) -> ClaimRes
     return judge_claim(result, true + clean, noise, text)
 
 
-def estimates_section(trials: CentrifugeTrials) -> StudySection:
+def estimates_section(trials: simulated.CentrifugeTrials) -> StudySection:
     """Build the section about Table 2."""
     count = len(trials.error["ml"])
     rows: list[tuple[str, list[str]]] = []
     for entry in PRINTED_ESTIMATES:
         at = entry.index
-        true = TRUTH.values[at]
+        true = simulated.TRUTH.values[at]
         printed = entry.value - true
         cells = [
             format_significant(true, 3),
@@ -238,11 +231,11 @@ def estimates_section(trials: CentrifugeTrials) -> StudySection:
             format_significant(printed),
             format_significant(abs(printed / true)),
         ]
-        cells += [format_significant(trials.noise_free[name][at]) for name in ESTIMATORS]
-        cells += [format_significant(trials.std(name)[at]) for name in ESTIMATORS]
-        rows.append((f"{entry.name}, {UNITS[entry.quantity]}", cells))
+        cells += [format_significant(trials.noise_free[name][at]) for name in simulated.ESTIMATORS]
+        cells += [format_significant(trials.std(name)[at]) for name in simulated.ESTIMATORS]
+        rows.append((f"{entry.name}, {simulated.UNITS[entry.quantity]}", cells))
     needed = [
-        float(trials.std("paper")[e.index] / abs(e.value - TRUTH.values[e.index]))
+        float(trials.std("paper")[e.index] / abs(e.value - simulated.TRUTH.values[e.index]))
         for e in PRINTED_ESTIMATES
         if e.quantity == "D"
     ]
@@ -256,8 +249,8 @@ def estimates_section(trials: CentrifugeTrials) -> StudySection:
                 "coefficient",
                 (
                     "truth", "printed", "printed −\ntruth", "the same,\nrelative",
-                    *(f"{name},\nno noise" for name in ESTIMATORS),
-                    *(f"{name},\nscatter" for name in ESTIMATORS),
+                    *(f"{name},\nno noise" for name in simulated.ESTIMATORS),
+                    *(f"{name},\nscatter" for name in simulated.ESTIMATORS),
                 ),
                 rows,
             ),

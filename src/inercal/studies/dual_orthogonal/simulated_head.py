@@ -35,11 +35,8 @@ MICRO = 1e-6
 SENSOR = mounted_sensor().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
 NOISE = 0.2e-6  # g, noise of each reading
 HEAD_ERROR = 3.0  # ″ rms
-VARIANCE_SHARES = (
-    0.4,
-    0.3,
-    0.3,
-)  # shares of the head's variance: one turn, half a turn, graduations
+# Shares of the head's variance: one turn, half a turn, graduations.
+VARIANCE_SHARES = (0.4, 0.3, 0.3)
 AUTOCOLLIMATOR = 0.1  # ″, noise of each reading
 HEAD_ZERO, SPINDLE_LEAN = 5.0, 20.0  # ″
 

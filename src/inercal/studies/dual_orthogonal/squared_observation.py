@@ -13,26 +13,14 @@ from inercal.basics.keys import CoefficientName
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.physics.sensors import G0
 from inercal.studies.claim import Rms, format_all, format_significant, rms
-from inercal.studies.dual_orthogonal.simulated_head import (
-    COLUMNS,
-    EVERY_FACE,
-    LARGE_SIZES,
-    MICRO,
-    SENSOR,
-    SIZES,
-    DividingHeadCase,
-    method_errors,
-    nominal_bench,
-    rms_ratio,
-    simulate,
-)
+from inercal.studies.dual_orthogonal import simulated_head as simulated
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "observation")
 
 HARMONICS = ("1", "sin θ", "cos θ", "sin 2θ", "cos 2θ", "sin 3θ", "cos 3θ", "cos 4θ")
-SHOWN_METHODS = ("dual, Bayes", "patent", "joint", EVERY_FACE)
+SHOWN_METHODS = ("dual, Bayes", "patent", "joint", simulated.EVERY_FACE)
 _SINGULAR = 1e-10
 
 
@@ -54,7 +42,7 @@ def null_space_dimensions(n: int = 12) -> tuple[int, int, float]:
     return every, known, float(np.abs(rows @ np.array(vectors).T).max())
 
 
-def linear_form_errors(case: DividingHeadCase) -> Array:
+def linear_form_errors(case: simulated.DividingHeadCase) -> Array:
     """Return the errors of the linear form in the harmonics of z, (trials, 8) µg."""
     theta = np.array([step.angle for step in case.steps])
     y = case.observations.mean / G0
@@ -66,10 +54,10 @@ def linear_form_errors(case: DividingHeadCase) -> Array:
         axis=-1,
     )
     true = _true_terms(case) @ g_squared.design_matrix(theta).T
-    return (z - true) @ np.linalg.pinv(waves).T / MICRO
+    return (z - true) @ np.linalg.pinv(waves).T / simulated.MICRO
 
 
-def _true_terms(case: DividingHeadCase) -> Array:
+def _true_terms(case: simulated.DividingHeadCase) -> Array:
     """Return the true coefficients in the order of `g_squared.TERMS`, (trials, 11) g."""
     delta = case.truth["delta_o"][:, 1] - case.truth["delta_o"][:, 0]
     by_name = {f"{axis}.{term}": value[:, k]
@@ -87,20 +75,25 @@ class FormErrors:
 
 def compare_forms(sizes: dict[str, float], trials: int, seed: int) -> FormErrors:
     """Return the errors of both forms for noise-free readings with a head of 3″."""
-    level = replace(nominal_bench(collimated="none"), lean=0.0)
-    case = simulate(level, trials, seed, sizes=sizes, noise=0.0)
+    level = replace(simulated.nominal_bench(collimated="none"), lean=0.0)
+    case = simulated.simulate(level, trials, seed, sizes=sizes, noise=0.0)
     off = linear_form_errors(case)
-    seen = g_squared.compare_with_gravity(SENSOR, case.observations.mean, case.true_values, G0)
+    seen = g_squared.compare_with_gravity(
+        simulated.SENSOR, case.observations.mean, case.true_values, G0
+    )
     return FormErrors(
         [rms(off[:, k]) for k in range(len(HARMONICS))],
-        float(np.sqrt(np.mean(seen.residual**2))) / G0 / MICRO,
+        float(np.sqrt(np.mean(seen.residual**2))) / G0 / simulated.MICRO,
     )
 
 
 def section(trials: int, seed: int) -> StudySection:
     """Build the section about the g² observation."""
     open_, known, left = null_space_dimensions()
-    small, large = compare_forms(SIZES, trials, seed), compare_forms(LARGE_SIZES, trials, seed)
+    small, large = (
+        compare_forms(simulated.SIZES, trials, seed),
+        compare_forms(simulated.LARGE_SIZES, trials, seed),
+    )
     findings = [
         TEXT.judge("dependent", known, 0.0,
             f"with K3 unknown there are {open_}, the third being k1 against K3: rank "
@@ -145,15 +138,15 @@ def _size_table(trials: int, seed: int) -> StudyTable:
     """Return the table that compares large coefficients with nominal ones, from the same draws."""
     rows: list[tuple[str, list[str]]] = []
     for method in SHOWN_METHODS:
-        small = method_errors(method, trials, seed, sizes=SIZES)
-        large = method_errors(method, trials, seed, sizes=LARGE_SIZES)
+        small = simulated.method_errors(method, trials, seed, sizes=simulated.SIZES)
+        large = simulated.method_errors(method, trials, seed, sizes=simulated.LARGE_SIZES)
         cells = [
             f"{format_significant(rms(large[name]).value, 3)} "
-            f"({rms_ratio(large[name], small[name]).value:.3f})"
-            for name in COLUMNS
+            f"({simulated.rms_ratio(large[name], small[name]).value:.3f})"
+            for name in simulated.COLUMNS
         ]
         rows.append((method, cells))
     return StudyTable(
         "RMS with large coefficients, µg; in brackets, divided by that with nominal ones", "method",
-        COLUMNS, rows,
+        simulated.COLUMNS, rows,
     )  # fmt: skip

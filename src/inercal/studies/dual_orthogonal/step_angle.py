@@ -14,13 +14,7 @@ from inercal.benches.dividing_head.bench import Index, position_plan
 from inercal.benches.dividing_head.passes import matches_any_angle
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.studies.claim import Rms, format_significant, rms
-from inercal.studies.dual_orthogonal.simulated_head import (
-    EVERY_FACE,
-    JUDGED_COLUMNS,
-    NOISE,
-    method_errors,
-    rms_ratio,
-)
+from inercal.studies.dual_orthogonal import simulated_head as simulated
 from inercal.studies.dual_orthogonal.squared_observation import matrix_rank
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
@@ -46,14 +40,16 @@ def positions_with_cardinals(n: int) -> tuple[Index, ...]:
 
 
 def judged_errors(
-    name: str, steps: Sequence[Index], trials: int, seed: int, noise: float = NOISE
+    name: str, steps: Sequence[Index], trials: int, seed: int, noise: float = simulated.NOISE
 ) -> Array | None:
     """Return the errors in `JUDGED_COLUMNS`, (trials, 9) µg, or None if the method fails."""
     try:
-        found = method_errors(name, trials, seed, steps, noise=noise)
+        found = simulated.method_errors(name, trials, seed, steps, noise=noise)
     except NotObserved:
         return None
-    return np.concatenate([found[column].reshape(trials, -1) for column in JUDGED_COLUMNS], axis=1)
+    return np.concatenate(
+        [found[column].reshape(trials, -1) for column in simulated.JUDGED_COLUMNS], axis=1
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +77,7 @@ _PLANS = {
     "patent": ("patent", position_plan),
     _WITH_CARDINALS: ("patent", positions_with_cardinals),
     "joint": ("joint", position_plan),
-    EVERY_FACE: (EVERY_FACE, position_plan),
+    simulated.EVERY_FACE: (simulated.EVERY_FACE, position_plan),
 }
 
 
@@ -104,7 +100,7 @@ def _step_effect(n: int, trials: int, seed: int) -> StepEffect:
         visited = plan(n)
         each[way] = judged_errors(name, visited, trials, seed)
         # The same total number of readings as with BEST positions, distributed among the positions.
-        shared = NOISE * sqrt(len(visited) / CLAIMED_BEST)
+        shared = simulated.NOISE * sqrt(len(visited) / CLAIMED_BEST)
         total[way] = judged_errors(name, visited, trials, seed, shared)
     rank = matrix_rank(g_squared.design_matrix(2 * pi * np.arange(n) / n))
     dual = judged_errors(
@@ -119,7 +115,7 @@ def ratio_to_best_other_step(by_count: Mapping[int, Array | None]) -> tuple[Rms,
     n = min(others, key=lambda k: rms(others[k]).value)
     here = by_count[CLAIMED_BEST]
     assert here is not None
-    return rms_ratio(here, others[n]), n
+    return simulated.rms_ratio(here, others[n]), n
 
 
 def best_step(by_count: Mapping[int, Array | None]) -> tuple[float, float, str]:
@@ -169,8 +165,8 @@ def section(results: Sequence[Any]) -> StudySection:
         full_step=360 / full,
         fewest=fewest,
         finer=finer.n,
-        reached=_rms_cell(finer.equal_in_total[EVERY_FACE]),
-        here=_rms_cell(here.equal_in_total[EVERY_FACE]),
+        reached=_rms_cell(finer.equal_in_total[simulated.EVERY_FACE]),
+        here=_rms_cell(here.equal_in_total[simulated.EVERY_FACE]),
     )
 
 
@@ -196,7 +192,7 @@ def _table(found: Sequence[StepEffect]) -> StudyTable:
 def _chart(found: Sequence[StepEffect]) -> Chart:
     def lines(totals: bool) -> list[Curve]:
         result: list[Curve] = []
-        for way in (_WITH_CARDINALS, "joint", EVERY_FACE):
+        for way in (_WITH_CARDINALS, "joint", simulated.EVERY_FACE):
             values = [(s.equal_in_total if totals else s.equal_per_position)[way] for s in found]
             kept = [(k, rms(e).value) for k, e in enumerate(values) if e is not None]
             x, y = np.array([(k, value) for k, value in kept if value < _CHART_MAXIMUM]).T

@@ -83,9 +83,8 @@ def compare_pairs(seed: int, k: int) -> Mapping[Pair, PairTest]:
     found: dict[Pair, PairTest] = {}
     for pair in combinations(LABORATORIES, 2):
         joint = compare(*(made[name] for name in pair)).joint_test
-        assert (
-            joint is not None
-        )  # all laboratories find the biases and scale factors of the accelerometers
+        # All laboratories find the biases and scale factors of the accelerometers.
+        assert joint is not None
         found[pair] = PairTest(joint.chi2, joint.rank, joint.p_value)
     return found
 

@@ -12,16 +12,7 @@ from inercal.methods.ship_multi_angle.norm_equations import norm_jacobian, norm_
 from inercal.physics.sensors.affine import IDENTITY_PARAMETERS, AffineModel
 from inercal.studies.claim import format_all, format_significant
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.ship_model.simulated_rate_table import (
-    MILLI,
-    SENSOR,
-    MedianEstimate,
-    ShipModelCase,
-    median_estimate,
-    model_from_estimate,
-    norm_rms,
-    vector_rms,
-)
+from inercal.studies.ship_model import simulated_rate_table as simulated
 from inercal.studies.study import Call, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.ship_model", "estimators")
@@ -43,7 +34,7 @@ _DESCRIPTIONS = {
 class EstimatorComparison:
     """The estimates of all estimators on the same devices."""
 
-    case: ShipModelCase
+    case: simulated.ShipModelCase
     seed: int
     models: Mapping[str, AffineModel]
 
@@ -53,21 +44,21 @@ class EstimatorComparison:
 
     def vector_errors(self, name: str) -> Array:
         """Return the rms vector error on fresh poses, (trials,) g."""
-        return vector_rms(self.models[name], self.case.device, self.seed)
+        return simulated.vector_rms(self.models[name], self.case.device, self.seed)
 
     def norms(self, name: str) -> Array:
         """Return the rms norm error at the groups, (trials,) g."""
-        return norm_rms(self.models[name], self.case)
+        return simulated.norm_rms(self.models[name], self.case)
 
 
-def estimator_calls(case: ShipModelCase) -> list[Call]:
+def estimator_calls(case: simulated.ShipModelCase) -> list[Call]:
     """Return the calls that `combine_estimators` needs, one per estimator."""
     return [*(partial(_estimate_model, case, name) for name in ESTIMATORS),
             partial(_undamped_from_planar, case)]  # fmt: skip
 
 
 def combine_estimators(
-    case: ShipModelCase, seed: int, found: Sequence[AffineModel]
+    case: simulated.ShipModelCase, seed: int, found: Sequence[AffineModel]
 ) -> EstimatorComparison:
     """Return the comparison of all estimators from the results of the calls."""
     trials = len(case.readings)
@@ -78,16 +69,16 @@ def combine_estimators(
     )
 
 
-def _estimate_model(case: ShipModelCase, name: str) -> AffineModel:
-    estimate = ESTIMATORS[name](case.observations, SENSOR, case.bench, case.steps)
-    return model_from_estimate(estimate)
+def _estimate_model(case: simulated.ShipModelCase, name: str) -> AffineModel:
+    estimate = ESTIMATORS[name](case.observations, simulated.SENSOR, case.bench, case.steps)
+    return simulated.model_from_estimate(estimate)
 
 
-def _undamped_from_planar(case: ShipModelCase) -> AffineModel:
+def _undamped_from_planar(case: simulated.ShipModelCase) -> AffineModel:
     return undamped_model(case, _estimate_model(case, "planar"))
 
 
-def undamped_model(case: ShipModelCase, start: AffineModel) -> AffineModel:
+def undamped_model(case: simulated.ShipModelCase, start: AffineModel) -> AffineModel:
     """Return the result of undamped steps, which divide by rounding errors in null directions.
 
     The result depends on the rounding of the machine. A device that diverges keeps its last values.
@@ -103,22 +94,25 @@ def undamped_model(case: ShipModelCase, start: AffineModel) -> AffineModel:
     return AffineModel.of(theta)
 
 
-def section(found: EstimatorComparison, searched: MedianEstimate, devices: int) -> StudySection:
+def section(
+    found: EstimatorComparison, searched: simulated.MedianEstimate, devices: int
+) -> StudySection:
     """Build the section with the table; `searched` is the optimiser's result, mg, for `devices`."""
     apart = found.vector_errors(UNDAMPED)
     lost = float(np.mean(apart > 10 * found.vector_errors("planar")))
     table: list[tuple[str, list[str]]] = []
     for name, words in _DESCRIPTIONS.items():
-        vector = median_estimate(found.vector_errors(name) / MILLI)
+        vector = simulated.median_estimate(found.vector_errors(name) / simulated.MILLI)
         # Without damping, the numbers differ from machine to machine.
         digits = 1 if name == UNDAMPED else 3
-        norm = median_estimate(found.norms(name) / MILLI)
+        norm = simulated.median_estimate(found.norms(name) / simulated.MILLI)
         cells = format_all((norm.value, vector.value, vector.percentile_95), digits)
         table.append((f"{name}: {words}", cells))
     of_search = ["as damped", *format_all((searched.value, searched.percentile_95))]
     table.append((f"global: the same norms, {devices} devices, with the largest error", of_search))
     best, plain = (
-        median_estimate(found.vector_errors(name) / MILLI) for name in ("joint", "planar")
+        simulated.median_estimate(found.vector_errors(name) / simulated.MILLI)
+        for name in ("joint", "planar")
     )
     return TEXT.section(
         (),

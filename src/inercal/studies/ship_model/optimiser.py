@@ -18,16 +18,7 @@ from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors.affine import AffineModel
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.ship_model.simulated_rate_table import (
-    MILLI,
-    MedianEstimate,
-    ShipModelCase,
-    calibration_errors,
-    norm_rms,
-    random_pose_forces,
-    rms_length,
-    vector_rms,
-)
+from inercal.studies.ship_model import simulated_rate_table as simulated
 from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.ship_model", "optimiser")
@@ -49,7 +40,7 @@ class OptimiserComparison(NamedTuple):
     largest: dict[str, float]  # relative vector error in a fresh pose
 
 
-def search_calls(case: ShipModelCase, devices: int, seed: int) -> list[Call]:
+def search_calls(case: simulated.ShipModelCase, devices: int, seed: int) -> list[Call]:
     """Return the calls that compare the searches on the first devices, one per device."""
     # Each search has its own seed, because the null directions are random.
     return [
@@ -58,8 +49,8 @@ def search_calls(case: ShipModelCase, devices: int, seed: int) -> list[Call]:
     ]
 
 
-def _search_device(case: ShipModelCase, seed: int, chance: int) -> OptimiserComparison:
-    a, poses = case.readings[case.group_rows], random_pose_forces(seed)
+def _search_device(case: simulated.ShipModelCase, seed: int, chance: int) -> OptimiserComparison:
+    a, poses = case.readings[case.group_rows], simulated.random_pose_forces(seed)
     start = fit_level_states(case.readings[case.level_rows], case.nominal[case.level_rows]).model
     done = damped_solution(a, case.squared_norm, start)
     found = {
@@ -72,17 +63,17 @@ def _search_device(case: ShipModelCase, seed: int, chance: int) -> OptimiserComp
     force = np.linalg.norm(poses, axis=-1)
 
     def off(model: AffineModel) -> float:
-        return float(vector_rms(model, case.device, seed))
+        return float(simulated.vector_rms(model, case.device, seed))
 
     def read(model: AffineModel):
-        return calibration_errors(model, case.device, poses)
+        return simulated.calibration_errors(model, case.device, poses)
 
     return OptimiserComparison(
         found,
         {name: off(one.model) for name, one in found.items()} | {"damped": off(done.model)},
-        float(rms_length(read(found["default"].model) - read(done.model))),
+        float(simulated.rms_length(read(found["default"].model) - read(done.model))),
         found["default"].cost / float(done.cost),
-        float(norm_rms(done.model, case)),
+        float(simulated.norm_rms(done.model, case)),
         {
             name: float((np.linalg.norm(read(one.model), axis=-1) / force).max())
             for name, one in found.items()
@@ -90,11 +81,11 @@ def _search_device(case: ShipModelCase, seed: int, chance: int) -> OptimiserComp
     )
 
 
-def median_of_few(values: Sequence[float]) -> MedianEstimate:
+def median_of_few(values: Sequence[float]) -> simulated.MedianEstimate:
     """Return the median of a few values, its error from their scatter, and the largest value."""
     e = np.array(values)
     # For normal values, the median scatters 1.25 times as much as the mean.
-    return MedianEstimate(
+    return simulated.MedianEstimate(
         float(np.median(e)), float(1.25 * e.std(ddof=1) / np.sqrt(len(e))), float(e.max())
     )
 
@@ -104,8 +95,8 @@ def section(searched: Sequence[OptimiserComparison]) -> StudySection:
     off = {name: median_of_few([one.vector_error[name] for one in searched]) for name in BOUNDS}
     largest = {name: 100 * max(one.largest[name] for one in searched) for name in BOUNDS}
     ratio = median_of_few([one.cost_ratio for one in searched])
-    apart = median_of_few([one.solution_distance / MILLI for one in searched])
-    norm = float(np.median([one.norm for one in searched])) / MILLI
+    apart = median_of_few([one.solution_distance / simulated.MILLI for one in searched])
+    norm = float(np.median([one.norm for one in searched])) / simulated.MILLI
     worst = max(one.searches["default"].worst for one in searched)
     goals = ", ".join(str(one.searches["default"].goal or "none") for one in searched)
     findings = [
@@ -126,11 +117,11 @@ def section(searched: Sequence[OptimiserComparison]) -> StudySection:
             "both be wrong"),
     ]  # fmt: skip
     rows = [
-        (f"{k + 1}", [f"{one.cost_ratio:.6f}", format_significant(one.norm / MILLI),
-                      format_significant(one.vector_error["damped"] / MILLI),
-                      format_significant(one.vector_error["default"] / MILLI),
-                      format_significant(one.vector_error["wide"] / MILLI),
-                      format_significant(one.solution_distance / MILLI)])
+        (f"{k + 1}", [f"{one.cost_ratio:.6f}", format_significant(one.norm / simulated.MILLI),
+                      format_significant(one.vector_error["damped"] / simulated.MILLI),
+                      format_significant(one.vector_error["default"] / simulated.MILLI),
+                      format_significant(one.vector_error["wide"] / simulated.MILLI),
+                      format_significant(one.solution_distance / simulated.MILLI)])
         for k, one in enumerate(searched)
     ]  # fmt: skip
     return TEXT.section(

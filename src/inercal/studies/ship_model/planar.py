@@ -8,21 +8,8 @@ from inercal.methods.ship_planar import fit_level_states
 from inercal.physics.sensors.affine import AffineModel
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
+from inercal.studies.ship_model import simulated_rate_table as simulated
 from inercal.studies.ship_model.estimators import UNCALIBRATED, EstimatorComparison
-from inercal.studies.ship_model.simulated_rate_table import (
-    EXACT_BENCH,
-    MILLI,
-    POSE_SD,
-    SPEEDS,
-    ShipModelCase,
-    calibration_errors,
-    median_estimate,
-    median_ratio,
-    nominal_force,
-    norm_rms,
-    rms_length,
-    simulate,
-)
 from inercal.studies.study import Chart, Curve, StudyPanel, StudySection
 
 TEXT = read_section_text("inercal.studies.ship_model", "planar")
@@ -30,12 +17,12 @@ TEXT = read_section_text("inercal.studies.ship_model", "planar")
 _SHOWN_ESTIMATORS = (UNCALIBRATED, "planar", "joint")
 
 
-def level_deviations(model: AffineModel, case: ShipModelCase) -> Array:
+def level_deviations(model: AffineModel, case: simulated.ShipModelCase) -> Array:
     """Return the deviations from the nominal force at the untilted states, (..., 9, 3) g."""
     return model.correct(case.readings[..., case.level_rows, :]) - case.nominal[case.level_rows]
 
 
-def level_norm_deviations(model: AffineModel, case: ShipModelCase) -> Array:
+def level_norm_deviations(model: AffineModel, case: simulated.ShipModelCase) -> Array:
     """Return the rms norm deviation at the untilted states, (...) g."""
     result = np.linalg.norm(model.correct(case.readings[..., case.level_rows, :]), axis=-1)
     away = result - np.linalg.norm(case.nominal[case.level_rows], axis=-1)
@@ -44,33 +31,37 @@ def level_norm_deviations(model: AffineModel, case: ShipModelCase) -> Array:
 
 def exact_mounting_norm_error(trials: int, seed: int) -> Array:
     """Return the norm error of planar at the groups with exact mountings, (trials,) g."""
-    case = simulate(trials, seed, EXACT_BENCH)
+    case = simulated.simulate(trials, seed, simulated.EXACT_BENCH)
     model = fit_level_states(case.readings[:, case.level_rows], case.nominal[case.level_rows]).model
-    return norm_rms(model, case)
+    return simulated.norm_rms(model, case)
 
 
 def section(found: EstimatorComparison) -> StudySection:
     """Build the section about the planar calibration."""
     case, model = found.case, found.models["planar"]
     inside, outside = (
-        median_estimate(rms_length(level_deviations(model, case))),
-        median_estimate(found.vector_errors("planar")),
+        simulated.median_estimate(simulated.rms_length(level_deviations(model, case))),
+        simulated.median_estimate(found.vector_errors("planar")),
     )
     there, here = (
-        median_estimate(found.norms("planar")),
-        median_estimate(level_norm_deviations(model, case)),
+        simulated.median_estimate(found.norms("planar")),
+        simulated.median_estimate(level_norm_deviations(model, case)),
     )
-    left = median_estimate(exact_mounting_norm_error(len(case.readings), found.seed))
-    said_mg = {k: format_significant(x.value / MILLI) for k, x in
+    left = simulated.median_estimate(exact_mounting_norm_error(len(case.readings), found.seed))
+    said_mg = {k: format_significant(x.value / simulated.MILLI) for k, x in
                {"in": inside, "out": outside, "there": there, "left": left}.items()}  # fmt: skip
-    ratios = median_ratio(outside, inside), median_ratio(there, here), median_ratio(left, there)
+    ratios = (
+        simulated.median_ratio(outside, inside),
+        simulated.median_ratio(there, here),
+        simulated.median_ratio(left, there),
+    )
     findings = (
         TEXT.judge("itself", *ratios[0],
             f"{said_mg['in']} mg at the states it was fitted to, {said_mg['out']} mg elsewhere: "
             "the least squares also fit the errors of the three mountings"),
         TEXT.judge("grows", *ratios[1],
-            f"{said_mg['there']} mg at the groups, {format_significant(here.value / MILLI)} mg at "
-            "its own"),
+            f"{said_mg['there']} mg at the groups, "
+            f"{format_significant(here.value / simulated.MILLI)} mg at its own"),
         TEXT.judge("coupling", *ratios[2],
             "M has all nine elements, including coupling; with exact mountings, "
             f"{said_mg['left']} mg would remain, from noise"),
@@ -79,30 +70,32 @@ def section(found: EstimatorComparison) -> StudySection:
         findings,
         (),
         (_speed_chart(found), _group_chart(found)),
-        across=format_significant(POSE_SD / MILLI),
+        across=format_significant(simulated.POSE_SD / simulated.MILLI),
     )
 
 
 def _device_rms(e: Array) -> Array:
     """Return the rms over devices, mg."""
-    return np.sqrt((e**2).mean(0)) / MILLI
+    return np.sqrt((e**2).mean(0)) / simulated.MILLI
 
 
 def _speed_chart(found: EstimatorComparison) -> Chart:
     """Draw the errors of each axis when it points to the centre, as in Figs. 3–5."""
     case, used = found.case, np.array([0.0, 46.0, 86.0])
-    speeds = np.array(SPEEDS)
-    f = nominal_force(planar_plan([w * RPM for w in SPEEDS]))
+    speeds = np.array(simulated.SPEEDS)
+    f = simulated.nominal_force(planar_plan([w * RPM for w in simulated.SPEEDS]))
     inside = _device_rms(level_deviations(found.models["planar"], case))
     panels: list[StudyPanel] = []
     for k, (plane, (axis, _)) in enumerate(PLANES.items()):
-        at, n = "xyz".index(axis), len(SPEEDS)
+        at, n = "xyz".index(axis), len(simulated.SPEEDS)
         lines = [
             Curve(
                 name,
                 speeds,
                 _device_rms(
-                    calibration_errors(found.models[name], case.device, f)[:, k * n :][:, :n, at]
+                    simulated.calibration_errors(found.models[name], case.device, f)[:, k * n :][
+                        :, :n, at
+                    ]
                 ),
             )
             for name in _SHOWN_ESTIMATORS
@@ -125,7 +118,7 @@ def _group_chart(found: EstimatorComparison) -> Chart:
     f = found.case.nominal[found.case.group_rows]
     numbers = np.arange(1.0, len(f) + 1)
     rms = {
-        name: _device_rms(calibration_errors(found.models[name], found.case.device, f))
+        name: _device_rms(simulated.calibration_errors(found.models[name], found.case.device, f))
         for name in ("planar", "damped", "joint")
     }
     panels = [
@@ -133,7 +126,7 @@ def _group_chart(found: EstimatorComparison) -> Chart:
               [Curve(name, numbers, e[:, k]) for name, e in rms.items()], log_y=False)
         for k, axis in enumerate("xyz")
     ]  # fmt: skip
-    whole = {name: format_significant(float(rms_length(e))) for name, e in rms.items()}
+    whole = {name: format_significant(float(simulated.rms_length(e))) for name, e in rms.items()}
     return Chart(
         "groups",
         "Error of each axis in the sixteen groups, exactly mounted, as in the source's Figs. 7–9; "

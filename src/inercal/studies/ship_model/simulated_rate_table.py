@@ -16,14 +16,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import Measured
+from inercal.benches.rate_table import fixture
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
-from inercal.benches.rate_table.fixture import (
-    FAST_SPEED_RPM,
-    RPM,
-    TiltConvention,
-    multi_angle_plan,
-    planar_plan,
-)
 from inercal.estimation import Estimate
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Spin
@@ -35,12 +29,8 @@ SENSOR = triad().with_coefficients("k0", "k1", "delta_o", "delta_p")
 RADIUS = 0.25  # m
 POSE_SD, SEAT_SD, SPEED_SD = radians(0.2), 0.5e-3, 0.05e-2  # rad, m, relative
 NOISE = 0.3e-3  # g, noise of each mean
-SIZES = {
-    "k0": 0.04 * G0,
-    "k1": 0.02,
-    "delta_o": 0.012,
-    "delta_p": 0.012,
-}  # 1σ of the devices' coefficients
+# 1σ of the devices' coefficients.
+SIZES = {"k0": 0.04 * G0, "k1": 0.02, "delta_o": 0.012, "delta_p": 0.012}
 SPEEDS = (0.0, 20.0, 46.0, 56.0, 66.0, 76.0, 86.0)  # r/min
 POSE_COUNT = 300  # poses
 MILLI = 1e-3
@@ -72,12 +62,12 @@ class ShipModelCase:
     @property
     def level_rows(self) -> slice:
         """Return the rows of the untilted states."""
-        return slice(0, len(planar_plan()))
+        return slice(0, len(fixture.planar_plan()))
 
     @property
     def group_rows(self) -> slice:
         """Return the rows of the tilted groups."""
-        return slice(len(planar_plan()), None)
+        return slice(len(fixture.planar_plan()), None)
 
     @cached_property
     def readings(self) -> Array:
@@ -118,7 +108,7 @@ def simulate(
     seed: int,
     drawn: RateTable = BENCH,
     *,
-    reading: TiltConvention = "azimuth",
+    reading: fixture.TiltConvention = "azimuth",
     noise: float = NOISE,
 ) -> ShipModelCase:
     """Simulate the readings of devices; the estimators assume the usual bench.
@@ -133,7 +123,7 @@ def simulate(
     noise : float
         Noise of each mean, g.
     """
-    steps = (*planar_plan(), *multi_angle_plan(reading))
+    steps = (*fixture.planar_plan(), *fixture.multi_angle_plan(reading))
     rng = np.random.default_rng([seed, 2014])
     sizes = np.array([SIZES[CoefficientName(name).term] for name in SENSOR.coefficients])
     c = sizes * rng.standard_normal((trials, len(sizes)))
@@ -165,7 +155,7 @@ def random_pose_forces(seed: int) -> Array:
     rng = np.random.default_rng([seed, POSE_COUNT])
     direction = rng.standard_normal((POSE_COUNT, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    a = (rng.uniform(0, FAST_SPEED_RPM, POSE_COUNT) * RPM) ** 2 * RADIUS / G0
+    a = (rng.uniform(0, fixture.FAST_SPEED_RPM, POSE_COUNT) * fixture.RPM) ** 2 * RADIUS / G0
     return np.hypot(a, 1)[:, None] * direction
 
 

@@ -37,10 +37,8 @@ from inercal.studies.ship_model.simulated_rate_table import (
 from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 
 _COMPONENTS = 60
-_FREQUENCY_BAND = (
-    0.6,
-    1.8,
-)  # in units of ω_p; a model does not follow waves much shorter than itself
+# In units of ω_p; a model does not follow waves much shorter than itself.
+_FREQUENCY_BAND = (0.6, 1.8)
 
 
 @dataclass(frozen=True)

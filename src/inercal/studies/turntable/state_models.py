@@ -7,30 +7,9 @@ import numpy as np
 from inercal.studies.claim import ClaimResult, format_all, format_significant
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Chart, Curve, StudyPanel, StudySection, StudyTable
+from inercal.studies.turntable import turntable_trials as trials
 from inercal.studies.turntable.printed_accuracy import EIGHTEEN_STATES, FULL_STATES, OWN_PATH
 from inercal.studies.turntable.simulated_turntable import LATENCY
-from inercal.studies.turntable.turntable_trials import (
-    ACCELEROMETER_RUNS,
-    COEFFICIENT_KINDS,
-    DELAYED_15_STATES,
-    DELAYED_19_STATES,
-    DISCRETE_PROCEDURE,
-    G_SENSITIVE_FULL,
-    G_SENSITIVE_MODELLED,
-    G_SENSITIVE_OWN_PATH,
-    GYRO_RUNS,
-    OPEN_LOOP,
-    REST_ALONE,
-    TURNS_BOTH_WAYS,
-    CoefficientKind,
-    FilterErrors,
-    FilterScore,
-    TurntableTrials,
-    coefficient_indices,
-    nees,
-    printed_unit_size,
-    score_filter,
-)
 
 STATES_TEXT = read_section_text("inercal.studies.turntable", "states")
 _UNITS = {
@@ -40,22 +19,22 @@ _UNITS = {
 _HEADS = ("bias", "scale, ppm", "misalignment, ″", "NEES", "its error")
 
 
-def states_section(found: TurntableTrials) -> StudySection:
+def states_section(found: trials.TurntableTrials) -> StudySection:
     """Build the section about the filter states."""
     findings: list[ClaimResult] = []
     for of, runs, name, better in (
         ("g", found.gyros, OWN_PATH, FULL_STATES),
         ("a", found.accelerometers, EIGHTEEN_STATES, "full"),
     ):
-        one, other = nees(runs[name]), nees(runs[better])
+        one, other = trials.nees(runs[name]), trials.nees(runs[better])
         findings.append(
             STATES_TEXT.judge(f"know_{of}", *one,
                 f"squared errors over stated variances, 1 if these are correct; with the "
                 f"table's errors as states it is {format_significant(other.value)} ± "
                 f"{format_significant(other.u, 1)}")
         )  # fmt: skip
-    gyros = (*GYRO_RUNS, TURNS_BOTH_WAYS, DISCRETE_PROCEDURE)
-    held = (*ACCELEROMETER_RUNS, DISCRETE_PROCEDURE)
+    gyros = (*trials.GYRO_RUNS, trials.TURNS_BOTH_WAYS, trials.DISCRETE_PROCEDURE)
+    held = (*trials.ACCELEROMETER_RUNS, trials.DISCRETE_PROCEDURE)
     return STATES_TEXT.section(
         findings,
         (
@@ -69,9 +48,9 @@ def states_section(found: TurntableTrials) -> StudySection:
 
 
 def _states_table(
-    title: str, names: Sequence[str], runs: dict[str, list[FilterErrors]], of: str
+    title: str, names: Sequence[str], runs: dict[str, list[trials.FilterErrors]], of: str
 ) -> StudyTable:
-    scores = {name: score_filter(runs[name], of) for name in names}
+    scores = {name: trials.score_filter(runs[name], of) for name in names}
     rows = [
         (name, [*format_all(one[:4]), format_significant(one.nees.u, 1)])
         for name, one in scores.items()
@@ -79,10 +58,10 @@ def _states_table(
     return StudyTable(title, "filter", _HEADS, rows)
 
 
-def _states_chart(found: TurntableTrials, of: str, names: tuple[str, str]) -> Chart:
+def _states_chart(found: trials.TurntableTrials, of: str, names: tuple[str, str]) -> Chart:
     runs = found.gyros if of == "g" else found.accelerometers
     panels: list[StudyPanel] = []
-    for kind in COEFFICIENT_KINDS:
+    for kind in trials.COEFFICIENT_KINDS:
         lines: list[Curve] = []
         for name in names:
             lines += _convergence_curves(
@@ -100,9 +79,9 @@ def _states_chart(found: TurntableTrials, of: str, names: tuple[str, str]) -> Ch
 
 
 def _convergence_curves(
-    found: Sequence[FilterErrors], kind: CoefficientKind, of: str, name: str
+    found: Sequence[trials.FilterErrors], kind: trials.CoefficientKind, of: str, name: str
 ) -> list[Curve]:
-    at, size = coefficient_indices(kind), printed_unit_size(kind, of)
+    at, size = trials.coefficient_indices(kind), trials.printed_unit_size(kind, of)
     traces = [one.trace for one in found if one.trace]
     error, stated = (
         np.sqrt((np.array(x)[..., at] ** 2).mean(axis=(0, 2))) / size
@@ -116,19 +95,21 @@ FAILURES_TEXT = read_section_text("inercal.studies.turntable", "failures")
 NINETEEN_STATES = "19 states, own path"
 _FAILURE_ROWS = (
     OWN_PATH,
-    OPEN_LOOP,
-    G_SENSITIVE_OWN_PATH,
-    G_SENSITIVE_FULL,
-    G_SENSITIVE_MODELLED,
-    DELAYED_15_STATES,
-    DELAYED_19_STATES,
+    trials.OPEN_LOOP,
+    trials.G_SENSITIVE_OWN_PATH,
+    trials.G_SENSITIVE_FULL,
+    trials.G_SENSITIVE_MODELLED,
+    trials.DELAYED_15_STATES,
+    trials.DELAYED_19_STATES,
 )
 
 
-def failures_section(found: TurntableTrials) -> StudySection:
+def failures_section(found: trials.TurntableTrials) -> StudySection:
     """Build the section about the failures."""
-    result = {name: score_filter(runs, "g") for name, runs in found.gyros.items()}
-    lost, own, sensed = result[OPEN_LOOP], result[OWN_PATH], result[G_SENSITIVE_OWN_PATH]
+    result = {name: trials.score_filter(runs, "g") for name, runs in found.gyros.items()}
+    lost, own = result[trials.OPEN_LOOP], result[OWN_PATH]
+    sensed, modelled = result[trials.G_SENSITIVE_OWN_PATH], result[trials.G_SENSITIVE_MODELLED]
+    late, delayed = result[trials.DELAYED_15_STATES], result[trials.DELAYED_19_STATES]
     findings = (
         FAILURES_TEXT.judge("fed_back", *lost.largest_axis["misalignment"],
             f"a raw bias of 0.3 °/s rotates the attitude until the first-order equations no longer "
@@ -140,26 +121,24 @@ def failures_section(found: TurntableTrials) -> StudySection:
         FAILURES_TEXT.judge("enough", *sensed.largest_axis["misalignment"],
             f"bias {format_significant(sensed.bias.value)} °/min and NEES "
             f"{format_significant(sensed.nees.value)} in addition; with nine more states and the "
-            "whole "
-            "recording "
-            f"{format_significant(result[G_SENSITIVE_MODELLED].largest_axis['misalignment'].value)}″"),
-        FAILURES_TEXT.judge("on_time", *result[DELAYED_15_STATES].largest_axis["misalignment"],
-            f"NEES {format_significant(result[DELAYED_15_STATES].nees.value)}; with the delay as a "
-            "state "
-            f"{format_significant(result[DELAYED_19_STATES].largest_axis['misalignment'].value)}″"),
+            "whole recording "
+            f"{format_significant(modelled.largest_axis['misalignment'].value)}″"),
+        FAILURES_TEXT.judge("on_time", *late.largest_axis["misalignment"],
+            f"NEES {format_significant(late.nees.value)}; with the delay as a state "
+            f"{format_significant(delayed.largest_axis['misalignment'].value)}″"),
     )  # fmt: skip
     return FAILURES_TEXT.section(
         findings,
         (_failures_table(result),),
         latency_ms=LATENCY / 1e-3,
-        rest=format_significant(result[REST_ALONE].bias.value),
+        rest=format_significant(result[trials.REST_ALONE].bias.value),
         alone=format_significant(result[NINETEEN_STATES].bias.value),
-        both=format_significant(result[TURNS_BOTH_WAYS].bias.value),
+        both=format_significant(result[trials.TURNS_BOTH_WAYS].bias.value),
         whole=format_significant(result[FULL_STATES].bias.value),
     )
 
 
-def _failures_table(made: dict[str, FilterScore]) -> StudyTable:
+def _failures_table(made: dict[str, trials.FilterScore]) -> StudyTable:
     rows = [(name, format_all(made[name][:4])) for name in _FAILURE_ROWS]
     return StudyTable("Gyros: RMS of the errors if an effect is not modelled", "filter",
                  ("bias, °/min", "scale, ppm", "misalignment, ″", "NEES"), rows)  # fmt: skip

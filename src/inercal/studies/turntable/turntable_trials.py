@@ -15,7 +15,7 @@ from inercal.estimation import FilterHistory
 from inercal.methods.turntable import model
 from inercal.methods.turntable_discrete import least_squares
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
-from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS
+from inercal.methods.turntable_kalman.filter_config import FILTER_CONFIGS
 from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.physics.sensors import Sensor
 from inercal.studies.claim import Rms, rms
@@ -179,9 +179,8 @@ class TurntableTrials:
     accelerometers: dict[str, list[FilterErrors]] = field(
         default_factory=dict[str, list[FilterErrors]]
     )
-    decided_at_ends: list[int] = field(
-        default_factory=list[int]
-    )  # with attitudes compared at the ends of turns
+    # With attitudes compared at the ends of turns.
+    decided_at_ends: list[int] = field(default_factory=list[int])
 
     def add(self, kind: str, name: str, found: FilterErrors) -> None:
         """Append the errors of one run."""
