@@ -42,8 +42,8 @@ app = typer.Typer(
 )
 # The verb self-check is the function `run` in the module self_check_command, and so on.
 _VERBS = """
-    demo init calibrate show compare plan measure budget noise simulate apply repeat qualify control
-    export import report bundle reproduce compile self-check
+    demo init calibrate show compare plan measure budget noise simulate apply repeat prior qualify
+    control export import report bundle reproduce compile self-check
 """
 _GROUPS = ("bench", "certificate", "fleet", "store")
 for verb in _VERBS.split():
