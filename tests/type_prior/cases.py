@@ -77,9 +77,7 @@ def tumble_priors(
     bench = Bench(collimated="none")
     _, _, y = draw_readings(seed, populations * n, bench)
     steps = position_plan(12)
-    sensor = mounted_sensor("S", ("a",)).with_coefficients(
-        "k0", "k1", "k2", "k3", "kip", "delta_o"
-    )
+    sensor = mounted_sensor("S", ("a",)).with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
     tests = one_channel(observed(y, steps, bench.noise), y)
     found = single(tests, sensor, declared(bench), steps)
     pair = mounted_sensor().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")

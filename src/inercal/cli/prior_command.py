@@ -112,8 +112,8 @@ def _print_prior(found: "TypePrior") -> None:
                 term.unit,
             )
         )
-    heads = ("coefficient", ">mean", ">sd between sensors", ">sd of a new sensor", ">U", ">dof")
-    print_table((*heads, ">share of measurement", "unit"), rows)
+    heads = ("coefficient", ">mean", ">between sensors", ">new sensor", ">U", ">dof")
+    print_table((*heads, ">due to measurement", "unit"), rows)
     print_lines(
         [
             f"outlying: {one.coefficient} of {one.sensor} (p = {one.p:.1g}). The sensor was used; "

@@ -39,6 +39,7 @@ _MOST_SHARE = 0.99  # two new members are never known to be equal
 _ONE_SIGMA = 0.6827
 _DOF = (0.5, 1e4)  # range of the degrees of freedom
 _FLOOR = 1e-12  # smallest eigenvalue of C relative to its trace; C may be singular
+_TINY = float(np.finfo(float).tiny)
 _EM_STEPS = 400
 _EM_CHANGE = 1e-7
 
@@ -57,7 +58,8 @@ class NewMember(NamedTuple):
     scatter : float
         Standard deviation τ between members, estimated by REML; it may be 0.
     mean_share : float
-        Fraction of the variance that is due to the mean, and thus common to all new members.
+        Fraction of sd² that is due to the mean and common to all new members. The rest covers
+        95.45 % of the differences between members.
     """
 
     mean: float
@@ -73,7 +75,7 @@ class _Mixture:
     def __init__(self, y: Array, covariance: Array):
         n = len(y)
         self._values, self._vectors = np.linalg.eigh(covariance)
-        floor = _FLOOR * (np.trace(covariance) / n + np.var(y) + np.finfo(float).tiny)
+        floor = _FLOOR * (np.trace(covariance) / n + np.var(y) + _TINY)
         self._values = np.maximum(self._values, floor)
         self._one = self._vectors.sum(axis=0)
         self._centre = float(y.mean())
@@ -104,12 +106,20 @@ class _Mixture:
     def centre(self) -> float:
         return float(_WEIGHTS @ self.mean)
 
-    def half_width(self, coverage: float) -> float:
-        """Return the half-width of the interval about the centre with this coverage."""
-        off = self.mean - self.centre
+    def half_width(self, coverage: float, *, about_mean: bool = False) -> float:
+        """Return the half-width of the interval about the centre with this coverage.
+
+        Parameters
+        ----------
+        coverage : float
+        about_mean : bool
+            Whether the mean of the population is the centre, as if it were known.
+        """
+        off = 0.0 if about_mean else self.mean - self.centre
+        sd = np.maximum(np.sqrt(self.variance), _FLOOR * self.sd) if about_mean else self.sd
 
         def excess(half: float) -> float:
-            inside = ndtr((half - off) / self.sd) - ndtr((-half - off) / self.sd)
+            inside = ndtr((half - off) / sd) - ndtr((-half - off) / sd)
             return float(_WEIGHTS @ inside) - coverage
 
         high = float(np.median(self.sd))
@@ -129,7 +139,7 @@ class _Mixture:
         """
         weight = self._one / (self.variance[:, None] + self._values) * self.mean_variance[:, None]
         shared = weight @ (self._vectors.T @ common)
-        total = np.maximum(self.sd**2 + variance - 2 * shared, np.finfo(float).tiny)
+        total = np.maximum(self.sd**2 + variance - 2 * shared, _TINY)
         return float(_WEIGHTS @ (2 * ndtr(-np.abs(value - self.mean) / np.sqrt(total))))
 
 
@@ -148,7 +158,7 @@ def predict_new_member(y: Array, covariance: Array) -> NewMember:
     values, known = (y - y.mean()) / unit, covariance / unit**2
     found = _Mixture(values, known)
     width = found.half_width(COVERAGE_PROBABILITY)
-    of_mean, whole = (float(_WEIGHTS @ x) for x in (found.mean_variance, found.sd**2))
+    scatter_width = found.half_width(COVERAGE_PROBABILITY, about_mean=True)
     start = np.array([0.5 * float(np.var(values, ddof=1))])
     reml = restricted_variances(
         values, np.ones((n, 1)), known + _FLOOR * np.eye(n), [np.eye(n)], start
@@ -158,7 +168,7 @@ def predict_new_member(y: Array, covariance: Array) -> NewMember:
         unit * width / COVERAGE,
         _student_dof(width / found.half_width(_ONE_SIGMA)),
         unit * float(np.sqrt(reml.variance[0])),
-        min(of_mean / whole, _MOST_SHARE),
+        float(np.clip(1 - (scatter_width / width) ** 2, 0.0, _MOST_SHARE)),
     )
 
 

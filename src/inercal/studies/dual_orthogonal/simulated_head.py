@@ -29,17 +29,14 @@ from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0
 from inercal.recordings import Observations
 from inercal.studies.claim import Rms
+from inercal.studies.dual_orthogonal.type_prior_files import prior_from_files
 
 ARCSEC = pi / 648_000  # rad
 MICRO = 1e-6
 SENSOR = mounted_sensor().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
 NOISE = 0.2e-6  # g, noise of each reading
 HEAD_ERROR = 3.0  # ″ rms
-VARIANCE_SHARES = (
-    0.4,
-    0.3,
-    0.3,
-)  # shares of the head's variance: one turn, half a turn, graduations
+VARIANCE_SHARES = (0.4, 0.3, 0.3)  # of the head's variance: one turn, half a turn, graduations
 AUTOCOLLIMATOR = 0.1  # ″, noise of each reading
 HEAD_ZERO, SPINDLE_LEAN = 5.0, 20.0  # ″
 
@@ -107,11 +104,8 @@ class DividingHeadCase:
     def measured_prior(self, term: str, sd: float) -> Gaussian:
         """Return the prior of a coefficient from another test, with standard deviation sd."""
         truth = self.truth[term]
-        return self._prior(
-            term,
-            truth + sd * standard_normal_draws(self.seed, f"{term} elsewhere", truth.shape),
-            sd,
-        )
+        off = sd * standard_normal_draws(self.seed, f"{term} elsewhere", truth.shape)
+        return self._prior(term, truth + off, sd)
 
     def _prior(self, term: str, mean: Array, sd: float) -> Gaussian:
         unit = NATURAL_UNITS[term]
@@ -201,6 +195,7 @@ def rms_ratio(error: Array, other: Array) -> Rms:
 
 CENTRIFUGE_K3_SD = 0.5 * MICRO  # g, uncertainty of K3 from a centrifuge
 SINGLE_TESTS = 5  # number of single tests for the Kip of `dual`; the source uses several
+_TYPE_SEED = 101852817  # added to the seed for tests of other accelerometers
 
 
 @dataclass(frozen=True)
@@ -248,16 +243,25 @@ def _single_test_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
     return case.measured_prior("kip", sd), case.measured_prior("k3", CENTRIFUGE_K3_SD)
 
 
+def _type_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
+    """Return priors: Kip from files of other accelerometers of the type, K3 from a centrifuge."""
+    others = simulate(nominal_bench(collimated="none"), SINGLE_TESTS, case.seed + _TYPE_SEED)
+    tests = single(others.observations, SENSOR, others.bench, others.steps)
+    return prior_from_files(tests, ("kip",), SENSOR), case.measured_prior("k3", CENTRIFUGE_K3_SD)
+
+
 EVERY_FACE = "joint, every face"
 METHODS = {
     "single": StudiedMethod("none", single, _no_priors),
     "dual, Bayes": StudiedMethod("none", dual, _single_test_priors),
     "patent": StudiedMethod("pairs", patent, _centrifuge_priors),
     "patent, no centrifuge": StudiedMethod("pairs", patent, _production_priors),
+    "dual, empirical Bayes": StudiedMethod("none", dual, _type_priors),
+    "patent, empirical Bayes": StudiedMethod("pairs", patent, _type_priors),
     "joint": StudiedMethod("pairs", joint, _production_priors),
     EVERY_FACE: StudiedMethod("every", joint, _production_priors),
 }
-"""Methods by name; the second and the third use K3 from a centrifuge."""
+"""Methods by name; dual and patent use K3 from a centrifuge unless their name excludes it."""
 
 
 def method_errors(
