@@ -129,7 +129,7 @@ def test_the_other_keys_keep_their_meaning_beside_it(example: Path):
     assert [one.names for one in priors] == [("a.k3",), ("b.k3",), ("a.kip", "b.kip")]
 
 
-def test_a_run_of_a_bench_and_a_bundle_carry_the_file(example: Path):
+def test_the_file_is_an_input_of_the_run_which_a_bundle_carries(example: Path):
     run = read(example / "pair.toml")
     assert example / "QA.prior.toml" in run.input_files()
 
