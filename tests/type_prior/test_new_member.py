@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
-from tests.type_prior.populations import draw
+from tests.type_prior.populations import Array, draw
 
 from inercal.estimation.uncertainty.new_member import (
     left_out_p_values,
@@ -22,7 +22,7 @@ def test_exact_measurements_give_students_t():
     assert found.mean == pytest.approx(np.mean(Y))
     assert K * found.sd == pytest.approx(width, rel=1e-6)
     assert found.dof == pytest.approx(4, rel=1e-4)
-    assert found.scatter == pytest.approx(np.std(Y, ddof=1), rel=1e-6)
+    assert found.between_sensors == pytest.approx(np.std(Y, ddof=1), rel=1e-6)
     # The variance of the mean is 1/N of that between members.
     assert found.mean_share == pytest.approx(1 / 6, rel=1e-6)
 
@@ -39,13 +39,13 @@ def test_reml_agrees_with_a_search_of_the_restricted_likelihood():
 
     grid = np.linspace(0, 40, 400_001)
     best = grid[np.argmin([restricted(t2) for t2 in grid[::100]]) * 100]
-    assert predict_new_member(y, np.diag(s2)).scatter ** 2 == pytest.approx(best, abs=0.02)
+    assert predict_new_member(y, np.diag(s2)).between_sensors ** 2 == pytest.approx(best, abs=0.02)
 
 
 def test_an_error_of_the_bench_widens_the_mean_but_is_no_scatter():
     alone = predict_new_member(Y, 0.1 * np.eye(5))
     together = predict_new_member(Y, 0.1 * np.eye(5) + 400.0)
-    assert together.scatter == pytest.approx(alone.scatter, rel=1e-5)
+    assert together.between_sensors == pytest.approx(alone.between_sensors, rel=1e-5)
     assert together.mean == pytest.approx(alone.mean, abs=1e-6)
     assert K * together.sd > K * 20.0 > 5 * alone.sd
     assert together.mean_share > 0.9
@@ -54,7 +54,7 @@ def test_an_error_of_the_bench_widens_the_mean_but_is_no_scatter():
 def test_members_that_agree_better_than_their_uncertainty_keep_a_scatter():
     """REML gives 0 here, but the new member may still differ from the mean."""
     found = predict_new_member(np.array([0.1, -0.1, 0.0]), np.eye(3))
-    assert found.scatter == 0
+    assert found.between_sensors == 0
     assert found.sd > np.sqrt(1 / 3)
 
 
@@ -107,11 +107,15 @@ def test_a_new_sensor_lies_within_u_in_93_to_97_percent(n: int, scatter: float):
     assert min(0.93, P - band(draws)) < found < max(0.97, P + band(draws))
 
 
+def correlation_of(values: Array) -> float:
+    return float(np.asarray(np.corrcoef(values.T))[0, 1])
+
+
 def test_correlations_of_exact_values_are_shrunk_as_stated():
     rng = np.random.default_rng(1)
     made = draw(rng, 6, np.array([2.0, 3.0]), np.array([1e-4, 1e-4]), correlation=0.6)
     scatter = np.std(made.values, axis=0, ddof=1)
-    observed = np.corrcoef(made.values.T)[0, 1]
+    observed = correlation_of(made.values)
     (_, found), _ = scatter_correlation(made.values, made.own, scatter)[0]
     assert found == pytest.approx(observed * (6 - 1) / (6 + 2), rel=1e-3)
 
@@ -119,10 +123,10 @@ def test_correlations_of_exact_values_are_shrunk_as_stated():
 def test_many_sensors_show_their_correlation_in_spite_of_correlated_errors():
     rng = np.random.default_rng(2)
     made = draw(rng, 400, np.array([2.0, 3.0]), np.array([2.0, 3.0]), correlation=0.7)
-    found = scatter_correlation(made.values, made.own, np.array([2.0, 3.0]))[0]
+    found, _ = scatter_correlation(made.values, made.own, np.array([2.0, 3.0]))
     # Errors with a correlation of -0.5 make the observed correlation near 0.1.
-    assert abs(np.corrcoef(made.values.T)[0, 1]) < 0.25
-    assert found[0, 1] == pytest.approx(0.7, abs=0.12)
+    assert abs(correlation_of(made.values)) < 0.25
+    assert float(found[0, 1]) == pytest.approx(0.7, abs=0.12)
 
 
 def test_the_covariance_of_the_mean_is_that_of_weighted_least_squares():

@@ -1,6 +1,6 @@
 """`inercal prior`: estimate the prior of a new sensor from earlier sensors of its type."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,17 +58,19 @@ def run(
         raise InputError("--register: name the type of the sensors with --type", key="--register")
     if out is not None:
         require_suffix(out, ".toml")
+    from inercal.laboratory.store.uses import calibrations_of_type
     from inercal.laboratory.type_prior import type_prior
 
     inputs = files or []
     if out is not None:
         check_outputs({out: TYPE_PRIOR}, inputs, force=force)
+    words = coefficients or ()
+    chosen: Sequence[Path] | Mapping[str, Calibration] = inputs
+    if type_name:
+        with open_register(register, create=False) as opened:
+            chosen = calibrations_of_type(opened.calibrations(), type_name, words)
     found = type_prior(
-        inputs if type_name is None else _of_register(register, type_name, coefficients or ()),
-        coefficients or (),
-        without=without or (),
-        each_axis=each_axis,
-        type_name=type_name or "",
+        chosen, words, without=without or (), each_axis=each_axis, type_name=type_name or ""
     )
     if out is not None:
         found.save(out)
@@ -78,15 +80,6 @@ def run(
     _print_prior(found)
     if out is not None:
         print_written_files([out])
-
-
-def _of_register(
-    address: str | None, type_name: str, coefficients: Sequence[str]
-) -> "dict[str, Calibration]":
-    from inercal.laboratory.store.uses import calibrations_of_type
-
-    with open_register(address, create=False) as opened:
-        return calibrations_of_type(opened.calibrations(), type_name, coefficients)
 
 
 def _print_prior(found: "TypePrior") -> None:
@@ -102,16 +95,9 @@ def _print_prior(found: "TypePrior") -> None:
     rows: list[tuple[str, ...]] = []
     for one in found.coefficient:
         term = found.term(one.name)
-        sizes = (one.mean, one.between_sensors, one.sd, 2 * one.sd)
-        rows.append(
-            (
-                one.name,
-                *(format_number(size / term.si, 3) for size in sizes),
-                format_number(one.dof, 2),
-                f"{one.measurement_share:.0%}",
-                term.unit,
-            )
-        )
+        sizes = [x / term.si for x in (one.mean, one.between_sensors, one.sd, 2 * one.sd)]
+        cells = (*(format_number(x, 3) for x in sizes), format_number(one.dof, 2))
+        rows.append((one.name, *cells, f"{one.measurement_share:.0%}", term.unit))
     heads = ("coefficient", ">mean", ">between sensors", ">new sensor", ">U", ">dof")
     print_table((*heads, ">due to measurement", "unit"), rows)
     print_lines(

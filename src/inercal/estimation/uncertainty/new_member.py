@@ -55,7 +55,7 @@ class NewMember(NamedTuple):
     dof : float
         Degrees of freedom of the Student t distribution with the same widths at 68.27 % and
         95.45 %.
-    scatter : float
+    between_sensors : float
         Standard deviation τ between members, estimated by REML; it may be 0.
     mean_share : float
         Fraction of sd² that is due to the mean and common to all new members. The rest covers
@@ -65,7 +65,7 @@ class NewMember(NamedTuple):
     mean: float
     sd: float
     dof: float
-    scatter: float
+    between_sensors: float
     mean_share: float
 
 

@@ -9,6 +9,7 @@ covariance of the mean.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -92,44 +93,34 @@ def type_prior(
     covariance = joint_covariance(members, names)
     n, p = values.shape
     found = [predict_new_member(values[:, k], covariance[:, k, :, k]) for k in range(p)]
-    correlation, other_axis = _correlations(values, covariance, found)
-    outlying = _outlying_sensors(members, names, values, covariance)
-    measured = _own_variance(covariance)
-    own_axes = {CoefficientName(name).axis for name in names}
+    shared, own = _shared_and_own(covariance)
+    measured = np.einsum("nkk->k", own) / n
+    correlation, other_axis = _correlations(values, shared, own, found)
+    axes = members[0].axes
+    used = {CoefficientName(name).axis for name in names}
     return TypePrior(
         type_name=type_name,
         form=members[0].calibration.sensor.form,
         count=n,
         correlations=(
-            f"REML of {n} sensors with an inverse Wishart prior of {p + 1} degrees of freedom about"
-            f" uncorrelated coefficients; estimated correlations are about {(n - 1) / (n + p):.2f}"
-            " of those observed"
+            f"REML of {n} sensors with an inverse Wishart prior of {p + 1} degrees of freedom about "
+            f"uncorrelated coefficients; correlations are about {(n - 1) / (n + p):.2f} of those observed"
         ),
         coefficient=tuple(
             CoefficientPrior(
                 name=name,
                 unit=SI_UNITS[term_of(members[0], name).unit],
-                mean=one.mean,
-                sd=one.sd,
-                dof=one.dof,
-                between_sensors=one.scatter,
-                mean_share=one.mean_share,
-                measurement_share=float(measured[k] / (measured[k] + one.scatter**2)),
+                **one._asdict(),
+                measurement_share=float(measured[k] / (measured[k] + one.between_sensors**2)),
                 correlation=tuple(correlation[k].tolist()),
                 other_axis=tuple(other_axis[k].tolist()),
             )
             for k, (name, one) in enumerate(zip(names, found, strict=True))
         ),
         readout=tuple(
-            TypeReadout(
-                axis=name,
-                measures=axis.measures,
-                unit=axis.readout.unit,
-                scale=axis.readout.scale,
-                offset=axis.readout.offset,
-            )
-            for name, axis in members[0].axes.items()
-            if name in own_axes
+            TypeReadout(axis=name, measures=axes[name].measures, **asdict(axes[name].readout))
+            for name in axes
+            if name in used
         ),
         sensor=tuple(
             SourceSensor(
@@ -137,7 +128,7 @@ def type_prior(
             )
             for source, one in chosen.items()
         ),
-        outlying=outlying,
+        outlying=_outlying_sensors(members, names, values, covariance),
         notes=tuple(
             f"{source} does not state which errors it shares with the other files, so all of its "
             "uncertainty is treated as shared"
@@ -147,23 +138,20 @@ def type_prior(
     )
 
 
-def _own_variance(covariance: Array) -> Array:
-    """Return the mean variance of the values without the errors that all share, (p,)."""
+def _shared_and_own(covariance: Array) -> tuple[Array, Array]:
+    """Return the covariance that all sensors share, (p, p), and the rest of each, (n, p, p)."""
     n = len(covariance)
-    every, own = np.einsum("ikjk->k", covariance), np.einsum("ikik->k", covariance)
-    return np.maximum(own - (every - own) / (n - 1), 0.0) / n
-
-
-def _correlations(
-    values: Array, covariance: Array, found: Sequence[NewMember]
-) -> tuple[Array, Array]:
-    """Return the correlations of a new sensor, with the same axis and with another, (p, p)."""
-    n = len(values)
     blocks = np.einsum("ikil->ikl", covariance)
     shared = (covariance.sum(axis=(0, 2)) - blocks.sum(axis=0)) / (n * (n - 1))
     shared = _nonnegative((shared + shared.T) / 2)
-    own = np.array([_nonnegative(block - shared) for block in blocks])
-    scatter = np.array([one.scatter for one in found])
+    return shared, np.array([_nonnegative(block - shared) for block in blocks])
+
+
+def _correlations(
+    values: Array, shared: Array, own: Array, found: Sequence[NewMember]
+) -> tuple[Array, Array]:
+    """Return the correlations of a new sensor, with the same axis and with another, (p, p)."""
+    scatter = np.array([one.between_sensors for one in found])
     of_scatter, of_mean = scatter_correlation(values, own, scatter)
     of_mean = of_mean + shared
     size = np.sqrt(np.diag(of_mean))

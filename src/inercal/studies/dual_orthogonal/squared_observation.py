@@ -15,17 +15,16 @@ from inercal.physics.sensors import G0
 from inercal.studies.claim import Rms, format_all, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,
-    EVERY_FACE,
     LARGE_SIZES,
     MICRO,
     SENSOR,
     SIZES,
     DividingHeadCase,
-    method_errors,
     nominal_bench,
     rms_ratio,
     simulate,
 )
+from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import StudySection, StudyTable
 

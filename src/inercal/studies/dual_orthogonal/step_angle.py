@@ -15,13 +15,12 @@ from inercal.benches.dividing_head.passes import matches_any_angle
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.studies.claim import Rms, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
-    EVERY_FACE,
     JUDGED_COLUMNS,
     NOISE,
-    method_errors,
     rms_ratio,
 )
 from inercal.studies.dual_orthogonal.squared_observation import matrix_rank
+from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 
