@@ -87,10 +87,10 @@ def _print_prior(found: "TypePrior") -> None:
     from inercal.basics.units import format_count, format_number
     from inercal.laboratory.type_prior import FALSE_ALARMS
 
-    what = "sensor" if found.count == len(found.sensor) else "single axis"
+    kind = ("sensor", "sensors") if found.count == len(found.sensor) else ("axis", "axes")
     print_line(
-        f"{found.type_name or 'Prior of the type'}: a new {what}, predicted from "
-        f"{format_count(found.count, what)}; ± U contains 95 % of new ones"
+        f"{found.type_name or 'Prior of the type'}: a new {kind[0]}, predicted from "
+        f"{format_count(found.count, *kind)}; ± U contains 95 % of new ones"
     )
     rows: list[tuple[str, ...]] = []
     for one in found.coefficient:

@@ -103,8 +103,9 @@ def type_prior(
         form=members[0].calibration.sensor.form,
         count=n,
         correlations=(
-            f"REML of {n} sensors with an inverse Wishart prior of {p + 1} degrees of freedom about "
-            f"uncorrelated coefficients; correlations are about {(n - 1) / (n + p):.2f} of those observed"
+            f"REML of {n} sensors with an inverse Wishart prior of {p + 1} degrees of freedom about"
+            " uncorrelated coefficients, so correlations are about "
+            f"{(n - 1) / (n + p):.2f} of those observed"
         ),
         coefficient=tuple(
             CoefficientPrior(
