@@ -11,7 +11,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.calibration import Calibration
 from inercal.calibration.comparison import fixed_coefficients
-from inercal.physics.sensors import TABLES, Axis
+from inercal.physics.sensors import Axis
 from inercal.physics.sensors.coefficient_selection import select_coefficients
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 from inercal.runfile.priors import describe_readout, has_same_readout
@@ -57,10 +57,8 @@ def choose_calibrations(
     """
     from inercal.calibration.files import load
 
-    if isinstance(calibrations, Mapping):
-        every = dict(calibrations)
-    else:
-        every = {str(path): load(Path(path)) for path in calibrations}
+    is_loaded = isinstance(calibrations, Mapping)
+    every = calibrations if is_loaded else {str(path): load(Path(path)) for path in calibrations}
     names = [one.sensor.name for one in every.values()]
     if unknown := [name for name in without if name not in names]:
         raise InputError(
@@ -116,9 +114,8 @@ def find_members(chosen: Mapping[str, Calibration], each_axis: bool) -> list[Mem
 
 def term_of(member: Member, name: str) -> ErrorTerm:
     """Return the line of the coefficient table."""
-    axis, term = CoefficientName(name).parts
-    table = TABLES[member.axes[axis].measures]
-    return next(one for one in table if one.name == term)
+    sensor = member.calibration.sensor
+    return sensor.coefficient(sensor.coefficients[member.places[name]])
 
 
 def common_names(members: Sequence[Member], words: tuple[str, ...]) -> tuple[str, ...]:
@@ -132,8 +129,7 @@ def common_names(members: Sequence[Member], words: tuple[str, ...]) -> tuple[str
     first = members[0]
     common = [name for name in first.places if all(name in one.places for one in members)]
     if not words:
-        names = [name for name in common if term_of(first, name).group in DEFAULT_GROUPS]
-        if not names:
+        if not (names := [x for x in common if term_of(first, x).group in DEFAULT_GROUPS]):
             raise InputError(
                 "the files have no nonlinear or cross-coupling coefficient in common; choose "
                 f"others with --coefficients, of {', '.join(common) or 'none'}",
@@ -142,11 +138,9 @@ def common_names(members: Sequence[Member], words: tuple[str, ...]) -> tuple[str
         return tuple(names)
     picked: dict[str, None] = {}
     for word in words:
-        axes = list(first.axes.values())
-        full = select_coefficients(axes, [word])
+        full = select_coefficients(list(first.axes.values()), [word])
         names = [CoefficientName(one).term if "" in first.axes else one for one in full]
-        found = [name for name in names if name in common]
-        if not found:
+        if not (found := [name for name in names if name in common]):
             raise InputError(
                 f"--coefficients {word}: not all files have it; they have {', '.join(common)}",
                 key="--coefficients",
