@@ -35,6 +35,7 @@ _LOGITS = np.linspace(-18.0, 18.0, 181)  # nodes of the distribution of τ², de
 _TAIL = 1 / (1 + np.exp(_LOGITS))
 _WEIGHTS = _TAIL * (1 - _TAIL) / np.sum(_TAIL * (1 - _TAIL))
 _HALVINGS = 55
+_LARGEST_SCATTER = int(np.argmin(np.abs(_TAIL - 0.999)))  # its upper confidence limit
 _MOST_SHARE = 0.99  # two new members are never known to be equal
 _ONE_SIGMA = 0.6827
 _DOF = (0.5, 1e4)  # range of the degrees of freedom
@@ -58,8 +59,9 @@ class NewMember(NamedTuple):
     between_sensors : float
         Standard deviation τ between members, estimated by REML; it may be 0.
     mean_share : float
-        Fraction of sd² that is due to the mean and common to all new members. The rest covers
-        95.45 % of the differences between members.
+        Fraction of sd² that is due to the mean and common to all new members, if the scatter is at
+        its upper 99.9 % confidence limit. With a smaller scatter, few members that agree by chance
+        would claim to know the difference of two new members exactly.
     """
 
     mean: float
@@ -106,20 +108,12 @@ class _Mixture:
     def centre(self) -> float:
         return float(_WEIGHTS @ self.mean)
 
-    def half_width(self, coverage: float, *, about_mean: bool = False) -> float:
-        """Return the half-width of the interval about the centre with this coverage.
-
-        Parameters
-        ----------
-        coverage : float
-        about_mean : bool
-            Whether the mean of the population is the centre, as if it were known.
-        """
-        off = 0.0 if about_mean else self.mean - self.centre
-        sd = np.maximum(np.sqrt(self.variance), _FLOOR * self.sd) if about_mean else self.sd
+    def half_width(self, coverage: float) -> float:
+        """Return the half-width of the interval about the centre with this coverage."""
+        off = self.mean - self.centre
 
         def excess(half: float) -> float:
-            inside = ndtr((half - off) / sd) - ndtr((-half - off) / sd)
+            inside = ndtr((half - off) / self.sd) - ndtr((-half - off) / self.sd)
             return float(_WEIGHTS @ inside) - coverage
 
         high = float(np.median(self.sd))
@@ -158,7 +152,6 @@ def predict_new_member(y: Array, covariance: Array) -> NewMember:
     values, known = (y - y.mean()) / unit, covariance / unit**2
     found = _Mixture(values, known)
     width = found.half_width(COVERAGE_PROBABILITY)
-    scatter_width = found.half_width(COVERAGE_PROBABILITY, about_mean=True)
     start = np.array([0.5 * float(np.var(values, ddof=1))])
     reml = restricted_variances(
         values, np.ones((n, 1)), known + _FLOOR * np.eye(n), [np.eye(n)], start
@@ -168,7 +161,7 @@ def predict_new_member(y: Array, covariance: Array) -> NewMember:
         unit * width / COVERAGE,
         _student_dof(width / found.half_width(_ONE_SIGMA)),
         unit * float(np.sqrt(reml.variance[0])),
-        float(np.clip(1 - (scatter_width / width) ** 2, 0.0, _MOST_SHARE)),
+        min(float((found.mean_variance / found.sd**2)[_LARGEST_SCATTER]), _MOST_SHARE),
     )
 
 
