@@ -7,6 +7,7 @@
   `to_dataframe` and `to_latex`;
 - `apply`: correct a recording with a calibration;
 - `export_calibration`, `import_calibration`: write and read files for other programs;
+- `type_prior`: estimate the prior of a new sensor from calibrations of earlier sensors;
 - `analyse_noise`: find white noise, bias instability and random walk in a recording at rest;
 - `simulate`, `demo`: simulate a bench, or calibrate on a simulated bench.
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from inercal.export import export_calibration
     from inercal.export.readers import import_calibration
     from inercal.host.demonstration import demo
+    from inercal.laboratory.type_prior import type_prior
     from inercal.noise import analyse_noise
     from inercal.pipeline import Outcome, apply, calibrate, simulate
     from inercal.pipeline.batch import calibrate_batch
@@ -49,6 +51,7 @@ _EXPORT_MODULES = {
     "write_report": "report",
     "save": "calibration.files",
     "simulate": "pipeline",
+    "type_prior": "laboratory.type_prior",
 }
 
 
@@ -83,5 +86,6 @@ __all__ = [
     "plot_residuals",
     "save",
     "simulate",
+    "type_prior",
     "write_report",
 ]

@@ -35,6 +35,7 @@ RUN = {
     "how-to/fleet.md": 1,
     "how-to/measure.md": 1,
     "how-to/predict.md": 4,
+    "how-to/prior.md": 2,
     "how-to/qualify.md": 1,
     "how-to/repeat.md": 2,
     "how-to/six-position.md": 1,
@@ -170,6 +171,8 @@ def test_the_commands_that_name_files_of_the_examples_run(
         assert program == "inercal"
         for n in range(2, 5) if words[-1].endswith("session_1.toml") else ():
             run_program(*words[:-1], words[-1].replace("_1", f"_{n}"))
+        for n in range(22, 26) if words[-1].endswith("QA_21.toml") else ():
+            run_program(*words[:-1], words[-1].replace("21", str(n)))
         if "board.params" in words:
             shutil.copy("examples/export/board.params", ".")
         ended = run_program(*words)

@@ -86,6 +86,10 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {f"rate_platform/{name}.toml" for name in ("gyros", "imu")}
     # by tests/repeatability/test_next_use_conformity.py
     run |= {f"repeat/session_{n}.toml" for n in range(1, 5)}
+    # by tests/type_prior/test_prior_runs.py
+    run |= {
+        f"prior/{name}.toml" for name in ("pair", "QA.prior", *(f"QA_{n}" for n in range(21, 26)))
+    }
     # by tests/qualification/test_qualified_runs.py
     run |= {f"qualify/{name}.toml" for name in ("gravity", "head", "radius", "rate", "tumble")}
     run |= {"check_standard/job.toml"}  # by tests/check_standard/test_control_example.py

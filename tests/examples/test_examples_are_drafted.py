@@ -120,7 +120,7 @@ OTHERS = [
 """Files that are no recordings of an IMU and no tables of its readings."""
 
 _SLOW = {"imu.csv", "arm_run.csv", "soaks.npz", "rate_platform/imu.csv"}
-_LIKE = ("fleet/recordings/A", "repeat/session_", "logs/poses/")
+_LIKE = ("fleet/recordings/A", "repeat/session_", "prior/", "logs/poses/")
 """Beginnings of the names of files of which one, or all together, is an example."""
 
 

@@ -25,11 +25,10 @@ from inercal.studies.dual_orthogonal import (
 from inercal.studies.dual_orthogonal.simulated_head import (
     ARCSEC,
     COLUMNS,
-    EVERY_FACE,
     LARGE_SIZES,
-    method_errors,
     rms_ratio,
 )
+from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
 
 TABLE = {
     "single": (9.84, 17.3, 8.5, 10.2, 17.9, 10.3, 1.65),

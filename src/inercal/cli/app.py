@@ -42,7 +42,8 @@ app = typer.Typer(
 )
 # The verb self-check is the function `run` in the module self_check_command, and so on.
 _VERBS = """
-    demo init calibrate show compare plan measure budget noise simulate apply predict repeat qualify
+    demo init calibrate show compare plan measure budget noise simulate apply predict repeat prior
+    qualify
     control export import report bundle reproduce compile self-check
 """
 _GROUPS = ("bench", "certificate", "fleet", "store")

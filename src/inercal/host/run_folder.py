@@ -231,7 +231,8 @@ def _require_same_kind(
 def _referenced_files(run_file: Path) -> list[str]:
     """Return the files that a run file names, except the recording, which does not exist yet."""
     section = read_toml(run_file, "run file").get("method", {})
-    names = [section.get("path"), section.get("prior_file"), *section.get("prior_from", {})]
+    names = [section.get(key) for key in ("path", "prior_file", "prior_type")]
+    names += section.get("prior_from", {})
     files = [name for name in names if name is not None and (run_file.parent / name).is_file()]
     for name in files:
         if Path(name).parent != Path():

@@ -1,6 +1,7 @@
-"""Reader for the priors in a run file: stated values, or values from calibration files."""
+"""Reader for the priors in a run file: stated values, calibration files, or sensors of a type."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import isclose, pi
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,16 +12,17 @@ from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.estimation import Gaussian
 from inercal.physics.section_settings import key_error
-from inercal.physics.sensors import G0, Axis, Sensor
+from inercal.physics.sensors import G0, Axis, Readout, Sensor
 from inercal.runfile.schema import MethodSection
 from inercal.runfile.sensor_builder import coefficient_value
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
+    from inercal.calibration.type_prior import TypeReadout
 
 
 def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple[Gaussian, ...]:
-    """Return the priors stated in [method]: prior, prior_file and prior_from, in this order.
+    """Return the priors stated in [method]: prior, prior_file, prior_from and prior_type.
 
     Parameters
     ----------
@@ -51,11 +53,13 @@ def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple
         priors.append(_static_prior(folder / section.prior_file, sensor))
     for file, names in section.prior_from.items():
         priors.append(_prior_from(folder / file, names, sensor))
+    if section.prior_type is not None:
+        priors.append(type_prior_of(folder / section.prior_type, sensor))
     found = [name for prior in priors for name in prior.names]
     if twice := tuple(name for name in dict.fromkeys(found) if found.count(name) > 1):
         raise InputError(
-            f"[method]: prior, prior_file and prior_from give {', '.join(twice)} more than once; "
-            "keep one source for each coefficient",
+            f"[method]: prior, prior_file, prior_from and prior_type give {', '.join(twice)} more "
+            "than once; keep one source for each coefficient",
             key="[method]",
             names=twice,
         )
@@ -174,6 +178,63 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
     return _gaussian(tuple(taken), known, sources)
 
 
+def type_prior_of(path: Path, sensor: Sensor) -> Gaussian:
+    """Return the prior of a sensor from a file of `inercal prior`.
+
+    A coefficient without an axis is the prior of every axis of its kind. The axes have the error of
+    the mean in common. The file's sd is such that ± 2 sd has the coverage of Student's t.
+
+    Parameters
+    ----------
+    path : Path
+    sensor : Sensor
+        The sensor with the coefficients of the method; the others in the file are not used.
+
+    Raises
+    ------
+    InputError
+        The file has no coefficient of the sensor, or refers to another readout or form.
+    """
+    from inercal.calibration.type_prior import load_type_prior
+
+    key = "[method] prior_type"
+    known = load_type_prior(path)
+    axes = {
+        (readout.axis or axis.name): (axis, replace(axis, readout=_readout(readout)))
+        for readout in known.readout
+        for axis in sensor.axes
+        if axis.measures == readout.measures and readout.axis in ("", axis.name)
+    }
+    used: dict[str, tuple[int, str]] = {}
+    for k, name in enumerate(known.names):
+        own, term = CoefficientName(name).parts
+        for axis in [own] if own else axes:
+            if (full := CoefficientName.of(axis, term)) in sensor.coefficients:
+                used[full] = (k, "" if own else axis)
+    if not used:
+        raise InputError(
+            f"{key}: {path.name} has {', '.join(known.names)}, but the method estimates "
+            f"{', '.join(sensor.coefficients)}; give the prior of one of these",
+            key=key,
+            names=known.names,
+        )
+    for name in used:
+        _require_same_readout(key, path, *axes[CoefficientName(name).axis])
+        if CoefficientName(name).term == "k1" and known.form != sensor.form:
+            raise InputError(
+                f"{key}: {name} in {path.name} is in the {known.form} form; make the prior from "
+                f"calibrations in the {sensor.form} form",
+                key=key,
+                names=(name,),
+            )
+    mean = np.array([known.coefficient[k].mean for k, _ in used.values()])
+    return Gaussian(tuple(used), mean, known.covariance(used.values()))
+
+
+def _readout(stated: "TypeReadout") -> Readout:
+    return Readout(stated.scale, stated.offset, stated.unit)
+
+
 def _gaussian(names: tuple[str, ...], known: "Calibration", sources: tuple[str, ...]) -> Gaussian:
     """Return the values and covariance of a calibration's coefficients, with new names."""
     index = [known.sensor.coefficients.index(name) for name in sources]
@@ -182,18 +243,24 @@ def _gaussian(names: tuple[str, ...], known: "Calibration", sources: tuple[str, 
 
 def _require_same_readout(key: str, path: Path, axis: Axis, other: Axis) -> None:
     """Raise an error if the coefficients of an axis refer to a different nominal readout."""
-    mine, theirs = axis.readout, other.readout
-    if not (isclose(theirs.scale, mine.scale) and isclose(theirs.offset, mine.offset)):
+    if not has_same_readout(axis, other):
         raise InputError(
-            f"{key}: nominal scale and offset of {axis.name} are {_describe_readout(other)} in "
-            f"{path.name}, but {_describe_readout(axis)} in this run; the coefficients refer to "
+            f"{key}: nominal scale and offset of {axis.name} are {describe_readout(other)} in "
+            f"{path.name}, but {describe_readout(axis)} in this run; the coefficients refer to "
             "them: state the same in [sensor]",
             key=key,
             names=(axis.name,),
         )
 
 
-def _describe_readout(axis: Axis) -> str:
+def has_same_readout(axis: Axis, other: Axis) -> bool:
+    """Return whether the coefficients of two axes refer to the same nominal readout."""
+    mine, theirs = axis.readout, other.readout
+    return isclose(theirs.scale, mine.scale) and isclose(theirs.offset, mine.offset)
+
+
+def describe_readout(axis: Axis) -> str:
+    """Describe nominal scale and offset of an axis, such as "3 V/g and 0"."""
     size, per = (G0, "g") if axis.measures == "f" else (pi / 180, "(°/s)")
     readout = axis.readout
     return f"{readout.scale * size:.6g} {readout.unit}/{per} and {readout.offset:g}"

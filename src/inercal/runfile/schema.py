@@ -178,6 +178,11 @@ class MethodSection(Section):
         description="per calibration file: coefficient of this run = coefficient of the file",
         examples=[{"static.calibration.json": {"a.k3": "ax.k3"}}],
     )
+    prior_type: str | None = Field(
+        None,
+        description="file from inercal prior, made from earlier sensors of the type",
+        examples=["type.prior.toml"],
+    )
 
 
 class EnvironmentSection(Section):

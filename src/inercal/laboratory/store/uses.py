@@ -1,4 +1,4 @@
-"""Find the calibrations made on a bench, and the calibrations that used a qualification.
+"""Find the calibrations on a bench, those of a type, and those that used a qualification.
 
 A calibration used a qualification if one of its shared errors comes from this determination, or if
 its provenance names the determination. The provenance is needed because a qualified scatter is not
@@ -13,6 +13,7 @@ from inercal.calibration import Calibration
 from inercal.laboratory.store.entries import CalibrationEntry
 from inercal.laboratory.store.history import latest_per_recording
 from inercal.laboratory.store.register import Register
+from inercal.physics.sensors.coefficient_selection import select_coefficients
 
 _MOST_NAMED = 8
 
@@ -53,6 +54,52 @@ def calibrations_of_bench(
             names=(word,),
         )
     return tuple(latest_per_recording(found)[0])
+
+
+def calibrations_of_type(
+    entries: Sequence[CalibrationEntry], type_name: str, coefficients: Sequence[str] = ()
+) -> dict[str, Calibration]:
+    """Return the newest calibration of each sensor of a type, by its number in the register.
+
+    Parameters
+    ----------
+    entries : sequence of CalibrationEntry
+        Entries of a register, in the order of measurement.
+    type_name : str
+        Maker and model in [job], such as "Q-Flex QA 2000".
+    coefficients : sequence of str
+        Names or groups; a calibration without them is not used.
+
+    Raises
+    ------
+    InputError
+        No such calibration has this maker and model.
+    """
+    newest: dict[str, CalibrationEntry] = {}
+    types: set[str] = set()
+    for one in entries:
+        job = one.calibration.job
+        types.add(found := " ".join(job[key] for key in ("maker", "model") if key in job))
+        if found == type_name and _has_all(one.calibration, coefficients):
+            newest[one.sensor] = one
+    if not newest:
+        known = sorted(types - {""})
+        listed = ", ".join(map(repr, known[:_MOST_NAMED])) + ", …" * (len(known) > _MOST_NAMED)
+        lacking = f" with {', '.join(coefficients)}" if type_name in types else ""
+        raise InputError(
+            f"--type {type_name!r}: the register has no calibration{lacking} of this maker and "
+            "model in [job]; " + (f"it has {listed}" if known else "no calibration states them"),
+            key="--type",
+            names=(type_name,),
+        )
+    return {f"#{one.id}": one.calibration for one in newest.values()}
+
+
+def _has_all(calibration: Calibration, words: Sequence[str]) -> bool:
+    sensor = calibration.sensor
+    return all(
+        set(select_coefficients(sensor.axes, [word])) & set(sensor.coefficients) for word in words
+    )
 
 
 class QualificationUse(NamedTuple):

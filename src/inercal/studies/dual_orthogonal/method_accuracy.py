@@ -11,14 +11,16 @@ from inercal.estimation import Estimate
 from inercal.studies.claim import Rms, format_all, format_significant, rms
 from inercal.studies.dual_orthogonal.simulated_head import (
     COLUMNS,
-    EVERY_FACE,
-    METHODS,
     DividingHeadCase,
     estimate_errors,
-    method_errors,
     nominal_bench,
     rms_ratio,
     simulate,
+)
+from inercal.studies.dual_orthogonal.studied_methods import (
+    EVERY_FACE,
+    METHODS,
+    method_errors,
 )
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable

@@ -5,8 +5,8 @@ model gives the readings. Each error is drawn by its name, so benches with other
 same random numbers.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import pi
 from zlib import crc32
 
@@ -24,7 +24,6 @@ from inercal.benches.dividing_head.bench import (
     sensed_motion,
 )
 from inercal.estimation import Estimate, Gaussian
-from inercal.methods.dual_orthogonal import dual, joint, patent, single
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0
 from inercal.recordings import Observations
@@ -104,11 +103,8 @@ class DividingHeadCase:
     def measured_prior(self, term: str, sd: float) -> Gaussian:
         """Return the prior of a coefficient from another test, with standard deviation sd."""
         truth = self.truth[term]
-        return self._prior(
-            term,
-            truth + sd * standard_normal_draws(self.seed, f"{term} elsewhere", truth.shape),
-            sd,
-        )
+        off = sd * standard_normal_draws(self.seed, f"{term} elsewhere", truth.shape)
+        return self._prior(term, truth + off, sd)
 
     def _prior(self, term: str, mean: Array, sd: float) -> Gaussian:
         unit = NATURAL_UNITS[term]
@@ -194,100 +190,3 @@ def rms_ratio(error: Array, other: Array) -> Rms:
     value = float(np.sqrt(one.mean() / two.mean()))
     spread = (one / one.mean() - two / two.mean()).std()
     return Rms(value, float(value * spread / 2 / np.sqrt(len(one))))
-
-
-CENTRIFUGE_K3_SD = 0.5 * MICRO  # g, uncertainty of K3 from a centrifuge
-SINGLE_TESTS = 5  # number of single tests for the Kip of `dual`; the source uses several
-
-
-@dataclass(frozen=True)
-class StudiedMethod:
-    """A method in the table.
-
-    Parameters
-    ----------
-    collimated : "pairs", "every" or "none"
-        Positions that the autocollimator reads.
-    estimator : callable
-        Estimator from `methods.dual_orthogonal`.
-    priors : callable
-        Function that returns priors in addition to the readings.
-    """
-
-    collimated: CollimationMode
-    estimator: Callable[..., Estimate]
-    priors: Callable[[DividingHeadCase], Sequence[Gaussian]]
-
-    def __call__(self, case: DividingHeadCase) -> Estimate:
-        """Return the estimate for a case."""
-        return self.estimator(case.observations, SENSOR, case.bench, case.steps, self.priors(case))
-
-
-def _no_priors(_: DividingHeadCase) -> Sequence[Gaussian]:
-    return ()
-
-
-def _production_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
-    """Return priors for Kip and K3 from the typical values of such accelerometers."""
-    return case.production_prior("kip", SIZES["kip"]), case.production_prior("k3", SIZES["k3"])
-
-
-def _centrifuge_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
-    """Return priors: Kip from typical values, and K3 from a centrifuge."""
-    return case.production_prior("kip", SIZES["kip"]), case.measured_prior("k3", CENTRIFUGE_K3_SD)
-
-
-def _single_test_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
-    """Return priors: Kip from several twelve-position tests, and K3 from a centrifuge."""
-    test = simulate(case.bench, 1, case.seed)
-    once = single(test.observations, SENSOR, test.bench, test.steps).select(["a.kip"]).std
-    sd = float(np.max(once)) / NATURAL_UNITS["kip"] / np.sqrt(SINGLE_TESTS)
-    return case.measured_prior("kip", sd), case.measured_prior("k3", CENTRIFUGE_K3_SD)
-
-
-EVERY_FACE = "joint, every face"
-METHODS = {
-    "single": StudiedMethod("none", single, _no_priors),
-    "dual, Bayes": StudiedMethod("none", dual, _single_test_priors),
-    "patent": StudiedMethod("pairs", patent, _centrifuge_priors),
-    "patent, no centrifuge": StudiedMethod("pairs", patent, _production_priors),
-    "joint": StudiedMethod("pairs", joint, _production_priors),
-    EVERY_FACE: StudiedMethod("every", joint, _production_priors),
-}
-"""Methods by name; the second and the third use K3 from a centrifuge."""
-
-
-def method_errors(
-    name: str,
-    trials: int,
-    seed: int,
-    steps: Sequence[Index] | None = None,
-    *,
-    head: float = HEAD_ERROR,
-    pier: float = 0.0,
-    sizes: dict[str, float] = SIZES,
-    noise: float = NOISE,
-) -> dict[str, Array]:
-    """Return the errors of a method by `COLUMNS`.
-
-    Parameters
-    ----------
-    name : str
-        Name of a method in `METHODS`.
-    trials, seed : int
-    steps : sequence of Index, optional
-        Positions; by default twelve.
-    head, pier : float
-        Standard deviations of the head and of the base's tilt, ″.
-    sizes, noise
-        As in `simulate`.
-
-    Raises
-    ------
-    NotObserved
-        The method cannot use these steps.
-    """
-    method = METHODS[name]
-    drawn = replace(nominal_bench(head, method.collimated), pier=pier * ARCSEC)
-    case = simulate(drawn, trials, seed, steps, sizes=sizes, noise=noise)
-    return estimate_errors(method(case), case)

@@ -14,13 +14,14 @@ from inercal.methods.dual_orthogonal import g_squared
 from inercal.physics.sensors import G0
 from inercal.studies.claim import Rms, format_all, format_significant, rms
 from inercal.studies.dual_orthogonal import simulated_head as simulated
+from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "observation")
 
 HARMONICS = ("1", "sin θ", "cos θ", "sin 2θ", "cos 2θ", "sin 3θ", "cos 3θ", "cos 4θ")
-SHOWN_METHODS = ("dual, Bayes", "patent", "joint", simulated.EVERY_FACE)
+SHOWN_METHODS = ("dual, Bayes", "patent", "joint", EVERY_FACE)
 _SINGULAR = 1e-10
 
 
@@ -138,8 +139,8 @@ def _size_table(trials: int, seed: int) -> StudyTable:
     """Return the table that compares large coefficients with nominal ones, from the same draws."""
     rows: list[tuple[str, list[str]]] = []
     for method in SHOWN_METHODS:
-        small = simulated.method_errors(method, trials, seed, sizes=simulated.SIZES)
-        large = simulated.method_errors(method, trials, seed, sizes=simulated.LARGE_SIZES)
+        small = method_errors(method, trials, seed, sizes=simulated.SIZES)
+        large = method_errors(method, trials, seed, sizes=simulated.LARGE_SIZES)
         cells = [
             f"{format_significant(rms(large[name]).value, 3)} "
             f"({simulated.rms_ratio(large[name], small[name]).value:.3f})"

@@ -16,6 +16,7 @@ from inercal.methods.dual_orthogonal import g_squared
 from inercal.studies.claim import Rms, format_significant, rms
 from inercal.studies.dual_orthogonal import simulated_head as simulated
 from inercal.studies.dual_orthogonal.squared_observation import matrix_rank
+from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 
@@ -44,7 +45,7 @@ def judged_errors(
 ) -> Array | None:
     """Return the errors in `JUDGED_COLUMNS`, (trials, 9) µg, or None if the method fails."""
     try:
-        found = simulated.method_errors(name, trials, seed, steps, noise=noise)
+        found = method_errors(name, trials, seed, steps, noise=noise)
     except NotObserved:
         return None
     return np.concatenate(
@@ -77,7 +78,7 @@ _PLANS = {
     "patent": ("patent", position_plan),
     _WITH_CARDINALS: ("patent", positions_with_cardinals),
     "joint": ("joint", position_plan),
-    simulated.EVERY_FACE: (simulated.EVERY_FACE, position_plan),
+    EVERY_FACE: (EVERY_FACE, position_plan),
 }
 
 
@@ -165,8 +166,8 @@ def section(results: Sequence[Any]) -> StudySection:
         full_step=360 / full,
         fewest=fewest,
         finer=finer.n,
-        reached=_rms_cell(finer.equal_in_total[simulated.EVERY_FACE]),
-        here=_rms_cell(here.equal_in_total[simulated.EVERY_FACE]),
+        reached=_rms_cell(finer.equal_in_total[EVERY_FACE]),
+        here=_rms_cell(here.equal_in_total[EVERY_FACE]),
     )
 
 
@@ -192,7 +193,7 @@ def _table(found: Sequence[StepEffect]) -> StudyTable:
 def _chart(found: Sequence[StepEffect]) -> Chart:
     def lines(totals: bool) -> list[Curve]:
         result: list[Curve] = []
-        for way in (_WITH_CARDINALS, "joint", simulated.EVERY_FACE):
+        for way in (_WITH_CARDINALS, "joint", EVERY_FACE):
             values = [(s.equal_in_total if totals else s.equal_per_position)[way] for s in found]
             kept = [(k, rms(e).value) for k, e in enumerate(values) if e is not None]
             x, y = np.array([(k, value) for k, value in kept if value < _CHART_MAXIMUM]).T
