@@ -29,6 +29,8 @@ class RatePlatformSection(BenchSection):
     rate_asymmetry: str | None = Field(None, examples=["100 ppm"])
     rate_stability: str | None = Field(None, examples=["100 ppm"])
     angle_reading: str | None = Field(None, examples=["5 ″"])
+    rate_hysteresis: str | None = Field(None, examples=["1 °/h"])
+    settling: str | None = Field(None, examples=["1 ppm"])
     turn_angle: str | None = Field(None, examples=["0.01 °"])
     setting: str | None = Field(None, examples=["0.05 °"])
     arm: str | None = Field(None, examples=["5 mm"])
