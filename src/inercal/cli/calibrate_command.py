@@ -150,6 +150,7 @@ def run(
     if json:
         print_json(
             calibration_object(outcome.calibration)
+            | {"characteristics": [one.as_object() for one in outcome.characteristics]}
             | {kind: str(path) for kind, path in files.items()}
             | ({} if drafted is None else {"assumptions": list(drafted.assumptions)})
         )

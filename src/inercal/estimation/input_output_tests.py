@@ -29,7 +29,6 @@ from dataclasses import dataclass, replace
 from math import nan, sqrt
 
 import numpy as np
-import scipy
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
@@ -115,7 +114,7 @@ class Figure:
     bound : float
         Upper limit of the effect's size at 95 %.
     detectable : float
-        Size of an effect that these data would just detect; NaN if nothing is tested.
+        Size of an effect that these data would just detect; NaN if it is not known.
     """
 
     value: float
@@ -139,9 +138,16 @@ def _figure(value: float, u: float, *, tested: bool = True) -> Figure:
     )
 
 
+def _chance(chi2: float, dof: int) -> float:
+    """Return the probability of a larger χ²."""
+    from scipy.special import chdtrc  # a refused run file does not load scipy
+
+    return float(chdtrc(dof, chi2)) if dof > 0 else 1.0
+
+
 def enlargement(chi2: float, dof: int) -> float:
     """Return the factor by which an improbable χ² enlarges the uncertainties."""
-    if dof < 1 or float(scipy.special.chdtrc(dof, chi2)) >= _BIRGE:
+    if _chance(chi2, dof) >= _BIRGE:
         return 1.0
     return sqrt(chi2 / dof)
 
@@ -176,9 +182,9 @@ def linearity_error(table: InputOutput) -> Figure:
     off = table.whiten(np.c_[design, table.y])
     basis = np.linalg.qr(off[:, :2])[0]
     chi2 = float(off[:, 2] @ off[:, 2] - np.sum((basis.T @ off[:, 2]) ** 2))
-    dof = len(table.x) - 2
     found = _figure(abs(float(residual[worst])), sqrt(float(spread[worst, worst])))
-    return replace(found, detected=float(scipy.special.chdtrc(dof, chi2)) < _CHANCE)
+    shown = _chance(chi2, len(table.x) - 2) < _CHANCE
+    return replace(found, detected=shown, detectable=nan)
 
 
 def composite_error(table: InputOutput) -> Figure:

@@ -24,7 +24,7 @@ from math import hypot, inf, sqrt
 
 import numpy as np
 
-from inercal.basics.arrays import Array, Indices
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.estimation.input_output_tests import (
     Figure,
     InputOutput,
@@ -88,7 +88,7 @@ def small_inputs(table: InputOutput, reach: float) -> list[tuple[float, Indices]
     A centre is zero, or the input that was applied most often among inputs within `reach`, which
     must also be within a tenth of the centre. It needs four or more different small inputs, on both
     sides. The small inputs follow each other, because a larger input before a small one may leave
-    another hysteresis. The first row, which follows a larger input, is therefore left out.
+    another hysteresis. The first input, which follows a larger one, is therefore left out.
 
     Parameters
     ----------
@@ -104,13 +104,25 @@ def small_inputs(table: InputOutput, reach: float) -> list[tuple[float, Indices]
     for centre in (0.0, *values[np.argsort(-counts, kind="stable")].tolist()):
         limit = reach if centre == 0 else min(reach, _TENTH * abs(centre))
         near = ~used & (np.abs(table.x - centre) <= limit)
-        follows = np.r_[True, near[:-1] & (np.diff(table.setting) == 0)]
-        rows = np.flatnonzero(near & follows)
+        rows = np.array(_after_small_inputs(table, near), dtype=np.int64)
         small = np.unique(np.round((table.x[rows] - centre) / step))
-        if np.sum(np.abs(small) > 1) >= _FEWEST and small[0] < -1 and small[-1] > 1:
+        if np.sum(np.abs(small) > 1) >= _FEWEST and (small < -1).any() and (small > 1).any():
             found.append((centre, rows))
             used |= near
     return found
+
+
+def _after_small_inputs(table: InputOutput, near: Bools) -> list[int]:
+    """Return the rows whose input was reached from another small input in the same setting."""
+    rows: list[int] = []
+    for k in np.flatnonzero(near).tolist():
+        if k and near[k - 1] and table.setting[k - 1] == table.setting[k]:
+            moved = table.x[k - 1] != table.x[k] or k - 1 in rows
+        else:
+            moved = k == 0 or table.setting[k - 1] != table.setting[k]
+        if moved:
+            rows.append(k)
+    return rows
 
 
 @dataclass(frozen=True, eq=False)

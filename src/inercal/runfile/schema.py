@@ -180,6 +180,16 @@ class MethodSection(Section):
     rates: tuple[str, ...] | None = Field(
         None, description="arm rates in the plan", examples=[["60 rpm", "120 rpm"]]
     )
+    small_rates: tuple[str, ...] | None = Field(
+        None,
+        description="rates about zero and about the slowest rate, for threshold and resolution",
+        examples=[["0.01 °/s", "0.02 °/s"]],
+    )
+    small_tilts: tuple[str, ...] | None = Field(
+        None,
+        description="tilts about two positions of a dividing head, for threshold and resolution",
+        examples=[["1 ″", "2 ″"]],
+    )
     turns: int | None = Field(
         None, description="complete turns of the arm during each dwell of the plan"
     )

@@ -24,6 +24,7 @@ from inercal.benches.dividing_head.passes import (
     matches_any_angle,
     missing_cardinal_angles,
     pass_numbers,
+    rows_without_series,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.benches.operator_sheet import EntryField, Heading, Sheet, SheetRow
@@ -171,10 +172,11 @@ def operator_rows(
     paired = bench.collimated == "pairs"
     if paired:
         _require_pairs(steps)
+    plain = [steps[row] for row in rows_without_series(steps)]
     which = dict(zip((step.label for step in steps), pass_numbers(steps), strict=True))
 
     def act(step: Index) -> str:
-        mark = _trim_reference(bench, step, steps)
+        mark = _trim_reference(bench, step, plain) if step in plain else None
         if mark is None:
             return ""
         if mark is step or (recorded and not (paired and _is_trimmed_position(step))):
@@ -196,9 +198,9 @@ def format_sexagesimal(angle: float) -> str:
     >>> [format_sexagesimal(pi / x) for x in (2, 8, 7)]
     ['90°', '22° 30′', '25° 42′ 51.43″']
     """
-    whole, rest = divmod(round(degrees(angle) * _DEGREE), _DEGREE)
+    whole, rest = divmod(round(degrees(abs(angle)) * _DEGREE), _DEGREE)
     minutes, rest = divmod(rest, _MINUTE)
-    text = f"{whole}°"
+    text = f"{'−' if angle < 0 else ''}{whole}°"
     if minutes or rest:
         text += f" {minutes}′"
     return text + (f" {rest / 100:g}″" if rest else "")

@@ -3,21 +3,22 @@
 In a dwell at the rate Ω, in setting s with the case direction e up and a₁, a₂ perpendicular to it,
 the sensor senses::
 
-    ω = (Ω (1 + ρ + γ sgn Ω + r) + α/T + η + ζ ΔΩ + ω_ie sin φ) U + sinc(Θ/2) R_U(−Θ/2) (h₁b₁ + h₂b₂) + β
+    ω = (Ω (1 + ρ + γ sgn Ω + r) + α/T + η + ζ ΔΩ + ω_ie sin φ) U
+        + sinc(Θ/2) R_U(−Θ/2) (h₁b₁ + h₂b₂) + β
     f = g U − Ω² (p₁a₁ + p₂a₂),     U = unit(e + t₁a₁ + t₂a₂),  b_i = a_i − t_i e,  Θ = Ω T
 
 ρ is the relative error that all rates in the run share, including the clocks of table and sensor. γ
 is the asymmetry of the rate (+ and −), r the relative error of the rate in each dwell, and α the
 error of the angle read back in each dwell of T seconds. A turn through a known angle θ has Ω = θ/T,
-and the error α of its angle replaces ρ, γ and r. ζ is the part of the last change ΔΩ of the rate that
-remains on average, because the table or its drive settles slowly. η = −½ s χ (1 − (Ω/Ω_max)²) is
-the table's hysteresis, with s = ±1 for a rate that was reached from a lower or a higher one in the
-same setting. In each setting, t are the two angles of the
-table's axis in the case, and p is the position of the sensor relative to the axis. φ is the
-latitude. h is the horizontal earth rate at the start of a dwell. Its azimuth is unknown, so each
-component has the standard deviation ω_ie cos φ/√2. The table starts all dwells in a setting at the
-same azimuth. Over whole turns h averages to zero; if T is unknown, the turns are assumed to be
-whole. β is the change of the gyros' biases from setting to setting.
+and the error α of its angle replaces ρ, γ and r. ζ is the part of the last change ΔΩ of the rate
+that remains on average, because the table or its drive settles slowly. η = −½ s χ (1 − (Ω/Ω_max)²)
+is the table's hysteresis, with s = ±1 for a rate that was reached from a lower or a higher one in
+the same setting. In each setting, t are the two angles of the table's axis in the case, and p is
+the position of the sensor relative to the axis. φ is the latitude. h is the horizontal earth rate
+at the start of a dwell. Its azimuth is unknown, so each component has the standard deviation ω_ie
+cos φ/√2. The table starts all dwells in a setting at the same azimuth. Over whole turns h averages
+to zero; if T is unknown, the turns are assumed to be whole. β is the change of the gyros' biases
+from setting to setting.
 
 In a pose with the upward direction u, and c₁, c₂ perpendicular to it, the sensor senses::
 

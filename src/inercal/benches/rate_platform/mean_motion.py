@@ -111,9 +111,10 @@ def changes_of_rate(steps: Sequence[PlatformStep]) -> list[float]:
     for step in steps:
         change = 0.0
         if isinstance(step, RateDwell):
-            last, change = before.get(step.place, (step.rate, 0.0))
-            change = step.rate - last if step.rate != last else change
-            before[step.place] = step.rate, change
+            rate = 0.0 if isinstance(step, KnownTurn) else step.rate  # a turn ends at rest
+            last, change = before.get(step.place, (rate, 0.0))
+            change = rate - last if rate != last else change
+            before[step.place] = rate, change
         changes.append(change)
     return changes
 
