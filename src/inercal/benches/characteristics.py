@@ -116,7 +116,13 @@ class Characteristic:
 
 
 def table_characteristics(
-    axis: str, table: InputOutput, reach: float, unit: str, *, line: bool = True
+    axis: str,
+    table: InputOutput,
+    reach: float,
+    unit: str,
+    *,
+    line: bool = True,
+    zero_sd: float = 0.0,
 ) -> tuple[Characteristic, ...]:
     """Return the characteristics that a table of inputs and readings can show.
 
@@ -131,6 +137,8 @@ def table_characteristics(
         Unit in which inputs are shown.
     line : bool
         Whether the readings depend on nothing but the input, so that a line describes them.
+    zero_sd : float
+        Standard deviation of the error that small inputs about zero have in common, SI.
     """
     found = list(_of_line(axis, table) if line else ())
     series = small_inputs(table, reach)
@@ -140,7 +148,7 @@ def table_characteristics(
     if loop is not None:
         found.append(Characteristic(axis, "hysteresis", loop, unit))
     for centre, rows in series:
-        found += _of_small_inputs(axis, table, centre, rows, unit)
+        found += _of_small_inputs(axis, table, centre, rows, unit, zero_sd)
     return tuple(found)
 
 
@@ -156,12 +164,12 @@ def _of_line(axis: str, table: InputOutput) -> Iterator[Characteristic]:
 
 
 def _of_small_inputs(
-    axis: str, table: InputOutput, centre: float, rows: Indices, unit: str
+    axis: str, table: InputOutput, centre: float, rows: Indices, unit: str, zero_sd: float
 ) -> list[Characteristic]:
     own = table.rows(rows)
     top = float(np.abs(own.x - centre).max())
     line = scale_factor(table) if table.full_scale > _LARGER * top else None
-    band: Band = response_band(own, centre, line)
+    band: Band = response_band(own, centre, line, 0.0 if centre else zero_sd)
     if centre:
         return [Characteristic(axis, "resolution", band.threshold, unit, centre)]
     return [

@@ -10,7 +10,8 @@ The readings follow one of three laws of response R of half width d::
 z is the input minus the centre. The dead band is ±d. The threshold is the least input that gives
 half of the output that K predicts, and the resolution is the same about a centre that is not zero
 (IEEE Std 528). K is known within 1 % from larger inputs, or nominal within 5 %. If inputs were
-reached from both sides, hysteresis is a nuisance.
+reached from both sides, hysteresis is a nuisance. If the input about which the response is
+symmetric is not known exactly, its offset is another one.
 
 For d, the profile likelihood of all three laws is taken as a distribution, with the same weight for
 each d and each law. Its mean, standard deviation and 95 % interval are the result. A band is
@@ -21,6 +22,7 @@ happens in about one case in a thousand. If χ² is improbably large, all varian
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot, inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,7 +38,9 @@ from inercal.estimation.input_output_tests import (
 _GAIN = 12.0  # least reduction of χ² for a band
 _SAME = 1e-9  # relative to the largest input
 _REACH = 1.5  # times the largest small input: the widest band
-_GRID, _FINE = 400, 800
+_GRID, _FINE, _ROUNDS = 200, 201, 2
+_WIDE = 3.5  # standard deviations of the centre
+_OFFSETS, _FINE_OFFSETS = (4, 150), 41
 _NEAR = 25.0  # χ² above the minimum that still counts
 _LINE_SCALE, _NOMINAL_SCALE = 0.01, 0.05  # sd of K about small inputs, with and without a line
 _TENTH = 0.1
@@ -77,8 +81,8 @@ _LAWS: dict[str, tuple[float, Callable[[Array, Array], Array]]] = {
 
 
 def _responses(law: str, z: Array, width: Array) -> Array:
-    """Return R for each width and small input, (k, n)."""
-    size, d = np.abs(z)[None], width[:, None]
+    """Return R of k widths, (k, n), for small inputs, (k, n) or (1, n)."""
+    size, d = np.abs(z), width[:, None]
     return np.where(size >= d, np.sign(z) * _LAWS[law][1](size, d), 0.0)
 
 
@@ -129,7 +133,8 @@ def _after_small_inputs(table: InputOutput, near: Bools) -> list[int]:
 class _SmallSeries:
     """Whitened rows of small inputs, without what the bias and the hysteresis explain.
 
-    K is known beforehand to be `slope`, with the standard deviation `slope_sd`.
+    K is known beforehand to be `slope`, with the standard deviation `slope_sd`, and the offset of
+    the centre to be 0, with `offset_sd`.
     """
 
     table: InputOutput
@@ -137,6 +142,7 @@ class _SmallSeries:
     basis: Array
     slope: float
     slope_sd: float
+    offset_sd: float
 
     def away(self, rows: Array) -> Array:
         """Return rows, (k, n), whitened and without what the bias and the hysteresis explain."""
@@ -150,18 +156,48 @@ class _SmallSeries:
         known = np.sum(read**2, axis=1) + self.slope**2 * weight
         return known - product**2 / (np.sum(response**2, axis=1) + weight)
 
-    def responses(self, law: str, width: Array) -> Array:
-        """Return the responses of a law for each width, (k, n), without bias."""
-        return self.away(_responses(law, self.z, width))
+    def misfit(self, read: Array, law: str, width: Array, offset: Array) -> Array:
+        """Return χ² of a law for each offset of the centre, (a,), and each width, (b,): (a, b)."""
+        o, d = (one.ravel() for one in np.meshgrid(offset, width, indexing="ij"))
+        seen = self.away(_responses(law, self.z - o[:, None], d))
+        known = (o / self.offset_sd) ** 2 if self.offset_sd else 0.0
+        return (self.chi2(read, seen) + known).reshape(len(offset), len(width))
 
     def detectable(self, law: str, width: Array, gain: float) -> float:
         """Return the least width that raises χ² of a response without a band by `gain`."""
-        given = self.slope * self.responses(law, width)
+        given = self.slope * self.away(_responses(law, self.z[None], width))
         raised = self.chi2(given, self.away(self.z[None])) >= gain
         return float(width[np.argmax(raised)]) if raised.any() else inf
 
 
-def response_band(table: InputOutput, centre: float, line: Figure | None) -> Band:
+class _Grid(NamedTuple):
+    """Offsets of the centre, (a,), widths, (b,), and χ² of a law, (a, b)."""
+
+    offset: Array
+    width: Array
+    chi2: Array
+
+    @property
+    def cell(self) -> float:
+        """Size of a cell of the grid."""
+        offset = self.offset[1] - self.offset[0] if len(self.offset) > 1 else 1.0
+        return float(offset * (self.width[1] - self.width[0]))
+
+    def near(self, limit: float) -> tuple[Array, Array]:
+        """Return finer offsets and widths where χ² is below a limit, with one cell around."""
+        below = self.chi2 <= limit
+        ends: list[tuple[float, float]] = []
+        for values, some in ((self.offset, below.any(axis=1)), (self.width, below.any(axis=0))):
+            rows = np.flatnonzero(some)
+            first, last = max(rows[0] - 1, 0), min(rows[-1] + 1, len(values) - 1)
+            ends.append((float(values[first]), float(values[last])))
+        offsets = 1 if len(self.offset) == 1 else _FINE_OFFSETS
+        return np.linspace(*ends[0], offsets), np.linspace(*ends[1], _FINE)
+
+
+def response_band(
+    table: InputOutput, centre: float, line: Figure | None, centre_sd: float = 0.0
+) -> Band:
     """Return threshold and dead band from small inputs about a centre.
 
     Parameters
@@ -172,6 +208,8 @@ def response_band(table: InputOutput, centre: float, line: Figure | None) -> Ban
         Input about which they were applied.
     line : Figure or None
         The slope from inputs that are much larger; None means the nominal slope 1, within 5 %.
+    centre_sd : float
+        Standard deviation of the input about which the response is symmetric.
     """
     z = table.x - centre
     top = float(np.abs(z).max())
@@ -180,29 +218,37 @@ def response_band(table: InputOutput, centre: float, line: Figure | None) -> Ban
         free = np.c_[free, loop_shape(table)]
     basis = np.linalg.qr(table.whiten(free))[0]
     known = (1.0, _NOMINAL_SCALE) if line is None else (line.value, hypot(line.u, _LINE_SCALE))
-    series = _SmallSeries(table, z, basis, *known)
+    series = _SmallSeries(table, z, basis, *known, centre_sd)
     read = series.away(table.y[None])
-    coarse = np.linspace(0.0, _REACH * top, _GRID + 1)
-    by_law = {law: series.chi2(read, series.responses(law, coarse)) for law in _LAWS}
-    none = float(by_law["play"][0])  # without a band, the response is the same by every law
-    least = min(float(values.min()) for values in by_law.values())
-    wider = enlargement(least, len(z) - free.shape[1] - 1) ** 2
-    fine: dict[str, tuple[Array, Array]] = {}
-    for law, values in by_law.items():
-        near = np.flatnonzero(values <= least + _NEAR * wider)
-        if near.size:  # neighbours of a coarse point may fit better than the point itself
-            low, high = coarse[max(near[0] - 1, 0)], coarse[min(near[-1] + 1, _GRID)]
-            width = np.linspace(low, high, _FINE + 1)
-            fine[law] = width, series.chi2(read, series.responses(law, width))
-    least = min(float(values.min()) for _, values in fine.values())
-    law = min(fine, key=lambda name: float(fine[name][1].min()))
+    widths, offsets = np.linspace(0.0, _REACH * top, _GRID + 1), np.zeros(1)
+    if centre_sd:
+        step = float(np.sqrt(np.diagonal(table.covariance).min()))
+        half = int(np.clip(_WIDE * centre_sd / step, *_OFFSETS))
+        offsets = np.linspace(-_WIDE * centre_sd, _WIDE * centre_sd, 2 * half + 1)
+    grids = {
+        law: _Grid(offsets, widths, series.misfit(read, law, widths, offsets)) for law in _LAWS
+    }
+    least = min(float(one.chi2.min()) for one in grids.values())
+    wider = enlargement(least, len(z) - free.shape[1] - 1 - (len(offsets) > 1)) ** 2
+    for _ in range(_ROUNDS):
+        least = min(float(one.chi2.min()) for one in grids.values())
+        finer = {
+            law: one.near(least + _NEAR * wider)
+            for law, one in grids.items()
+            if one.chi2.min() <= least + _NEAR * wider
+        }
+        grids = {law: _Grid(o, d, series.misfit(read, law, d, o)) for law, (o, d) in finer.items()}
+    least = min(float(one.chi2.min()) for one in grids.values())
+    law = min(grids, key=lambda name: float(grids[name].chi2.min()))
     parts = [
-        (d, _LAWS[name][0] * d, (d[1] - d[0]) * np.exp(-(values - least) / (2 * wider)))
-        for name, (d, values) in fine.items()
-    ]
+        (one.width, _LAWS[name][0] * one.width,
+         one.cell * np.exp((least - one.chi2) / (2 * wider)).sum(axis=0))
+        for name, one in grids.items()
+    ]  # fmt: skip
     width, limit, share = (np.concatenate(each) for each in zip(*parts, strict=True))
+    none = float(series.chi2(read, series.away(z[None]))[0])
     shown = (none - least) / wider >= _GAIN
-    sizes = {name: series.detectable(name, coarse, _GAIN * wider) for name in _LAWS}
+    sizes = {name: series.detectable(name, widths, _GAIN * wider) for name in _LAWS}
     most = (max(sizes.values()), max(_LAWS[name][0] * size for name, size in sizes.items()))
     figures = [
         _distribution(values, share, detected=shown, detectable=size)
