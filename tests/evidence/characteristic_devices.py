@@ -2,7 +2,8 @@
 
 A gyro is on a rate table, and an accelerometer on a dividing head; nothing of inercal is imported.
 The errors of the bench, the other coefficients and the noise are drawn. Small inputs follow each
-other in a small loop, whose hysteresis is a fifth: about zero, where the dead band is, and about an input where the resolution is.
+other in a small loop, whose hysteresis is a fifth: about zero, where the dead band is, and about
+another input, where the resolution is.
 """
 
 from collections.abc import Sequence
@@ -130,7 +131,8 @@ def gyros(effects: Effects, n: int, rng: np.random.Generator) -> Readings:
     sensed = respond(effects.law, w, band)
     own = part == 2
     centre = w[:, own].mean(axis=1, keepdims=True)
-    sensed[:, own] = centre + respond(effects.law, w[:, own] - centre, other)
+    sensed[:, own] = respond(effects.law, centre, band)
+    sensed[:, own] += respond(effects.law, w[:, own] - centre, other)
     y = drawn(100 * DEG_PER_H) + (1 + drawn(1e-3)) * sensed
     y = y + drawn(2e-6) * w**2 + drawn(2e-6) * w**3 + drawn(2e-5) * np.abs(w)
     reach = np.array([top, SMALL_RATES[-1], SMALL_RATES[-1]])[part]
@@ -178,7 +180,8 @@ def accelerometers(effects: Effects, n: int, rng: np.random.Generator) -> Readin
     sensed = respond(effects.law, f, band)
     own = part == 2
     centre = f[:, own].mean(axis=1, keepdims=True)
-    sensed[:, own] = centre + respond(effects.law, f[:, own] - centre, other)
+    sensed[:, own] = respond(effects.law, centre, band)
+    sensed[:, own] += respond(effects.law, f[:, own] - centre, other)
     y = drawn(300 * UG) + (1 + drawn(2e-4)) * sensed
     y = y + drawn(10 * UG) * (f / G) ** 2 + drawn(10 * UG) * f * p / G**2
     y = y + drawn(5 * UG) * (f / G) ** 3
