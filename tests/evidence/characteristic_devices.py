@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 DEG_PER_H = np.pi / 180 / 3600
 ARCSEC = np.pi / 648_000
-G, EARTH, LATITUDE = 9.81, 7.292115e-5, np.radians(50.0)
+G, EARTH, LATITUDE = 9.81, 7.292115e-5, 0.0
 UG = 9.80665e-6
 
 RATES = np.radians([5.0, 30, 60, 100, 150, 200])

@@ -46,7 +46,7 @@ _SIZES = {  # hysteresis and half width
     "gyro": {"small": (6, 14.4), "large": (60, 54)},  # 14.4 °/h = 0.004 °/s
     "accelerometer": {"small": (3, 10), "large": (30, 40)},
 }
-_GAPS = {"small": (1, 3), "large": (3, 5)}  # a jump is anywhere between these inputs
+_GAPS = {"small": (0, 4), "large": (1, 5)}  # a jump is anywhere between these inputs
 NAMES = ("hysteresis", "threshold", "dead band", "resolution")
 _PAGE = """\
 # Characteristics: hysteresis, threshold, dead band and resolution
@@ -57,8 +57,10 @@ with errors of the bench drawn as stated. "Bias" is the mean error divided by th
 is the share of devices whose 95 % interval contains the true value, and "reported" is the share of
 devices in which the effect is called detected. With 600 devices, 92.1 to 97.9 % of coverage is the
 99.9 % band of a true 95 %. The last rows contain no effect; what is reported there is a false
-alarm. A jump is only known to lie between two inputs that were applied, so the widths of these
-devices are drawn evenly over several such intervals.
+alarm. Hysteresis is counted in sensors without a band, because the readings inside a dead band do
+not show the errors of the bench; in the others it is a nuisance. A jump is only known to lie
+between two inputs that were applied, so the widths of these devices are drawn evenly over several
+such intervals.
 
 | sensor | law | size | effect | true value | mean u | bias / u | coverage, % | reported, % |
 |---|---|---|---|--:|--:|--:|--:|--:|
@@ -82,6 +84,8 @@ class Case(NamedTuple):
             return Effects()
         unit = UNIT[self.sensor][0]
         loop, width = (unit * one for one in _SIZES[self.sensor][self.size])
+        if self.law == "none":
+            return Effects(loop)
         width *= 2.0 if self.law == "lock-in" else 1.0
         if self.law != "jump":
             return Effects(loop, width, width, self.law)
@@ -94,11 +98,9 @@ class Case(NamedTuple):
 CASES = [
     Case(sensor, law, size)
     for sensor in SENSORS
-    for law, size in (
-        ("play", "small"), ("play", "large"), ("lock-in", "small"), ("lock-in", "large"),
-        ("jump", "small"), ("jump", "large"), ("none", "none"),
-    )
-]  # fmt: skip
+    for law in ("none", *HALF)
+    for size in ("small", "large")
+] + [Case(sensor, "none", "none") for sensor in SENSORS]
 
 
 def observations(made: Readings, device: int, channel: tuple[str, ...], sd: float) -> Observations:
@@ -202,6 +204,10 @@ def rows(case: Case, found: dict[str, Outcomes]) -> Iterator[str]:
     """Yield a line of the table for each effect."""
     unit, name = UNIT[case.sensor]
     for effect, one in found.items():
+        # Inside a dead band a sensor does not show the errors of the bench, so the loop is tested
+        # without a band.
+        if case.size != "none" and (effect == "hysteresis") != (case.law == "none"):
+            continue
         head = f"| {case.sensor} | {case.law} | {case.size} | {effect} |"
         alarms = f"{100 * one.reported.mean():.1f}"
         if case.size == "none":
@@ -224,8 +230,9 @@ def main() -> None:
     with Pool(cpu_count()) as pool:
         for case in CASES:
             parts = pool.map(partial(outcomes, case, devices), SEEDS)
-            lines += rows(case, pooled(parts))
-            print("\n".join(lines[-len(NAMES) :]), flush=True)
+            own = list(rows(case, pooled(parts)))
+            lines += own
+            print("\n".join(own), flush=True)
     if devices == DEVICES:
         text = _PAGE.format(
             rows="\n".join(lines),

@@ -228,10 +228,10 @@ def response_band(
     grids = {
         law: _Grid(offsets, widths, series.misfit(read, law, widths, offsets)) for law in _LAWS
     }
-    least = min(float(one.chi2.min()) for one in grids.values())
-    wider = enlargement(least, len(z) - free.shape[1] - 1 - (len(offsets) > 1)) ** 2
+    dof = len(z) - free.shape[1] - 1 - (len(offsets) > 1)
     for _ in range(_ROUNDS):
         least = min(float(one.chi2.min()) for one in grids.values())
+        wider = enlargement(least, dof) ** 2
         finer = {
             law: one.near(least + _NEAR * wider)
             for law, one in grids.items()
@@ -239,6 +239,7 @@ def response_band(
         }
         grids = {law: _Grid(o, d, series.misfit(read, law, d, o)) for law, (o, d) in finer.items()}
     least = min(float(one.chi2.min()) for one in grids.values())
+    wider = enlargement(least, dof) ** 2  # the coarse grid may miss the minimum
     law = min(grids, key=lambda name: float(grids[name].chi2.min()))
     parts = [
         (one.width, _LAWS[name][0] * one.width,
