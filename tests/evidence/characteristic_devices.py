@@ -124,8 +124,7 @@ def gyros(effects: Effects, n: int, rng: np.random.Generator) -> Readings:
     error = error + rate * drawn(table.rate_stability, rate.shape)
     error += drawn(table.angle_reading, rate.shape) / lasting
     error -= 0.5 * sense * (1 - (rate / top) ** 2) * drawn(table.rate_hysteresis)
-    error += step * drawn(table.settling)
-    turned = rate + error * (rate != 0)
+    turned = rate + error * (rate != 0) + step * drawn(table.settling)
     w = turned + EARTH * np.sin(LATITUDE)
     band, other = (_widths(x, effects, n, rng) for x in (effects.band, effects.other_band))
     sensed = respond(effects.law, w, band)

@@ -148,9 +148,10 @@ def run(
     if drafted is not None:
         files["run_file"] = run_file
     if json:
+        found = [one.as_object() for one in outcome.characteristics]
         print_json(
             calibration_object(outcome.calibration)
-            | {"characteristics": [one.as_object() for one in outcome.characteristics]}
+            | ({"characteristics": found} if found else {})
             | {kind: str(path) for kind, path in files.items()}
             | ({} if drafted is None else {"assumptions": list(drafted.assumptions)})
         )

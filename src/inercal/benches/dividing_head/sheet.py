@@ -25,6 +25,7 @@ from inercal.benches.dividing_head.passes import (
     missing_cardinal_angles,
     pass_numbers,
     rows_without_series,
+    small_tilt_series,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.benches.operator_sheet import EntryField, Heading, Sheet, SheetRow
@@ -255,6 +256,11 @@ def operator_notes(
         f"Wait until the readings are steady, then average them{_averaging_time(steps)}.",
         "Do not touch the pier or walk near it during the readings.",
     ]
+    if small_tilt_series([step.angle for step in steps]):
+        found.append(
+            "Before the small tilts about 0°, turn the head until the reading is the mean of those "
+            "at 0° and 180°. Add the small tilts to this angle, and write down the head's angles."
+        )
     found += _autocollimator_notes(bench, data)
     if data.level is not None:
         found.append(

@@ -12,13 +12,13 @@ is the asymmetry of the rate (+ and −), r the relative error of the rate in ea
 error of the angle read back in each dwell of T seconds. A turn through a known angle θ has Ω = θ/T,
 and the error α of its angle replaces ρ, γ and r. ζ is the part of the last change ΔΩ of the rate
 that remains on average, because the table or its drive settles slowly. η = −½ s χ (1 − (Ω/Ω_max)²)
-is the table's hysteresis, with s = ±1 for a rate that was reached from a lower or a higher one in
-the same setting. In each setting, t are the two angles of the table's axis in the case, and p is
-the position of the sensor relative to the axis. φ is the latitude. h is the horizontal earth rate
-at the start of a dwell. Its azimuth is unknown, so each component has the standard deviation ω_ie
-cos φ/√2. The table starts all dwells in a setting at the same azimuth. Over whole turns h averages
-to zero; if T is unknown, the turns are assumed to be whole. β is the change of the gyros' biases
-from setting to setting.
+is the table's hysteresis (not at rest), with s = ±1 for a rate that was reached from a lower or a
+higher one in the same setting. In each setting, t are the two angles of the table's axis in the
+case, and p is the position of the sensor relative to the axis. φ is the latitude. h is the
+horizontal earth rate at the start of a dwell. Its azimuth is unknown, so each component has the
+standard deviation ω_ie cos φ/√2. The table starts all dwells in a setting at the same azimuth. Over
+whole turns h averages to zero; if T is unknown, the turns are assumed to be whole. β is the change
+of the gyros' biases from setting to setting.
 
 In a pose with the upward direction u, and c₁, c₂ perpendicular to it, the sensor senses::
 

@@ -165,7 +165,7 @@ def _dwell(
     if rate:
         for k in (1, 2):
             df[f"arm_{k}[{place}]"] = np.broadcast_to(-(rate**2) * across[k - 1], f.shape)
-        dw |= {name: slope * axis for name, slope in by_turning.items()}
+    dw |= {name: slope * axis for name, slope in by_turning.items()}
     return _RowMotion(f, w, df, dw, axis)
 
 
@@ -176,7 +176,7 @@ def _slopes_of_rate(step: RateDwell, by_order: Mapping[str, float]) -> dict[str,
     if isinstance(step, KnownTurn):
         return {f"turn_angle[{label}]": inverse}
     if rate == 0:
-        return {}
+        return {"settling": by_order["settling"]}
     return {
         "rate_scale": rate,
         f"rate_stability[{label}]": rate,
