@@ -60,7 +60,9 @@ devices in which the effect is called detected. With 600 devices, 92.1 to 97.9 %
 alarm. Hysteresis is counted in sensors without a band, because the readings inside a dead band do
 not show the errors of the bench; in the others it is a nuisance. A jump is only known to lie
 between two inputs that were applied, so the widths of these devices are drawn evenly over several
-such intervals.
+such intervals. Lock-in is a law of laser gyros. The accelerometers with it have a band that only
+one (large) or two (small) of the tilts exceed by much, so their law is known less well: these rows
+are stated, but no limit is set for them.
 
 | sensor | law | size | effect | true value | mean u | bias / u | coverage, % | reported, % |
 |---|---|---|---|--:|--:|--:|--:|--:|

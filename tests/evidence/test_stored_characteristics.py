@@ -28,7 +28,10 @@ def test_every_effect_is_stored_in_two_sizes():
             assert {(sensor, size, effect) for size in ("none", "small", "large")} <= found
 
 
-@pytest.mark.parametrize("row", [r for r in ROWS if r[2] != "none"], ids=lambda r: " ".join(r[:4]))
+LIMITED = [r for r in ROWS if r[2] != "none" and r[:2] != ["accelerometer", "lock-in"]]
+
+
+@pytest.mark.parametrize("row", LIMITED, ids=lambda r: " ".join(r[:4]))
 def test_stored_errors_are_small_and_covered(row: list[str]):
     low, high = sampling_band(DEVICES * len(SEEDS))
     assert low <= float(row[7]) / 100 <= high
@@ -57,6 +60,8 @@ def test_a_sample_is_covered(sensor: str, law: str):
 def test_a_larger_sample_agrees_with_what_is_stored(case: Case):
     count = 50
     found = outcomes(case, count, 101)
+    if case[:2] == ("accelerometer", "lock-in"):
+        pytest.skip("the page states these rows, without a limit")
     if case.size == "none":
         assert max(one.reported.sum() for one in found.values()) <= 3
         return
