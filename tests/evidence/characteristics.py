@@ -55,7 +55,7 @@ Written by `make evidence`; do not edit. Gyros on a rate table and accelerometer
 are made by a generator that knows nothing of inercal (`tests/evidence/characteristic_devices.py`),
 with errors of the bench drawn as stated. "Bias" is the mean error divided by the mean u, "coverage"
 is the share of devices whose 95 % interval contains the true value, and "reported" is the share of
-devices in which the effect is called detected. With 600 devices, 92.1 to 97.9 % of coverage is the
+devices in which the effect is called detected. With 600 devices, 91.8 to 97.7 % of coverage is the
 99.9 % band of a true 95 %. The last rows contain no effect; what is reported there is a false
 alarm. Hysteresis is counted in sensors without a band, because the readings inside a dead band do
 not show the errors of the bench; in the others it is a nuisance. A jump is only known to lie

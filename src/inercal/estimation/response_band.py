@@ -9,7 +9,7 @@ The readings follow one of three laws of response R of half width d::
 
 z is the input minus the centre. The dead band is ±d. The threshold is the least input that gives
 half of the output that K predicts, and the resolution is the same about a centre that is not zero
-(IEEE Std 528). K is known within 1 % from larger inputs, or nominal within 5 %. If inputs were
+(IEEE Std 528). K is known within 0.1 % from larger inputs, or nominal within 5 %. If inputs were
 reached from both sides, hysteresis is a nuisance. If the input about which the response is
 symmetric is not known exactly, its offset is another one.
 
@@ -42,7 +42,7 @@ _GRID, _FINE, _ROUNDS = 200, 201, 2
 _WIDE = 3.5  # standard deviations of the centre
 _OFFSETS, _FINE_OFFSETS = (4, 150), 41
 _NEAR = 25.0  # χ² above the minimum that still counts
-_LINE_SCALE, _NOMINAL_SCALE = 0.01, 0.05  # sd of K about small inputs, with and without a line
+_LINE_SCALE, _NOMINAL_SCALE = 1e-3, 0.05  # sd of K about small inputs, with and without a line
 _TENTH = 0.1
 _FEWEST = 4  # different small inputs on which a band needs readings
 
