@@ -18,6 +18,8 @@ ARCSEC = np.pi / 648_000
 G, EARTH, LATITUDE = 9.81, 7.292115e-5, 0.0
 UG = 9.80665e-6
 
+LOCAL = 1e-3  # sd of the relative difference between the slope at small inputs and at others
+
 RATES = np.radians([5.0, 30, 60, 100, 150, 200])
 SMALL_RATES = np.radians([0.002, 0.005, 0.01, 0.02, 0.04, 0.06])
 SECONDS = 36.0
@@ -131,7 +133,8 @@ def gyros(effects: Effects, n: int, rng: np.random.Generator) -> Readings:
     own = part == 2
     centre = w[:, own].mean(axis=1, keepdims=True)
     sensed[:, own] = respond(effects.law, centre, band)
-    sensed[:, own] += respond(effects.law, w[:, own] - centre, other)
+    sensed[:, own] += (1 + drawn(LOCAL)) * respond(effects.law, w[:, own] - centre, other)
+    sensed[:, part == 1] *= 1 + drawn(LOCAL)
     y = drawn(100 * DEG_PER_H) + (1 + drawn(1e-3)) * sensed
     y = y + drawn(2e-6) * w**2 + drawn(2e-6) * w**3 + drawn(2e-5) * np.abs(w)
     reach = np.array([top, SMALL_RATES[-1], SMALL_RATES[-1]])[part]
@@ -180,7 +183,8 @@ def accelerometers(effects: Effects, n: int, rng: np.random.Generator) -> Readin
     own = part == 2
     centre = f[:, own].mean(axis=1, keepdims=True)
     sensed[:, own] = respond(effects.law, centre, band)
-    sensed[:, own] += respond(effects.law, f[:, own] - centre, other)
+    sensed[:, own] += (1 + drawn(LOCAL)) * respond(effects.law, f[:, own] - centre, other)
+    sensed[:, part == 3] *= 1 + drawn(LOCAL)
     y = drawn(300 * UG) + (1 + drawn(2e-4)) * sensed
     y = y + drawn(10 * UG) * (f / G) ** 2 + drawn(10 * UG) * f * p / G**2
     y = y + drawn(5 * UG) * (f / G) ** 3

@@ -53,16 +53,17 @@ _PAGE = """\
 
 Written by `make evidence`; do not edit. Gyros on a rate table and accelerometers on a dividing head
 are made by a generator that knows nothing of inercal (`tests/evidence/characteristic_devices.py`),
-with errors of the bench drawn as stated. "Bias" is the mean error divided by the mean u, "coverage"
-is the share of devices whose 95 % interval contains the true value, and "reported" is the share of
-devices in which the effect is called detected. With 600 devices, 91.8 to 97.7 % of coverage is the
-99.9 % band of a true 95 %. The last rows contain no effect; what is reported there is a false
-alarm. Hysteresis is counted in sensors without a band, because the readings inside a dead band do
-not show the errors of the bench; in the others it is a nuisance. A jump is only known to lie
-between two inputs that were applied, so the widths of these devices are drawn evenly over several
-such intervals. Lock-in is a law of laser gyros. The accelerometers with it have a band that only
-one (large) or two (small) of the tilts exceed by much, so their law is known less well: these rows
-are stated, but no limit is set for them.
+with errors of the bench drawn as stated, and a slope at small inputs that differs by 0.1 % (1 σ).
+"Bias" is the mean error divided by the mean u, "coverage" is the share of devices whose 95 %
+interval contains the true value, and "reported" is the share of devices in which the effect is
+called detected. With 600 devices, 91.8 to 97.7 % of coverage is the 99.9 % band of a true 95 %. The
+last rows contain no effect; what is reported there is a false alarm. Hysteresis is counted in
+sensors without a band, because the readings inside a dead band do not show the errors of the bench;
+in the others it is a nuisance. A jump is only known to lie between two inputs that were applied, so
+the widths of these devices are drawn evenly over several such intervals. Lock-in is a law of laser
+gyros. The accelerometers with it have a band that only one (large) or two (small) of the tilts
+exceed by much, so their law is known less well: these rows are stated, but no limit is set for
+them.
 
 | sensor | law | size | effect | true value | mean u | bias / u | coverage, % | reported, % |
 |---|---|---|---|--:|--:|--:|--:|--:|
