@@ -109,6 +109,8 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {f"logs/{path.name}" for path in (ROOT / "examples" / "logs").glob("*.toml")}
     run |= {f"single_axis/{name}.toml" for name in ("record_player", "cluster")}
     run |= {f"dividing_head/{name}.toml" for name in ("pair", "lab", "tumble")}
+    # by tests/runs/test_characteristic_runs.py
+    run |= {"rate_platform/small_rates.toml", "dividing_head/small_tilts.toml"}
     assert found == run | {f"ferraris_recordings/{name}.toml" for name in SESSIONS}
 
 

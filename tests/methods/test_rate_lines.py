@@ -22,13 +22,9 @@ from tests.methods.platform_devices import (
 from tests.refusals import refused
 
 from inercal.basics.units import Measured
+from inercal.benches.characteristics import Characteristic
 from inercal.benches.rate_platform import RatePlatform
-from inercal.benches.rate_platform.linearity import (
-    LineFit,
-    find_dead_band,
-    linearity_notes,
-    straight_lines,
-)
+from inercal.benches.rate_platform.linearity import gyro_characteristics
 from inercal.benches.rate_platform.scale_factors import speed_scales
 from inercal.benches.rate_platform.sections import RateDwell
 from inercal.estimation import Estimate, Gaussian
@@ -120,9 +116,10 @@ def test_what_the_line_cannot_use_is_refused():
         solve(seen(made, 0), sensor, bench(READ), steps_of(made.rows), [prior])
 
 
-def hysteresis(made: Devices, device: int) -> LineFit:
+def found(made: Devices, device: int, rows: list[Row]) -> dict[tuple[str, str], Characteristic]:
     sensor = triad("t", "w", "g").with_coefficients(*LINEAR)
-    return straight_lines(seen(made, device), sensor, bench(READ), steps_of(made.rows))[0]
+    own = gyro_characteristics(seen(made, device), sensor, bench(READ), steps_of(rows))
+    return {(one.axis, one.name): one for one in own}
 
 
 def test_a_hysteresis_is_found_with_its_uncertainty():
@@ -133,23 +130,18 @@ def test_a_hysteresis_is_found_with_its_uncertainty():
     for k, row in enumerate(made.rows):
         if row.axis == 0:
             sense = np.sign(row.rate - before) if k else 0.0
-            made.reading[:, k, 0] += h * sense * (1 - (row.rate / largest) ** 2)
+            made.reading[:, k, 0] -= 0.5 * h * sense * (1 - (row.rate / largest) ** 2)
             before = row.rate
-    fits = [hysteresis(made, k) for k in range(n)]
-    full = abs(fits[0].slope) * fits[0].full_scale
-    # The largest difference is at the slowest rate, 10 °/s of 200.
-    expected = 2 * h * (1 - (10 / 200) ** 2) / full
-    off = np.array([(fit.hysteresis - expected) / fit.hysteresis_sd for fit in fits])
-    assert 0.5 < np.sqrt(np.mean(off**2)) < 1.6
-    sensor = triad("t", "w", "g").with_coefficients(*LINEAR)
-    notes = linearity_notes(seen(made, 0), sensor, bench(READ), steps_of(made.rows))
-    assert "not significant" not in notes[0]
-    assert "not significant" in notes[1]
+    of_x = [found(made, k, FULL)["gx", "hysteresis"].figure for k in range(n)]
+    assert all(one.detected for one in of_x)
+    off = np.array([(one.value - h) / one.u for one in of_x])
+    assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
+    assert not found(made, 0, FULL)["gy", "hysteresis"].figure.detected
 
 
 def test_rates_that_are_reached_from_one_side_show_no_hysteresis():
     made = devices(MID, "T", READ, LINEAR, 1, np.random.default_rng(4))
-    assert np.isnan(hysteresis(made, 0).hysteresis)
+    assert ("gx", "hysteresis") not in found(made, 0, MID)
 
 
 SLOW = plan([0, 0.01, -0.01, 0.03, -0.03, 0.06, -0.06, 0.1, -0.1], seconds=3600)
@@ -163,16 +155,14 @@ def test_a_dead_band_is_found_with_its_interval(width: float):
     sensed = made.reading[:, own, 0] - made.truth["bias"][:, :1]
     bias = made.truth["bias"][:, :1]
     made.reading[:, own, 0] = bias + np.sign(sensed) * np.maximum(np.abs(sensed) - band, 0)
-    sensor = triad("t", "w", "g").with_coefficients(*LINEAR)
-    found = [find_dead_band(seen(made, k), sensor, bench(READ), steps_of(SLOW)) for k in range(10)]
-    assert all(band.gyro == "gx" for bands in found for band in bands)
-    if not width:
-        assert not any(found)
-        return
-    near = [one.low <= band <= one.high for bands in found for one in bands]
-    assert len(near) == 10
-    assert sum(near) >= 8
-    assert all(abs(one.width - band) < 0.05 * band for bands in found for one in bands)
+    all_found = [found(made, k, SLOW) for k in range(10)]
+    assert not any(one["gy", "dead band"].figure.detected for one in all_found)
+    bands = [one["gx", "dead band"].figure for one in all_found]
+    assert [one.detected for one in bands] == [width > 0] * 10
+    if width:
+        assert sum(one.low <= band <= one.high for one in bands) >= 8
+        assert all(abs(one.value - band) < 0.05 * band for one in bands)
+        assert all(abs(one["gx", "threshold"].figure.value / band - 2) < 0.1 for one in all_found)
 
 
 def test_a_kink_shows_in_the_scale_factors_of_single_speeds():

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from inercal.basics.units import Measured
+from inercal.benches.characteristics import Characteristic
 from inercal.benches.contract import Bench, SensorSimulation, SimulatedMotion
 from inercal.benches.motion_control import MotionControl
 from inercal.benches.operator_sheet import Sheet
@@ -163,6 +164,11 @@ def no_plots(shown: ReportInput) -> tuple[Plot, ...]:
     return ()
 
 
+def no_characteristics(shown: ReportInput) -> tuple[Characteristic, ...]:
+    """Return no characteristics."""
+    return ()
+
+
 def no_tables(run: RunBase[Any], shown: ReportInput) -> dict[str, Columns]:
     """Return no tables."""
     return {}
@@ -226,6 +232,9 @@ class Kind(Generic[B, D]):
         Describes a row in words.
     tables : callable
         Returns tables that are written with the calibration, by their content, such as "states".
+    characteristics : callable
+        Returns the characteristics of each axis by the definitions of the standards, for the report
+        and the output of `--json`.
     motion_control : MotionControl or None
         Interface for a host that drives the bench; None if no host can drive it.
     """
@@ -257,4 +266,5 @@ class Kind(Generic[B, D]):
     plots: Callable[[ReportInput], tuple[Plot, ...]] = no_plots
     row: Callable[[Step, ReportInput, int], str] = describe_row
     tables: Callable[[RunBase[D], ReportInput], Mapping[str, Columns]] = no_tables
+    characteristics: Callable[[ReportInput], tuple[Characteristic, ...]] = no_characteristics
     motion_control: MotionControl | None = None

@@ -129,8 +129,10 @@ def run(
     if drafted is not None:
         files["run_file"] = run_file
     if json:
+        found = [one.as_object() for one in outcome.characteristics]
         console.print_json(
             calibration_object(outcome.calibration)
+            | ({"characteristics": found} if found else {})
             | {kind: str(path) for kind, path in files.items()}
             | ({} if drafted is None else {"assumptions": list(drafted.assumptions)})
         )

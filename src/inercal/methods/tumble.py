@@ -46,6 +46,8 @@ Source: IEEE Std 1293, static multipoint (tumble) test.
 """
 
 from dataclasses import replace
+from itertools import pairwise
+from math import pi
 
 import numpy as np
 
@@ -54,6 +56,7 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.keys import CoefficientName
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
+from inercal.benches.dividing_head.passes import SAME_ANGLE, TILT
 from inercal.benches.dividing_head.passes import evenly_spaced_angles as even_angles
 from inercal.estimation import Estimate
 from inercal.estimation.uncertainty import value_and_jacobian
@@ -63,10 +66,11 @@ from inercal.methods.dual_orthogonal import notes as notes_on_sums
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
 from inercal.physics.motion import Motion
-from inercal.physics.plan import Indexings
+from inercal.physics.plan import Index, Indexings, small_loop
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 
+_FEWEST_TILTS = 2  # on each side
 _MAX_ANGLE_CORRECTION = 0.01  # rad, from a stated to the evenly spaced angle, in `fourier`
 # Each iteration reduces the error at least by the factor `_MAX_ANGLE_CORRECTION`.
 _CORRECTION_ITERATIONS = 6
@@ -278,13 +282,52 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Indexings
     return angle
 
 
+def plan(
+    positions: int = 12,
+    reverse: bool = True,
+    seconds: float = 60.0,
+    small_tilts: tuple[float, ...] = (),
+) -> tuple[Index, ...]:
+    """Return evenly spaced positions of the head, forward and back, followed by small tilts.
+
+    Parameters
+    ----------
+    positions, reverse, seconds
+        The same as for `inercal.methods.dividing_head_problem.plan`.
+    small_tilts : tuple of float
+        Tilts, rad, all positive. The head goes through them in a loop about 30°, where the input is
+        g/2, and about 0°, where it is zero. The loops show resolution and threshold.
+
+    Raises
+    ------
+    InputError
+        There are fewer than four positions or small tilts, or a tilt is not between 0.02″ and 0.5°.
+    """
+    steps = list(dividing_head_problem.plan(positions, reverse, seconds))
+    if not small_tilts:
+        return tuple(steps)
+    if len(set(small_tilts)) < _FEWEST_TILTS or not all(SAME_ANGLE < t < TILT for t in small_tilts):
+        raise InputError(
+            f"small_tilts needs {_FEWEST_TILTS} or more different tilts between 0.02″ and 0.5°",
+            key="[method] small_tilts",
+        )
+    for name, centre in (("m", pi / 6), ("n", 0.0)):
+        loop = small_loop(small_tilts)
+        senses = [1, *(1 if after > before else -1 for before, after in pairwise(loop))]
+        steps += [
+            Index(f"{name}{k:02d}", centre + tilt, -1 if sense < 0 else 1, seconds=seconds)
+            for k, (tilt, sense) in enumerate(zip(loop, senses, strict=True), start=1)
+        ]
+    return tuple(steps)
+
+
 METHOD = Method(
     name="tumble",
     bench=DividingHead,
     default_coefficients={"f": harmonics.TERMS},
     also={"f": ("temperature",)},
     needs=("f",),
-    plan=dividing_head_problem.plan,
+    plan=plan,
     estimators={"least_squares": least_squares, "fourier": fourier},
     closed_formulas=("fourier",),
     weighs_common_errors=True,

@@ -309,6 +309,17 @@ def arm_attitude(psi: float, theta: float) -> Attitude:
     return Attitude(out, (sin(theta), 0.0, -cos(theta)))
 
 
+def small_loop(changes: Iterable[float]) -> list[float]:
+    """Return a loop through small changes of the input, up, down and up again to zero.
+
+    >>> small_loop((1.0, 2.0))
+    [0.0, 1.0, 2.0, 1.0, 0.0, -1.0, -2.0, -1.0, 0.0]
+    """
+    rising = sorted(changes)
+    half = [0.0, *rising, *rising[-2::-1], 0.0]
+    return [*half, *(0.0 - change for change in half[1:])]
+
+
 def six_positions(seconds: float = 10.0) -> tuple[Hold, ...]:
     """Return the six holds x_p, x_a, y_p, …, in which each axis points up (p), then down (a)."""
     holds: list[Hold] = []

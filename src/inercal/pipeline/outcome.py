@@ -10,6 +10,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.parameters import Parameter
 from inercal.benches import Bench
+from inercal.benches.characteristics import Characteristic
 from inercal.benches.kind_definition import Kind
 from inercal.benches.report_data import Plot, ReportInput
 from inercal.calibration import Calibration
@@ -89,6 +90,11 @@ class Outcome(ReportInput):
     def additions(self) -> tuple[Addition, ...]:
         """The coefficients that `also = "auto"` added, in order."""
         return self.verdict.additions
+
+    @property
+    def characteristics(self) -> tuple[Characteristic, ...]:
+        """Hysteresis, threshold and the like of each axis, if the data can show them."""
+        return self.kind.characteristics(self)
 
     def _repr_html_(self) -> str:
         return to_html(self.calibration)

@@ -106,6 +106,7 @@ def calibration_page(
         exact=NOISE_ONLY_NOTE in estimate.notes,
         bench_counted=bool(pulls),
         specification=specification_rows(outcome),
+        characteristics=outcome.characteristics,
         matrix=report_tables.correction_matrix(outcome),
         calibration_file=f"{Path(calibration.provenance.get('run file', 'run')).stem}"
         ".calibration.json",

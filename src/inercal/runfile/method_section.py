@@ -24,6 +24,8 @@ _PLAN = (
     ("reverse", "", "reverse"),
     ("attitudes", "", "attitudes"),
     ("rates", "rpm", "rates"),
+    ("small_rates", "rpm", "small_rates"),
+    ("small_tilts", "°", "small_tilts"),
     ("turns", "", "turns"),
     ("path", "", "path"),
 )

@@ -165,6 +165,14 @@ class MethodSection(Section):
     )
     attitudes: str | None = optional("half-circle", about="plan of attitudes on a centrifuge")
     rates: tuple[str, ...] | None = optional(["60 rpm", "120 rpm"], about="arm rates in the plan")
+    small_rates: tuple[str, ...] | None = optional(
+        ["0.01 °/s", "0.02 °/s"],
+        about="rates about zero and about the slowest rate, for threshold and resolution",
+    )
+    small_tilts: tuple[str, ...] | None = optional(
+        ["1 ″", "2 ″"],
+        about="tilts about two positions of a dividing head, for threshold and resolution",
+    )
     turns: int | None = optional(about="complete turns of the arm during each dwell of the plan")
     search: SearchSection | None = None
     filter: FilterSection | None = None

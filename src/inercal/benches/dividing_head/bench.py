@@ -130,6 +130,9 @@ class DividingHead:
     pier : float
         Standard deviation of the base's tilt at each position that `Index.level` does not measure,
         rad.
+    backlash : float
+        Standard deviation of the difference between the angles that are reached forward and in
+        reverse, rad.
     creep : float
         Standard deviation of the base's tilt over one pass that `Index.level` does not measure,
         rad.
@@ -157,6 +160,7 @@ class DividingHead:
     )
     base: float = small_angle("10 ″", "zero of the head")
     pier: float = small_angle("0.1 ″", "tilt of the base", scope="position")
+    backlash: float = small_angle("0 ″", "backlash of the head", example="0.2 ″")
     creep: float = small_angle("0 ″", "tilt of the base over a pass", scope="pass", example="0.2 ″")
     lean: float = small_angle("20 ″", "lean of the spindle")
     drift: float = deviation(
@@ -205,7 +209,7 @@ class DividingHead:
                 0.0,
                 "autocollimator reading on a face",
             ),
-            *declared_parameters(self, "certificate", "pier", "creep", "drift"),
+            *declared_parameters(self, "certificate", "pier", "backlash", "creep", "drift"),
         )
         return self.qualified.apply(stated, corrected=True)
 

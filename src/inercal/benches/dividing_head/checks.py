@@ -8,7 +8,11 @@ import numpy as np
 from inercal.basics.units import format_quantity
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance
-from inercal.benches.dividing_head.passes import first_visit_rows, pass_numbers
+from inercal.benches.dividing_head.passes import (
+    first_visit_rows,
+    pass_numbers,
+    rows_without_series,
+)
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Index
@@ -132,7 +136,12 @@ def repeat_visit_warnings(
     )
     left = observations.mean - nominal
     first, which = first_visit_rows(steps), pass_numbers(steps)
-    couples = [(j, k) for k, j in enumerate(first) if j != k and which[j] != which[k]]
+    plain = set(rows_without_series(steps))
+    couples = [
+        (j, k)
+        for k, j in enumerate(first)
+        if j != k and which[j] != which[k] and plain.issuperset((j, k))
+    ]
     if len(couples) < _REPEATED:
         return ()
     r, m = observations.mean.shape

@@ -16,6 +16,7 @@ from inercal.benches.dividing_head.passes import (
     matches_any_angle,
     pass_names,
     pass_numbers,
+    rows_without_series,
 )
 from inercal.physics.plan import Index
 
@@ -64,6 +65,8 @@ def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[st
     for k, step in enumerate(steps):
         own = {"base": 1.0, f"pier[{step.label}]": 1.0}
         own |= {f"creep[{name}]": float(creeping[p, k]) for p, name in enumerate(named)}
+        if bench.backlash:
+            own["backlash"] = step.sense / 2
         first = trimmed[k]
         if bench.collimated == "every":
             own[f"face[{step.label}]"] = 1.0
@@ -90,7 +93,10 @@ def _stated_angles(bench: "DividingHead", steps: Sequence[Index]) -> Array:
     if bench.collimated == "every":
         # The head's own reading is not used, so that its rounding has no effect.
         grid = None if bench.polygon else evenly_spaced_angles(steps)
-        face, deviation = np.array([_face_angle(bench, step) for step in steps]).T
+        plain = rows_without_series(steps)
+        face, deviation = np.array(
+            [_face_angle(bench, step, tilted=k not in plain) for k, step in enumerate(steps)]
+        ).T
         reading = np.array([step.reading for step in steps])
         return (face if grid is None else grid) + deviation + reading - reading.mean()
     for k, first in enumerate(_trim_references(bench, steps)):
@@ -101,8 +107,10 @@ def _stated_angles(bench: "DividingHead", steps: Sequence[Index]) -> Array:
     return head
 
 
-def _face_angle(bench: "DividingHead", step: Index) -> tuple[float, float]:
+def _face_angle(bench: "DividingHead", step: Index, *, tilted: bool = False) -> tuple[float, float]:
     """Return the nominal angle of the face at a step, and the certified deviation from it, rad.
+
+    A small tilt turns a face by a stated angle.
 
     Raises
     ------
@@ -113,6 +121,8 @@ def _face_angle(bench: "DividingHead", step: Index) -> tuple[float, float]:
     if n == 0:
         return step.angle, 0.0
     face = round(step.angle * n / (2 * pi))
+    if tilted:
+        return step.angle, bench.polygon[face % n]
     if not matches_any_angle(step.angle, [2 * pi * face / n]):
         raise InputError(
             f"position {step.label}: {degrees(step.angle):.6g}° is not on a face of a polygon "
@@ -131,14 +141,14 @@ def _trim_references(bench: "DividingHead", steps: Sequence[Index]) -> list[int 
     """
     if bench.collimated != "pairs":
         return [None] * len(steps)
-    which = pass_numbers(steps)
+    which, plain = pass_numbers(steps), rows_without_series(steps)
     found: list[int | None] = []
     for k, step in enumerate(steps):
-        second = matches_any_angle(step.angle, CARDINAL_ANGLES[2:])
+        second = k in plain and matches_any_angle(step.angle, CARDINAL_ANGLES[2:])
         opposite = [
             j
-            for j, other in enumerate(steps)
-            if second and which[j] <= which[k] and matches_any_angle(step.angle, [other.angle + pi])
+            for j in (plain if second else ())
+            if which[j] <= which[k] and matches_any_angle(step.angle, [steps[j].angle + pi])
         ]
         found.append(max(opposite, key=lambda j: (which[j], -j), default=None))
     return found

@@ -3,7 +3,12 @@
 from typing import TYPE_CHECKING
 
 from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
-from inercal.benches.dividing_head.report import describe_position, directions, plots
+from inercal.benches.dividing_head.report import (
+    characteristics,
+    describe_position,
+    directions,
+    plots,
+)
 from inercal.benches.dividing_head.settings import DividingHeadData, DividingHeadSection, build
 from inercal.benches.dividing_head.sheet import sheet
 from inercal.benches.dividing_head.simulation import simulate_head_motion
@@ -72,4 +77,5 @@ KIND = Kind(
     directions=directions,
     plots=plots,
     row=describe_position,
+    characteristics=characteristics,
 )

@@ -1,4 +1,8 @@
-"""Passes of a dividing head; in each pass it goes once through its positions, in any order."""
+"""Passes of a dividing head; in each pass it goes once through its positions, in any order.
+
+A series of small tilts about a position is a pass of its own, and all its rows belong to that
+position: the head's error is the same in all of them.
+"""
 
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
@@ -10,6 +14,9 @@ from inercal.basics.arrays import Array
 from inercal.physics.plan import Index
 
 ANGLE_TOLERANCE = 1e-4  # rad; closer angles belong to the same position
+TILT = pi / 360  # rad; the largest small tilt
+SAME_ANGLE = 1e-7  # rad; in a series of small tilts, closer angles are the same
+_FEWEST, _DIFFERENT = 5, 4  # rows and angles of a series of small tilts
 CARDINAL_ANGLES = (0.0, pi / 2, pi, 1.5 * pi)
 
 
@@ -23,9 +30,52 @@ def matches_any_angle(angle: float, others: Iterable[float]) -> bool:
     return any(distance_from_whole_turns(angle - other) < ANGLE_TOLERANCE for other in others)
 
 
+def small_tilt_series(angles: Sequence[float]) -> list[range]:
+    """Return the rows of each series of small tilts.
+
+    A series is five or more consecutive rows within 0.5°, with four or more different angles. Its
+    first row has the angle of the position about which it tilts. If the row before has the same
+    angle, it is a plain reading there.
+
+    Parameters
+    ----------
+    angles : sequence of float
+        Angles of the head, rad.
+    """
+    return list(_series(tuple(angles)))
+
+
+@lru_cache(maxsize=32)
+def _series(angles: tuple[float, ...]) -> tuple[range, ...]:
+    found: list[range] = []
+    start = 0
+    while start < len(angles):
+        stop = start + 1
+        while stop < len(angles) and distance_from_whole_turns(angles[stop] - angles[start]) < TILT:
+            stop += 1
+        if len({round(angle / SAME_ANGLE) for angle in angles[start:stop]}) < _DIFFERENT:
+            start += 1
+            continue
+        while round(angles[start + 1] / SAME_ANGLE) == round(angles[start] / SAME_ANGLE):
+            start += 1
+        found.append(range(start, stop))
+        start = stop
+    return tuple(one for one in found if len(one) >= _FEWEST)
+
+
+def rows_without_series(steps: Sequence[Index]) -> list[int]:
+    """Return the rows that do not belong to a series of small tilts."""
+    small = {k for rows in small_tilt_series([step.angle for step in steps]) for k in rows}
+    return [k for k in range(len(steps)) if k not in small]
+
+
 def first_visit_rows(steps: Sequence[Index]) -> list[int]:
     """Return, for each step, the row of the first visit to its position."""
-    return list(_first_visits(tuple(step.angle for step in steps)))
+    angles = [step.angle for step in steps]
+    for rows in small_tilt_series(angles):
+        for k in rows:
+            angles[k] = angles[rows.start]
+    return list(_first_visits(tuple(angles)))
 
 
 @lru_cache(maxsize=32)
@@ -40,19 +90,29 @@ def _first_visits(angles: tuple[float, ...]) -> tuple[int, ...]:
 def pass_numbers(steps: Sequence[Index]) -> list[int]:
     """Return the number of the pass that each step belongs to, counted from 0.
 
-    A new pass begins when two consecutive positions have been visited before. A single position
-    that comes again, because it closes the turn or was repeated, belongs to the current pass.
+    A series of small tilts is a pass. Otherwise a new pass begins when two consecutive
+    positions have been visited before. A single position that comes again, because it closes
+    the turn or was repeated, belongs to the current pass.
     """
     first = first_visit_rows(steps)
+    series = {k: rows for rows in small_tilt_series([s.angle for s in steps]) for k in rows}
     numbers: list[int] = []
     current: set[int] = set()
     number = 0
     for k, place in enumerate(first):
-        if place in current and k + 1 < len(first) and first[k + 1] in current:
+        rows = series.get(k)
+        if rows is None:
+            before, after = k - 1 in series, k + 1 in series
+            next_again = k + 1 < len(first) and not after and first[k + 1] in current
+            begins = before or (place in current and next_again)
+        else:
+            begins = k == rows.start
+        if numbers and begins:
             number += 1
             current.clear()
         numbers.append(number)
-        current.add(place)
+        if rows is None:
+            current.add(place)
     return numbers
 
 
@@ -63,12 +123,12 @@ def pass_names(steps: Sequence[Index]) -> list[str]:
 
 def missing_cardinal_angles(steps: Sequence[Index]) -> dict[str, list[float]]:
     """Return the cardinal angles, rad, that are missing in each pass, by the name of the pass."""
-    which = pass_numbers(steps)
+    which, plain = pass_numbers(steps), rows_without_series(steps)
     result: dict[str, list[float]] = {}
     for k, name in enumerate(pass_names(steps)):
-        own = [step.angle for step, number in zip(steps, which, strict=True) if number == k]
+        own = [steps[row].angle for row in plain if which[row] == k]
         missing = [angle for angle in CARDINAL_ANGLES if not matches_any_angle(angle, own)]
-        if missing:
+        if own and missing:
             result[name] = missing
     return result
 
@@ -93,11 +153,12 @@ def drift_ramps(steps: Sequence[Index]) -> Array:
     """Return the effect of a unit drift per pass at each step, (passes, r), minus its mean.
 
     The positions are assumed to be evenly spaced in time, and every pass to be as long as the
-    longest one. The drift in a pass continues from the end of the previous pass.
+    longest one. A series of small tilts drifts as much per row as the other passes. The drift
+    in a pass continues from the end of the previous pass.
     """
     which = np.array(pass_numbers(steps), dtype=np.int64)
     row = np.arange(len(steps))
-    longest = int(np.bincount(which).max())
+    longest = int(np.bincount(which[rows_without_series(steps) or row]).max())
     rising: list[Array] = []
     for k in range(int(which.max()) + 1):
         (own,) = np.nonzero(which == k)

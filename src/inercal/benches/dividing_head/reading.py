@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_quantity
+from inercal.benches.characteristics import characteristic_notes
 from inercal.benches.dividing_head.bench import DividingHead
+from inercal.benches.dividing_head.characteristics import head_characteristics
 from inercal.benches.dividing_head.checks import (
     repeat_visit_warnings,
     require_phases,
@@ -20,10 +22,12 @@ from inercal.benches.dividing_head.checks import (
 from inercal.benches.dividing_head.passes import (
     ANGLE_TOLERANCE,
     CARDINAL_ANGLES,
+    SAME_ANGLE,
     first_visit_rows,
     matches_any_angle,
     missing_cardinal_angles,
     pass_names,
+    small_tilt_series,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.plan import Index
@@ -67,8 +71,14 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     require_small_readings(run, steps)
     findings = result.findings + _missing_trim_positions(run, bench, steps)
     require_phases(run, result.observations, steps)
+    notes = ()
+    if small_tilt_series([step.angle for step in steps]):
+        found = head_characteristics(result.observations, run.sensor, bench, steps)
+        notes = characteristic_notes(found)
     findings += repeat_visit_warnings(result.observations, run.sensor, bench, steps)
-    return replace(result, findings=findings, conditions=_conditions(run, bench, steps))
+    return replace(
+        result, findings=findings, conditions=_conditions(run, bench, steps), notes=notes
+    )
 
 
 _FEW = 4  # so few positions may lie within 6.28°
@@ -183,11 +193,12 @@ def _steps(names: Sequence[str] | None, readback: Mapping[str, Array]) -> tuple[
     angle = readback["angle"]
     sense = _approach_senses(angle)
     if names is None:
-        degrees = (angle * 180 / pi).round(3).tolist()
+        small = {k for rows in small_tilt_series(angle.tolist()) for k in rows}
+        degrees = (angle * 180 / pi).tolist()
         names = number_repeated_names(
             [
-                f"{a:.6g}° {'forward' if s > 0 else 'reverse'}"
-                for a, s in zip(degrees, sense, strict=True)
+                f"{round(a, 6 if k in small else 3):.9g}° {'forward' if s > 0 else 'reverse'}"
+                for k, (a, s) in enumerate(zip(degrees, sense, strict=True))
             ]
         )
     zero = np.zeros(angle.size)
@@ -198,11 +209,14 @@ def _steps(names: Sequence[str] | None, readback: Mapping[str, Array]) -> tuple[
 def _approach_senses(angle: Array) -> list[Literal[1, -1]]:
     """Return the sense of approach to each position; the first has the sense of the second."""
     moves = pi - (pi - np.diff(angle)) % (2 * pi)
+    still = np.full(moves.size, ANGLE_TOLERANCE)
+    for rows in small_tilt_series(angle.tolist()):
+        still[rows.start : rows.stop - 1] = SAME_ANGLE
     found: list[Literal[1, -1]] = []
     sense: Literal[1, -1] = 1
-    for move in reversed(moves.tolist()):
+    for move, limit in zip(moves[::-1].tolist(), still[::-1].tolist(), strict=True):
         # If a position is repeated where the sense changes, the repeat begins the way back.
-        sense = sense if abs(move) < ANGLE_TOLERANCE else (1 if move > 0 else -1)
+        sense = sense if abs(move) < limit else (1 if move > 0 else -1)
         found.append(sense)
     found.append(sense)
     return found[::-1]

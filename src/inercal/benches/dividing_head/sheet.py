@@ -24,6 +24,8 @@ from inercal.benches.dividing_head.passes import (
     matches_any_angle,
     missing_cardinal_angles,
     pass_numbers,
+    rows_without_series,
+    small_tilt_series,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.benches.operator_sheet import ROW, EntryField, Heading, Sheet, SheetRow
@@ -171,10 +173,11 @@ def operator_rows(
     paired = bench.collimated == "pairs"
     if paired:
         _require_pairs(steps)
+    plain = [steps[row] for row in rows_without_series(steps)]
     which = dict(zip((step.label for step in steps), pass_numbers(steps), strict=True))
 
     def act(step: Index) -> str:
-        mark = _trim_reference(bench, step, steps)
+        mark = _trim_reference(bench, step, plain) if step in plain else None
         if mark is None:
             return ""
         if mark is step or (recorded and not (paired and _is_trimmed_position(step))):
@@ -196,9 +199,9 @@ def format_sexagesimal(angle: float) -> str:
     >>> [format_sexagesimal(pi / x) for x in (2, 8, 7)]
     ['90°', '22° 30′', '25° 42′ 51.43″']
     """
-    whole, rest = divmod(round(degrees(angle) * _DEGREE), _DEGREE)
+    whole, rest = divmod(round(degrees(abs(angle)) * _DEGREE), _DEGREE)
     minutes, rest = divmod(rest, _MINUTE)
-    text = f"{whole}°"
+    text = f"{'−' if angle < 0 else ''}{whole}°"
     if minutes or rest:
         text += f" {minutes}′"
     return text + (f" {rest / 100:g}″" if rest else "")
@@ -253,6 +256,11 @@ def operator_notes(
         f"Wait until the readings are steady, then average them{_averaging_time(steps)}.",
         "Do not touch the pier or walk near it during the readings.",
     ]
+    if small_tilt_series([step.angle for step in steps]):
+        found.append(
+            "Before the small tilts about 0°, turn the head until the reading is the mean of those "
+            "at 0° and 180°. Add the small tilts to this angle, and write down the head's angles."
+        )
     found += _autocollimator_notes(bench, data)
     if data.level is not None:
         found.append(

@@ -3,18 +3,22 @@
 In a dwell at the rate Ω, in setting s with the case direction e up and a₁, a₂ perpendicular to it,
 the sensor senses::
 
-    ω = (Ω (1 + ρ + γ sgn Ω + r) + α/T + ω_ie sin φ) U + sinc(Θ/2) R_U(−Θ/2) (h₁b₁ + h₂b₂) + β
+    ω = (Ω (1 + ρ + γ sgn Ω + r) + α/T + η + ζ ΔΩ + ω_ie sin φ) U
+        + sinc(Θ/2) R_U(−Θ/2) (h₁b₁ + h₂b₂) + β
     f = g U − Ω² (p₁a₁ + p₂a₂),     U = unit(e + t₁a₁ + t₂a₂),  b_i = a_i − t_i e,  Θ = Ω T
 
 ρ is the relative error that all rates in the run share, including the clocks of table and sensor. γ
 is the asymmetry of the rate (+ and −), r the relative error of the rate in each dwell, and α the
 error of the angle read back in each dwell of T seconds. A turn through a known angle θ has Ω = θ/T,
-and the error α of its angle replaces ρ, γ and r. In each setting, t are the two angles of the
-table's axis in the case, and p is the position of the sensor relative to the axis. φ is the
-latitude. h is the horizontal earth rate at the start of a dwell. Its azimuth is unknown, so each
-component has the standard deviation ω_ie cos φ/√2. The table starts all dwells in a setting at the
-same azimuth. Over whole turns h averages to zero; if T is unknown, the turns are assumed to be
-whole. β is the change of the gyros' biases from setting to setting.
+and the error α of its angle replaces ρ, γ and r. ζ is the part of the last change ΔΩ of the rate
+that remains on average, because the table or its drive settles slowly. η = −½ s χ (1 − (Ω/Ω_max)²)
+is the table's hysteresis (not at rest), with s = ±1 for a rate that was reached from a lower or a
+higher one in the same setting. In each setting, t are the two angles of the table's axis in the
+case, and p is the position of the sensor relative to the axis. φ is the latitude. h is the
+horizontal earth rate at the start of a dwell. Its azimuth is unknown, so each component has the
+standard deviation ω_ie cos φ/√2. The table starts all dwells in a setting at the same azimuth. Over
+whole turns h averages to zero; if T is unknown, the turns are assumed to be whole. β is the change
+of the gyros' biases from setting to setting.
 
 In a pose with the upward direction u, and c₁, c₂ perpendicular to it, the sensor senses::
 
@@ -74,6 +78,8 @@ STATED: Mapping[str, StatedError] = {
     "rate_asymmetry": StatedError("1", "run", "100 ppm", "asymmetry of the rate, relative"),
     "rate_stability": StatedError("1", "position", "100 ppm", "rate of a dwell, relative"),
     "angle_reading": StatedError("°", "position", "5 ″", "angle read back in a dwell"),
+    "rate_hysteresis": StatedError("°/s", "run", "1 °/h", "hysteresis of the table's rate"),
+    "settling": StatedError("1", "run", "1 ppm", "remaining part of a change of rate"),
     "turn_angle": StatedError("°", "position", "0.01 °", "angle of a turn"),
     "setting": StatedError("°", "mounting", "0.05 °", "table's axis in the case", ("1", "2")),
     "arm": StatedError("m", "mounting", "5 mm", "distance of the sensor from the axis", ("1", "2")),
@@ -112,6 +118,8 @@ class RatePlatform(NoReadingOffsets):
         Standard deviation of each mounting angle, rad.
     turn_angle : float or None
         Standard deviation of the angle of each turn, rad.
+    rate_hysteresis, settling : float or None
+        Standard deviations of χ, rad/s, and of ζ. None means 0.
     qualified : QualifiedParameters
         Results of qualifications, which replace stated values.
 
@@ -134,6 +142,8 @@ class RatePlatform(NoReadingOffsets):
     attitude: float | None = None
     mounting: float | None = None
     turn_angle: float | None = None
+    rate_hysteresis: float | None = None
+    settling: float | None = None
     qualified: QualifiedParameters = NOT_QUALIFIED
 
     def __post_init__(self) -> None:
@@ -251,6 +261,8 @@ class RatePlatform(NoReadingOffsets):
             "rate_asymmetry": [""] if rates else [],
             "rate_stability": [step.label for step in rates],
             "angle_reading": [step.label for step in rates],
+            "rate_hysteresis": [""] if rates else [],
+            "settling": [""] if rates else [],
             "turn_angle": [step.label for step in turns],
             "setting": settings,
             "arm": list(dict.fromkeys(s.place for s in (*rates, *turns))) if by_force else [],

@@ -62,10 +62,10 @@ def sensed_motion(
         return zero + known(name)
 
     rows = [
-        _dwell(step, value, g, up_rate, level_rate_factor(step))
+        _dwell(step, value, g, up_rate, by_order)
         if isinstance(step, RateDwell)
         else _pose(step.label, np.array(step.up), value, g, up_rate)
-        for step in steps
+        for step, by_order in zip(steps, _slopes_of_order(steps), strict=True)
     ]
     f, w = (np.stack([getattr(row, name) for row in rows], axis=-2) for name in ("f", "w"))
     for row in rows:
@@ -101,10 +101,39 @@ def tilt_directions(up: Array) -> tuple[Array, Array]:
     return first, skew(up) @ first
 
 
+def changes_of_rate(steps: Sequence[PlatformStep]) -> list[float]:
+    """Return the change of the rate before each dwell, rad/s; 0 for the first in a setting.
+
+    A dwell at an unchanged rate, such as a second reading, has the change of the dwell before.
+    """
+    before: dict[str, tuple[float, float]] = {}
+    changes: list[float] = []
+    for step in steps:
+        change = 0.0
+        if isinstance(step, RateDwell):
+            rate = 0.0 if isinstance(step, KnownTurn) else step.rate  # a turn ends at rest
+            last, change = before.get(step.place, (rate, 0.0))
+            change = rate - last if rate != last else change
+            before[step.place] = rate, change
+        changes.append(change)
+    return changes
+
+
+def _slopes_of_order(steps: Sequence[PlatformStep]) -> list[dict[str, float]]:
+    """Return the derivatives of each rate for the errors that depend on the rate before."""
+    rates = [step.rate if isinstance(step, RateDwell) else 0.0 for step in steps]
+    top = max(map(abs, rates), default=0.0) or 1.0
+    return [
+        {"rate_hysteresis": -0.5 * float(np.sign(c)) * (1 - (w / top) ** 2), "settling": c}
+        for w, c in zip(rates, changes_of_rate(steps), strict=True)
+    ]
+
+
 def _dwell(
-    step: RateDwell, value: Value, g: Array, up_rate: Array, level: tuple[float, float]
+    step: RateDwell, value: Value, g: Array, up_rate: Array, by_order: Mapping[str, float]
 ) -> _RowMotion:
     place, rate = step.place, step.rate
+    level = level_rate_factor(step)
     up, across = np.array(step.up), perpendicular_axes(step.axis)
     tilts = [value(f"setting_{k}[{place}]")[..., None] for k in (1, 2)]
     axis = up + tilts[0] * across[0] + tilts[1] * across[1]
@@ -118,7 +147,7 @@ def _dwell(
     by_earth = (c * beside[0] - s * beside[1], s * beside[0] + c * beside[1])
     h1, h2 = (value(f"earth_{k}[{place}]")[..., None] for k in (1, 2))
     in_case = (c * h1 + s * h2, c * h2 - s * h1)
-    by_turning = _slopes_of_rate(step)
+    by_turning = _slopes_of_rate(step, by_order)
     along = (rate + up_rate)[..., None]
     for name, slope in by_turning.items():
         along = along + slope * value(name)[..., None]
@@ -136,23 +165,24 @@ def _dwell(
     if rate:
         for k in (1, 2):
             df[f"arm_{k}[{place}]"] = np.broadcast_to(-(rate**2) * across[k - 1], f.shape)
-        dw |= {name: slope * axis for name, slope in by_turning.items()}
+    dw |= {name: slope * axis for name, slope in by_turning.items()}
     return _RowMotion(f, w, df, dw, axis)
 
 
-def _slopes_of_rate(step: RateDwell) -> dict[str, float]:
+def _slopes_of_rate(step: RateDwell, by_order: Mapping[str, float]) -> dict[str, float]:
     """Return the derivatives of the rate about the table's axis for the table's errors."""
     rate, label = step.rate, step.label
     inverse = 1 / step.seconds if step.seconds else 0.0
     if isinstance(step, KnownTurn):
         return {f"turn_angle[{label}]": inverse}
     if rate == 0:
-        return {}
+        return {"settling": by_order["settling"]}
     return {
         "rate_scale": rate,
         f"rate_stability[{label}]": rate,
         "rate_asymmetry": abs(rate),
         f"angle_reading[{label}]": inverse,
+        **by_order,
     }
 
 

@@ -10,11 +10,9 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
+from inercal.benches.characteristics import characteristic_notes
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
-from inercal.benches.rate_platform.linearity import (
-    dead_band_notes,
-    linearity_notes,
-)
+from inercal.benches.rate_platform.linearity import gyro_characteristics
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
 from inercal.benches.rate_platform.section_finder import find_sections, settled
 from inercal.benches.rate_platform.sections import (
@@ -60,8 +58,8 @@ def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
     _refuse_unused_errors(run, bench, steps)
     require_rates(run, result.observations, bench, steps)
     require_axes_up(run, result.observations, bench, steps)
-    figures = (result.observations, run.sensor, bench, steps)
-    notes = (*linearity_notes(*figures), *dead_band_notes(*figures))
+    found = gyro_characteristics(result.observations, run.sensor, bench, steps)
+    notes = characteristic_notes(found)
     return replace(result, conditions=_conditions(bench, steps), notes=notes)
 
 

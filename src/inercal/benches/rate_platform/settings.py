@@ -29,6 +29,8 @@ class RatePlatformSection(BenchSection):
     rate_asymmetry: str | None = optional("100 ppm")
     rate_stability: str | None = optional("100 ppm")
     angle_reading: str | None = optional("5 ″")
+    rate_hysteresis: str | None = optional("1 °/h")
+    settling: str | None = optional("1 ppm")
     turn_angle: str | None = optional("0.01 °")
     setting: str | None = optional("0.05 °")
     arm: str | None = optional("5 mm")

@@ -51,6 +51,7 @@ from inercal.methods.likelihood_tests import noise_only_estimate, with_problem_t
 from inercal.methods.observability import require_observed
 from inercal.methods.rates_and_poses.plan_structure import require_determined
 from inercal.physics.motion import Motion
+from inercal.physics.plan import small_loop
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
 from inercal.recordings.data.recording_loader import number_repeated_names
@@ -75,6 +76,7 @@ def plan(
     rates: tuple[float, ...] = _SPEEDS,
     reverse: bool = False,
     attitudes: str = "none",
+    small_rates: tuple[float, ...] = (),
 ) -> tuple[sections.PlatformStep, ...]:
     """Return rests and speeds in both directions for every setting, followed by the poses.
 
@@ -91,12 +93,22 @@ def plan(
         hysteresis.
     attitudes : str
         Poses at the end: "none", "faces" (six poses) or "tilted" (24 poses in all directions).
+    small_rates : tuple of float
+        Changes of the rate, rad/s, all positive. In each setting the table steps through them about
+        zero and about the lowest speed, in a loop, which shows threshold and resolution.
 
     Raises
     ------
     InputError
         The number of settings or the poses are unknown, or a speed is not positive.
     """
+    for key, given in (("rates", rates), ("small_rates", small_rates)):
+        if any(rate <= 0 for rate in given):
+            raise InputError(
+                f"{key} contains a speed that is not positive; give positive speeds, because the "
+                "table turns at each speed in both directions",
+                key=f"[method] {key}",
+            )
     if positions not in _SETTINGS:
         raise InputError(
             f"positions is {positions}, but it must be 3 (each axis up) or 6 (each axis up and "
@@ -108,13 +120,9 @@ def plan(
             f"attitudes is {attitudes!r}, but the poses must be {', '.join(_POSES)}",
             key="[method] attitudes",
         )
-    if any(rate <= 0 for rate in rates):
-        raise InputError(
-            "rates contains a speed that is not positive; give positive speeds, because the table "
-            "turns at each speed in both directions",
-            key="[method] rates",
-        )
     of_setting = _rates_of_setting(rates, reverse)
+    for centre in (0.0, *sorted(rates)[:1]) if small_rates else ():
+        of_setting += [centre + change for change in small_loop(small_rates)]
     dwells = [(axis, rate) for axis in _SETTINGS[positions] for rate in of_setting]
     names = number_repeated_names([sections.dwell_label(axis, rate) for axis, rate in dwells])
     turns = [

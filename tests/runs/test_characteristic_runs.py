@@ -1,0 +1,187 @@
+"""Threshold, resolution, dead band and hysteresis, from a run file to the report and to JSON.
+
+The readings are of a generator that imports nothing of inercal.
+"""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.evidence import characteristic_devices as made
+from tests.program import run_program
+from tests.refusals import refused
+
+from inercal.methods.rates_and_poses import plan as rate_plan
+from inercal.methods.tumble import plan as tumble_plan
+from inercal.physics.plan import small_loop
+from inercal.pipeline import calibrate, simulate_files
+from inercal.recordings.io.write import write_recordings
+from inercal.report import write_report
+from inercal.runfile import read
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLE = {
+    "gyro": ("rate_platform/small_rates", "gx"),
+    "accelerometer": ("dividing_head/small_tilts", "a"),
+}
+UNIT = {"gyro": made.DEG_PER_H, "accelerometer": made.UG}
+
+
+def run_file(folder: Path, sensor: str, *changes: tuple[str, str]) -> Path:
+    """Return the run file of an example, with a table of means in place of its recording."""
+    name, _ = EXAMPLE[sensor]
+    text = (EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")
+    lines = [one for one in text.splitlines() if not one.startswith(("rate = ", "marks", "white"))]
+    data = f'[data]\nkind = "means"\nsd = {{ {sensor} = "{SD[sensor]}" }}\n'
+    table = {"gyro": 'axis = "axis"\ntable_rate = "rate"\nseconds = "seconds"\n'}.get(sensor, "")
+    text = "\n".join(one for one in lines if not one.startswith("label")) + "\n"
+    text = text.replace(".npz", ".csv").replace("[data]\n", data + table)
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after)
+    path = folder / "run.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+SD = {"gyro": "1.2 °/h", "accelerometer": "0.3 µg"}
+
+
+def write_table(folder: Path, sensor: str, effects: made.Effects) -> None:
+    """Write the readings of one device as the table that the run file names."""
+    device = made.SENSORS[sensor](effects, 1, np.random.default_rng(5))
+    read = device.reading[0]
+    if sensor == "gyro":
+        rows = ["axis,rate,seconds,gx,gy,gz"]
+        rows += [
+            f"x,{np.degrees(rate):.9g},{seconds:.9g},{np.degrees(y):.9f},0,0"
+            for rate, seconds, y in zip(device.at, device.sense, read, strict=True)
+        ]
+        # The other gyros are not tested, but each axis needs rates of its own.
+        for k, axis in enumerate("yz", start=1):
+            for rate in (0, 50, -50, 100, -100):
+                y = [0.0, 0.0, 0.0]
+                y[k] = float(rate)
+                rows.append(f"{axis},{rate},36," + ",".join(f"{one:.9f}" for one in y))
+        (folder / "small_rates.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+        return
+    rows = ["angle,a"]
+    rows += [
+        f"{np.degrees(angle):.10f},{y / 9.80665:.10f}"
+        for angle, y in zip(device.at, read, strict=True)
+    ]
+    (folder / "small_tilts.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+CHANGES = {
+    "gyro": [('latitude = "50 °"', 'latitude = "0 °"')],
+    "accelerometer": [("9.80123", "9.81")],
+}
+WIDTH = {"gyro": 14.4, "accelerometer": 10.0}
+LOOP = {"gyro": 30.0, "accelerometer": 20.0}
+
+
+@pytest.mark.parametrize("sensor", EXAMPLE)
+def test_effects_of_a_device_are_in_the_outcome_the_report_and_json(sensor: str, tmp_path: Path):
+    unit, axis = UNIT[sensor], EXAMPLE[sensor][1]
+    width, loop = unit * WIDTH[sensor], unit * LOOP[sensor]
+    write_table(tmp_path, sensor, made.Effects(loop, width, width))
+    path = run_file(tmp_path, sensor, *CHANGES[sensor])
+    outcome = calibrate(path)
+    found = {one.name: one for one in outcome.characteristics if one.axis == axis}
+    true = {
+        "hysteresis": loop,
+        "threshold": 2 * width,
+        "dead band": width,
+        "resolution": 2 * width,
+    }
+    for name, value in true.items():
+        assert found[name].figure.detected
+        assert abs(found[name].figure.value - value) < 3.3 * found[name].figure.u, name
+    page = tmp_path / "report.html"
+    write_report(outcome, page, None)
+    shown = page.read_text(encoding="utf-8")
+    section = shown[shown.index('id="characteristics"') :]
+    assert all(found[name].text in section for name in true)
+    done = run_program("calibrate", path, "--json", "--out", tmp_path / "out")
+    assert done.status == 3  # the model has no dead band
+    printed = {
+        (one["axis"], one["name"]): one for one in json.loads(done.output)["characteristics"]
+    }
+    for name in true:
+        assert printed[axis, name]["value"] == pytest.approx(found[name].figure.value, rel=1e-9)
+        assert printed[axis, name]["detected"] is True
+
+
+@pytest.mark.parametrize("sensor", [pytest.param("gyro", marks=pytest.mark.slow), "accelerometer"])
+def test_the_simulated_example_has_no_effect(sensor: str, tmp_path: Path):
+    name, axis = EXAMPLE[sensor]
+    path = tmp_path / "run.toml"
+    shutil.copy(EXAMPLES / f"{name}.toml", path)
+    run = read(path)
+    write_recordings({run.file(file): one for file, one in simulate_files(run).items()})
+    outcome = calibrate(run)
+    assert outcome.verdict.grade == "consistent"
+    found = {one.name: one for one in outcome.characteristics if one.axis == axis}
+    for effect in ("hysteresis", "threshold", "dead band", "resolution"):
+        assert not found[effect].figure.detected
+        assert found[effect].text.startswith("not detected")
+        assert 0 < found[effect].figure.bound < 1e4 * UNIT[sensor]
+
+
+def test_the_backlash_of_the_head_is_uncertainty_of_the_hysteresis(tmp_path: Path):
+    write_table(tmp_path, "accelerometer", made.Effects())
+    u: list[float] = []
+    for backlash in ("0 ″", "0.1 ″", "1 ″"):
+        change = ('backlash = "0.1 ″"', f'backlash = "{backlash}"')
+        path = run_file(tmp_path, "accelerometer", *CHANGES["accelerometer"], change)
+        (found,) = [c for c in calibrate(path).characteristics if c.name == "hysteresis"]
+        u.append(found.figure.u)
+    assert u[0] < u[1] < u[2]
+    # The loop of the backlash, |cos|, is similar to that of the hysteresis, cos².
+    assert u[2] > 3 * u[0]
+
+
+@pytest.mark.parametrize("key", ["rate_hysteresis", "settling"])
+def test_order_errors_of_the_table_are_uncertainty_of_the_hysteresis(key: str, tmp_path: Path):
+    write_table(tmp_path, "gyro", made.Effects())
+    u: list[float] = []
+    for size in ("0.3", "30"):
+        change = (f'{key} = "0.3 ', f'{key} = "{size} ')
+        path = run_file(tmp_path, "gyro", *CHANGES["gyro"], change)
+        (found,) = [
+            c for c in calibrate(path).characteristics if (c.axis, c.name) == ("gx", "hysteresis")
+        ]
+        u.append(found.figure.u)
+    # Rests still show the hysteresis of the gyro, because the table does not turn.
+    assert u[1] > 1.4 * u[0]
+
+
+def test_small_inputs_of_a_plan_form_loops():
+    assert small_loop([2.0, 1.0]) == [0, 1, 2, 1, 0, -1, -2, -1, 0]
+    steps = rate_plan(rates=(0.5, 1.0), positions=3, small_rates=(0.001, 0.002))
+    rates = [step.rate for step in steps if step.label.startswith("x ")]  # type: ignore[union-attr]
+    loop = [0, 0.001, 0.002, 0.001, 0, -0.001, -0.002, -0.001, 0]
+    assert rates[6:15] == pytest.approx(loop)
+    assert rates[15:] == pytest.approx([0.5 + change for change in loop])
+    tilted = tumble_plan(small_tilts=(1e-5, 2e-5))
+    assert [step.sense for step in tilted[-9:]] == [1, 1, 1, -1, -1, -1, -1, 1, 1]
+    assert len({step.label for step in tilted}) == len(tilted) == 24 + 18
+
+
+def test_impossible_small_inputs_are_refused():
+    with refused(key="[method] small_rates"):
+        rate_plan(small_rates=(-0.1,))
+    for tilts in ((1e-5,), (1e-5, -2e-5), (1e-5, 0.1)):
+        with refused(key="[method] small_tilts"):
+            tumble_plan(small_tilts=tilts)
+
+
+def test_fourier_refuses_small_tilts(tmp_path: Path):
+    write_table(tmp_path, "accelerometer", made.Effects())
+    change = ('name = "tumble"', 'name = "tumble"\nestimator = "fourier"')
+    form = ('name = "QA 12"', 'name = "QA 12"\nform = "reference"')
+    with refused():
+        calibrate(run_file(tmp_path, "accelerometer", *CHANGES["accelerometer"], change, form))
