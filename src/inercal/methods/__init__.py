@@ -302,15 +302,15 @@ class Method(MethodBase, Generic[Bench, Step]):
         return replace(part, coefficients=tuple(n for n in possible if n in (*chosen, *more)))
 
     def _require_triads(self, sensor: Sensor) -> None:
-        for kind in dict.fromkeys(axis.measures for axis in sensor.axes):
-            directions, channels = sensor.input_axes(kind), sensor.select_axes(kind).channels
-            if directions.shape != (3, 3) or not np.allclose(directions, np.eye(3)):
+        for quantity in QUANTITIES.values():
+            kind, channels = quantity.symbol, sensor.select_axes(quantity.symbol).channels
+            directions = sensor.input_axes(kind)
+            if channels and not np.array_equal(directions, np.eye(3)):
                 raise InputError(
-                    f"method {self.name} needs three {QUANTITIES[kind].sensors} along x, y and z, "
-                    f"because {self.triads_because}; sensor {sensor.name} has "
-                    f"{', '.join(channels)}: choose a method with known attitudes, such as "
-                    "six_position or rates_and_poses",
-                    key=f"[sensor.{QUANTITIES[kind].sensor}]",
+                    f"method {self.name} needs three {quantity.sensors} along x, y and z, because "
+                    f"{self.triads_because}; sensor {sensor.name} has {', '.join(channels)}: "
+                    "choose a method with known attitudes, such as six_position or rates_and_poses",
+                    key=f"[sensor.{quantity.sensor}]",
                     names=channels,
                 )
 
