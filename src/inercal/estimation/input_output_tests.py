@@ -147,7 +147,7 @@ def _chance(chi2: float, dof: int) -> float:
 
 def enlargement(chi2: float, dof: int) -> float:
     """Return the factor by which an improbable χ² enlarges the uncertainties."""
-    if _chance(chi2, dof) >= _BIRGE:
+    if chi2 <= dof or _chance(chi2, dof) >= _BIRGE:  # χ² may be below zero by rounding
         return 1.0
     return sqrt(chi2 / dof)
 

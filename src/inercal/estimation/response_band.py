@@ -19,7 +19,7 @@ detected if it reduces χ² by 12 or more compared with d = 0; with d = 0 and no
 happens in about one case in a thousand. If χ² is improbably large, all variances are enlarged.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import hypot, inf, sqrt
 from typing import NamedTuple
@@ -38,7 +38,7 @@ from inercal.estimation.input_output_tests import (
 _GAIN = 12.0  # least reduction of χ² for a band
 _SAME = 1e-9  # relative to the largest input
 _REACH = 1.5  # times the largest small input: the widest band
-_GRID, _FINE, _ROUNDS = 200, 201, 2
+_GRID, _FINE, _ROUNDS = 200, 121, 3
 _WIDE = 3.5  # standard deviations of the centre
 _OFFSETS, _FINE_OFFSETS = (4, 60), 31
 _NEAR = 25.0  # χ² above the minimum that still counts
@@ -117,14 +117,18 @@ def small_inputs(table: InputOutput, reach: float) -> list[tuple[float, Indices]
 
 
 def _after_small_inputs(table: InputOutput, near: Bools) -> list[int]:
-    """Return the rows whose input was reached from another small input in the same setting."""
+    """Return the rows whose input was reached from another small input in the same setting.
+
+    The first row of a setting counts if a small input follows it.
+    """
+    joined = near[1:] & near[:-1] & (np.diff(table.setting) == 0)
     rows: list[int] = []
     for k in np.flatnonzero(near).tolist():
-        if k and near[k - 1] and table.setting[k - 1] == table.setting[k]:
-            moved = table.x[k - 1] != table.x[k] or k - 1 in rows
+        if k and table.setting[k - 1] == table.setting[k]:
+            reached = joined[k - 1] and (table.x[k - 1] != table.x[k] or k - 1 in rows)
         else:
-            moved = k == 0 or table.setting[k - 1] != table.setting[k]
-        if moved:
+            reached = k < len(joined) and joined[k]
+        if reached:
             rows.append(k)
     return rows
 
@@ -222,24 +226,18 @@ def response_band(
     read = series.away(table.y[None])
     widths, offsets = np.linspace(0.0, _REACH * top, _GRID + 1), np.zeros(1)
     if centre_sd:
-        step = float(np.sqrt(np.diagonal(table.covariance).min()))
+        step = 1 / sqrt(float(np.diagonal(np.linalg.inv(table.covariance)).max()))  # noise
         half = int(np.clip(_WIDE * centre_sd / step, *_OFFSETS))
         offsets = np.linspace(-_WIDE * centre_sd, _WIDE * centre_sd, 2 * half + 1)
     grids = {
         law: _Grid(offsets, widths, series.misfit(read, law, widths, offsets)) for law in _LAWS
     }
     dof = len(z) - free.shape[1] - 1 - (len(offsets) > 1)
-    for _ in range(_ROUNDS):
-        least = min(float(one.chi2.min()) for one in grids.values())
-        wider = enlargement(least, dof) ** 2
-        finer = {
-            law: one.near(least + _NEAR * wider)
-            for law, one in grids.items()
-            if one.chi2.min() <= least + _NEAR * wider
-        }
-        grids = {law: _Grid(o, d, series.misfit(read, law, d, o)) for law, (o, d) in finer.items()}
-    least = min(float(one.chi2.min()) for one in grids.values())
-    wider = enlargement(least, dof) ** 2  # the coarse grid may miss the minimum
+    # A coarse grid misses the least χ², so its size is judged only after the search.
+    found = _search(series, read, grids, 1.0)
+    wider = enlargement(_least(found), dof) ** 2
+    grids = found if wider == 1 else _search(series, read, grids, wider)
+    least = _least(grids)
     law = min(grids, key=lambda name: float(grids[name].chi2.min()))
     parts = [
         (one.width, _LAWS[name][0] * one.width,
@@ -256,6 +254,21 @@ def response_band(
         for values, size in zip((width, limit), most, strict=True)
     ]
     return Band(centre, top, law, *figures)
+
+
+def _least(grids: Mapping[str, _Grid]) -> float:
+    return min(float(one.chi2.min()) for one in grids.values())
+
+
+def _search(
+    series: _SmallSeries, read: Array, grids: Mapping[str, _Grid], wider: float
+) -> dict[str, _Grid]:
+    """Return finer grids where χ² is near its least value, with variances enlarged by `wider`."""
+    for _ in range(_ROUNDS):
+        limit = _least(grids) + _NEAR * wider
+        finer = {law: one.near(max(limit, float(one.chi2.min()))) for law, one in grids.items()}
+        grids = {law: _Grid(o, d, series.misfit(read, law, d, o)) for law, (o, d) in finer.items()}
+    return dict(grids)
 
 
 def _distribution(values: Array, share: Array, *, detected: bool, detectable: float) -> Figure:
