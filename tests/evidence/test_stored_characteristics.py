@@ -28,7 +28,8 @@ def test_every_effect_is_stored_in_two_sizes():
             assert {(sensor, size, effect) for size in ("none", "small", "large")} <= found
 
 
-LIMITED = [r for r in ROWS if r[2] != "none" and r[:2] != ["accelerometer", "lock-in"]]
+FEW_INPUTS = ["accelerometer", "lock-in", "large", "resolution"]  # one tilt beyond the band
+LIMITED = [r for r in ROWS if r[2] != "none" and r[:4] != FEW_INPUTS]
 
 
 @pytest.mark.parametrize("row", LIMITED, ids=lambda r: " ".join(r[:4]))
@@ -60,11 +61,10 @@ def test_a_sample_is_covered(sensor: str, law: str):
 def test_a_larger_sample_agrees_with_what_is_stored(case: Case):
     count = 50
     found = outcomes(case, count, 101)
-    if case[:2] == ("accelerometer", "lock-in"):
-        pytest.skip("the page states these rows, without a limit")
     if case.size == "none":
         assert max(one.reported.sum() for one in found.values()) <= 3
         return
     low, high = sampling_band(count)
     for name in ("hysteresis",) if case.law == "none" else NAMES[1:]:
-        assert low <= found[name].covered.mean() <= high, name
+        if [*case, name] != FEW_INPUTS:
+            assert low <= found[name].covered.mean() <= high, name
