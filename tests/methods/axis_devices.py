@@ -44,9 +44,7 @@ def frames(directions: Array) -> Array:
     """Return I, P and O of each axis, (m, 3, 3): cyclic along x, y, z, otherwise P horizontal."""
     result: list[Array] = []
     for i in directions:
-        p = np.cross((0, 0, 1), i)
-        if (i == 1).any():
-            p = np.roll(i, 1)
+        p = np.roll(i, 1) if (i == 1).any() else np.array([-i[1], i[0], 0.0])
         p = p / np.linalg.norm(p)
         result.append(np.stack([i, p, np.cross(i, p)]))
     return np.array(result)

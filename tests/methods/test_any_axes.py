@@ -3,7 +3,7 @@
 Devices are of a generator that imports nothing of inercal, `axis_devices`.
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def estimated(
         gravity = Measured(axis_devices.G, 0.0 if exact else axis_devices.GRAVITY_SD)
         hand = Hand(gravity, tilt=0.0 if exact else axis_devices.TILT)
         return hand_likelihood.ml(observations, sensor, hand, six_positions())
-    table = axis_devices.PLAIN.stated()
+    table: dict[str, Any] = axis_devices.PLAIN.stated()
     table = dict.fromkeys(table, 0.0) if exact else table
     # At a pole, no level part of the earth's rate couples the gyros.
     latitude = Measured(np.pi / 2 if exact else np.radians(50.0), 0.0)
