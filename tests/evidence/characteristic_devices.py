@@ -160,7 +160,7 @@ def accelerometers(effects: Effects, n: int, rng: np.random.Generator) -> Readin
     head = Head()
     once = 2 * np.pi / POSITIONS * np.arange(POSITIONS)
     small = loop(SMALL_TILTS)
-    angle = np.concatenate([once, once[::-1], np.pi / 6 + small, small])
+    angle: Array = np.array([*once, *once[::-1], *(np.pi / 6 + small), *small], dtype=float)
     part = np.repeat([0, 1, 2, 3], [POSITIONS, POSITIONS, len(small), len(small)])
     place = np.concatenate([np.arange(12), np.arange(12)[::-1], 0 * small + 1, 0 * small])
     place = place.astype(np.int64)

@@ -46,7 +46,7 @@ def frames(directions: Array) -> Array:
     for i in directions:
         p = np.roll(i, 1) if (i == 1).any() else np.array([-i[1], i[0], 0.0])
         p = p / np.linalg.norm(p)
-        result.append(np.stack([i, p, np.cross(i, p)]))
+        result.append(np.asarray([i, p, np.cross(i, p)], dtype=float))
     return np.array(result)
 
 
