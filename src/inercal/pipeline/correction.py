@@ -113,7 +113,7 @@ def apply(
         Recording with the channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), if the sensor measures
         them. If there are only one or two axes of a kind, it has the components along them, and the
         motion across them is assumed to be zero. If there are more than three, the columns
-        `parity_f` and `parity_w` have the norm of what they read in addition to any motion. Labels
+        "parity_f" and "parity_w" have the norm of what they read in addition to any motion. Labels
         and readback columns keep their names and units. If the calibration was made at constant
         rates and a rate is outside their range, the recording has a finding about this.
 
