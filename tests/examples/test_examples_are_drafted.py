@@ -67,6 +67,7 @@ LAB = {
 }
 RAMP = {"sensor.gyro.unit": "°/s", "sensor.gyro.bias_instability": "5 °/h"}
 HEAD = {"bench.gravity": "9.80123 m/s² ± 5 µm/s²", "sensor.accelerometer.scale": "1.3 V/g"}
+QA = {"bench.gravity": "9.80665 m/s² ± 5 µm/s²", "sensor.accelerometer.scale": "3 V/g"}
 EXAMPLE_LOGS = {
     "logger.csv": "logger", "ardupilot.bin": "ardupilot", "px4.ulg": "px4", "ros.mcap": "ros",
     "workbook.xlsx": "workbook", "poses": "poses",
@@ -85,6 +86,8 @@ CASES = [
     Example("dividing_head/lab.csv", {}, "dual_orthogonal", "dividing_head/lab"),
     Example("dividing_head/tumble.csv", HEAD, "tumble", "dividing_head/tumble"),
     Example("qualify/tumble.csv", HEAD, "tumble"),
+    Example("prior/QA_21.csv", QA, "tumble", "prior/QA_21"),
+    Example("prior/pair.csv", QA, "dual_orthogonal"),
     Example("rate_platform/gyros.csv", GYRO_RATES, "rates_and_poses", "rate_platform/gyros"),
     Example("rate_platform/imu.csv", IMU_RATES, "rates_and_poses", "rate_platform/imu"),
     Example("single_axis/record_player.csv", PLAYER, "rates_and_poses"),
@@ -114,6 +117,7 @@ CASES = [
 ]
 OTHERS = [
     "bench/path.csv", "turntable/path.csv", "dividing_head/polygon.csv", "fleet/sensors.csv",
+    "predict/points.csv",
     "qualify/counts.csv", "qualify/gravimeter.csv", "qualify/head.csv", "qualify/polygon.csv",
     "qualify/radius.csv",
 ]  # fmt: skip

@@ -27,7 +27,7 @@ from inercal.export import TARGETS, export_calibration
 from inercal.export.model import parse_axes
 from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.term_kinds import kinds_of
-from inercal.physics.sensors import Sensor, imu, triad
+from inercal.physics.sensors import Sensor, cluster, imu, triad
 
 FULL = (*LINEAR, *TEMPERATURE, *NONLINEAR)
 
@@ -164,8 +164,8 @@ def test_options_that_are_missing_or_wrong_are_refused(to: str, options: dict[st
 
 
 def test_sensors_that_a_target_cannot_take_are_refused():
-    pair = Sensor("pair", triad().axes[:2]).with_coefficients("bias")
-    with refused(names=("x", "y")):
+    pair = cluster("pair", [[1, 0, 0], [0.6, 0.8, 0]]).with_coefficients("bias")
+    with refused(names=("s1", "s2")):
         export_calibration(inercal.Calibration(pair, np.zeros(2), np.eye(2)), "csv")
     alone = triad("t", "f", "a").with_coefficients("bias")
     accelerometers = inercal.Calibration(alone, np.zeros(3), np.eye(3))
