@@ -14,6 +14,7 @@ from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor, axes_along
 from inercal.pipeline import Outcome, apply, calibrate
 from inercal.pipeline.drafts.rest_recording import read_rest_recording
+from inercal.pipeline.operating_points import points_from_texts
 from inercal.recordings import Recording
 
 ROOT = Path(__file__).parents[2]
@@ -206,3 +207,14 @@ def test_a_recording_keeps_its_other_channels(player: Outcome):
         units=("V", "V"),
     )
     assert player.calibration.correct(recording).w.shape == (3, 1)
+
+
+def test_components_along_oblique_axes_are_read_back_along_them(tmp_path: Path):
+    path = changed(
+        tmp_path,
+        ('["s1", "s2", "s3", "s4"]', '["s1", "s2"]'),
+        (AXIS, "axis = [[1, 1, 1], [1, -1, -1]]\n"),
+    )
+    calibration = calibrate(path).calibration
+    point = points_from_texts(["f = 0.3 g, -0.2 g"], calibration)
+    assert np.allclose(calibration.predict(point["f"]).value, [[0.3 * G0, -0.2 * G0]], rtol=1e-9)

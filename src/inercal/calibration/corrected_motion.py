@@ -26,7 +26,7 @@ class CorrectedMotion(Motion):
     Parameters
     ----------
     parity : mapping of "f" or "w" to (..., n) array
-        Norm of the parity residual of redundant axes, m/s² or rad/s; without other kinds.
+        Norm of the parity residual, m/s² or rad/s, only for kinds with redundant axes.
     """
 
     parity: dict[Measures, Array] = field(default_factory=dict["Measures", Array])

@@ -80,7 +80,7 @@ def _vector(numbers: Sequence[float], kind: str, calibration: Calibration) -> Ar
     if len(numbers) == 3:
         return np.array(numbers)
     if len(numbers) == len(directions) < 3:
-        return np.array(numbers) @ np.array(directions)
+        return np.linalg.pinv(np.array(directions)) @ np.array(numbers)
     raise InputError(
         f"--at {kind} has {format_count(len(numbers), 'number')}; give 3 components, or one for "
         "each axis if there are fewer axes",
