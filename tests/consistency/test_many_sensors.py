@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.ferraris import DEGREE, mems, record
 from tests.accuracy.inercal_inputs import make_bench, make_observations, true_coefficients
+from tests.base_seeds import SEEDS
 from tests.consistency.conftest import HANDS
 
 from inercal.benches import Hand
@@ -22,7 +23,7 @@ PLANNED = [name for name, m in METHODS.items() if m.bench is Hand and not m.unkn
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("base_seed", [1, 2, 3])
+@pytest.mark.parametrize("base_seed", SEEDS)
 @pytest.mark.parametrize("method", PLANNED)
 def test_stated_uncertainties_cover_the_truth_over_many_sensors(method: str, base_seed: int):
     chosen = METHODS[method]

@@ -7,6 +7,7 @@ from math import inf, radians
 import numpy as np
 import pytest
 from tests.accuracy import turntable as made_by
+from tests.base_seeds import SEEDS
 from tests.methods.turntable_cases import (
     BENCH,
     Array,
@@ -300,7 +301,7 @@ def _on_papers_path(estimator: str, seeds: int, base: int) -> Score:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("base", [1, 2, 3])
+@pytest.mark.parametrize("base", SEEDS)
 def test_nineteen_states_on_the_papers_path_are_within_5_percent_of_the_batch(base: int):
     batch, filtered = (_on_papers_path(name, 24, base) for name in ("", "drift"))
     assert 0.85 < batch.nees < 1.2
@@ -311,7 +312,7 @@ def test_nineteen_states_on_the_papers_path_are_within_5_percent_of_the_batch(ba
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("base", [1, 2, 3])
+@pytest.mark.parametrize("base", SEEDS)
 def test_on_the_whole_recording_errors_are_those_of_the_note_and_as_stated(base: int):
     made, off, stated = sensor(), list[Array](), list[Array]()
     for k in range(0, 60, 2):  # NEES of 20 would scatter by .09, as wide as its band
