@@ -309,7 +309,8 @@ class Method(MethodBase, Generic[Bench, Step]):
                 raise InputError(
                     f"method {self.name} needs three {quantity.sensors} along x, y and z, because "
                     f"{self.triads_because}; sensor {sensor.name} has {', '.join(channels)}: "
-                    "choose a method with known attitudes, such as six_position or rates_and_poses",
+                    "choose a method with known attitudes, such as six_position, rates_and_poses "
+                    "or turntable_discrete, which needs the angles of the table",
                     key=f"[sensor.{quantity.sensor}]",
                     names=channels,
                 )
