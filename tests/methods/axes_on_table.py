@@ -1,4 +1,4 @@
-"""Sensors with any axes on the table of `tests.accuracy.turntable`: nothing of inercal is imported."""
+"""Sensors with any axes on the table of `tests.accuracy.turntable`, without importing inercal."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
