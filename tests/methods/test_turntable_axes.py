@@ -178,7 +178,8 @@ def test_axes_without_coefficients_do_not_enter_chi_squared(motions: turntable.D
 
 
 @pytest.mark.parametrize("method", ["turntable_kalman", "turntable_trajectory", "systematic"])
-def test_methods_that_carry_vectors_refuse_one_axis_of_a_kind(method: str):
-    both = {"f": DIRECTIONS["three"], "w": DIRECTIONS["one"]}
-    with refused(key="[sensor.gyro]", names=("gz",)):
-        METHODS[method].prepare(sensor(both))
+@pytest.mark.parametrize("beside", [{}, {"f": DIRECTIONS["three"]}])
+def test_methods_that_carry_vectors_refuse_one_gyro(method: str, beside: Kinds):
+    with refused(key="[sensor.gyro]", names=("gz",)) as error:
+        METHODS[method].prepare(sensor({"w": DIRECTIONS["one"], **beside}))
+    assert "turntable_discrete" in str(error.value)
