@@ -50,13 +50,14 @@ def frames(directions: Array) -> Array:
     return np.array(result)
 
 
-def _draw(kind: str, m: int, n: int, rng: np.random.Generator) -> dict[str, Array]:
+def draw_truth(kind: str, m: int, n: int, rng: np.random.Generator) -> dict[str, Array]:
+    """Return coefficients (n, m) of m axes of n devices, by name."""
     size = {"bias": SPREAD["bias"][kind], "scale": SPREAD["scale"]}
     size |= dict.fromkeys(("delta_o", "delta_p"), SPREAD["delta"])
     return {name: sd * rng.standard_normal((n, m)) for name, sd in size.items()}
 
 
-def _read(sensed: Array, directions: Array, truth: dict[str, Array]) -> Array:
+def read_axes(sensed: Array, directions: Array, truth: dict[str, Array]) -> Array:
     """Return readings (n, r, m) of motions (n, r, 3)."""
     i, p, o = np.moveaxis(np.einsum("nrk,mjk->nrmj", sensed, frames(directions)), -1, 0)
     t = {name: value[:, None] for name, value in truth.items()}
@@ -70,7 +71,7 @@ def _perpendicular(axis: Array) -> tuple[Array, Array]:
 
 def accelerometers(directions: Array, n: int, rng: np.random.Generator) -> Devices:
     """Return means of n devices on six faces."""
-    truth = _draw("f", len(directions), n, rng)
+    truth = draw_truth("f", len(directions), n, rng)
     gravity = G + GRAVITY_SD * rng.standard_normal(n)
     force = np.empty((n, len(FACES), 3))
     for k, face in enumerate(FACES.values()):
@@ -79,15 +80,15 @@ def accelerometers(directions: Array, n: int, rng: np.random.Generator) -> Devic
         tilt = TILT * rng.standard_normal((n, 2))
         off = up + tilt[:, :1] * first + tilt[:, 1:] * second
         force[:, k] = gravity[:, None] * off / np.linalg.norm(off, axis=1, keepdims=True)
-    reading = _read(force, directions, truth)
+    reading = read_axes(force, directions, truth)
     noise = NOISE["f"] * rng.standard_normal(reading.shape)
     return Devices(reading + noise, NOISE["f"], truth)
 
 
 def gyros(directions: Array, n: int, rng: np.random.Generator) -> Devices:
     """Return means of n devices on a plain rate table with three settings."""
-    truth = _draw("w", len(directions), n, rng)
+    truth = draw_truth("w", len(directions), n, rng)
     rate, _ = motion_in_case(RATES, PLAIN, n, rng)
-    reading = _read(rate, directions, truth)
+    reading = read_axes(rate, directions, truth)
     noise = NOISE["w"] * rng.standard_normal(reading.shape)
     return Devices(reading + noise, NOISE["w"], truth)

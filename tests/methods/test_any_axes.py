@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from scipy.stats import binom, chi2
 from tests.methods import axis_devices
+from tests.methods.axis_accuracy import errors, require_stated_accuracy
 from tests.methods.axis_devices import DIRECTIONS, FACES, RATES, Devices
 
 from inercal.basics.units import Measured
@@ -23,7 +23,6 @@ from inercal.recordings import Observations
 
 Kind = Literal["f", "w"]
 MADE = {"f": axis_devices.accelerometers, "w": axis_devices.gyros}
-TRUTH = {"k0": "bias", "k1": "scale"}
 SEEDS = (1, 2, 3)
 N = 200  # devices for each seed
 
@@ -61,20 +60,6 @@ def estimated(
     return rates_and_poses.ml(observations, sensor, platform, steps)
 
 
-def errors(made: Devices, found: Estimate) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors (n, p) and the covariance (n, p, p) of the coefficients."""
-    names = [name for name in found.names if name in found.wanted]
-    at = [found.names.index(name) for name in names]
-    axes = list(dict.fromkeys(name.split(".")[0] for name in names))
-    true = [
-        made.truth[TRUTH.get(term, term)][:, axes.index(axis)]
-        for axis, term in (name.split(".") for name in names)
-    ]
-    covariance = found.covariance[..., at, :][..., at]
-    off = found.value[:, at] - np.stack(true, axis=-1)
-    return off, np.broadcast_to(covariance, (*off.shape, len(at)))
-
-
 def pooled(kind: Kind, which: str, n: int) -> tuple[np.ndarray, np.ndarray]:
     directions = DIRECTIONS[which]
     off: list[np.ndarray] = []
@@ -83,7 +68,7 @@ def pooled(kind: Kind, which: str, n: int) -> tuple[np.ndarray, np.ndarray]:
         made = MADE[kind](np.array(directions, dtype=float), n, np.random.default_rng(seed))
         found = estimated(kind, directions, made)
         assert found.converged.all()
-        one, covariance = errors(made, found)
+        one, covariance = errors(made.truth, found)
         off.append(one)
         covariances.append(covariance)
     return np.concatenate(off), np.concatenate(covariances)
@@ -92,16 +77,7 @@ def pooled(kind: Kind, which: str, n: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("which", DIRECTIONS)
 @pytest.mark.parametrize("kind", ["f", "w"])
 def test_errors_are_as_stated(kind: Kind, which: str):
-    off, covariance = pooled(kind, which, N)
-    p, n = off.shape[1], len(off)
-    whitened = np.linalg.solve(covariance, off[..., None])[..., 0]
-    nees = float((off * whitened).sum(axis=-1).mean() / p)
-    low, high = chi2.ppf([5e-4, 1 - 5e-4], n * p) / (n * p)
-    assert min(low, 0.95) < nees < max(high, 1.05)
-    within = np.abs(off) < 2 * np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    # Coefficients of a device share the errors of the bench: its devices are what is independent.
-    low, high = binom.ppf([5e-4, 1 - 5e-4], n, 0.9545) / n
-    assert min(low, 0.94) < within.mean() < max(high, 0.97)
+    require_stated_accuracy(*pooled(kind, which, N))
 
 
 @pytest.mark.parametrize("kind", ["f", "w"])

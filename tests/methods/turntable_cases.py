@@ -95,15 +95,16 @@ def observations(
     labels = tuple(name for name in dict.fromkeys(made.labels.tolist()) if name)
     rows = [np.flatnonzero(made.labels == name) for name in labels]
     count = np.array([at.size for at in rows])
-    white = np.array([axis.noise.white**2 for axis in (of or sensor()).axes])
+    axes = (of or sensor()).axes
+    white = np.array([axis.noise.white**2 for axis in axes])
     return Observations(
         labels,
         np.stack([whole.reading[:, at].mean(axis=1) for at in rows], axis=1),
-        np.eye(6) * white / (count * dt)[:, None, None],
+        np.eye(len(axes)) * white / (count * dt)[:, None, None],
         count * dt,
         count,
         np.array([made.time[at].mean() for at in rows]),
-        ("ax", "ay", "az", "gx", "gy", "gz"),
+        tuple(axis.name for axis in axes),
         track=whole,
     )
 

@@ -273,6 +273,8 @@ class Method(MethodBase, Generic[Bench, Step]):
             The sensor does not have the axes that the method needs, or the method cannot estimate a
             coefficient.
         """
+        if self.triads_because:
+            self._require_triads(sensor)
         kinds = {axis.measures for axis in sensor.axes}
         if lacking := tuple(QUANTITIES[kind].sensors for kind in self.needs if kind not in kinds):
             raise InputError(
@@ -281,8 +283,6 @@ class Method(MethodBase, Generic[Bench, Step]):
                 key="[sensor]",
                 names=lacking,
             )
-        if self.triads_because:
-            self._require_triads(sensor)
         part = replace(
             sensor, axes=tuple(a for a in sensor.axes if a.measures in self.default_coefficients)
         )
@@ -309,7 +309,8 @@ class Method(MethodBase, Generic[Bench, Step]):
                 raise InputError(
                     f"method {self.name} needs three {quantity.sensors} along x, y and z, because "
                     f"{self.triads_because}; sensor {sensor.name} has {', '.join(channels)}: "
-                    "choose a method with known attitudes, such as six_position or rates_and_poses",
+                    "choose a method with known attitudes, such as six_position, rates_and_poses "
+                    "or turntable_discrete, which needs the angles of the table",
                     key=f"[sensor.{quantity.sensor}]",
                     names=channels,
                 )

@@ -9,6 +9,7 @@ from inercal.basics.arrays import Array
 from inercal.benches.contract import SensorSimulation
 from inercal.benches.kind_definition import Kind, Vocabulary
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
+from inercal.benches.stated_axes import any_axes
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.driving import MOTION_CONTROL
@@ -68,14 +69,18 @@ def _refuses_budget(bench: Turntable, steps: Sequence[TableStep]) -> str:
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return the measured upward direction in each hold and the axis of each turn."""
+    """Return the measured upward direction in each hold and the axis of each turn.
+
+    A direction needs accelerometers or gyros that measure all components.
+    """
     sensed = shown.sensed_motion()
+    forces, rates = (shown.sensor.rank(kind) == len("xyz") for kind in ("f", "w"))
     result: list[MeasuredDirection] = []
     for k, step in enumerate(shown.steps):
-        if isinstance(step, Position):
+        if forces and isinstance(step, Position):
             up = reference_attitude(shown.bench, np.array([step.angles]))[0, 2]
             result.append(measured_direction(step, sensed.f[k], up))
-        elif isinstance(step, Rotation):
+        elif rates and isinstance(step, Rotation):
             result.append(measured_direction(step, sensed.w[k] * np.sign(step.angle), None))
     return tuple(result)
 
@@ -100,6 +105,7 @@ KIND = Kind(
     Vocabulary(components=""),
     refuses_budget=_refuses_budget,
     sampled=True,
+    sensor=any_axes,
     plan=path_plan,
     files=readback_files,
     directions=directions,

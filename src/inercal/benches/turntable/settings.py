@@ -71,7 +71,8 @@ class TurntableSection(BenchSection):
             raise key_error(
                 "[bench] readback",
                 f"method {use.method} uses the angles of the table, and readback = false states "
-                "that there are none; choose method systematic, or remove readback",
+                "that there are none; record them and remove readback, or choose method "
+                "systematic, which needs three gyros and three accelerometers",
                 names=(use.method,),
             )
         if self.latitude is not None:

@@ -150,6 +150,7 @@ METHOD = Method(
     frame=triangular_frame,
     remarks=remarks,
     without_angles=True,
+    triads_because="without angles of the table, only three gyros can carry the attitude",
     source="Camberlein and Mangeret; Savage 2000; generalised least squares (Aitken 1935)",
 )
 

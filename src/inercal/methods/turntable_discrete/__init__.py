@@ -1,4 +1,4 @@
-"""Traditional calibration of an IMU on a turntable, with means at rest and over whole turns.
+"""Traditional calibration on a turntable, with means at rest and over whole turns.
 
 Accelerometers read gravity in fixed positions. Gyros read the earth's rate in these positions, and
 constant rates of both signs in rotations. The sum over both signs gives the biases and the earth's
@@ -30,6 +30,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
 from inercal.basics.parameters import Parameter
 from inercal.benches import MeanMotion
 from inercal.benches.turntable.attitude import Misalignment, linear_misalignment, reference_attitude
@@ -265,7 +266,9 @@ def discrete_problem(
     row_angles: Sequence[AxisAngles],
     priors: Priors = (),
 ) -> Problem:
-    """Return the problem with all readings except accelerometer readings during rotations.
+    """Return the problem with the readings of the axes that have coefficients.
+
+    Accelerometer readings during rotations are not included.
 
     Parameters
     ----------
@@ -292,7 +295,9 @@ def discrete_problem(
     )
     turns = np.array([len(way.time) > 1 for way in row_angles])
     forces = np.array([axis.measures == "f" for axis in sensor.axes])
-    at = np.flatnonzero(~(turns[:, None] & forces))
+    names = {CoefficientName(name).axis for name in sensor.coefficients}
+    estimated = np.array([axis.name in names for axis in sensor.axes])
+    at = np.flatnonzero(~(turns[:, None] & forces) & estimated)
     return mean_problem.row_subset(whole, at)
 
 
@@ -302,7 +307,8 @@ def _add_readback_noise(
     """Return the observations with the readback's white noise σ added to their covariance.
 
     In a position the mean of n readings has the error σ/√n about each axis, which rotates gravity.
-    In a rotation over T both ends have the error σ, which gives √2 σ/T in the mean rate.
+    In a rotation over T both ends have the error σ, which gives √2 σ/T in the mean rate. Axes that
+    are not at right angles share these errors.
     """
     count, lasting = observations.samples, observations.duration
     turns = np.array([isinstance(step, Rotation) for step in steps])
@@ -310,7 +316,8 @@ def _add_readback_noise(
     rate = np.where(turns, np.sqrt(2) * bench.white / lasting, 0.0)
     forces = np.array([axis.measures == "f" for axis in sensor.axes])
     sd = np.where(forces, force[:, None], rate[:, None])
-    added = sd[..., None] ** 2 * np.eye(len(sensor.axes))
+    directions = np.array([axis.i for axis in sensor.axes])
+    added = sd[..., None] * sd[..., None, :] * (directions @ directions.T)
     return replace(observations, covariance=observations.covariance + added)
 
 

@@ -181,6 +181,7 @@ METHOD = Method(
     remarks=_remarks,
     source="Liu, Cui, Zhang and Xu, North University of China (MIMU on a turntable)",
     sequential=sequential,
+    triads_because="its filters follow whole vectors of the rate and of the specific force",
 )
 
 

@@ -326,4 +326,5 @@ METHOD = Method(
     estimators={"trajectory": trajectory},
     remarks=remarks,
     source="Generalised least squares (Aitken 1935), whitened by innovations (Kailath 1968)",
+    triads_because="it carries whole vectors from sample to sample",
 )

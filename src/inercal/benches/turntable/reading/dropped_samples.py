@@ -27,6 +27,7 @@ from inercal.benches.turntable.reading.implied_rates import (
     gyro_rates,
     half_window,
     local_offsets,
+    rate_vectors,
     table_rates,
 )
 from inercal.physics.sensors import Sensor
@@ -65,7 +66,7 @@ def dropped_sample_findings(
     track : Track
         Track of one trial, (n, m) readings, with the times that the run uses.
     sensor : Sensor
-        Sensor with three gyros; without them there are no findings.
+        Sensor; there are no findings unless its gyros measure all components.
     bench : Turntable
     known : RateRegression, optional
         Result of `fit_track_rates` for the track, if already known.
@@ -95,12 +96,12 @@ def find_dropped_samples(
 
     A long track is searched piece by piece, so that only one piece and its margins are in memory.
     """
-    gyros = [axis.measures == "w" for axis in sensor.axes]
     n = track.time.size
-    if sum(gyros) != 3 or n < _FEWEST_SAMPLES:
+    if sensor.rank("w") < len("xyz") or n < _FEWEST_SAMPLES:
         return ()
     if known is None:
-        known = fit_track_rates(bench, track.time, track.angles, track.reading[:, gyros])
+        rates = rate_vectors(sensor, track.reading)
+        known = fit_track_rates(bench, track.time, track.angles, rates)
     margin = round(_MARGIN / float(np.median(np.diff(track.time[:_PIECE]))))
     rows: list[SampleDrop] = []
     offsets: list[LocalOffsets] = []
@@ -109,7 +110,7 @@ def find_dropped_samples(
         piece = track.slice(first, min(stop + margin, n))
         if n > _PIECE and not _turns(piece):
             continue
-        drops, local = _search_piece(piece, piece.reading[:, gyros], bench, known)
+        drops, local = _search_piece(piece, rate_vectors(sensor, piece.reading), bench, known)
         rows += [
             row._replace(first=row.first + first, last=row.last + first)
             for row in drops

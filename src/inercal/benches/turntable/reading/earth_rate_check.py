@@ -17,7 +17,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.benches.turntable.attitude import earth_rate_level_frame, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.implied_rates import RateRegression
+from inercal.benches.turntable.reading.implied_rates import RateRegression, rate_vectors
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Finding, Track
@@ -43,8 +43,8 @@ def check_earth_rate(
     sensor : Sensor
     bench : Turntable
     known : RateRegression or None
-        Result of `fit_track_rates` for the track; None without three gyros, in which case nothing
-        is checked.
+        Result of `fit_track_rates` for the track; None if the gyros do not measure all components,
+        in which case nothing is checked.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def _measured_earth_rate(
     track: Track, sensor: Sensor, bench: Turntable, known: RateRegression
 ) -> tuple[Array, Array] | None:
     """Return the earth's rate in the level frame and its covariance, or None if not observable."""
-    reading = track.reading[:, [axis.measures == "w" for axis in sensor.axes]]
+    reading = rate_vectors(sensor, track.reading)
     held = track.hold >= 0
     count = np.bincount(track.hold[held])
     if count.size < _AXES or not count.all():

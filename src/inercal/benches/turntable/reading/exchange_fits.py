@@ -1,10 +1,10 @@
 """Fit the readings to a turntable's readback as recorded, and with exchanged columns or signs.
 
 All fits use means over 0.1 s of the readings and of the motion that the readback implies
-(`inercal.benches.turntable.attitude.motion` at the table's nominal values). Three readings y are
-consistent with a faultless sensor in the motion p if the cost is small::
+(`inercal.benches.turntable.attitude.motion` at the table's nominal values). The readings y of axes
+along the rows of A are consistent with a faultless sensor in the motion p if the cost is small::
 
-    J = min over D, b of  Σ|y − (I + D) p − b|² / (0.05² S) + Σ D² / 0.1²
+    J = min over D, b of  Σ|y − (A + D) p − b|² / (0.05² S) + Σ D² / 0.1²
 
 where S is the sum of squares of the readings about their mean. Scale factor errors of 5 % and
 misalignments of 5° cost about 5, and a bias costs nothing. A reversed or exchanged axis costs more
@@ -70,9 +70,13 @@ def signed_permutations(k: int) -> tuple[SignedPermutation, ...]:
     )
 
 
+def _column_exchanges(k: int) -> tuple[SignedPermutation, ...]:
+    return signed_permutations(k) if k <= len("xyz") else (identity_permutation(k),)
+
+
 @dataclass(frozen=True, eq=False)
 class BlockMeans:
-    """Means over 0.1 s of time, axis angles and rates, and the readings of each triad, in SI."""
+    """Means over 0.1 s of time, axis angles and rates, and the readings of each kind, in SI."""
 
     time: Array  # (b,)
     angles: Array  # (b, k)
@@ -114,33 +118,35 @@ def block_means(track: Track, sensor: Sensor) -> BlockMeans:
 
 
 class Moments(NamedTuple):
-    """Sums of products of readings y and expected readings p about their means, (3, 3) each."""
+    """Sums of products of readings y of m axes and the motion p about their means."""
 
-    yy: Array
-    yp: Array
-    pp: Array
+    yy: Array  # (m, m)
+    yp: Array  # (m, 3)
+    pp: Array  # (3, 3)
+    axes: Array  # (m, 3), input axes A
     minimum_sum: float  # lower limit for the sum of squares of y about its mean
 
-    def cost(self, way: SignedPermutation) -> float:
-        """Return the cost J for the readings exchanged by `way`."""
-        at = list(way.order)
-        yp = self.yp[at] * np.array(way.signs)[:, None]
+    def cost(self, way: SignedPermutation | None = None) -> float:
+        """Return the cost J for the readings as recorded, or exchanged by `way`."""
+        way = way or identity_permutation(len(self.axes))
+        yp = self.yp[list(way.order)] * np.array(way.signs)[:, None]
         total = max(float(np.trace(self.yy)), self.minimum_sum)
         weight = total * (_MISFIT / _SOUND) ** 2
-        d = np.linalg.solve(self.pp + weight * np.eye(len(at)), (yp - self.pp).T).T
-        a = d + np.eye(len(at))
+        off = yp - self.axes @ self.pp
+        d = np.linalg.solve(self.pp + weight * np.eye(3), off.T).T
+        a = d + self.axes
         residual = np.trace(self.yy) - 2 * np.sum(a * yp) + np.sum((a @ self.pp) * a)
         return float(residual / total / _MISFIT**2 + np.sum(d**2) / _SOUND**2)
 
     def factors(self) -> Array:
-        """Return the ratio of each reading's change to its expected change, (3,)."""
-        return np.diagonal(self.yp @ np.linalg.pinv(self.pp, rcond=1e-3)).copy()
+        """Return the ratio of each reading's change to its expected change, (m,)."""
+        return np.sum(self.yp @ np.linalg.pinv(self.pp, rcond=1e-3) * self.axes, axis=-1)
 
 
 def moments(
     bench: Turntable, sensor: Sensor, made: BlockMeans, way: SignedPermutation, times: float = 1.0
 ) -> dict[str, Moments]:
-    """Return the moments for a sensor's triads, by "f" and "w".
+    """Return the moments for a sensor's accelerometers and gyros, by "f" and "w".
 
     Parameters
     ----------
@@ -156,11 +162,11 @@ def moments(
     sensed = motion(bench, angles, rates, np.zeros_like(rates), {})
     found: dict[str, Moments] = {}
     for kind, u in (("f", sensed.f), ("w", sensed.w)):
+        y, p = (x - x.mean(axis=0) for x in (made.readings[kind], u))
         axes = np.array([axis.i for axis in sensor.axes if axis.measures == kind])
-        if len(axes) != 3:
-            continue
-        y, p = (x - x.mean(axis=0) for x in (made.readings[kind], u @ axes.T))
-        found[kind] = Moments(y.T @ y, y.T @ p, p.T @ p, len(y) * _LEAST[kind] ** 2)
+        if len(axes):
+            least = len(y) * _LEAST[kind] ** 2
+            found[kind] = Moments(y.T @ y, y.T @ p, p.T @ p, axes, least)
     return found
 
 
@@ -178,15 +184,20 @@ def find_exchanges(bench: Turntable, sensor: Sensor, made: BlockMeans) -> tuple[
 
     The simplest exchanges are of the readback's columns, of one triad, or of both triads together
     (another mounting of the IMU). Different exchanges of both triads come next, then exchanges of
-    readback and triads.
+    readback and triads. Fewer than three axes of a kind can fit several exchanges of the readback,
+    so only their own columns are exchanged, and more than three axes are not exchanged.
     """
     by = {
         table: moments(bench, sensor, made, table) for table in signed_permutations(len(bench.axes))
     }
-    for found in (_simple_exchanges(by), [_best_exchange(*next(iter(by.items())))]):
+    own = [_best_exchange(*next(iter(by.items())))]
+    triads = all(len(m.axes) == 3 for m in next(iter(by.values())).values())
+    for found in (_simple_exchanges(by) if triads else [], own):
         sound = [fit for fit in found if fit.cost <= MAX_SOUND_COST]
         if sound:
             return tuple(sorted(sound))
+    if not triads:
+        return ()
     every = min(_best_exchange(table, of) for table, of in by.items())
     return (every,) if every.cost <= MAX_SOUND_COST else ()
 
@@ -200,7 +211,7 @@ def alternative_axis_orders(
     for axes in map("".join, permutations("xyz", k)):
         if axes != bench.axes:
             by = moments(replace(bench, axes=axes), sensor, made, identity_permutation(k))
-            found.append((max(m.cost(identity_permutation(3)) for m in by.values()), axes))
+            found.append((max(m.cost() for m in by.values()), axes))
     return tuple(sorted(one for one in found if one[0] <= MAX_SOUND_COST))
 
 
@@ -210,7 +221,7 @@ def _simple_exchanges(by: dict[SignedPermutation, dict[str, Moments]]) -> list[E
     same = ways[0]
     w, f = ([triads[kind].cost(way) if kind in triads else 0.0 for way in ways] for kind in "wf")
     tables = [
-        ExchangeFit(max(m.cost(same) for m in each.values()), one, same, same)
+        ExchangeFit(max(m.cost() for m in each.values()), one, same, same)
         for one, each in by.items()
     ]
     gyros = [ExchangeFit(max(w[k], f[0]), table, way, same) for k, way in enumerate(ways)]
@@ -220,9 +231,9 @@ def _simple_exchanges(by: dict[SignedPermutation, dict[str, Moments]]) -> list[E
 
 
 def _best_exchange(table: SignedPermutation, triads: dict[str, Moments]) -> ExchangeFit:
-    """Return the best exchange of each triad, independently of the other."""
+    """Return the best exchange of each kind of axes, independently of the other."""
     best = {
-        kind: min((m.cost(way), way) for way in signed_permutations(3))
+        kind: min((m.cost(way), way) for way in _column_exchanges(len(m.axes)))
         for kind, m in triads.items()
     }
     ways = [best[kind][1] if kind in best else identity_permutation(3) for kind in "wf"]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.benches.turntable.attitude import body_rates
 from inercal.benches.turntable.bench import Turntable
+from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR
 
 _HALF = 0.02  # s, half a window
@@ -55,6 +56,19 @@ def table_rates(bench: Turntable, time: Array, angles: Array) -> WindowedRates:
     """
     h = half_window(time)
     return _differentiate_rates(time, _mean_table_rates(bench, time, angles, h), h)
+
+
+def rate_vectors(sensor: Sensor, reading: Array) -> Array:
+    """Return the rates that gyros in three directions or more measure, (n, 3) rad/s.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    reading : (n, m) array
+        Readings of the sensor's axes, SI.
+    """
+    gyros = [axis.measures == "w" for axis in sensor.axes]
+    return np.asarray(reading[:, gyros] @ np.linalg.pinv(sensor.input_axes("w")).T, dtype=float)
 
 
 def gyro_rates(time: Array, reading: Array) -> WindowedRates:

@@ -9,7 +9,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import Measured, format_duration, format_quantity
+from inercal.basics.units import Measured, format_count, format_duration, format_quantity
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.host_readback import (
     HostReadback,
@@ -18,6 +18,7 @@ from inercal.benches.turntable.reading.host_readback import (
     describe_interruptions,
     read_host_readback,
 )
+from inercal.benches.turntable.reading.implied_rates import rate_vectors
 from inercal.benches.turntable.reading.readback_clock import (
     MAX_CLOCK_OFFSET,
     ClockAlignment,
@@ -191,15 +192,15 @@ def _unwrap_angles(
 
 def _gyro_readings(run: RunBase[TurntableData], recording: Recording) -> Array:
     """Return the gyros' readings, (n, 3) rad/s."""
-    gyros = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "w"]
-    if len(gyros) != len("xyz"):
+    if run.sensor.rank("w") < len("xyz"):
+        count = format_count(len(run.sensor.input_axes("w")), "gyro")
         raise InputError(
-            "the clock offset of the readback is estimated from three gyros, but the sensor has "
-            f"{len(gyros)}; name three gyros in [sensor.gyro], or write the readback into the "
+            "the clock offset of the readback is estimated from gyros in three directions, but the "
+            f"sensor has {count}; name three in [sensor.gyro], or write the readback into the "
             "recording"
         )
     places = [recording.channels.index(name) for name in run.sensor.channels]
-    return run.sensor.to_si(recording.data[:, places])[:, gyros]
+    return rate_vectors(run.sensor, run.sensor.to_si(recording.data[:, places]))
 
 
 def _require_readings(time: Array, angles: Array) -> None:

@@ -28,7 +28,7 @@ from inercal.benches.turntable.reading.exchange_fits import (
 )
 from inercal.benches.turntable.reading.host_readback import Interruption, are_interrupted
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS as WITHOUT
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import GAP_FACTOR, Finding, Track
 
@@ -71,7 +71,7 @@ def check_track(
         Track with readings (..., n, m) in SI in the order of the sensor's axes. Every trial is
         checked.
     sensor : Sensor
-        Sensor with triads of accelerometers and gyros; one of them may be missing.
+        Sensor with accelerometers, gyros or both.
     bench : Turntable
     columns : ColumnNames, optional
         Names for messages; by default the names of the sensor's and the table's axes.
@@ -94,10 +94,13 @@ def check_track(
         one = track.trial(*index)
         result = block_means(one, sensor)
         _require_motion(where, one, result)
-        odd = odd or _check_gravity_norm(where, result, bench)
+        odd = odd or _check_gravity_norm(where, result, sensor, bench)
         _require_rate_ratio(where, result.subsample(), sensor, bench, columns)
         _require_axes(where, result.subsample(), sensor, bench, columns)
-        few = few or (*_attitude_findings(one, bench), *_turn_findings(result, bench))
+        few = few or (
+            *_attitude_findings(one, sensor, bench),
+            *_turn_findings(result, sensor, bench),
+        )
     return (*_gap_findings(track.time, interruptions), *odd, *few)
 
 
@@ -125,9 +128,17 @@ def _require_motion(where: str, track: Track, made: BlockMeans) -> None:
     )
 
 
-def _check_gravity_norm(where: str, made: BlockMeans, bench: Turntable) -> tuple[Finding, ...]:
+def _is_triad(sensor: Sensor, kind: Measures) -> bool:
+    """Return whether three axes of a kind are at right angles."""
+    axes = sensor.input_axes(kind)
+    return len(axes) == len("xyz") and np.allclose(axes @ axes.T, np.eye(3))
+
+
+def _check_gravity_norm(
+    where: str, made: BlockMeans, sensor: Sensor, bench: Turntable
+) -> tuple[Finding, ...]:
     """Refuse accelerometers if their norm at rest is far from g, and warn if it is not near g."""
-    if made.readings["f"].shape[-1] != 3 or not made.is_still.any():
+    if not _is_triad(sensor, "f") or not made.is_still.any():
         return ()
     times = _size_at_rest(made.readings["f"][made.is_still]) / bench.gravity.value
     if not _WEIGHT[0] < times < _WEIGHT[1]:
@@ -165,7 +176,7 @@ def _require_rate_ratio(
     where: str, made: BlockMeans, sensor: Sensor, bench: Turntable, columns: ColumnNames
 ) -> None:
     """Refuse a readback whose rates differ in size from the rates that the gyros measure."""
-    if made.readings["w"].shape[-1] != 3:
+    if not _is_triad(sensor, "w"):
         return
     by = _rate_ratios(made)
     off = {k: times for k, times in by.items() if not 1 / _SIZE < times < _SIZE}
@@ -186,7 +197,7 @@ def _require_rate_ratio(
     def gravity_fits(factor: float) -> bool:
         """Return whether gravity fits the attitudes from the readback multiplied by a factor."""
         fit = moments(bench, sensor, made, identity_permutation(len(bench.axes)), factor).get("f")
-        return fit is not None and fit.cost(identity_permutation(3)) <= MAX_SOUND_COST
+        return fit is not None and fit.cost() <= MAX_SOUND_COST
 
     text = f"{where}: the gyros read {times:.4g} times the rate of the readback"
     scales = (
@@ -242,7 +253,7 @@ def _require_axes(
 ) -> None:
     """Refuse columns that are exchanged or reversed, and axes with another scale."""
     by = moments(bench, sensor, made, identity_permutation(len(bench.axes)))
-    off = {kind: m for kind, m in by.items() if m.cost(identity_permutation(3)) > MAX_SOUND_COST}
+    off = {kind: m for kind, m in by.items() if m.cost() > MAX_SOUND_COST}
     if not off:
         return
     remedies = [
@@ -286,7 +297,7 @@ def _describe_exchange(fit: ExchangeFit, columns: ColumnNames) -> tuple[str, ...
     )
 
 
-def _attitude_findings(track: Track, bench: Turntable) -> tuple[Finding, ...]:
+def _attitude_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
     """Return a warning if the holds have fewer than six directions of gravity in the body."""
     numbers = np.unique(track.hold[track.hold >= 0])
     middles = [int(np.median(np.flatnonzero(track.hold == k))) for k in numbers]
@@ -295,7 +306,7 @@ def _attitude_findings(track: Track, bench: Turntable) -> tuple[Finding, ...]:
     for direction in up:
         if all(np.linalg.norm(direction - other) > _APART for other in distinct):
             distinct.append(direction)
-    if len(distinct) >= _ATTITUDES:
+    if len(distinct) >= _ATTITUDES or sensor.rank("f") < len("xyz"):
         return ()
     text = (
         f"the {numbers.size} holds have {len(distinct)} different upward directions; the "
@@ -304,18 +315,21 @@ def _attitude_findings(track: Track, bench: Turntable) -> tuple[Finding, ...]:
     return (Finding("warning", "attitudes", text),)
 
 
-def _turn_findings(made: BlockMeans, bench: Turntable) -> tuple[Finding, ...]:
-    """Return a warning about axes of the body about which the table hardly turned."""
+def _turn_findings(made: BlockMeans, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
+    """Return a warning about gyros about whose axes the table hardly turned."""
     sensed = motion(bench, made.angles, made.rates, np.zeros_like(made.rates), {})
     step = float(np.median(np.diff(made.time)))
-    turned = np.abs(sensed.w[~made.is_still]).sum(axis=0) * step
+    gyros = sensor.select_axes("w")
+    turned = np.abs(sensed.w[~made.is_still] @ gyros.input_axes("w").T).sum(axis=0) * step
     few = [
-        f"{axis} {degrees(t):.3g}°" for axis, t in zip("xyz", turned, strict=True) if t < _TURNED
+        f"{name} {degrees(t):.3g}°"
+        for name, t in zip(gyros.channels, turned, strict=True)
+        if t < _TURNED
     ]
     if not few:
         return ()
-    text = f"the table hardly turned about the body's axes: {', '.join(few)}"
-    return (Finding("warning", "turns", f"{text}; the gyros' scales need 360° or more about each"),)
+    text = f"the table hardly turned about the axes of these gyros: {', '.join(few)}"
+    return (Finding("warning", "turns", f"{text}; their scales need 360° or more about each"),)
 
 
 def _gap_findings(time: Array, interruptions: Sequence[Interruption]) -> tuple[Finding, ...]:

@@ -15,7 +15,11 @@ from inercal.benches.turntable.reading.dropped_samples import dropped_sample_fin
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
 from inercal.benches.turntable.reading.gyro_comparison import gyro_comparison_findings
 from inercal.benches.turntable.reading.host_readback import Interruption
-from inercal.benches.turntable.reading.implied_rates import RateRegression, fit_track_rates
+from inercal.benches.turntable.reading.implied_rates import (
+    RateRegression,
+    fit_track_rates,
+    rate_vectors,
+)
 from inercal.benches.turntable.reading.readback_angles import (
     RecordingWithAngles,
     add_table_angles,
@@ -64,7 +68,6 @@ from inercal.recordings.segments.turntable_segments import (
 )
 
 _WIDEST = 0.05  # s
-_GYROS = 3
 _NOT_LATE = 1e-3  # s
 _MOVED = radians(0.1)
 _EXACT = 4  # decimals in degrees for the angles of positions
@@ -179,10 +182,10 @@ def _check_track(
     if alike:
         require_turning(where, track, run.sensor, columns.readback)
     findings = check_track(where, track, run.sensor, bench, columns, interruptions)
-    gyros = [axis.measures == "w" for axis in run.sensor.axes]
     known: RateRegression | None = None
-    if sum(gyros) == _GYROS:
-        known = fit_track_rates(bench, track.time, track.angles, track.reading[:, gyros])
+    if run.sensor.rank("w") == len("xyz"):
+        rates = rate_vectors(run.sensor, track.reading)
+        known = fit_track_rates(bench, track.time, track.angles, rates)
     findings += check_earth_rate(where, track, run.sensor, bench, known)
     if (repeated := repeated_readback_finding(track)) is not None:
         return (*findings, repeated)
