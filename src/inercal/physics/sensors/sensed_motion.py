@@ -48,7 +48,7 @@ def sensed_motion(axes: Sequence[Axis]) -> SensedMotion:
         else:
             orthonormal = np.linalg.svd(own)[2][:rank]
         names += [kind + name for name in case_letters(own) or map(str, range(1, len(own) + 1))]
-        measures += (kind for _ in own)
+        measures.extend(kind for _ in own)
         place = np.eye(3, 6, 3 * KINDS.index(kind))
         rows += list(own @ place)
         basis += list(orthonormal @ place)
