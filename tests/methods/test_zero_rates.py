@@ -13,8 +13,8 @@ from inercal.estimation import Gaussian
 from inercal.physics.plan import Hold, Turn
 from inercal.physics.sensors import imu
 from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
-from inercal.pipeline.run_calibration import check_zero_rates
 from inercal.recordings import Observations
+from inercal.recordings.io.rest_norm import check_zero_rates
 from inercal.recordings.io.write import write_recording
 from inercal.runfile import read
 

@@ -128,6 +128,7 @@ name = "temperature_ramp"
     outcome = calibrate(tmp_path / "run.toml")
     corrected = apply(outcome.calibration, tmp_path / "run.toml")
     assert corrected.channels == channels
+    assert outcome.calibration.predict(extrapolate=True).names == channels
     assert corrected.data.shape == data.shape
 
 

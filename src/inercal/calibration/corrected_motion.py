@@ -1,4 +1,4 @@
-"""The motion that a sensor with any number of axes measures, and the residual of a cluster.
+"""Check readings, and compute the motion that a sensor with any number of axes measures.
 
 One or two axes measure only the components along them. More than three axes of a kind measure a
 vector, by least squares with equal weights, because all axes of a kind have the same stated noise.
@@ -6,17 +6,18 @@ Their readings minus those that the vector explains are the parity residual. It 
 errors of single axes, but no motion.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import Measures
-from inercal.physics.sensors import Sensor
-
-KINDS: tuple[Measures, ...] = ("f", "w")
+from inercal.physics.quantities import KINDS, Measures
+from inercal.physics.sensors import Sensor, inverse
+from inercal.recordings import Recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,62 +33,110 @@ class CorrectedMotion(Motion):
     parity: dict[Measures, Array] = field(default_factory=dict["Measures", Array])
 
 
-def kinds_in_part(sensor: Sensor) -> tuple[Measures, ...]:
-    """Return the kinds of axes that measure only one or two components."""
-    return tuple(kind for kind in KINDS if 0 < sensor.rank(kind) < len("xyz"))
+def checked_readings(sensor: Sensor, recording: Recording | Array) -> Array:
+    """Return the readings of the sensor's axes in SI, (..., n, m).
+
+    Raises
+    ------
+    InputError
+        If a channel is missing or has another unit, or if readings are not finite.
+    """
+    if isinstance(recording, Recording):
+        data = _columns(sensor, recording)
+    else:
+        data = np.asarray(recording, dtype=np.float64)
+    if data.ndim < 2:
+        raise InputError(f"readings have shape {data.shape}; expected (..., samples, axes)")
+    if data.shape[-1] != len(sensor.axes):
+        raise InputError(
+            f"readings have {data.shape[-1]} columns; the axes are {', '.join(sensor.channels)}",
+            names=sensor.channels,
+        )
+    bad = ~np.isfinite(data).reshape(-1, data.shape[-1]).all(axis=0)
+    if bad.any():
+        names = tuple(np.array(sensor.channels)[bad].tolist())
+        raise InputError(
+            f"readings of {', '.join(names)} are not finite; remove those samples first",
+            names=names,
+        )
+    return sensor.to_si(data)
+
+
+def _columns(sensor: Sensor, recording: Recording) -> Array:
+    source = recording.source or "recording"
+    missing = tuple(name for name in sensor.channels if name not in recording.channels)
+    if missing:
+        raise InputError(
+            f"{source}: channel {missing[0]!r} of the calibration is missing; the recording has "
+            f"{', '.join(recording.channels)}: name the column of this axis in the run file, or "
+            "use a calibration of these axes",
+            names=missing,
+        )
+    columns = [recording.channels.index(name) for name in sensor.channels]
+    for axis, k in zip(sensor.axes, columns, strict=True):
+        if not _same_unit(axis.readout.unit, recording.units[k]):
+            raise InputError(
+                f"{source}: channel {axis.name} is in {recording.units[k]}; this calibration is "
+                f"for {axis.readout.unit}; convert the channel",
+                names=(axis.name,),
+            )
+    return recording.data[..., columns]
+
+
+def _same_unit(first: str, second: str) -> bool:
+    try:
+        return first == second or si_factor(first) == si_factor(second, like=first)
+    except InputError:
+        return False
 
 
 def corrected_motion(
-    sensor: Sensor, y: Array, values: Array, motion: Motion, in_part: Sequence[Measures]
+    sensor: Sensor,
+    y: Array,
+    c: Array,
+    passed: Mapping[Measures, Array | None],
+    dw: Array | None,
+    dT: Array | float,
+    dTdt: Array | float,
+    time: Array | None,
 ) -> CorrectedMotion:
-    """Return the motion with the parity residuals, and only the measured components of some kinds.
+    """Return the motion that corresponds to readings; see `Calibration.correct`.
 
     Parameters
     ----------
     sensor : Sensor
     y : (..., n, m) array
         Readings in SI.
-    values : (p,) array
+    c : (p,) array
         Coefficients.
-    motion : Motion
-        The motion that corresponds to the readings.
-    in_part : sequence of "f" or "w"
-        Kinds for which the result has one component per axis, along its input axis.
+    passed : mapping of "f" and "w" to (..., n, 3) array or None
+        Motion that the sensor does not measure. If nothing is passed for a kind whose axes measure
+        only one or two components, the result has one column per axis, along its input axis.
+    dw, dT, dTdt
+        See `Calibration.correct`.
+    time : (n,) array or None
+        Times of the samples, from which a missing `dw` is computed, s.
     """
+    in_part: list[Measures] = [
+        kind for kind in KINDS if passed[kind] is None and 0 < sensor.rank(kind) < len("xyz")
+    ]
+    f, w = (np.zeros((1, 3)) if kind in in_part else passed[kind] for kind in KINDS)
+    if dw is None and sensor.uses("ai", "ap", "ao"):
+        if time is None:
+            raise InputError(
+                "the model has lever arms: pass dw, the angular acceleration in rad/s², or a "
+                "Recording, from which it can be computed",
+                key="dw",
+            )
+        rough = inverse(sensor, y, c, f=f, w=w, dT=dT, dTdt=dTdt)
+        dw = np.gradient(rough.w, time, axis=-2)
+    motion = inverse(sensor, y, c, f=f, w=w, dw=dw, dT=dT, dTdt=dTdt)
     parity: dict[Measures, Array] = {}
     rest: Array | None = None
     for kind in KINDS:
         rows = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if len(rows) > max(sensor.rank(kind), 1):
-            rest = y - sensor.forward(motion, values) if rest is None else rest
+            rest = y - sensor.forward(motion, c) if rest is None else rest
             parity[kind] = np.linalg.norm(rest[..., rows], axis=-1)
     sensed = {kind: getattr(motion, kind) @ sensor.input_axes(kind).T for kind in in_part}
-    whole = replace(motion, **sensed)
-    return CorrectedMotion(whole.f, whole.w, whole.dw, whole.dT, whole.dTdt, parity)
-
-
-def sensed_components(sensor: Sensor) -> Array:
-    """Return the motion (f, ω) for a unit of each component that is measured, (6, k)."""
-    blocks: list[Array] = []
-    for kind in KINDS:
-        axes, rank = sensor.input_axes(kind), sensor.rank(kind)
-        if rank:
-            own = np.asarray(np.eye(3) if rank == len("xyz") else np.linalg.pinv(axes), dtype=float)
-            other = 0 * own
-            blocks.append(np.concatenate([own, other] if kind == "f" else [other, own]))
-    return np.concatenate(blocks, axis=1)
-
-
-def component_names(sensor: Sensor, kind: Measures) -> tuple[str, ...]:
-    """Return the names of the components that `corrected_motion` returns, such as "wx" or "w1".
-
-    Fewer than three axes are numbered unless they point along different case axes.
-    """
-    rank, axes = sensor.rank(kind), sensor.select_axes(kind).axes
-    if rank == len("xyz"):
-        return tuple(kind + letter for letter in "xyz")
-    main = [int(np.argmax(np.abs(axis.i))) for axis in axes]
-    case = all(axis.i[k] == 1 for axis, k in zip(axes, main, strict=True))
-    by_letter = case and len(set(main)) == len(main)
-    names = ["xyz"[k] for k in main] if by_letter else map(str, range(1, len(axes) + 1))
-    return tuple(f"{kind}{name}" for name in names)
+    return CorrectedMotion(**vars(replace(motion, **sensed)), parity=parity)

@@ -77,7 +77,7 @@ def calibration_object(calibration: Calibration) -> dict[str, Any]:
     if calibration.verdict is not None:
         content["verdict"] = verdict_object(calibration.verdict)
     if calibration.shared is not None:
-        content["shared"] = [_shared_object(one) for one in calibration.shared]
+        content["shared"] = record_object(calibration.shared)
     if calibration.validity is not None:
         known = calibration.validity.ranges
         content["validity"] = {name: list(found) for name, found in known.items()}
@@ -88,17 +88,6 @@ def calibration_object(calibration: Calibration) -> dict[str, Any]:
     if calibration.conformity is not None:
         content["conformity"] = conformity_object(calibration.conformity)
     return content | {"sha256": _hash(content)}
-
-
-def _shared_object(one: SharedError) -> dict[str, Any]:
-    return {
-        "name": one.name,
-        "unit": one.unit,
-        "std": one.std,
-        "determination": one.determination,
-        "date": one.date,
-        "covariance": one.covariance.tolist(),
-    }
 
 
 def canonical_text(content: dict[str, Any]) -> str:

@@ -38,10 +38,9 @@ from inercal.calibration.temperature_range import TEMPERATURE_MARGIN
 from inercal.calibration.validity import READING_MARGIN, distance_outside
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import QUANTITIES, Measures
-from inercal.physics.sensors import G0, TABLES, Axis, Sensor, inverse
+from inercal.physics.quantities import KINDS, QUANTITIES, Measures
+from inercal.physics.sensors import G0, TABLES, Sensor, inverse
 from inercal.physics.sensors.coefficient_words import GROUP_WORDS, coefficient_words
-from inercal.physics.sensors.inverse import observed_directions
 
 OWN_ERRORS = "noise and errors of this run only"
 SHOWN: Mapping[str, tuple[str, float]] = {"f": ("g", G0), "w": ("°/s", np.pi / 180)}
@@ -78,8 +77,7 @@ class Prediction:
     Parameters
     ----------
     names : tuple of q str
-        "fx", "fy", "fz" and "wx", "wy", "wz". If the axes of a kind do not measure all directions,
-        one name for each axis, such as "f along a".
+        "fx", "fy", "fz" and "wx", "wy", "wz", or fewer components (`Sensor.sensed`).
     measures : tuple of q "f" or "w"
     f, w : (n, 3) arrays
         Specific force in m/s² and angular rate in rad/s of each point.
@@ -151,9 +149,9 @@ def predict(
         )
     # The result is the point itself, but beyond a fold of the model the correction is refused.
     inverse(sensor, line.reading, c, f=force, w=rate, dT=motion.dT)
-    basis, names, rows = _outputs(sensor)
+    names, measures, rows, basis = sensor.sensed
     true, back = np.concatenate([force, rate], axis=-1), rows @ basis
-    nominal = np.array([_along(axis) for axis in sensor.axes])
+    nominal = np.array([np.kron([a.measures == kind for kind in KINDS], a.i) for a in sensor.axes])
     raw = (line.reading - true @ nominal.T) @ (back @ np.linalg.pinv(nominal @ basis)).T
     gain = back @ np.linalg.pinv(line.slope @ basis)
     by = -gain @ line.design
@@ -168,7 +166,7 @@ def predict(
     }
     return Prediction(
         names,
-        tuple("f" if row[:3].any() else "w" for row in rows),
+        measures,
         force,
         rate,
         kelvin,
@@ -228,23 +226,6 @@ def _points(
         np.broadcast_to(one, (count, *one.shape[1:])) for one in vectors.values()
     )
     return force, rate, kelvin
-
-
-def _along(axis: Axis) -> Array:
-    """Return the input axis as a direction of (f, ω), (6,)."""
-    return np.concatenate([np.array(axis.i) * (axis.measures == kind) for kind in "fw"])
-
-
-def _outputs(sensor: Sensor) -> tuple[Array, tuple[str, ...], Array]:
-    """Return the measured directions, (6, k), and the names and rows (q, 6) of the outputs."""
-    basis, rows = observed_directions(sensor), dict[str, Array]()
-    for first, kind in ((0, "f"), (3, "w")):
-        if basis[first : first + 3].any(axis=0).sum() == 3:
-            rows |= {kind + axis: np.eye(6)[first + k] for k, axis in enumerate("xyz")}
-        else:
-            own = [axis for axis in sensor.axes if axis.measures == kind]
-            rows |= {f"{kind} along {axis.name}": _along(axis) for axis in own}
-    return basis, tuple(rows), np.array(list(rows.values()))
 
 
 def _excesses(

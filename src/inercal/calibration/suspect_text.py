@@ -56,8 +56,8 @@ def cause_words(
     if kind == "coefficient":
         return coefficient_words(sensor, name, components)
     if kind == "bench" and name.startswith(_PRIOR_PREFIX):
-        full = name.removeprefix(_PRIOR_PREFIX)
-        return f"the prior of the {coefficient_words(sensor, full, _without_prior(components))}"
+        full, *own = (one.removeprefix(_PRIOR_PREFIX) for one in (name, *components))
+        return f"the prior of the {coefficient_words(sensor, full, own)}"
     if kind == "bench":
         return bench_words(name, components, expected)
     return f"wrong readings in {name}" if kind == "row" else name
@@ -74,10 +74,6 @@ def bench_words(name: str, components: Sequence[str], expected: Mapping[str, Par
     if meaning == name:
         return f"{name} of the bench"
     return f"{meaning} ({name})" if meaning else f"bench parameter {name}"
-
-
-def _without_prior(components: Sequence[str]) -> list[str]:
-    return [one.removeprefix(_PRIOR_PREFIX) for one in components]
 
 
 def size_words(one: SuspectedCause, sensor: Sensor) -> str:

@@ -8,6 +8,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration.validity import Validity
 from inercal.physics.sensors import Sensor
+from inercal.recordings import Recording, temperature_rate
 from inercal.recordings.temperature import first_impossible, impossible_text
 
 TEMPERATURE_MARGIN = 1.0  # K outside the calibration's range that are still accepted
@@ -52,18 +53,24 @@ def require_inside(
         )
 
 
-def require_usable(
-    sensor: Sensor, validity: Validity | None, dT: Array | float, *, extrapolate: bool
-) -> None:
-    """Raise an error if readings cannot be corrected at some temperature.
+def checked_temperatures(
+    sensor: Sensor,
+    validity: Validity | None,
+    recording: Recording | Array,
+    dT: Array | float | None,
+    dTdt: Array | float | None,
+    *,
+    extrapolate: bool,
+) -> tuple[Array | float, Array | float]:
+    """Return dT, K, and dTdt, K/s, as passed or from the recording; zero if neither is needed.
 
     Parameters
     ----------
     sensor : Sensor
     validity : Validity or None
         Validity of the calibration.
-    dT : array or float
-        Temperature minus the reference temperature, K.
+    recording, dT, dTdt
+        See `Calibration.correct`.
     extrapolate : bool
         Whether temperatures outside the range of the calibration are accepted. Temperatures below 0
         K are never accepted.
@@ -71,21 +78,42 @@ def require_usable(
     Raises
     ------
     InputError
-        If a temperature is impossible, or outside the range of the calibration.
+        If a temperature is missing, impossible, or outside the range of the calibration.
     """
-    kelvin = np.atleast_1d(sensor.reference_temperature + np.asarray(dT, dtype=float))
-    if not extrapolate:
-        remedy = "give temperatures in this range, or pass extrapolate=True"
-        require_inside(sensor, validity, kelvin, remedy, key="dT")
-    flat = kelvin.reshape(-1)
-    known = None if validity is None else validity.temperature
-    bad = first_impossible(flat, allowed=extrapolate or known is not None)
-    if bad is not None:
+    if isinstance(recording, Recording) and recording.temperature is not None and dT is None:
+        dT = recording.temperature - sensor.reference_temperature
+        if dTdt is None and sensor.uses("dTdt"):
+            dTdt = temperature_rate(recording.time, recording.temperature)
+    for key, value, needed in (
+        ("dT", dT, "temperature: pass dT, in K above the reference temperature"),
+        ("dTdt", dTdt, "the rate of change of the temperature: pass dTdt in K/s"),
+    ):
+        if value is None and sensor.uses(key):
+            raise InputError(
+                f"the model depends on {needed}, or a recording that contains temperatures", key=key
+            )
+    rate = 0.0 if dTdt is None else dTdt
+    if dT is None:
+        return 0.0, rate
+    if not np.isfinite(dT).all():
         raise InputError(
-            f"dT of {float(flat[bad]) - sensor.reference_temperature:.6g} K is "
-            f"{impossible_text(float(flat[bad]), 'extrapolate=True')}",
-            key="dT",
+            "dT has temperatures that are not finite; remove those samples first", key="dT"
         )
+    if sensor.uses("dT", "dTdt"):
+        kelvin = np.atleast_1d(sensor.reference_temperature + np.asarray(dT, dtype=float))
+        if not extrapolate:
+            remedy = "give temperatures in this range, or pass extrapolate=True"
+            require_inside(sensor, validity, kelvin, remedy, key="dT")
+        flat = kelvin.reshape(-1)
+        known = None if validity is None else validity.temperature
+        bad = first_impossible(flat, allowed=extrapolate or known is not None)
+        if bad is not None:
+            raise InputError(
+                f"dT of {float(flat[bad]) - sensor.reference_temperature:.6g} K is "
+                f"{impossible_text(float(flat[bad]), 'extrapolate=True')}",
+                key="dT",
+            )
+    return dT, rate
 
 
 def temperatures_outside(

@@ -338,12 +338,7 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None, timeout: fl
     import time
 
     from inercal.basics.parallel import open_tolerant_executor
-    from inercal.fleet.station import (
-        StationResult,
-        arriving_files,
-        calibrate_arrival,
-        known_files,
-    )
+    from inercal.fleet.station import StationResult, arriving_files, calibrate_arrival, known_files
     from inercal.fleet.time_limit import TimeLimit
 
     if not folder.is_dir():

@@ -13,12 +13,10 @@ from inercal.cli.options import Force, Json, RegisterOption, assignments
 from inercal.cli.outputs import BACKUP, PAGE, check_outputs
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from inercal.calibration import Calibration
     from inercal.calibration.comparison import Comparison
     from inercal.calibration.comparison.run_to_run import RunToRun
-    from inercal.laboratory.store import NoiseEntry, Register, SensorEntry
+    from inercal.laboratory.store import Register
 
 _LISTED = 50  # calibrations or runs listed in a table by default
 app = typer.Typer(
@@ -47,18 +45,17 @@ def list_(
 
     with open_register(register, create=False) as opened:
         limit = _limit(everything, json)
-        found = opened.runs(newest=limit) if runs else opened.sensors()
+        sensors = () if runs else opened.sensors()
+        found = opened.runs(newest=limit) if runs else ()
         if json:
-            what = "runs" if runs else "sensors"
-            print_json(
-                {"register": opened.address, what: [store_view.entry_object(one) for one in found]}
-            )
-        elif not found:
-            print(f"{opened.address} is empty; enter calibrations with inercal store import PATH…")
-        elif runs:
-            store_view.print_runs(opened.runs(newest=limit), limit)
+            listed = [store_view.entry_object(one) for one in (*found, *sensors)]
+            print_json({"register": opened.address, "runs" if runs else "sensors": listed})
+        elif sensors:
+            store_view.print_sensors(sensors)
+        elif found:
+            store_view.print_runs(found, limit)
         else:
-            store_view.print_sensors(opened.sensors())
+            print(f"{opened.address} is empty; enter calibrations with inercal store import PATH…")
 
 
 @app.command()
@@ -89,14 +86,14 @@ def show(
         runs = opened.runs(sensor.id, limit)
         noise = opened.noise_history(sensor.id)
         if json:
-            parts = {"calibrations": calibrations, "runs": runs}
             print_json(
-                {"register": opened.address, "sensor": store_view.entry_object(sensor)}
-                | {
-                    name: [store_view.entry_object(one) for one in part]
-                    for name, part in parts.items()
+                {
+                    "register": opened.address,
+                    "sensor": store_view.entry_object(sensor),
+                    "calibrations": [store_view.entry_object(one) for one in calibrations],
+                    "runs": [store_view.entry_object(one) for one in runs],
+                    "noise": store_view.noise_object_list(noise),
                 }
-                | {"noise": store_view.noise_object_list(noise)}
             )
         else:
             store_view.print_sensor(sensor, calibrations, runs, limit)
@@ -146,57 +143,36 @@ def history(
             check_outputs({out: PAGE}, opened.files)
         entry, noise = opened.sensor(sensor), opened.noise_history(sensor)
         if noise and not entry.calibrations and not coefficients:
-            _print_noise_alone(entry, noise, out, json=json)
-            return
-        found = opened.history(sensor)
-        pool = type_pool(opened, found, like or ()) if like or needs_pool(found) else None
-    chosen = found.select(coefficients or ())
-    share = None if in_use is None else in_use / 100
-    next_one = recalibration(
-        chosen,
-        assignments(limit or (), "--limit", 'coefficient or group = largest U, "bias=1 mg"'),
-        share,
-        pool,
-    )
-    if out is not None:
-        from inercal.report import write_history
+            content = {"sensor": store_view.entry_object(entry)}
+            if out is not None:
+                from inercal.report import noise_history_page
 
-        write_history(chosen, out, next_one, noise)
+                write_text(out, noise_history_page(entry, noise))
+            if not json:
+                print(f"{entry.name}: no calibration yet")
+        else:
+            found = opened.history(sensor)
+            pool = type_pool(opened, found, like or ()) if like or needs_pool(found) else None
+            chosen = found.select(coefficients or ())
+            example = 'coefficient or group = largest U, "bias=1 mg"'
+            limits = assignments(limit or (), "--limit", example)
+            share = None if in_use is None else in_use / 100
+            next_one = recalibration(chosen, limits, share, pool)
+            content = store_view.history_object(chosen)
+            content |= {"next_calibration": store_view.recalibration_object(next_one)}
+            if out is not None:
+                from inercal.report import write_history
+
+                write_history(chosen, out, next_one, noise)
+            if not json:
+                store_view.print_history(chosen, detailed=bool(coefficients))
+                store_view.print_recalibration(next_one)
     if json:
-        print_json(
-            store_view.history_object(chosen)
-            | {"next_calibration": store_view.recalibration_object(next_one)}
-            | {"noise": store_view.noise_object_list(noise)}
-            | ({} if out is None else {"page": str(out)})
-        )
+        more = {} if out is None else {"page": str(out)}
+        print_json(content | {"noise": store_view.noise_object_list(noise)} | more)
         return
-    store_view.print_history(chosen, detailed=bool(coefficients))
-    store_view.print_recalibration(next_one)
     if not coefficients:
         store_view.print_noise_history(noise)
-    if out is not None:
-        print(f"wrote {out}")
-
-
-def _print_noise_alone(
-    sensor: "SensorEntry", noise: "Sequence[NoiseEntry]", out: Path | None, *, json: bool
-) -> None:
-    """Print the noise history of a sensor that was never calibrated, and write its page."""
-    from inercal.cli import store_view
-
-    if out is not None:
-        from inercal.report import noise_history_page
-
-        write_text(out, noise_history_page(sensor, noise))
-    if json:
-        content = {
-            "sensor": store_view.entry_object(sensor),
-            "noise": store_view.noise_object_list(noise),
-        }
-        print_json(content | ({} if out is None else {"page": str(out)}))
-        return
-    print(f"{sensor.name}: no calibration yet")
-    store_view.print_noise_history(noise)
     if out is not None:
         print(f"wrote {out}")
 

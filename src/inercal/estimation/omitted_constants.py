@@ -67,37 +67,21 @@ def omitted_constant_sums(
     x = np.array(start, dtype=float, order="C")
     c = x.shape[1]
     square = np.zeros((c + 1, c + 1))
-    for steps, driven, seen in pieces:
-        _add_piece(
-            steps, x, np.ascontiguousarray(driven), at, np.ascontiguousarray(seen), row, tested,
-            square,
-        )  # fmt: skip
+    for steps, *given in pieces:
+        driven, seen = map(np.ascontiguousarray, given)
+        epochs, k, _ = steps.a.shape
+        # The innovations are treated as one more column, so the products include them.
+        rows = np.zeros((max(_ROWS, steps.s.shape[1]), c + 1))
+        # The kernel neither allocates nor multiplies matrices, because both take long to compile.
+        work = np.zeros((k + 1, c))
+        count = steps.s.shape[1] if tested is None else tested
+        ends, epoch = np.zeros(2, np.int64), 0
+        while epoch < epochs:
+            _whiten_rows(steps, x, driven, at, seen, row, count, epoch, work, rows, ends)
+            epoch = int(ends[0])
+            whitened = rows[: ends[1]]
+            square += whitened.T @ whitened
     return OmittedSums(square[:c, :c].copy(), square[:c, c].copy(), -x)
-
-
-def _add_piece(
-    steps: FilterSteps,
-    x: Array,
-    driven: Array,
-    at: int,
-    seen: Array,
-    row: int,
-    tested: int | None,
-    square: Array,
-) -> None:
-    """Propagate U, `x`, over the epochs of a piece and add the products of its rows, in place."""
-    (epochs, k, _), c = steps.a.shape, x.shape[1]
-    # The innovations are treated as one more column, so the products include them.
-    rows = np.zeros((max(_ROWS, steps.s.shape[1]), c + 1))
-    # The kernel neither allocates nor multiplies matrices, because both take long to compile.
-    work = np.zeros((k + 1, c))
-    count = steps.s.shape[1] if tested is None else tested
-    ends, epoch = np.zeros(2, np.int64), 0
-    while epoch < epochs:
-        _whiten_rows(steps, x, driven, at, seen, row, count, epoch, work, rows, ends)
-        epoch = int(ends[0])
-        whitened = rows[: ends[1]]
-        square += whitened.T @ whitened
 
 
 @kernel

@@ -196,15 +196,12 @@ def analyse_sections(
         key: moderated_variances([fine_variance(one, size, used, found) for one in sections])
         for key, found in distinct.items()
     }
-    changes = [
-        _ReferenceNoise(label, found, *(float(part[k]) for part in moderated[id(found)]))
-        for k, (label, found) in enumerate(zip(labels, others, strict=True))
-    ]
     steps = np.zeros(len(names)) if rounding is None else rounding
     if coloured:
         seen = _changes_by_other_sections(sections, size, used)
     else:
-        seen = _changes(sections, changes, size, used, steps)
+        scatters = [[float(part[k]) for part in moderated[id(one)]] for k, one in enumerate(others)]
+        seen = _changes(sections, others, scatters, size, used, steps)
     seen += _bursts(sections, size, used, steps)
     worst = min(seen)
     name = f"{worst.shape} within {labels[worst.section]} ({names[worst.channel]})"
@@ -242,35 +239,30 @@ class _DisturbanceTest(NamedTuple):
     variance: float
 
 
-class _ReferenceNoise(NamedTuple):
-    """Reference noise: correlation in the other sections, own white noise, degrees of freedom."""
-
-    label: str
-    correlation: NoiseCorrelation
-    white: float  # relative to the common scale
-    dof: float
-
-
 def _changes(
     sections: Sequence[Contrasts],
-    judged: Sequence[_ReferenceNoise],
+    others: Sequence[NoiseCorrelation],
+    own: Sequence[Sequence[float]],
     size: Array,
     used: Indices,
     steps: Array,
 ) -> list[_DisturbanceTest]:
-    """Test each section and channel for changes, compared with the section's own scatter."""
+    """Test each section and channel for changes, compared with the section's own scatter.
+
+    `others` is the correlation in the other sections; `own` is the white noise of the section,
+    relative to the common scale, and its degrees of freedom.
+    """
     found: list[_DisturbanceTest] = []
-    for r, (one, by) in enumerate(zip(sections, judged, strict=True)):
+    for r, (one, by, (white, dof)) in enumerate(zip(sections, others, own, strict=True)):
         coarse = one.levels[:COARSE_LEVELS]
-        shape = by.correlation.contrast_variance_ratio(
-            block_durations(one.seconds, len(coarse))
-        ).tolist()
+        durations = block_durations(one.seconds, len(coarse))
+        shape = by.contrast_variance_ratio(durations).tolist()
         for k in used.tolist():
             # Both blocks have one rounding error each.
             of_steps = 0.5 * one.samples * float(steps[k]) / float(size[k]) ** 2
             for place, (level, part) in enumerate(zip(coarse, shape, strict=True)):
-                square = float(np.mean((level[:, k] / size[k]) ** 2)) / (by.white * part + of_steps)
-                p = float(scipy.special.fdtrc(len(level), by.dof, square))
+                square = float(np.mean((level[:, k] / size[k]) ** 2)) / (white * part + of_steps)
+                p = float(scipy.special.fdtrc(len(level), dof, square))
                 found.append(_DisturbanceTest(p, r, k, "change", _change_variance(one, place, k)))
     return found
 

@@ -19,11 +19,11 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.calibration import Calibration
-from inercal.calibration.corrected_motion import KINDS
 from inercal.export.term_kinds import LINEAR, kinds_of
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import QUANTITIES, Measures
+from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import Axis, Readout, Sensor, axes_along
+from inercal.physics.sensors.sensed_motion import case_letters
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,8 +223,8 @@ def completed_triads(calibration: Calibration) -> Calibration:
         if len(own) in (0, len("xyz")):
             axes += own
             continue
-        along = {int(np.argmax(np.abs(axis.i))): axis for axis in own}
-        if len(along) < len(own) or any(abs(axis.i[k]) < 1 for k, axis in along.items()):
+        letters = case_letters(np.abs(sensor.input_axes(kind)))
+        if not letters:
             raise InputError(
                 f"an export needs {QUANTITIES[kind].sensors} along different case axes, x, y or z, "
                 f"but {', '.join(axis.name for axis in own)} have other directions; correct "
@@ -232,7 +232,8 @@ def completed_triads(calibration: Calibration) -> Calibration:
                 names=tuple(axis.name for axis in own),
             )
         ideal = axes_along("xyz", kind, "unmeasured ", own[0].readout, own[0].noise)
-        axes += [along.get(k, one) for k, one in enumerate(ideal)]
+        along = dict(zip(letters, own, strict=True))
+        axes += [along.get(letter, one) for letter, one in zip("xyz", ideal, strict=True)]
     return (
         calibration
         if len(axes) == len(sensor.axes)

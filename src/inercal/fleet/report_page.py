@@ -10,7 +10,6 @@ from markupsafe import Markup
 from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_count
 from inercal.calibration.specification import limit_text
-from inercal.fleet.contrasts import Contrast
 from inercal.fleet.figures import control_figure, date_text, distribution_figure
 from inercal.fleet.findings import rule_text, summary_lines
 from inercal.fleet.statistics import (
@@ -194,7 +193,8 @@ def _outlier_table(found: FleetStatistics) -> PrintedTable:
 
 def _contrast_table(found: FleetStatistics) -> PrintedTable:
     terms = dict(zip(found.population.names, found.population.terms, strict=True))
-    chosen = sorted((one for one in found.contrasts if one.significant), key=_tail)
+    significant = [one for one in found.contrasts if one.significant]
+    chosen = sorted(significant, key=lambda one: (one.p_value, -abs(one.value) / one.std))
     rows = [
         (one.coefficient, one.of, _number(one.value / terms[one.coefficient].si),
          _number(2 * one.std / terms[one.coefficient].si, 2), terms[one.coefficient].unit,
@@ -203,10 +203,6 @@ def _contrast_table(found: FleetStatistics) -> PrintedTable:
     ]  # fmt: skip
     heads = ("coefficient", "over, or station", "change", "U (k = 2)", "unit", "p")
     return PrintedTable(heads, rows, max(len(chosen) - _LISTED, 0))
-
-
-def _tail(one: Contrast) -> tuple[float, float]:
-    return one.p_value, -abs(one.value) / one.std
 
 
 def _group_table(found: FleetStatistics, groups: Sequence[GroupStatistics]) -> PrintedTable:

@@ -198,13 +198,21 @@ def fleet_statistics(population: Population) -> FleetStatistics:
                              lots, components),
     ]  # fmt: skip
     summaries = _summaries(population.value, population.std, good)
+    known = [limits.get(name) for name in population.names]
     quantiles = np.quantile(population.value, QUANTILES, axis=0).T
     centre, charts = control_charts(population)
     return FleetStatistics(
         population,
         tuple(
-            _coefficient(name, summaries[k], quantiles[k], components[k], limits.get(name))
-            for k, name in enumerate(population.names)
+            CoefficientStatistics(
+                name,
+                one,
+                tuple(quantiles[k].tolist()),
+                components[k],
+                known[k],
+                *(capability(one.mean, sd, one.n, known[k]) for sd in (one.sd, one.truth_sd)),
+            )
+            for k, (name, one) in enumerate(zip(population.names, summaries, strict=True))
         ),
         _groups(population, population.lots, good),
         _groups(population, population.stations, good),
@@ -227,20 +235,6 @@ def capability(
     value = min(limits[1] - mean, mean - limits[0]) / (3 * sd)
     half = 1.96 * (1 / (9 * n) + value**2 / (2 * n - 2)) ** 0.5
     return Capability(value, value - half, value + half)
-
-
-def _coefficient(
-    name: str,
-    summary: Summary,
-    quantiles: Array,
-    components: Components,
-    limits: tuple[float, float] | None,
-) -> CoefficientStatistics:
-    observed, truth = (
-        capability(summary.mean, sd, summary.n, limits) for sd in (summary.sd, summary.truth_sd)
-    )
-    shown = tuple(quantiles.tolist())
-    return CoefficientStatistics(name, summary, shown, components, limits, observed, truth)
 
 
 def _summaries(value: Array, std: Array, good: Mask) -> list[Summary]:

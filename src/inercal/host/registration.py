@@ -11,7 +11,6 @@ from inercal.basics.errors import InercalError, InputError
 from inercal.host.journal import Journal, JournalHeader
 from inercal.host.run_folder import JOURNAL, LOG, RunFolder
 from inercal.host.run_log import file_sha256
-from inercal.runfile import Run
 
 if TYPE_CHECKING:  # a bench does not need a register
     from inercal.laboratory.store import Register, SensorHistory
@@ -41,7 +40,8 @@ def register_run(register: "Register", folder: str | Path) -> int:
         header, files = journal.header(), journal.files()
     result = RunFolder.open_existing(folder, header.run_file)
     facts = RunFacts(
-        _run_key(header, result.run),
+        # A key that does not depend on the folder of the run.
+        sha256(f"{header.begun}\n{header.run_file}\n{result.run.sha256}".encode()).hexdigest()[:32],
         result.run.sensor,
         result.run.kind.name,
         result.run.bench_name,
@@ -54,11 +54,6 @@ def register_run(register: "Register", folder: str | Path) -> int:
     )
     calibration = result.output_path("calibration.json")
     return register.enter_run(facts, calibration if calibration.exists() else None)
-
-
-def _run_key(header: JournalHeader, run: Run) -> str:
-    """Return a key that identifies a run, independently of its folder."""
-    return sha256(f"{header.begun}\n{header.run_file}\n{run.sha256}".encode()).hexdigest()[:32]
 
 
 def _verified_files(

@@ -33,14 +33,7 @@ from inercal.noise.lines import SpectralLine, take_out_lines
 from inercal.noise.pieces import FEWEST, Part, Pieces, split_at_gaps
 from inercal.noise.recording_checks import check_rest_units, check_rounding, movement, rounding_step
 from inercal.noise.selection import CANDIDATES
-from inercal.noise.spectrum import (
-    Band,
-    Bins,
-    Spectrum,
-    block_means,
-    piece_spectra,
-    remove_band,
-)
+from inercal.noise.spectrum import Band, Bins, Spectrum, block_means, piece_spectra, remove_band
 from inercal.noise.terms import TERMS
 from inercal.physics.sensors import G0
 from inercal.recordings import Recording

@@ -19,12 +19,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.noise.band_edge import band_below
 from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, NoiseRefusal
-from inercal.noise.coefficients import (
-    Method,
-    estimate_coefficients,
-    possible_method,
-    undetermined,
-)
+from inercal.noise.coefficients import Method, estimate_coefficients, possible_method, undetermined
 from inercal.noise.cross_checks import Estimates
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance

@@ -18,12 +18,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.noise.channel_noise import SI_UNIT
 from inercal.noise.numerics import nonnegative_least_squares
-from inercal.noise.sensor_noise import (
-    SensorNoise,
-    TriadNoise,
-    require_rate,
-    root_mean_of_squares,
-)
+from inercal.noise.sensor_noise import SensorNoise, TriadNoise, require_rate, root_mean_of_squares
 from inercal.noise.terms import FLICKER_FLOOR, TERMS
 
 _POINTS = 24  # averaging times per decade

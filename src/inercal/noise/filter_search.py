@@ -18,13 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.noise.likelihood import (
-    NoiseFit,
-    coarse_fit,
-    information_inverse,
-    loss,
-    scored_fit,
-)
+from inercal.noise.likelihood import NoiseFit, coarse_fit, information_inverse, loss, scored_fit
 from inercal.noise.numerics import nonnegative_least_squares
 from inercal.noise.output_filter import (
     LEAST_RELATIVE_U,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Measures = Literal["f", "w"]
+KINDS: tuple[Measures, ...] = ("f", "w")
 SensorKind = Literal["accelerometer", "gyro"]
 """The words for the two kinds of sensor."""
 

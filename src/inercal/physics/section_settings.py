@@ -6,7 +6,7 @@ example if its default is None or uninformative; error messages show this exampl
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypedDict, TypeVar, Unpack, overload
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
@@ -66,7 +66,24 @@ class BenchUsage:
     qualified: tuple[str, ...] = ()
 
 
-def optional(*examples: Any, about: str = "", default: Any = None, **rules: Any) -> Any:
+class _Rules(TypedDict, total=False):
+    ge: float
+    gt: float
+    le: float
+    allow_inf_nan: bool
+    json_schema_extra: dict[str, JsonValue]
+
+
+_T = TypeVar("_T")
+
+
+@overload
+def optional(*examples: object, about: str = "", **rules: Unpack[_Rules]) -> None: ...
+@overload
+def optional(*examples: object, about: str = "", default: _T, **rules: Unpack[_Rules]) -> _T: ...
+def optional(
+    *examples: object, about: str = "", default: object = None, **rules: Unpack[_Rules]
+) -> object:
     """Declare a key with a default; its examples come first, and `about` says what it means."""
     return Field(default, description=about or None, examples=list(examples) or None, **rules)
 

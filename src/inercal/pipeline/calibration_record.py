@@ -21,7 +21,6 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.parameters import Parameter
 from inercal.basics.units import ZERO_CELSIUS
-from inercal.benches import Bench
 from inercal.calibration import SharedError, Validity
 from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.simulated import SIMULATED
@@ -194,7 +193,8 @@ def shared_errors(
         if q.name in run.qualified.parameters.names:
             continue
         sensitivity = estimate.sensitivity(name, q.sd)
-        std = _stated_deviation(run.bench, q)
+        # A bench may increase the deviation of gravity; the stated one is shared.
+        std = run.bench.gravity.sd if q.name == _GRAVITY else q.sd
         if sensitivity is not None and std > 0:
             column = sensitivity[:count] * std**2
             shared.append(SharedError(name, q.unit, std, column, _determination(run, q, std)))
@@ -258,8 +258,3 @@ def _determination(run: Run, q: Parameter, std: float) -> str:
     bench = [] if q.name == _GRAVITY else [run.kind.name, run.bench_name]
     stated = [*bench, q.name, q.unit, q.value, std]
     return sha256(dumps(stated, ensure_ascii=False).encode()).hexdigest()
-
-
-def _stated_deviation(bench: Bench, q: Parameter) -> float:
-    """Return the stated deviation, because a bench may increase the deviation of gravity."""
-    return bench.gravity.sd if q.name == _GRAVITY else q.sd

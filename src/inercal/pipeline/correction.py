@@ -11,11 +11,10 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
-from inercal.calibration.corrected_motion import component_names
 from inercal.calibration.temperature_range import temperatures_outside
 from inercal.calibration.validity import READING_MARGIN, distance_outside
 from inercal.methods import METHODS
-from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
+from inercal.physics.quantities import QUANTITIES
 from inercal.pipeline.calibration_record import KEPT_CORRECTIONS
 from inercal.recordings import Finding, Recording, ahead_of_lag
 from inercal.recordings.data import recording_loader
@@ -161,7 +160,6 @@ def apply(
             file=run.path,
             key="[data] temperature",
         )
-    sensor = calibration.sensor
     motion = calibration.correct(recording, extrapolate=extrapolate)
     beyond = _rates_beyond(calibration, recording)
     named = readback_columns(run)
@@ -169,14 +167,14 @@ def apply(
     if warmer:
         readback["extrapolated"] = outside.astype(np.float64)
     readback |= {f"parity_{kind}": values for kind, values in motion.parity.items()}
-    present = [one for one in (SPECIFIC_FORCE, ANGULAR_RATE) if sensor.rank(one.symbol)]
-    names = [component_names(sensor, one.symbol) for one in present]
+    sensed = calibration.sensor.sensed
+    kinds = dict.fromkeys(sensed.measures)
     return replace(
         recording,
         findings=(*recording.findings, *warmer, *beyond),
-        data=np.concatenate([getattr(motion, one.symbol) for one in present], axis=-1),
-        channels=tuple(name for group in names for name in group),
-        units=tuple(one.unit for one, group in zip(present, names, strict=True) for _ in group),
+        data=np.concatenate([getattr(motion, kind) for kind in kinds], axis=-1),
+        channels=sensed.names,
+        units=tuple(QUANTITIES[kind].unit for kind in sensed.measures),
         readback=readback,
         label_name=reader_columns(run).label or recording.label_name,
     )

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,11 +14,9 @@ from inercal.calibration.additions import additions_text, doubtful_additions
 from inercal.calibration.advising import also as also_change
 from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.verdict import verdict
-from inercal.estimation import Estimate, Gaussian
-from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.estimation import Estimate
 from inercal.methods import Fit
 from inercal.methods.temperature import temperature_coefficients
-from inercal.physics.plan import Hold, Position, Step
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.added_coefficients import with_added_coefficients
 from inercal.pipeline.advisor import RunAdvisor, changed_run
@@ -40,10 +37,9 @@ from inercal.pipeline.stated_values import (
     require_small_assumed_share,
 )
 from inercal.pipeline.temperature_fit import fit_over_temperatures, with_common_errors
-from inercal.recordings import Finding, Observations, merge_findings
+from inercal.recordings import Finding, merge_findings
 from inercal.recordings.data import EstimatorInput
-from inercal.recordings.data.recording_loader import unsigned_column
-from inercal.recordings.io.rest_norm import LARGEST_BIAS, rate_finding
+from inercal.recordings.io.rest_norm import check_zero_rates
 from inercal.runfile import Run
 
 if TYPE_CHECKING:
@@ -265,52 +261,3 @@ def _possible_causes(
             rows = f"the rows are at {low:.2f} to {high:.2f} °C, but temperature coefficients need"
             causes.insert(0, f"{rows} rows over a wider range of temperatures")
     return "".join(f"; {cause}" for cause in causes)
-
-
-def check_zero_rates(
-    observations: Observations,
-    sensor: Sensor,
-    steps: Sequence[Step],
-    priors: Sequence[Gaussian],
-    columns: Sequence[str | int],
-) -> tuple[Finding, ...]:
-    """Return a warning if gyros at rest read more than a plausible bias: check the unit.
-
-    `inercal.recordings.io.rest_norm` checks the accelerometers.
-
-    Parameters
-    ----------
-    observations : Observations
-        Means in SI units from the nominal readout, without a trial axis.
-    sensor : Sensor
-    steps : sequence of r Step
-        Step of each row; rests are steps of the classes `Hold` and `Position`.
-    priors : sequence of Gaussian
-        Priors of biases. The difference from the mean of a prior may be 20 °/s, or the expanded
-        uncertainty of the prior if this is larger.
-    columns : sequence of str or int
-        Columns that [data] gyro names, in the order of the sensor's gyros.
-    """
-    resting = [isinstance(step, Hold | Position) for step in steps]
-    if observations.track is not None or not any(resting):
-        return ()
-    expected = _expected_values(priors)
-    gyros = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
-    large: list[tuple[str, float]] = []
-    for k, column in zip(gyros, columns, strict=False):
-        name = sensor.axes[k].name
-        rate = float(np.median(observations.mean[resting, k]))
-        bias, sd = expected.get(f"{name}.bias", (0.0, 0.0))
-        if abs(rate - bias) > max(LARGEST_BIAS, COVERAGE * sd):
-            large.append((f"{name} (column {unsigned_column(column)})", rate))
-    finding = rate_finding(large, ", or state the bias in [method.prior]")
-    return () if finding is None else (finding,)
-
-
-def _expected_values(priors: Sequence[Gaussian]) -> dict[str, tuple[float, float]]:
-    """Return the mean and standard deviation of each coefficient that has a prior."""
-    return {
-        name: (float(prior.mean[..., k]), sqrt(float(prior.covariance[k, k])))
-        for prior in priors
-        for k, name in enumerate(prior.names)
-    }

@@ -12,7 +12,6 @@ from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter, display_unit
 from inercal.basics.units import format_number, format_value_and_uncertainty
 from inercal.calibration.best_cause import familywise_p_value
-from inercal.calibration.corrected_motion import KINDS, component_names
 from inercal.calibration.suspect_text import format_component, p_value_text
 from inercal.estimation import Estimate, ScoreTest
 from inercal.estimation.uncertainty.coverage import COVERAGE
@@ -236,10 +235,9 @@ def correction_matrix(outcome: Outcome) -> Grid | None:
     slope, offset = calibration.affine_correction()
     rounding = 1e-14 * float(np.abs(slope).max())
     # Minus signs are plain hyphens here, because users copy these numbers.
-    components = [f"{one[0]}_{one[1:]}" for kind in KINDS for one in component_names(sensor, kind)]
     rows = [
-        (name, tuple(f"{x:.7g}" if abs(x) > rounding else "0" for x in row))
-        for name, row in zip(components, slope, strict=True)
+        (f"{name[0]}_{name[1:]}", tuple(f"{x:.7g}" if abs(x) > rounding else "0" for x in row))
+        for name, row in zip(sensor.sensed.names, slope, strict=True)
     ]
     rows.append(("o", tuple(f"{x:.7g}" for x in offset)))
     return Grid("", sensor.channels, tuple(rows))

@@ -11,11 +11,7 @@ from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.settings import CentrifugeData, CentrifugeSection, build
 from inercal.benches.centrifuge.sheet import sheet
 from inercal.benches.centrifuge.simulation import arm_plan_duration, simulate_arm_motion
-from inercal.benches.kind_definition import (
-    Effect,
-    Kind,
-    simulate_without_sensor,
-)
+from inercal.benches.kind_definition import Effect, Kind, simulate_without_sensor
 from inercal.benches.report_data import (
     MeasuredDirection,
     ReportInput,

@@ -25,11 +25,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.benches.characteristics import Characteristic, error_covariance, table_characteristics
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
-from inercal.benches.dividing_head.passes import (
-    drift_ramps,
-    first_visit_rows,
-    rows_without_series,
-)
+from inercal.benches.dividing_head.passes import drift_ramps, first_visit_rows, rows_without_series
 from inercal.estimation.input_output_tests import InputOutput
 from inercal.physics.plan import Index
 from inercal.physics.sensors import G0, Sensor

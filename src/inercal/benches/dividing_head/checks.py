@@ -8,11 +8,7 @@ import numpy as np
 from inercal.basics.units import format_quantity
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
 from inercal.benches.dividing_head.covariance import bench_covariance
-from inercal.benches.dividing_head.passes import (
-    first_visit_rows,
-    pass_numbers,
-    rows_without_series,
-)
+from inercal.benches.dividing_head.passes import first_visit_rows, pass_numbers, rows_without_series
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Index

@@ -180,7 +180,8 @@ def operator_rows(
         mark = _trim_reference(bench, step, plain) if step in plain else None
         if mark is None:
             return ""
-        if mark is step or (recorded and not (paired and _is_trimmed_position(step))):
+        trimmed = paired and matches_any_angle(step.angle, CARDINAL_ANGLES[2:])
+        if mark is step or (recorded and not trimmed):
             return "read and write down"
         elsewhere = which[mark.label] != which[step.label]
         where = format_sexagesimal(mark.angle) + f" in pass {which[mark.label] + 1}" * elsewhere
@@ -215,11 +216,6 @@ def _trim_reference(bench: DividingHead, step: Index, steps: Sequence[Index]) ->
     if bench.collimated == "none" or not square:
         return None
     return next(one for one in steps if matches_any_angle(one.angle, (step.angle, step.angle + pi)))
-
-
-def _is_trimmed_position(step: Index) -> bool:
-    """Return whether a step is the trimmed position of a pair: 180° or 270°."""
-    return matches_any_angle(step.angle, CARDINAL_ANGLES[2:])
 
 
 def _require_pairs(steps: Sequence[Index]) -> None:

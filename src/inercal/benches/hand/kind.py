@@ -10,11 +10,7 @@ from inercal.benches.hand.bench import Hand
 from inercal.benches.hand.sheet import sheet
 from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.benches.key_declarations import add_bench_keys, build_bench
-from inercal.benches.kind_definition import (
-    Effect,
-    Kind,
-    simulate_without_sensor,
-)
+from inercal.benches.kind_definition import Effect, Kind, simulate_without_sensor
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.stated_axes import any_axes
 from inercal.physics.plan import Hold, Turn

@@ -14,11 +14,7 @@ from math import hypot, radians
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
-from inercal.benches.characteristics import (
-    Characteristic,
-    error_covariance,
-    table_characteristics,
-)
+from inercal.benches.characteristics import Characteristic, error_covariance, table_characteristics
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.mean_motion import changes_of_rate
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell

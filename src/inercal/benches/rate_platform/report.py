@@ -4,11 +4,7 @@ import numpy as np
 
 from inercal.benches.characteristics import Characteristic
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.linearity import (
-    LineFit,
-    gyro_characteristics,
-    straight_lines,
-)
+from inercal.benches.rate_platform.linearity import LineFit, gyro_characteristics, straight_lines
 from inercal.benches.rate_platform.sections import Pose, RateDwell
 from inercal.benches.report_data import (
     MeasuredDirection,

@@ -98,20 +98,12 @@ def sensed_motion(
     return sensed
 
 
-def _readback(bench: RateTable) -> tuple[str, ...]:
-    return ("arm_rate",)
-
-
-def _settling(bench: RateTable) -> float:
-    return _SETTLING_SECONDS
-
-
 MOTION_CONTROL = MotionControl(
     tasks=spin_tasks,
-    readback=_readback,
+    readback=lambda bench: ("arm_rate",),
     quantity="rate",
     required_keys={"time": '"time"', "rate": '"50 Hz"'},
-    settling=_settling,
+    settling=lambda bench: _SETTLING_SECONDS,
     errors=RateTable.acting_parameters,
     sensed_motion=sensed_motion,
 )

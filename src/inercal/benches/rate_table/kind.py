@@ -1,10 +1,6 @@
 """A plain rate table, as a kind of bench."""
 
-from inercal.benches.kind_definition import (
-    Kind,
-    Vocabulary,
-    simulate_without_sensor,
-)
+from inercal.benches.kind_definition import Kind, Vocabulary, simulate_without_sensor
 from inercal.benches.rate_table.bench import RateTable
 from inercal.benches.rate_table.driving import MOTION_CONTROL
 from inercal.benches.rate_table.report import output_tables, plots

@@ -3,7 +3,6 @@
 from typing import Any, TypeGuard
 
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.settings import TurntableData
 from inercal.physics.section_settings import key_error
 from inercal.recordings.data import RunBase
 
@@ -26,22 +25,4 @@ def is_turntable(bench: object) -> TypeGuard[Turntable]:
     return isinstance(bench, Turntable)
 
 
-def require_turntable_data(run: RunBase[Any]) -> TurntableData:
-    """Return the section [data] of a run, which must be on a turntable.
-
-    Raises
-    ------
-    InputError
-        The run is on another bench.
-    """
-    require_turntable(run)
-    return run.data
-
-
-__all__ = [
-    "Turntable",
-    "TurntableData",
-    "is_turntable",
-    "require_turntable",
-    "require_turntable_data",
-]
+__all__ = ["Turntable", "is_turntable", "require_turntable"]

@@ -11,7 +11,6 @@ from operator import attrgetter
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.basics.parameters import Parameter
 from inercal.benches.motion_control import Angles, MotionControl, SensedMotion, TurnTask
 from inercal.benches.turntable.attitude import true_attitude
 from inercal.benches.turntable.bench import Turntable
@@ -79,20 +78,12 @@ def sensed_motion(
     return sensed
 
 
-def _tasks(bench: Turntable, steps: Sequence[Step]) -> tuple[TurnTask, ...]:
-    return plan_tasks(bench, table_steps(steps))
-
-
-def _errors(bench: Turntable, steps: Sequence[Step]) -> Mapping[str, Parameter]:
-    return bench.acting_parameters()
-
-
 MOTION_CONTROL = MotionControl(
-    tasks=_tasks,
+    tasks=lambda bench, steps: plan_tasks(bench, table_steps(steps)),
     readback=attrgetter("names"),
     quantity="angle",
     required_keys={"time": '"time"', "rate": '"200 Hz"', "label": '"step"', "hold": '"hold"'},
     settling=settling_time,
-    errors=_errors,
+    errors=lambda bench, steps: bench.acting_parameters(),
     sensed_motion=sensed_motion,
 )

@@ -84,7 +84,8 @@ def path_profile(bench: Turntable, steps: Sequence[TableStep]) -> PathProfile:
         _refuse_step(bench, step)
         if step.angles is not None:
             longest = 0.0
-            for i, angle in enumerate(_nearest_rotation(now, np.array(step.angles))):
+            goal = np.array(step.angles)  # each axis moves to the nearest equivalent angle
+            for i, angle in enumerate(goal + 2 * pi * np.round((now - goal) / (2 * pi)) - now):
                 if abs(angle) > _THERE:
                     seconds, profile = move_profile(angle, bench.axis_motion_limits[i])
                     moves[i].append((time, now[i], profile))
@@ -104,11 +105,6 @@ def path_profile(bench: Turntable, steps: Sequence[TableStep]) -> PathProfile:
     labels, ends = zip(*sections, strict=True)
     axes = tuple(join_profiles(of_axis, 0.0) for of_axis in moves)
     return PathProfile(axes, labels, np.array(ends))
-
-
-def _nearest_rotation(now: Array, goal: Array) -> Array:
-    """Return the rotations from the current angles to the nearest equivalent goal, (k,) rad."""
-    return goal + 2 * pi * np.round((now - goal) / (2 * pi)) - now
 
 
 def _refuse_step(bench: Turntable, step: TableStep) -> None:

@@ -1,6 +1,6 @@
 """The calibrations of a sensor over time, coefficient by coefficient."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import cached_property
@@ -259,10 +259,11 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
     fixed: set[str] = {name for _, one in kept for name in fixed_coefficients(one)}
     names = [name for name in newest.sensor.coefficients if name not in fixed]
     others = {name for _, one in kept for name in one.sensor.coefficients} - fixed
-    left_out += _exclusion_lines(
-        (fixed & set(newest.sensor.coefficients), "not measured: {}"),
-        (others - set(names), "not among the coefficients of the newest calibration: {}"),
-    )
+    for missing, words in (
+        (fixed & set(newest.sensor.coefficients), "not measured"),
+        (others - set(names), "not among the coefficients of the newest calibration"),
+    ):
+        left_out += [f"{words}: {', '.join(sorted(missing))}"] * bool(missing)
     times = [datetime.fromisoformat(entry.measured).timestamp() for entry, _ in kept]
     years = (np.array(times) - times[0]) / changes.YEAR
     found = [one for _, one in kept]
@@ -391,7 +392,3 @@ def _shared_of_newest(parts: Sequence[_SharedParts], places: Sequence[int]) -> A
     for column in columns.values():
         total += np.outer(column, column)
     return total
-
-
-def _exclusion_lines(*parts: tuple[Collection[str], str]) -> list[str]:
-    return [words.format(", ".join(sorted(names))) for names, words in parts if names]

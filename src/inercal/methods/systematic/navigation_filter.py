@@ -37,12 +37,11 @@ from inercal.methods.systematic.alignment import initial_attitudes
 from inercal.methods.systematic.segments import Segments
 from inercal.methods.turntable.drift import Drift, drift_model
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
-from inercal.physics.quantities import Measures
+from inercal.physics.quantities import KINDS
 from inercal.physics.sensors import Sensor
 from inercal.recordings import sample_count
 
 EPOCH = 0.2  # s
-KINDS: tuple[Measures, ...] = ("f", "w")
 LAG_SD = 0.05  # s, before the data
 _SIZE = 0.1  # relative to a coefficient's natural size; also rad for the level
 _BIAS_SHARE = 0.5  # of the sum of the largest gyro bias and the Earth's rate

@@ -38,7 +38,7 @@ from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
 from inercal.methods.turntable_kalman.filter import TILT, FilterEstimate
 from inercal.methods.turntable_kalman.filtered_track import FilteredTrack
 from inercal.methods.turntable_kalman.gyros import GyroFilter
-from inercal.recordings import Observations, Track
+from inercal.recordings import Observations
 
 AnyFilter = GyroFilter | AccelerometerFilter
 AnyTrack = FilteredTrack[AttitudeState] | FilteredTrack[VelocityState]
@@ -69,7 +69,8 @@ def innovation_test_data(
     # Driving constants act on gyros from the start of the run.
     whole = np.concatenate([track.time[:1], time]) if isinstance(made, GyroFilter) else time
     warmth = temperature.offsets_at_times(track, made.triad.sensor, whole)
-    at = ColumnInputs(made.triad, made.bench, theta, whole, _angles(track, whole), warmth)
+    angles = track.angles[np.searchsorted(track.time, whole)]
+    at = ColumnInputs(made.triad, made.bench, theta, whole, angles, warmth)
     standard = np.zeros((time.size, made.tested_components))
     phi, sums, names = made.states.index(TILT[0]), None, ()
     if time.size:
@@ -174,11 +175,6 @@ def _sums_for_time_states(
             # If the delay is far from its stated value, the data do not test the clock.
             gram[k], gram[:, k], product[k] = 0.0, 0.0, 0.0
     return OmittedSums(gram, product, moved)
-
-
-def _angles(track: Track, time: Array) -> Array:
-    """Return the readback at the times of samples, (e, k)."""
-    return track.angles[np.searchsorted(track.time, time)]
 
 
 def innovation_tests(one: InnovationTestData, observations: Observations) -> tuple[ModelTest, ...]:

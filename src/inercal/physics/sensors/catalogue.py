@@ -9,6 +9,7 @@ from inercal.basics.errors import InputError
 from inercal.physics.quantities import Measures
 from inercal.physics.sensors.axis import Axis, Readout
 from inercal.physics.sensors.noise import Noise
+from inercal.physics.sensors.sensed_motion import case_letters
 from inercal.physics.sensors.sensor import Sensor
 
 # I and P of x, y, z: cyclic, so that O completes the frame (x → xyz, y → yzx, z → zxy)
@@ -58,12 +59,10 @@ def axes_along(
     ['g1', 'g2']
     """
     frames = [_input_and_pendulous(one, f"{prefix}{k}") for k, one in enumerate(directions, 1)]
-    main = [int(np.argmax(np.abs(i))) for i, _ in frames]
-    along = [abs(i[k]) == 1 for (i, _), k in zip(frames, main, strict=True)]
-    by_letter = all(along) and len(set(main)) == len(main)
+    letters = case_letters(np.abs([i for i, _ in frames]).reshape(-1, 3))
     return tuple(
-        Axis(prefix + ("xyz"[k] if by_letter else str(number)), measures, i, p, readout, noise)
-        for number, ((i, p), k) in enumerate(zip(frames, main, strict=True), 1)
+        Axis(prefix + (letters[k] if letters else str(k + 1)), measures, i, p, readout, noise)
+        for k, (i, p) in enumerate(frames)
     )
 
 

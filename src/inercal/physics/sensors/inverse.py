@@ -66,7 +66,7 @@ def inverse(
     NotInvertible
         A reading is beyond the model's fold, where no unique motion exists.
     """
-    basis = observed_directions(sensor)
+    basis = sensor.sensed.basis
     for quantity, given in ((SPECIFIC_FORCE, f), (ANGULAR_RATE, w)):
         rank = sensor.rank(quantity.symbol)
         if 0 < rank < 3 and given is None:
@@ -96,20 +96,6 @@ def inverse(
                 sensor, y[part], c, across[part], rates[part], thermal_part, basis, start, refuse
             )
     return _motion(sensed, np.asarray(rates), thermal)
-
-
-def observed_directions(sensor: Sensor) -> Array:
-    """Return an orthonormal basis for the part of (f, ω) that the input axes measure, (6, k)."""
-    columns: list[Array] = []
-    for offset, quantity in ((0, SPECIFIC_FORCE), (3, ANGULAR_RATE)):
-        rank = sensor.rank(quantity.symbol)
-        if rank:
-            rows = sensor.input_axes(quantity.symbol)
-            directions = np.eye(3) if rank == 3 else np.linalg.svd(rows)[2][:rank]
-            block = np.zeros((6, rank))
-            block[offset : offset + 3] = directions.T
-            columns.append(block)
-    return np.concatenate(columns, axis=1)
 
 
 def _motion(sensed: Array, rates: Array, thermal: tuple[Array, ...]) -> Motion:

@@ -21,6 +21,7 @@ from inercal.physics.sensors.axis import Axis
 from inercal.physics.sensors.axis_model import MOTION_COMPONENTS, AxisResponse, Form
 from inercal.physics.sensors.coefficient_selection import select_coefficients
 from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
+from inercal.physics.sensors.sensed_motion import SensedMotion, sensed_motion
 from inercal.physics.sensors.similar_axes import SimilarAxes
 
 
@@ -116,6 +117,11 @@ class Sensor:
     def rank(self, measures: Measures) -> int:
         """Return the number of independent directions along which a quantity is measured."""
         return int(np.linalg.matrix_rank(self.input_axes(measures)))
+
+    @cached_property
+    def sensed(self) -> SensedMotion:
+        """The components of the motion that the axes measure."""
+        return sensed_motion(self.axes)
 
     def rounded(self, rate_hz: float) -> "Sensor":
         """Return a copy of the sensor whose white noise includes the rounding of the samples."""

@@ -1,7 +1,6 @@
 """The worksheet of a run: steps for the operator, a table to fill in, and uncertainties."""
 
 import csv
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -16,6 +15,7 @@ from inercal.pipeline.design.expected_uncertainty import (
     estimate_of_plan,
     estimated_uncertainties,
 )
+from inercal.recordings.data.recording_loader import refuse_repeated_columns
 from inercal.runfile import Run
 
 
@@ -119,14 +119,7 @@ def table_rows(run: Run, sheet: Sheet) -> list[list[str]]:
                 names=(str(column),),
             )
     names = [str(column) for column in columns]
-    if twice := [name for name, count in Counter(names).items() if count > 1]:
-        raise InputError(
-            f"{run.path}: [data] names column {twice[0]!r} for two quantities; name a different "
-            "column for each",
-            file=run.path,
-            key="[data]",
-            names=(twice[0],),
-        )
+    refuse_repeated_columns(run, names)
     rows = [[*row.given, *[""] * (len(columns) - len(row.given))] for row in sheet.rows]
     return [names, *rows]
 

@@ -67,11 +67,7 @@ from inercal.pipeline.drafts.rate_tables import (
     with_rate_table,
 )
 from inercal.pipeline.drafts.readouts import guess_accelerometer
-from inercal.pipeline.drafts.stated_keys import (
-    default_bench_keys,
-    stated_units,
-    stated_values,
-)
+from inercal.pipeline.drafts.stated_keys import default_bench_keys, stated_units, stated_values
 from inercal.recordings.io.column_table import Table
 
 _REASONS = {

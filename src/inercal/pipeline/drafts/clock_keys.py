@@ -12,9 +12,7 @@ from inercal.physics.section_settings import positive_value
 from inercal.pipeline.drafts.column_names import role_of_name, run_file_column, time_unit
 from inercal.pipeline.drafts.column_roles import STATED, ColumnRoles
 from inercal.pipeline.drafts.draft_entries import UNKNOWN, DraftKey
-from inercal.pipeline.drafts.readouts import (
-    GuessedReadout,
-)
+from inercal.pipeline.drafts.readouts import GuessedReadout
 from inercal.recordings import Recording
 from inercal.recordings.io.audit import burst_findings
 from inercal.recordings.io.column_table import Table

@@ -152,7 +152,12 @@ def recognise_columns(
     attitude = tuple(by_lower[name] for name in _ATTITUDE if name in by_lower)
     free = [n for n in numbers if n not in {*used, *single.values(), *angles, *attitude}]
     if not table.header:
-        _judge_unnamed(table, free, triads, single, reasons)
+        first, known = free[0] if free else None, set(triads)
+        if "time" not in single and first and grows(table, first) and has_even_steps(table, first):
+            single["time"], reasons["time"] = free.pop(0), "it increases in equal steps"
+        _judge_unknown(table, free, triads, single, reasons)
+        if "accelerometer" not in triads and not known:
+            triads |= aligned_triads(table, free, reasons)
     elif reader not in _LOGS and not single.keys() & {"angle", "arm_rate", "mounting"}:
         _judge_unknown(table, free, triads, single, reasons)
     if "time" in single and (unit := time_unit(single["time"])) and table.header:
@@ -225,23 +230,6 @@ def _named_columns(names: Sequence[str], table: Table, reasons: dict[str, str]) 
             continue
         single[role], reasons[role] = name, "by its name"
     return single
-
-
-def _judge_unnamed(
-    table: Table,
-    free: list[str],
-    triads: dict[str, tuple[str, ...]],
-    single: dict[str, str],
-    reasons: dict[str, str],
-) -> None:
-    """Add the triads and the clock of a table without a header, recognised by their values."""
-    first = free[0] if free else None
-    if "time" not in single and first and grows(table, first) and has_even_steps(table, first):
-        single["time"], reasons["time"] = free.pop(0), "it increases in equal steps"
-    known = set(triads)
-    _judge_unknown(table, free, triads, single, reasons)
-    if "accelerometer" not in triads and not known:
-        triads |= aligned_triads(table, free, reasons)
 
 
 def _judge_unknown(

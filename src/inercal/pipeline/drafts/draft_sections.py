@@ -11,9 +11,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, si_factor
 from inercal.pipeline.drafts.arm_units import require_radius_unit
-from inercal.pipeline.drafts.column_names import (
-    run_file_column,
-)
+from inercal.pipeline.drafts.column_names import run_file_column
 from inercal.pipeline.drafts.column_roles import ColumnRoles
 from inercal.pipeline.drafts.draft_entries import ANYWHERE, UNKNOWN, DraftKey
 from inercal.pipeline.drafts.method_trials import RAMP

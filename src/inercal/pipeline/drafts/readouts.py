@@ -281,7 +281,8 @@ def guess_gyro(
     turned = format_count(count, "turn between rests agrees", "turns between rests agree")
     reason = f"{turned} with gravity within {np.degrees(misfit):.1f}°"
     if size is None and len(turns) >= _FEWEST_TURNS:
-        swept = [_norm_of_sum(gyro[a:b] - np.median(rests.rate, axis=0)) for a, b in turns]
+        bias = np.median(rests.rate, axis=0)
+        swept = [np.linalg.norm((gyro[a:b] - bias).sum(axis=0)) for a, b in turns]
         size = 2 * np.pi / float(np.median(swept))
         reason = f"{format_count(len(turns), 'marked turn')}, each taken as 360°"
     whole = bool(np.all(gyro == np.rint(gyro)))  # counts, whose scale needs the rate
@@ -324,10 +325,6 @@ def guess_resting_gyro(stated: str | None) -> GuessedReadout:
     return GuessedReadout(stated, "", 0.0, si_factor(stated, "rad/s"), _STATED)
 
 
-def _norm_of_sum(rate: Array) -> float:
-    return float(np.linalg.norm(rate.sum(axis=0)))
-
-
 def _gyro_offset(rests: QuietMeans) -> float:
     assert rests.rate is not None
     centre = float(np.median(rests.rate))
@@ -348,7 +345,8 @@ def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | N
     first, second, swept = turns
 
     def best(scales: Array, angles: Array) -> tuple[int, float]:
-        misfits = [_misfit(first, second, scale * angles) for scale in scales]
+        turned = (turn_differences(first, second, rotations(k * angles)) for k in scales)
+        misfits = [float(np.median(one)) for one in turned]
         return int(np.argmin(misfits)), min(misfits)
 
     grid = _likely_scales(swept, 240)
@@ -401,11 +399,6 @@ def axis_changes(turns: GravityTurns) -> tuple[str, ...]:
     found = find_matching_axes(turns, _likely_scales(turns.angles, 60).tolist())
     matrices = {one.matrix for one in found}
     return describe_changes(replace(found[0], factor=1.0)) if len(matrices) == 1 else ()
-
-
-def _misfit(first: Array, second: Array, angles: Array) -> float:
-    """Return the median angle between predicted and measured gravity, rad."""
-    return float(np.median(turn_differences(first, second, rotations(angles))))
 
 
 def white_noise(data: Array, rests: QuietMeans, size: float, dt: float) -> float:

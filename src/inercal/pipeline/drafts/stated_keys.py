@@ -225,12 +225,9 @@ def _types(key: str) -> tuple[Any, ...]:
         if not models:
             break
     if models or key != place:
-        raise _unknown(key, place, key.removeprefix(f"{place}."), _fields(models))
+        possible = tuple(name for model in models for name in model.model_fields)
+        raise _unknown(key, place, key.removeprefix(f"{place}."), possible)
     return types
-
-
-def _fields(models: list[Any]) -> tuple[str, ...]:
-    return tuple(name for model in models for name in model.model_fields)
 
 
 def _unknown(key: str, place: str, part: str, possible: tuple[str, ...]) -> InputError:

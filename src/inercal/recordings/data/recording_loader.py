@@ -241,9 +241,13 @@ def require_distinct_columns(run: RunBase[DataSection], *further: str) -> None:
     if "w" in kinds and data.gyro_file is None:
         used += [unsigned_column(column) for column in data.gyro]
     separate = READBACK in data.further_files()
-    files = (used, [*further, *readback]) if separate else (used + readback,)
-    twice = [column for columns in files for column, count in Counter(columns).items() if count > 1]
-    if twice:
+    for columns in (used, [*further, *readback]) if separate else (used + readback,):
+        refuse_repeated_columns(run, columns)
+
+
+def refuse_repeated_columns(run: RunBase[DataSection], columns: Sequence[str]) -> None:
+    """Raise an error if [data] names a column twice in one file."""
+    if twice := [column for column, count in Counter(columns).items() if count > 1]:
         raise InputError(
             f"{run.path}: [data] names column {twice[0]!r} for two quantities; name a different "
             "column for each",

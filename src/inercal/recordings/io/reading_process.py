@@ -17,13 +17,7 @@ from typing import Any, cast
 
 from inercal.basics.errors import InercalError
 from inercal.recordings.io.damaged_files import refuse_damage
-from inercal.recordings.io.isolation import (
-    FORKS,
-    ReadingLimits,
-    ReadingRequest,
-    receive,
-    send,
-)
+from inercal.recordings.io.isolation import FORKS, ReadingLimits, ReadingRequest, receive, send
 
 _INPUT, _OUTPUT = 0, 1
 _SIGNALLED = 128  # plus the signal number, as in shells

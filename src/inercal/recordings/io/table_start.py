@@ -41,7 +41,7 @@ def table_start(table: Sequence[Sequence[str]]) -> TableStart:
     widths = [len(row) for row in table[len(table) // 2 :]]
     width = max(set(widths), key=widths.count)
     last = next(row for row in reversed(table) if len(row) == width)
-    filled = _filled(last)
+    filled = max((k for k, cell in enumerate(last, 1) if cell), default=0)
     numbers = [k for k, cell in enumerate(last) if may_be_number(cell)]
     if filled < 2 or not numbers:
         return TableStart(0, 0)
@@ -102,11 +102,6 @@ def _is_prose(row: Sequence[str], columns: int) -> bool:
     # As many words as columns are names with another separator.
     several = bool(_WORDS.search(text)) and len(text.split()) != columns
     return len(cells) == 1 and (several or bool(_SENTENCE_END.search(text)))
-
-
-def _filled(row: Sequence[str]) -> int:
-    """Return the number of cells up to the last one that is not empty."""
-    return max((k for k, cell in enumerate(row, 1) if cell), default=0)
 
 
 def is_number(text: str) -> bool:

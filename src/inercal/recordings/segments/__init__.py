@@ -20,11 +20,7 @@ from inercal.recordings.segments.rest_changes import (
     require_still,
 )
 from inercal.recordings.segments.rest_detection import RestDetection, find_rests, find_thresholds
-from inercal.recordings.segments.section_detection import (
-    faces_up,
-    find_sections,
-    search_sections,
-)
+from inercal.recordings.segments.section_detection import faces_up, find_sections, search_sections
 from inercal.recordings.segments.section_means import average_sections
 
 __all__ = [

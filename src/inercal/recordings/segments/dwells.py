@@ -30,13 +30,7 @@ from inercal.basics.arrays import Array, true_ranges
 from inercal.basics.errors import InputError
 from inercal.physics.plan import Attitude, Spin, arm_attitude
 from inercal.physics.sensors import Sensor
-from inercal.recordings import (
-    Finding,
-    Mark,
-    Observations,
-    Recording,
-    add_rounding,
-)
+from inercal.recordings import Finding, Mark, Observations, Recording, add_rounding
 from inercal.recordings.segments.attitudes import flaws_of_mark
 from inercal.recordings.segments.drift import drift_covariance
 from inercal.recordings.segments.reading_steps import reading_steps

@@ -21,7 +21,7 @@ from inercal.estimation.section_statistics import (
     haar_contrasts,
 )
 from inercal.physics.quantities import QUANTITIES
-from inercal.physics.sensors import Noise, Sensor
+from inercal.physics.sensors import Sensor
 from inercal.recordings.segments.hand_motion_noise import readings_along_gravity
 
 _ALIKE = 3.0  # rests whose scatter differs by a larger factor are reported
@@ -140,7 +140,8 @@ def section_noise_statistics(
         ]
         names = [sensor.axes[k].name for k in own]
         # Slow noise that the sensor's table states is used as stated.
-        stated = any(_has_slow_noise(sensor.axes[k].noise) for k in own)
+        noises = [sensor.axes[k].noise for k in own]
+        stated = any(one.bias_instability or one.random_walk for one in noises)
         judged = analyse_sections(cut, labels, names, rounding[own], coloured=stated)
         scale[:, own] = judged.scale[:, None]
         disturbance_variance[:, own] = judged.disturbance_variance
@@ -208,10 +209,6 @@ def drift_notes(sensor: Sensor, reach: Array) -> list[str]:
                 "excluded. The uncertainty of the biases includes it."
             )
     return notes
-
-
-def _has_slow_noise(noise: Noise) -> bool:
-    return bool(noise.bias_instability or noise.random_walk)
 
 
 def _notes(

@@ -17,11 +17,7 @@ from inercal.studies.dual_orthogonal.simulated_head import (
     rms_ratio,
     simulate,
 )
-from inercal.studies.dual_orthogonal.studied_methods import (
-    EVERY_FACE,
-    METHODS,
-    method_errors,
-)
+from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
 from inercal.studies.section_texts import read_section_text
 from inercal.studies.study import Call, Chart, Curve, StudyPanel, StudySection, StudyTable
 

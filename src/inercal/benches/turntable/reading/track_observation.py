@@ -56,9 +56,7 @@ from inercal.recordings.data.recording_loader import (
     readback_columns,
     require_distinct_columns,
 )
-from inercal.recordings.segments import (
-    average_sections,
-)
+from inercal.recordings.segments import average_sections
 from inercal.recordings.segments.turntable_segments import (
     AxisTurn,
     find_holds,
