@@ -250,7 +250,7 @@ def response_band(
     sizes = {name: series.detectable(name, widths, _GAIN * wider) for name in _LAWS}
     most = (max(sizes.values()), max(_LAWS[name][0] * size for name, size in sizes.items()))
     figures = [
-        _distribution(values, share, detected=shown, detectable=size)
+        distribution(values, share, detected=shown, detectable=size)
         for values, size in zip((width, limit), most, strict=True)
     ]
     return Band(centre, top, law, *figures)
@@ -271,7 +271,7 @@ def _search(
     return dict(grids)
 
 
-def _distribution(values: Array, share: Array, *, detected: bool, detectable: float) -> Figure:
+def distribution(values: Array, share: Array, *, detected: bool, detectable: float) -> Figure:
     """Return the figure of values with these weights."""
     order = np.argsort(values, kind="stable")
     values, share = values[order], share[order] / share.sum()

@@ -173,6 +173,11 @@ class MethodSection(Section):
         ["1 ″", "2 ″"],
         about="tilts about two positions of a dividing head, for threshold and resolution",
     )
+    warm_up: int | None = optional(
+        30,
+        about="readings at the first position of a dividing head before the passes, for warm-up "
+        "drift and short-term stability",
+    )
     turns: int | None = optional(about="complete turns of the arm during each dwell of the plan")
     search: SearchSection | None = None
     filter: FilterSection | None = None

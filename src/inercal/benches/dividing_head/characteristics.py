@@ -1,4 +1,4 @@
-"""Hysteresis, threshold, resolution and dead zone of accelerometers on a dividing head.
+"""Hysteresis, threshold, warm-up drift and the like of accelerometers on a dividing head.
 
 The input of an accelerometer is g sin ψ, where ψ is the angle of its input axis from the
 horizontal. The forward pass and the reverse pass reach a position from different sides, so their
@@ -15,6 +15,9 @@ The covariance of the readings contains the noise, the drift of the biases in ea
 stated errors of the head's angles. The backlash of the head acts almost like a hysteresis of ±1 g
 and must be stated. A series of small tilts has one error of the head's graduation; `pier` is the
 error of each small tilt.
+
+The readings at the beginning of a run, before the head first turns, show the warm-up drift and the
+short-term stability (`inercal.estimation.warm_up`). They do not enter the fit of the coefficients.
 """
 
 from collections.abc import Sequence
@@ -29,8 +32,10 @@ from inercal.benches.dividing_head.passes import (
     drift_ramps,
     first_visit_rows,
     rows_without_series,
+    warm_up_rows,
 )
 from inercal.estimation.input_output_tests import InputOutput
+from inercal.estimation.warm_up import warm_up
 from inercal.physics.plan import Index
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
@@ -45,7 +50,10 @@ _STEEP = 1e-9  # of g: below this slope the sense of the input is unknown
 def head_characteristics(
     observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
 ) -> tuple[Characteristic, ...]:
-    """Return the characteristics of each accelerometer; none if the temperature varied."""
+    """Return the characteristics of each accelerometer without those of a warm-up.
+
+    There are none if the temperature varied.
+    """
     plain = rows_without_series(steps)
     if temperature_varies(observations.temperature) or len(plain) < _FEWEST:
         return ()
@@ -87,6 +95,43 @@ def head_characteristics(
         found += table_characteristics(
             axis.name, table, _SMALL, "µg", line=False, zero_sd=sqrt(float(zero))
         )
+    return tuple(found)
+
+
+def warm_up_characteristics(
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    band: float | None,
+) -> tuple[Characteristic, ...]:
+    """Return the warm-up drift and the short-term stability of each accelerometer.
+
+    Parameters
+    ----------
+    observations : Observations
+    sensor : Sensor
+    bench : DividingHead
+    steps : sequence of Index
+        The step of each row.
+    band : float or None
+        Difference from the last reading at the end of the warm-up, m/s².
+    """
+    rows = list(warm_up_rows(steps))
+    if not rows:
+        return ()
+    motion = sensed_motion(bench, steps, {})
+    found: list[Characteristic] = []
+    for k, axis in enumerate(sensor.axes):
+        along = np.array(axis.i)
+        level, slope = (one[rows] @ along for one in (motion.f, motion.df["base"]))
+        variance = observations.covariance[rows, k, k] + (bench.pier * slope) ** 2
+        read = observations.mean[rows, k] - level
+        found += [
+            Characteristic(axis.name, name, figure, "s" if "time" in name else "µg")
+            for name, figure in warm_up(observations.time[rows], read, variance, band).items()
+            if observations.timed or "time" not in name
+        ]
     return tuple(found)
 
 

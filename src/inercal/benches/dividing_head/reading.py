@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_count, format_quantity
-from inercal.benches.characteristics import characteristic_notes
+from inercal.basics.units import format_count, format_quantity, si_factor
+from inercal.benches.characteristics import BAND_NOTE, characteristic_notes
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.benches.dividing_head.characteristics import head_characteristics
+from inercal.benches.dividing_head.characteristics import (
+    head_characteristics,
+    warm_up_characteristics,
+)
 from inercal.benches.dividing_head.checks import (
     repeat_visit_warnings,
     require_phases,
@@ -27,11 +30,14 @@ from inercal.benches.dividing_head.passes import (
     matches_any_angle,
     missing_cardinal_angles,
     pass_names,
+    rows_without_series,
     small_tilt_series,
+    steps_without_warm_up,
+    warm_up_rows,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.plan import Index
-from inercal.physics.section_settings import key_error
+from inercal.physics.section_settings import key_error, positive_value
 from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import (
@@ -46,7 +52,7 @@ from inercal.recordings.data.recording_loader import (
 )
 from inercal.recordings.data.rest_marks import check_rests, stated_marks
 from inercal.recordings.io.column_table import Table
-from inercal.recordings.io.mean_tables import observations_from_table, read_columns
+from inercal.recordings.io.mean_tables import number_column, observations_from_table, read_columns
 from inercal.recordings.segments import average_sections, check_marks, find_rests
 
 
@@ -69,15 +75,25 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     result = _table(run, bench) if run.data.kind == "means" else _recording(run)
     steps = [step for step in result.steps if isinstance(step, Index)]
     require_small_readings(run, steps)
+    stated = run.data.warm_up_band
+    band = None if stated is None else positive_value(stated, "g", "[data] warm_up_band")
+    warm = warm_up_characteristics(result.observations, run.sensor, bench, steps, band)
+    result = result.rows(range(len(warm_up_rows(steps)), len(steps)))
+    steps = steps_without_warm_up(steps)
     findings = result.findings + _missing_trim_positions(run, bench, steps)
     require_phases(run, result.observations, steps)
-    notes = ()
-    if small_tilt_series([step.angle for step in steps]):
-        found = head_characteristics(result.observations, run.sensor, bench, steps)
-        notes = characteristic_notes(found)
+    found = (*head_characteristics(result.observations, run.sensor, bench, steps), *warm)
+    shown = small_tilt_series([step.angle for step in steps]) or warm
+    notes = characteristic_notes(found) if shown else ()
     findings += repeat_visit_warnings(result.observations, run.sensor, bench, steps)
+    if any(one.shows_band for one in found):
+        result, notes = result.rows(rows_without_series(steps)), (*notes, BAND_NOTE)
     return replace(
-        result, findings=findings, conditions=_conditions(run, bench, steps), notes=notes
+        result,
+        findings=findings,
+        conditions=_conditions(run, bench, steps),
+        notes=notes,
+        characteristics=found,
     )
 
 
@@ -89,7 +105,8 @@ def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInpu
     named, units = readback_columns(run), readback_units(run)
     wanted = reader_columns(run)
     path = run.file(run.data.file)
-    table = read_columns(path, wanted, list(named.values()))
+    times = [] if run.data.time is None else [str(run.data.time)]
+    table = read_columns(path, wanted, [*named.values(), *times])
     _require_filled(run, table)
     readback = {name: table.numbers(column) * units[name] for name, column in named.items()}
     for name, values in readback.items():
@@ -109,6 +126,10 @@ def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInpu
     observations = observations_from_table(
         path, table, labels, wanted, run.sensor, stated_deviations(run)
     )
+    if times:
+        size = si_factor(run.data.time_unit, "s")
+        time = size * number_column(path, table, *times, "write the time")
+        observations = replace(observations, time=time, timed=True)
     return EstimatorInput(None, (), observations, steps, steps, ())
 
 

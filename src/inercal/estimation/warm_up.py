@@ -1,0 +1,139 @@
+"""Warm-up drift and short-term stability from repeated readings of the same input.
+
+The readings follow an exponential from the time of the first reading, 0, to that of the last, T::
+
+    y = c + D h(t) + s ε + noise          h(t) = (1 − exp(−t/τ)) / (1 − exp(−T/τ))
+
+D is the warm-up drift, the change from the first to the last reading. s is the short-term
+stability, the standard deviation of the readings without their noise, whose variance is known. The
+warm-up time is the time after which the exponential stays within a band about its last value.
+
+The likelihood is taken as a distribution with equal weights for c, D and ln τ. The variance v =
+s² + noise² has the weight v^(−3/2), for which the mean of s has almost no bias. A drift is detected
+if it reduces −2 ln L by 16 or more, which happens by chance in less than one case in a hundred. A
+scatter s is detected if χ² of the exponential is improbably large.
+"""
+
+from dataclasses import replace
+from math import nan, sqrt
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array, Bools
+from inercal.basics.errors import InputError
+from inercal.estimation.input_output_tests import (
+    CHANCE,
+    DETECTED,
+    Figure,
+    probability_above,
+)
+from inercal.estimation.response_band import distribution
+
+_GAIN = 16.0  # least reduction of −2 ln L for a drift
+_GRID, _ROUNDS, _NEAR = 40, 4, 25.0
+_SLOWEST, _DETERMINED = 20.0, 2.0  # times T: almost a straight line; the largest time constant
+_FITTED = 3  # constant, drift and time constant
+_WIDEST = 100.0  # times the mean square of the differences between readings
+_NORMAL = np.array([NormalDist().inv_cdf((k + 0.5) / 40) for k in range(40)])
+
+
+def warm_up(
+    time: Array, read: Array, variance: Array, band: float | None = None
+) -> dict[str, Figure]:
+    """Return the drift and the stability of repeated readings by name, and the times of a drift.
+
+    The time constant is only returned if it is determined.
+
+    Parameters
+    ----------
+    time, read, variance : (n,) array
+        Times of the readings after turn-on, rising; readings and the variance of their noise.
+    band : float or None
+        Largest difference from the last value after the warm-up time.
+
+    Raises
+    ------
+    InputError
+        The times do not rise.
+    """
+    if not (np.diff(time) > 0).all():
+        raise InputError(
+            "the times of the repeated readings do not rise; correct them", key="[data] time"
+        )
+    t, y, noise = time - time[0], read - read.mean(), float(variance.mean())
+    most = max(_WIDEST * float(np.mean(np.diff(y) ** 2)), 4 * noise)
+    tau = np.geomspace(float(np.diff(t).min()) / 2, _SLOWEST * t[-1], _GRID)
+    v = np.geomspace(noise, most, _GRID)
+    constant = float(np.min(_exponentials(t, y, variance, tau, v).without_drift))
+    for _ in range(_ROUNDS):
+        found = _exponentials(t, y, variance, tau, v)
+        near = found.cost <= found.cost.min() + _NEAR
+        tau, v = _around(tau, near.any(axis=1)), _around(v, near.any(axis=0))
+    found = _exponentials(t, y, variance, tau, v)
+    share = np.exp((found.cost.min() - found.cost) / 2)
+    detected = constant - float(found.with_drift.min()) >= _GAIN
+    drifts = found.drift[..., None] + _NORMAL / np.sqrt(found.square)[..., None]
+    each = np.repeat(share.ravel(), len(_NORMAL))
+    drift = distribution(drifts.ravel(), each, detected=detected, detectable=nan)
+    drift = replace(
+        drift,
+        bound=distribution(np.abs(drifts).ravel(), each, detected=detected, detectable=nan).bound,
+        detectable=sqrt(_GAIN) * drift.u,
+    )
+    quiet = float(_exponentials(t, y, variance, tau, v * 0 + noise).chi2.min())
+    dof = len(t) - _FITTED
+    stability = distribution(
+        np.sqrt(v - noise),
+        share.sum(axis=0),
+        detected=probability_above(quiet, dof) < CHANCE,
+        detectable=sqrt(noise * DETECTED * sqrt(2 / dof)),
+    )
+    result = {"warm-up drift": drift, "short-term stability": stability}
+    if not detected:
+        return result
+    times = distribution(tau, share.sum(axis=1), detected=True, detectable=nan)
+    if times.high < _DETERMINED * t[-1]:
+        result["warm-up time constant"] = times
+    if band is not None:
+        left, slow = np.exp(-t[-1] / tau)[:, None, None], tau[:, None, None]
+        size = np.abs(drifts) / (1 - left)
+        until = time[0] + np.clip(-slow * np.log(band / size + left), 0.0, None)
+        result["warm-up time"] = distribution(until.ravel(), each, detected=True, detectable=nan)
+    return result
+
+
+class _Exponentials(NamedTuple):
+    """Fits for each time constant and variance, (a, b).
+
+    −2 ln L is `chi2` + Σ ln v with and without a drift, and `cost` is that of the distribution.
+    """
+
+    drift: Array
+    square: Array
+    chi2: Array
+    with_drift: Array
+    without_drift: Array
+    cost: Array
+
+
+def _exponentials(t: Array, y: Array, variance: Array, tau: Array, v: Array) -> _Exponentials:
+    """Fit constant and drift for each time constant, (a,), and variance, (b,)."""
+    shape = np.expm1(-t / tau[:, None]) / np.expm1(-t[-1] / tau[:, None])
+    weight = 1 / (v[:, None] - variance.mean() + variance)
+    total = weight.sum(axis=1)
+    level, mean = weight @ y / total, shape @ weight.T / total
+    square = shape**2 @ weight.T - mean**2 * total
+    drift = (shape @ (weight * y).T - mean * level * total) / square
+    size = -np.log(weight).sum(axis=1)
+    none = weight @ y**2 - level**2 * total
+    chi2 = none - drift**2 * square
+    cost = chi2 + size + np.log(square * total * v)
+    return _Exponentials(drift, square, chi2, chi2 + size, none + size, cost)
+
+
+def _around(values: Array, some: Bools) -> Array:
+    """Return a finer grid over some of the values, with one cell around."""
+    rows = np.flatnonzero(some)
+    return np.geomspace(values[max(rows[0] - 1, 0)], values[min(rows[-1] + 1, _GRID - 1)], _GRID)
