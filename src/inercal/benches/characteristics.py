@@ -52,11 +52,7 @@ DEFINITIONS: Mapping[str, str] = {
         "(IEEE Std 1293)"
     ),
 }
-_OF_BAND = ("threshold", "dead band", "resolution")
-BAND_NOTE = (
-    "The series of small inputs did not enter the fit of the coefficients, because the sensor has "
-    "a dead band or a limited resolution there."
-)
+BAND_NOTE = "The small inputs did not enter the fit of the coefficients, because a band was found."
 _FEWEST = 3  # different inputs
 _LARGER = 5.0  # times the small inputs: full scale of a line that predicts their output
 
@@ -84,11 +80,6 @@ class Characteristic:
     unit: str
     about: float | None = None
     rows: tuple[int, ...] = ()
-
-    @property
-    def shows_band(self) -> bool:
-        """Whether the sensor has a dead band or a limited resolution."""
-        return self.name in _OF_BAND and self.figure.detected
 
     @property
     def definition(self) -> str:
@@ -197,6 +188,11 @@ def _of_small_inputs(
         Characteristic(axis, "threshold", band.threshold, unit, None, used),
         Characteristic(axis, "dead band", band.width, unit, None, used),
     ]
+
+
+def rows_of_bands(found: Iterable[Characteristic]) -> set[int]:
+    """Return the rows with small inputs of the axes with a dead band or a limited resolution."""
+    return {row for one in found if one.figure.detected for row in one.rows}
 
 
 def characteristic_notes(found: Iterable[Characteristic]) -> tuple[str, ...]:

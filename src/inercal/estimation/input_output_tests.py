@@ -50,6 +50,8 @@ class InputOutput:
         Inputs and readings in the same SI unit.
     covariance : (n, n) array
         Covariance of the readings, including the errors of the inputs.
+    errors : (n, n) array
+        The part of the covariance that is due to the errors of the inputs.
     rising : (n,) array
         1 if the input was reached from a lower one, −1 from a higher one, 0 if it is unknown.
     level : (n,) array of int
@@ -66,6 +68,7 @@ class InputOutput:
     x: Array
     y: Array
     covariance: Array
+    errors: Array
     rising: Array
     level: Indices
     setting: Indices
@@ -84,6 +87,7 @@ class InputOutput:
             self.x[which],
             self.y[which],
             self.covariance[np.ix_(which, which)],
+            self.errors[np.ix_(which, which)],
             self.rising[which],
             self.level[which],
             self.setting[which],

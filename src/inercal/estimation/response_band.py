@@ -20,8 +20,8 @@ happens in about one case in a thousand. If χ² is improbably large, all varian
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from math import hypot, inf, sqrt
+from dataclasses import dataclass, replace
+from math import hypot, inf, nan, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -53,10 +53,6 @@ class Band:
 
     Parameters
     ----------
-    centre : float
-        Input about which the small inputs were applied.
-    largest : float
-        The largest small input.
     law : str
         The law with the largest likelihood: "play", "lock-in" or "jump".
     width : Figure
@@ -65,8 +61,6 @@ class Band:
         Least small input that gives half of the expected output.
     """
 
-    centre: float
-    largest: float
     law: str
     width: Figure
     threshold: Figure
@@ -215,6 +209,16 @@ def response_band(
     centre_sd : float
         Standard deviation of the input about which the response is symmetric.
     """
+    band = _band(table, centre, line, centre_sd)
+    if not band.width.detected:
+        return band
+    # Inside the band, a reading does not show the errors of the inputs.
+    shown = np.abs(table.x - centre) >= band.width.value
+    hidden = table.errors * (np.outer(shown, shown) - 1.0)
+    return _band(replace(table, covariance=table.covariance + hidden), centre, line, centre_sd)
+
+
+def _band(table: InputOutput, centre: float, line: Figure | None, centre_sd: float) -> Band:
     z = table.x - centre
     top = float(np.abs(z).max())
     free = (table.setting[:, None] == np.unique(table.setting)).astype(float)
@@ -253,7 +257,7 @@ def response_band(
         distribution(values, share, detected=shown, detectable=size)
         for values, size in zip((width, limit), most, strict=True)
     ]
-    return Band(centre, top, law, *figures)
+    return Band(law, *figures)
 
 
 def _least(grids: Mapping[str, _Grid]) -> float:
@@ -271,8 +275,11 @@ def _search(
     return dict(grids)
 
 
-def distribution(values: Array, share: Array, *, detected: bool, detectable: float) -> Figure:
+def distribution(
+    values: Array, share: Array, *, detected: bool = True, detectable: float = nan
+) -> Figure:
     """Return the figure of values with these weights."""
+    values, share = (one.ravel() for one in np.broadcast_arrays(values, share))
     order = np.argsort(values, kind="stable")
     values, share = values[order], share[order] / share.sum()
     mean = float(share @ values)

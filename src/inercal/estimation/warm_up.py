@@ -15,9 +15,8 @@ scatter s is detected if χ² of the exponential is improbably large.
 """
 
 from dataclasses import replace
-from math import nan, sqrt
+from math import sqrt
 from statistics import NormalDist
-from typing import NamedTuple
 
 import numpy as np
 
@@ -63,74 +62,55 @@ def warm_up(
             "the times of the repeated readings do not rise; correct them", key="[data] time"
         )
     t, y, noise = time - time[0], read - read.mean(), float(variance.mean())
-    most = max(_WIDEST * float(np.mean(np.diff(y) ** 2)), 4 * noise)
     tau = np.geomspace(float(np.diff(t).min()) / 2, _SLOWEST * t[-1], _GRID)
-    v = np.geomspace(noise, most, _GRID)
-    constant = float(np.min(_exponentials(t, y, variance, tau, v).without_drift))
+    v = np.geomspace(noise, 4 * noise + _WIDEST * float(np.mean(np.diff(y) ** 2)), _GRID)
+    without = float(_exponentials(t, y, variance, tau, v)[3].min())
     for _ in range(_ROUNDS):
-        found = _exponentials(t, y, variance, tau, v)
-        near = found.cost <= found.cost.min() + _NEAR
+        cost = _exponentials(t, y, variance, tau, v)[-1]
+        near = cost <= cost.min() + _NEAR
         tau, v = _around(tau, near.any(axis=1)), _around(v, near.any(axis=0))
-    found = _exponentials(t, y, variance, tau, v)
-    share = np.exp((found.cost.min() - found.cost) / 2)
-    detected = constant - float(found.with_drift.min()) >= _GAIN
-    drifts = found.drift[..., None] + _NORMAL / np.sqrt(found.square)[..., None]
-    each = np.repeat(share.ravel(), len(_NORMAL))
-    drift = distribution(drifts.ravel(), each, detected=detected, detectable=nan)
-    drift = replace(
-        drift,
-        bound=distribution(np.abs(drifts).ravel(), each, detected=detected, detectable=nan).bound,
-        detectable=sqrt(_GAIN) * drift.u,
-    )
-    quiet = float(_exponentials(t, y, variance, tau, v * 0 + noise).chi2.min())
+    size, sd, fit, _, cost = _exponentials(t, y, variance, tau, v)
+    share = np.exp((cost.min() - cost) / 2)
+    size = size[..., None] + sd[..., None] * _NORMAL
+    drift = distribution(size, share[..., None], detected=without - float(fit.min()) >= _GAIN)
+    quiet = _exponentials(t, y, variance, tau, np.array([noise]))[2] - np.log(variance).sum()
     dof = len(t) - _FITTED
-    stability = distribution(
-        np.sqrt(v - noise),
-        share.sum(axis=0),
-        detected=probability_above(quiet, dof) < CHANCE,
-        detectable=sqrt(noise * DETECTED * sqrt(2 / dof)),
-    )
-    result = {"warm-up drift": drift, "short-term stability": stability}
-    if not detected:
-        return result
-    times = distribution(tau, share.sum(axis=1), detected=True, detectable=nan)
-    if times.high < _DETERMINED * t[-1]:
-        result["warm-up time constant"] = times
-    if band is not None:
-        left, slow = np.exp(-t[-1] / tau)[:, None, None], tau[:, None, None]
-        size = np.abs(drifts) / (1 - left)
-        until = time[0] + np.clip(-slow * np.log(band / size + left), 0.0, None)
-        result["warm-up time"] = distribution(until.ravel(), each, detected=True, detectable=nan)
-    return result
+    found = {
+        "warm-up drift": replace(
+            drift, bound=max(drift.high, -drift.low), detectable=sqrt(_GAIN) * drift.u
+        ),
+        "short-term stability": distribution(
+            np.sqrt(v - noise),
+            share.sum(axis=0),
+            detected=probability_above(float(quiet.min()), dof) < CHANCE,
+            detectable=sqrt(noise * DETECTED * sqrt(2 / dof)),
+        ),
+    }
+    constant = distribution(tau, share.sum(axis=1))
+    if drift.detected and constant.high < _DETERMINED * t[-1]:
+        found["warm-up time constant"] = constant
+    if drift.detected and band is not None:
+        slow, left = tau[:, None, None], np.exp(-t[-1] / tau)[:, None, None]
+        until = -slow * np.log(band * (1 - left) / np.abs(size) + left)
+        found["warm-up time"] = distribution(time[0] + until.clip(0.0), share[..., None])
+    return found
 
 
-class _Exponentials(NamedTuple):
-    """Fits for each time constant and variance, (a, b).
+def _exponentials(t: Array, y: Array, variance: Array, tau: Array, v: Array) -> tuple[Array, ...]:
+    """Return the best drift of each time constant, (a,), and variance, (b,), all (a, b).
 
-    −2 ln L is `chi2` + Σ ln v with and without a drift, and `cost` is that of the distribution.
+    The result is D and its standard deviation, χ² + Σ ln v with D and without it, and the same for
+    the distribution of all parameters.
     """
-
-    drift: Array
-    square: Array
-    chi2: Array
-    with_drift: Array
-    without_drift: Array
-    cost: Array
-
-
-def _exponentials(t: Array, y: Array, variance: Array, tau: Array, v: Array) -> _Exponentials:
-    """Fit constant and drift for each time constant, (a,), and variance, (b,)."""
     shape = np.expm1(-t / tau[:, None]) / np.expm1(-t[-1] / tau[:, None])
     weight = 1 / (v[:, None] - variance.mean() + variance)
     total = weight.sum(axis=1)
     level, mean = weight @ y / total, shape @ weight.T / total
     square = shape**2 @ weight.T - mean**2 * total
     drift = (shape @ (weight * y).T - mean * level * total) / square
-    size = -np.log(weight).sum(axis=1)
-    none = weight @ y**2 - level**2 * total
-    chi2 = none - drift**2 * square
-    cost = chi2 + size + np.log(square * total * v)
-    return _Exponentials(drift, square, chi2, chi2 + size, none + size, cost)
+    none = weight @ y**2 - level**2 * total - np.log(weight).sum(axis=1)
+    fit = none - drift**2 * square
+    return drift, square**-0.5, fit, none, fit + np.log(square * total * v)
 
 
 def _around(values: Array, some: Bools) -> Array:

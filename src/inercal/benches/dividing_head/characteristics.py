@@ -48,15 +48,31 @@ _STEEP = 1e-9  # of g: below this slope the sense of the input is unknown
 
 
 def head_characteristics(
-    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    band: float | None = None,
 ) -> tuple[Characteristic, ...]:
-    """Return the characteristics of each accelerometer without those of a warm-up.
+    """Return the characteristics of each accelerometer.
 
-    There are none if the temperature varied.
+    If the temperature varied after the warm-up, there are only those of the warm-up.
+
+    Parameters
+    ----------
+    observations : Observations
+    sensor : Sensor
+    bench : DividingHead
+    steps : sequence of Index
+        The step of each row.
+    band : float or None
+        Largest difference from the last reading after the warm-up time, m/s².
     """
-    plain = rows_without_series(steps)
-    if temperature_varies(observations.temperature) or len(plain) < _FEWEST:
-        return ()
+    plain, warm = rows_without_series(steps), list(warm_up_rows(steps))
+    rest = np.arange(len(warm), len(steps), dtype=np.int64)
+    varies = (
+        temperature_varies(observations.rows(rest.tolist()).temperature) or len(plain) < _FEWEST
+    )
     observations = observations.without_drift()
     motion, declared = sensed_motion(bench, steps, {}), bench.acting_parameters(steps)
     ramps = drift_ramps(steps)
@@ -66,6 +82,17 @@ def head_characteristics(
     for k, axis in enumerate(sensor.axes):
         along = np.array(axis.i)
         level, slope = motion.f @ along, motion.df["base"] @ along
+        if warm:
+            variance = observations.covariance[warm, k, k] + (bench.pier * slope[warm]) ** 2
+            away = observations.mean[warm, k] - level[warm]
+            of_warm_up = warm_up(observations.time[warm], away, variance, band)
+            found += [
+                Characteristic(axis.name, name, figure, "s" if "time" in name else "µg")
+                for name, figure in of_warm_up.items()
+                if observations.timed or "time" not in name
+            ]
+        if varies:
+            continue
         slopes = {name: by @ along for name, by in motion.df.items() if name != "g"}
         of_angles = error_covariance(slopes, declared, every)
         at = np.arange(k, len(steps) * m, m)
@@ -84,54 +111,18 @@ def head_characteristics(
             x,
             read,
             noise + of_angles,
+            of_angles,
             np.where(np.abs(slope) > _STEEP * g, sense, 0.0),
             equal,
             np.zeros(len(steps), dtype=np.int64),
         )
         small = np.abs(x) < _SMALL
-        small[plain] = False
+        small[[*warm, *plain]] = False
         away = small / max(int(small.sum()), 1) - gain[2] / scale
         zero = away @ of_angles @ away + gain[2] @ noise @ gain[2] / scale**2
         found += table_characteristics(
-            axis.name, table, _SMALL, "µg", line=False, zero_sd=sqrt(float(zero))
+            axis.name, table.rows(rest), _SMALL, "µg", line=False, zero_sd=sqrt(float(zero))
         )
-    return tuple(found)
-
-
-def warm_up_characteristics(
-    observations: Observations,
-    sensor: Sensor,
-    bench: DividingHead,
-    steps: Sequence[Index],
-    band: float | None,
-) -> tuple[Characteristic, ...]:
-    """Return the warm-up drift and the short-term stability of each accelerometer.
-
-    Parameters
-    ----------
-    observations : Observations
-    sensor : Sensor
-    bench : DividingHead
-    steps : sequence of Index
-        The step of each row.
-    band : float or None
-        Difference from the last reading at the end of the warm-up, m/s².
-    """
-    rows = list(warm_up_rows(steps))
-    if not rows:
-        return ()
-    motion = sensed_motion(bench, steps, {})
-    found: list[Characteristic] = []
-    for k, axis in enumerate(sensor.axes):
-        along = np.array(axis.i)
-        level, slope = (one[rows] @ along for one in (motion.f, motion.df["base"]))
-        variance = observations.covariance[rows, k, k] + (bench.pier * slope) ** 2
-        read = observations.mean[rows, k] - level
-        found += [
-            Characteristic(axis.name, name, figure, "s" if "time" in name else "µg")
-            for name, figure in warm_up(observations.time[rows], read, variance, band).items()
-            if observations.timed or "time" not in name
-        ]
     return tuple(found)
 
 

@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_quantity, si_factor
-from inercal.benches.characteristics import BAND_NOTE, characteristic_notes
+from inercal.benches.characteristics import BAND_NOTE, characteristic_notes, rows_of_bands
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.benches.dividing_head.characteristics import (
-    head_characteristics,
-    warm_up_characteristics,
-)
+from inercal.benches.dividing_head.characteristics import head_characteristics
 from inercal.benches.dividing_head.checks import (
     repeat_visit_warnings,
     require_phases,
@@ -32,7 +29,6 @@ from inercal.benches.dividing_head.passes import (
     pass_names,
     rows_without_series,
     small_tilt_series,
-    steps_without_warm_up,
     warm_up_rows,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
@@ -77,16 +73,15 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     require_small_readings(run, steps)
     stated = run.data.warm_up_band
     band = None if stated is None else positive_value(stated, "g", "[data] warm_up_band")
-    warm = warm_up_characteristics(result.observations, run.sensor, bench, steps, band)
-    result = result.rows(range(len(warm_up_rows(steps)), len(steps)))
-    steps = steps_without_warm_up(steps)
+    found = head_characteristics(result.observations, run.sensor, bench, steps, band)
+    warm = len(warm_up_rows(steps))
+    result, steps = result.rows(range(warm, len(steps))), steps[warm:]
     findings = result.findings + _missing_trim_positions(run, bench, steps)
     require_phases(run, result.observations, steps)
-    found = (*head_characteristics(result.observations, run.sensor, bench, steps), *warm)
     shown = small_tilt_series([step.angle for step in steps]) or warm
     notes = characteristic_notes(found) if shown else ()
     findings += repeat_visit_warnings(result.observations, run.sensor, bench, steps)
-    if any(one.shows_band for one in found):
+    if rows_of_bands(found):
         result, notes = result.rows(rows_without_series(steps)), (*notes, BAND_NOTE)
     return replace(
         result,

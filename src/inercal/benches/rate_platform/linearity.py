@@ -83,11 +83,13 @@ def straight_lines(
             continue
         at = [r * len(sensor.axes) + k for r in rows]
         slopes = {name: by @ along for name, by in motion.dw.items()}
+        errors = error_covariance(slopes, declared, rows)
         places = [(s.place, round(s.rate, 9)) for _, s in own]
         table = InputOutput(
             rate,
             observations.mean[rows, k],
-            noise[np.ix_(at, at)] + error_covariance(slopes, declared, rows),
+            noise[np.ix_(at, at)] + errors,
+            errors,
             np.sign([changes[r] * float(np.dot(s.up, along)) for r, s in own]),
             _numbers(places),
             _numbers([place for place, _ in places]),

@@ -10,7 +10,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
-from inercal.benches.characteristics import BAND_NOTE, characteristic_notes
+from inercal.benches.characteristics import BAND_NOTE, characteristic_notes, rows_of_bands
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
 from inercal.benches.rate_platform.linearity import gyro_characteristics
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
@@ -60,8 +60,7 @@ def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
     require_axes_up(run, result.observations, bench, steps)
     found = gyro_characteristics(result.observations, run.sensor, bench, steps)
     notes, conditions = characteristic_notes(found), _conditions(bench, steps)
-    banded = {row for one in found if one.shows_band for row in one.rows}
-    if banded:
+    if banded := rows_of_bands(found):
         result = result.rows([row for row in range(len(steps)) if row not in banded])
         notes = (*notes, BAND_NOTE)
     return replace(result, conditions=conditions, notes=notes, characteristics=found)
