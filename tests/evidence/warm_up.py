@@ -35,7 +35,7 @@ PAGE = stored_counts.FOLDER / "warm-up.md"
 BAND = 1.0 * UG
 CASES = {
     "none": Effects(0.0, 300.0, 0.0),
-    "small": Effects(6.0 * UG, 400.0, 0.6 * UG),
+    "small": Effects(10.0 * UG, 400.0, 0.6 * UG),
     "large": Effects(-60.0 * UG, 300.0, 2.0 * UG),
 }
 NAMES = ("warm-up drift", "short-term stability", "warm-up time constant", "warm-up time")

@@ -8,7 +8,7 @@ D is the warm-up drift, the change from the first to the last reading. s is the 
 stability, the standard deviation of the readings without their noise, whose variance is known. The
 warm-up time is the time after which the exponential stays within a band about its last value.
 
-The likelihood is taken as a distribution with equal weights for c, D and ln τ. The variance v =
+The likelihood is taken as a distribution with equal weights for c, D and 1/τ. The variance v =
 s² + noise² has the weight v^(−3/2), for which the mean of s has almost no bias. A drift is detected
 if it reduces −2 ln L by 16 or more, which happens by chance in less than one case in a hundred. A
 scatter s is detected if χ² of the exponential is improbably large.
@@ -110,7 +110,7 @@ def _exponentials(t: Array, y: Array, variance: Array, tau: Array, v: Array) -> 
     drift = (shape @ (weight * y).T - mean * level * total) / square
     none = weight @ y**2 - level**2 * total - np.log(weight).sum(axis=1)
     fit = none - drift**2 * square
-    return drift, square**-0.5, fit, none, fit + np.log(square * total * v)
+    return drift, square**-0.5, fit, none, fit + np.log(square * total * v * tau[:, None] ** 2)
 
 
 def _around(values: Array, some: Bools) -> Array:
