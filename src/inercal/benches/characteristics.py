@@ -47,10 +47,7 @@ DEFINITIONS: Mapping[str, str] = {
     "warm-up drift": "last minus first of the repeated readings after turn-on (IEEE Std 1293)",
     "warm-up time constant": "time constant of the exponential that describes the warm-up drift",
     "warm-up time": "time after turn-on until the reading stays within the stated band of the last",
-    "short-term stability": (
-        "standard deviation of repeated readings, without their noise and the warm-up drift "
-        "(IEEE Std 1293)"
-    ),
+    "short-term stability": "scatter (1 σ) of the same readings beyond their noise (IEEE Std 1293)",
 }
 BAND_NOTE = "The small inputs did not enter the fit of the coefficients, because a band was found."
 _FEWEST = 3  # different inputs

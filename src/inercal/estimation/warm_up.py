@@ -22,12 +22,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
-from inercal.estimation.input_output_tests import (
-    CHANCE,
-    DETECTED,
-    Figure,
-    probability_above,
-)
+from inercal.estimation.input_output_tests import CHANCE, DETECTED, Figure, probability_above
 from inercal.estimation.response_band import distribution
 
 _GAIN = 16.0  # least reduction of −2 ln L for a drift
@@ -58,9 +53,7 @@ def warm_up(
         The times do not rise.
     """
     if not (np.diff(time) > 0).all():
-        raise InputError(
-            "the times of the repeated readings do not rise; correct them", key="[data] time"
-        )
+        raise InputError("the times of the first readings do not rise", key="[data] time")
     t, y, noise = time - time[0], read - read.mean(), float(variance.mean())
     tau = np.geomspace(float(np.diff(t).min()) / 2, _SLOWEST * t[-1], _GRID)
     v = np.geomspace(noise, 4 * noise + _WIDEST * float(np.mean(np.diff(y) ** 2)), _GRID)
@@ -72,28 +65,23 @@ def warm_up(
     size, sd, fit, _, cost = _exponentials(t, y, variance, tau, v)
     share = np.exp((cost.min() - cost) / 2)
     size = size[..., None] + sd[..., None] * _NORMAL
-    drift = distribution(size, share[..., None], detected=without - float(fit.min()) >= _GAIN)
+    found = without - float(fit.min()) >= _GAIN
+    drift = distribution(size, share[..., None], detected=found)
+    drift = replace(drift, bound=max(drift.high, -drift.low), detectable=sqrt(_GAIN) * drift.u)
     quiet = _exponentials(t, y, variance, tau, np.array([noise]))[2] - np.log(variance).sum()
     dof = len(t) - _FITTED
-    found = {
-        "warm-up drift": replace(
-            drift, bound=max(drift.high, -drift.low), detectable=sqrt(_GAIN) * drift.u
-        ),
-        "short-term stability": distribution(
-            np.sqrt(v - noise),
-            share.sum(axis=0),
-            detected=probability_above(float(quiet.min()), dof) < CHANCE,
-            detectable=sqrt(noise * DETECTED * sqrt(2 / dof)),
-        ),
-    }
+    scatter = probability_above(float(quiet.min()), dof) < CHANCE
+    least = sqrt(noise * DETECTED * sqrt(2 / dof))
+    s = distribution(np.sqrt(v - noise), share.sum(axis=0), detected=scatter, detectable=least)
+    result = {"warm-up drift": drift, "short-term stability": s}
     constant = distribution(tau, share.sum(axis=1))
-    if drift.detected and constant.high < _DETERMINED * t[-1]:
-        found["warm-up time constant"] = constant
-    if drift.detected and band is not None:
+    if found and constant.high < _DETERMINED * t[-1]:
+        result["warm-up time constant"] = constant
+    if found and band is not None:
         slow, left = tau[:, None, None], np.exp(-t[-1] / tau)[:, None, None]
         until = -slow * np.log(band * (1 - left) / np.abs(size) + left)
-        found["warm-up time"] = distribution(time[0] + until.clip(0.0), share[..., None])
-    return found
+        result["warm-up time"] = distribution(time[0] + until.clip(0.0), share[..., None])
+    return result
 
 
 def _exponentials(t: Array, y: Array, variance: Array, tau: Array, v: Array) -> tuple[Array, ...]:

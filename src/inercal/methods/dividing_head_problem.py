@@ -12,7 +12,7 @@ from inercal.basics.errors import InputError
 from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
 from inercal.benches.dividing_head.bench import position_plan as on_head
 from inercal.benches.dividing_head.head_angles import sensor_angles
-from inercal.benches.dividing_head.passes import FEWEST_REPEATS, drift_ramps, pass_names
+from inercal.benches.dividing_head.passes import drift_ramps, pass_names
 from inercal.estimation import Problem
 from inercal.methods import Priors, mean_problem
 from inercal.physics.plan import Index, Indexings
@@ -38,21 +38,17 @@ def plan(
     seconds : float
         Duration of each position, s.
     warm_up : int
-        Number of readings at the first position before, which show the warm-up drift.
+        Number of readings at the first position before, 12 or more, which show the warm-up drift.
 
     Raises
     ------
     InputError
-        There are fewer than four positions, or fewer than twelve readings of a warm-up.
+        There are fewer than four positions.
     """
     if positions < MIN_POSITIONS:
         raise InputError(
             f"{positions} positions are too few for a tumble test; give {MIN_POSITIONS} or more",
             key="positions",
-        )
-    if 0 < warm_up < FEWEST_REPEATS:
-        raise InputError(
-            f"warm_up is {warm_up}; give {FEWEST_REPEATS} or more readings", key="[method] warm_up"
         )
     repeats = (Index(f"w{k:02d}", 0.0, seconds=seconds) for k in range(1, warm_up + 1))
     return (*repeats, *on_head(positions, reverse=reverse, seconds=seconds))

@@ -302,8 +302,7 @@ def plan(
     Raises
     ------
     InputError
-        There are fewer than four positions or small tilts, too few readings of a warm-up, or a tilt
-        is not between 0.02″ and 0.5°.
+        There are fewer than four positions or small tilts, or a tilt is not between 0.02″ and 0.5°.
     """
     steps = list(dividing_head_problem.plan(positions, reverse, seconds, warm_up))
     if not small_tilts:

@@ -175,8 +175,8 @@ class MethodSection(Section):
     )
     warm_up: int | None = optional(
         30,
-        about="readings at the first position of a dividing head before the passes, for warm-up "
-        "drift and short-term stability",
+        about="first readings on a dividing head, without a turn, for warm-up drift and stability",
+        ge=12,
     )
     turns: int | None = optional(about="complete turns of the arm during each dwell of the plan")
     search: SearchSection | None = None

@@ -70,9 +70,7 @@ def head_characteristics(
     """
     plain, warm = rows_without_series(steps), list(warm_up_rows(steps))
     rest = np.arange(len(warm), len(steps), dtype=np.int64)
-    varies = (
-        temperature_varies(observations.rows(rest.tolist()).temperature) or len(plain) < _FEWEST
-    )
+    varies = temperature_varies(observations.rows(rest.tolist()).temperature)
     observations = observations.without_drift()
     motion, declared = sensed_motion(bench, steps, {}), bench.acting_parameters(steps)
     ramps = drift_ramps(steps)
@@ -85,13 +83,11 @@ def head_characteristics(
         if warm:
             variance = observations.covariance[warm, k, k] + (bench.pier * slope[warm]) ** 2
             away = observations.mean[warm, k] - level[warm]
-            of_warm_up = warm_up(observations.time[warm], away, variance, band)
-            found += [
-                Characteristic(axis.name, name, figure, "s" if "time" in name else "µg")
-                for name, figure in of_warm_up.items()
-                if observations.timed or "time" not in name
-            ]
-        if varies:
+            for name, one in warm_up(observations.time[warm], away, variance, band).items():
+                if observations.timed or "time" not in name:
+                    unit = "s" if "time" in name else "µg"
+                    found.append(Characteristic(axis.name, name, one, unit))
+        if varies or len(plain) < _FEWEST:
             continue
         slopes = {name: by @ along for name, by in motion.df.items() if name != "g"}
         of_angles = error_covariance(slopes, declared, every)

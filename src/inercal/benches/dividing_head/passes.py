@@ -18,7 +18,7 @@ ANGLE_TOLERANCE = 1e-4  # rad; closer angles belong to the same position
 TILT = pi / 360  # rad; the largest small tilt
 SAME_ANGLE = 1e-7  # rad; in a series of small tilts, closer angles are the same
 _FEWEST, _DIFFERENT = 5, 4  # rows and angles of a series of small tilts
-FEWEST_REPEATS = 12  # readings of a warm-up
+_FEWEST_REPEATS = 12  # readings of a warm-up
 CARDINAL_ANGLES = (0.0, pi / 2, pi, 1.5 * pi)
 
 
@@ -72,7 +72,7 @@ def warm_up_rows(steps: Sequence[Index]) -> range:
     """
     turned = (k for k, s in enumerate(steps) if abs(s.angle - steps[0].angle) > SAME_ANGLE)
     repeats = range(next(turned, len(steps)) - 1)
-    return repeats if len(repeats) >= FEWEST_REPEATS else range(0)
+    return repeats if len(repeats) >= _FEWEST_REPEATS else range(0)
 
 
 def steps_without_warm_up(steps: Sequence[Index]) -> Sequence[Index]:

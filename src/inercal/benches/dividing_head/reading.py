@@ -75,7 +75,8 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     band = None if stated is None else positive_value(stated, "g", "[data] warm_up_band")
     found = head_characteristics(result.observations, run.sensor, bench, steps, band)
     warm = len(warm_up_rows(steps))
-    result, steps = result.rows(range(warm, len(steps))), steps[warm:]
+    result = replace(result.rows(range(warm, len(steps))), characteristics=found)
+    steps = steps[warm:]
     findings = result.findings + _missing_trim_positions(run, bench, steps)
     require_phases(run, result.observations, steps)
     shown = small_tilt_series([step.angle for step in steps]) or warm
@@ -84,11 +85,7 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     if rows_of_bands(found):
         result, notes = result.rows(rows_without_series(steps)), (*notes, BAND_NOTE)
     return replace(
-        result,
-        findings=findings,
-        conditions=_conditions(run, bench, steps),
-        notes=notes,
-        characteristics=found,
+        result, findings=findings, conditions=_conditions(run, bench, steps), notes=notes
     )
 
 
