@@ -44,6 +44,7 @@ _OFFSETS, _FINE_OFFSETS = (4, 60), 31
 _NEAR = 25.0  # χ² above the minimum that still counts
 _LINE_SCALE, _NOMINAL_SCALE = 1e-3, 0.05  # sd of K about small inputs, with and without a line
 _TENTH = 0.1
+_STEEPEST = 3.0  # slope of lock-in at its edge
 _FEWEST = 4  # different small inputs on which a band needs readings
 
 
@@ -212,10 +213,12 @@ def response_band(
     band = _band(table, centre, line, centre_sd)
     if not band.width.detected:
         return band
-    # Inside the band, a reading does not show the errors of the inputs.
-    shown = np.abs(table.x - centre) >= band.width.value
-    hidden = table.errors * (np.outer(shown, shown) - 1.0)
-    return _band(replace(table, covariance=table.covariance + hidden), centre, line, centre_sd)
+    # A reading shows the errors of the inputs by the slope of the law: not at all inside the band.
+    z, width, step = table.x - centre, np.array([band.width.value]), _SAME * table.full_scale
+    high, low = (_responses(band.law, z[None] + change, width)[0] for change in (step, -step))
+    slope = ((high - low) / (2 * step)).clip(0.0, _STEEPEST)
+    more = table.errors * (np.outer(slope, slope) - 1.0)
+    return _band(replace(table, covariance=table.covariance + more), centre, line, centre_sd)
 
 
 def _band(table: InputOutput, centre: float, line: Figure | None, centre_sd: float) -> Band:

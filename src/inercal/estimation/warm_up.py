@@ -29,7 +29,6 @@ _GAIN = 16.0  # least reduction of −2 ln L for a drift
 _GRID, _ROUNDS, _NEAR = 40, 4, 25.0
 _SLOWEST, _DETERMINED = 20.0, 2.0  # times T: almost a straight line; the largest time constant
 _FITTED = 3  # constant, drift and time constant
-_WIDEST = 100.0  # times the mean square of the differences between readings
 _NORMAL = np.array([NormalDist().inv_cdf((k + 0.5) / 40) for k in range(40)])
 
 
@@ -55,8 +54,8 @@ def warm_up(
     if not (np.diff(time) > 0).all():
         raise InputError("the times of the first readings do not rise", key="[data] time")
     t, y, noise = time - time[0], read - read.mean(), float(variance.mean())
-    tau = np.geomspace(float(np.diff(t).min()) / 2, _SLOWEST * t[-1], _GRID)
-    v = np.geomspace(noise, 4 * noise + _WIDEST * float(np.mean(np.diff(y) ** 2)), _GRID)
+    tau = np.geomspace(float(np.diff(t).min()) / 2, _SLOWEST * float(t[-1]), _GRID)
+    v = np.geomspace(noise, 4 * noise + float(np.ptp(y)) ** 2, _GRID)
     without = float(_exponentials(t, y, variance, tau, v)[3].min())
     for _ in range(_ROUNDS):
         cost = _exponentials(t, y, variance, tau, v)[-1]

@@ -118,9 +118,10 @@ def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInpu
     observations = observations_from_table(
         path, table, labels, wanted, run.sensor, stated_deviations(run)
     )
-    if times:
-        size = si_factor(run.data.time_unit, "s")
-        time = size * number_column(path, table, *times, "write the time")
+    for name in times:
+        time = number_column(path, table, name, "write the time") * si_factor(
+            run.data.time_unit, "s"
+        )
         observations = replace(observations, time=time, timed=True)
     return EstimatorInput(None, (), observations, steps, steps, ())
 
