@@ -221,6 +221,24 @@ def test_a_warm_up_is_in_the_outcome_and_the_report_but_not_in_the_fit(tmp_path:
     assert all(one.text in section for one in found.values() if one.figure.detected)
 
 
+def test_a_warm_up_changes_no_coefficient_of_two_accelerometers(tmp_path: Path):
+    folder = EXAMPLES / "dividing_head"
+    for name in ("lab.toml", "polygon.csv", "centrifuge.calibration.json"):
+        shutil.copy(folder / name, tmp_path)
+    head, *rows = (folder / "lab.csv").read_text(encoding="utf-8").splitlines()
+    column = head.split(",").index("autocollimator")
+    (tmp_path / "lab.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    expected = calibrate(tmp_path / "lab.toml").calibration
+    cells = rows[0].split(",")
+    cells[column] = ""  # the autocollimator is not read during a warm-up
+    repeats = [",".join([f"w{k}", *cells[1:]]) for k in range(12)]
+    (tmp_path / "lab.csv").write_text("\n".join([head, *repeats, *rows]) + "\n", encoding="utf-8")
+    outcome = calibrate(tmp_path / "lab.toml")
+    assert {c.axis for c in outcome.characteristics if c.name == "warm-up drift"} == {"a", "b"}
+    assert outcome.calibration.values == pytest.approx(expected.values, rel=1e-12)
+    assert outcome.calibration.covariance == pytest.approx(expected.covariance, rel=1e-9)
+
+
 def test_a_warm_up_without_times_has_a_drift_but_no_times(tmp_path: Path):
     write_warm_up(tmp_path, DRIFTING)
     outcome = calibrate(run_file(tmp_path, "accelerometer", *CHANGES["accelerometer"], PIER))
