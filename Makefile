@@ -81,6 +81,7 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 	$(BIN)/python -m tests.evidence.temperature_table
 	$(BIN)/python -m tests.evidence.control
 	$(BIN)/python -m tests.evidence.characteristics
+	$(BIN)/python -m tests.evidence.warm_up
 	$(BIN)/python -m tests.evidence.systematic
 	$(BIN)/python -m tests.evidence.systematic_violations
 	$(BIN)/python -m tests.evidence.auto

@@ -23,7 +23,9 @@ SMALL = np.array([0.0, 0.1, 0.2, 0.1, 0.0, -0.1, -0.2, -0.1, 0.0])
 def table(x: Array, y: Array, sd: float = 1e-3) -> InputOutput:
     rising = np.sign(np.diff(x, prepend=x[0]))
     level = np.unique(x, return_inverse=True)[1]
-    return InputOutput(x, y, sd**2 * np.eye(len(x)), rising, level, 0 * level)
+    return InputOutput(
+        x, y, sd**2 * np.eye(len(x)), np.zeros((len(x), len(x))), rising, level, 0 * level
+    )
 
 
 def test_a_straight_line_has_its_slope_and_no_effect():
@@ -80,6 +82,6 @@ def test_a_jump_lies_between_the_inputs_around_it():
 
 def test_a_table_that_does_not_fit_is_refused():
     with refused():
-        InputOutput(UP, LOOP, np.eye(11), UP, UP.astype(np.int64), UP.astype(np.int64))
+        InputOutput(UP, LOOP, np.eye(11), np.eye(11), UP, UP.astype(np.int64), UP.astype(np.int64))
     with refused():
         table(UP, UP, sd=0.0)

@@ -61,8 +61,7 @@ last rows contain no effect; what is reported there is a false alarm. Hysteresis
 sensors without a band, because the readings inside a dead band do not show the errors of the bench;
 in the others it is a nuisance. A jump is only known to lie between two inputs that were applied, so
 the widths of these devices are drawn evenly over several such intervals. Lock-in is a law of laser
-gyros. Of the accelerometers with the large band, only one tilt about 30° is larger than the band,
-which is not enough for its resolution: this row is stated without a limit.
+gyros.
 
 | sensor | law | size | effect | true value | mean u | bias / u | coverage, % | reported, % |
 |---|---|---|---|--:|--:|--:|--:|--:|

@@ -1,22 +1,28 @@
-"""Threshold, resolution, dead band and hysteresis, from a run file to the report and to JSON.
+"""Threshold, hysteresis, warm-up drift and the like, from a run file to the report and to JSON.
 
 The readings are of a generator that imports nothing of inercal.
 """
 
 import json
 import shutil
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.evidence import characteristic_devices as made
+from tests.evidence import warm_up_devices as warm
 from tests.program import run_program
 from tests.refusals import refused
 
+from inercal.benches.characteristics import BAND_NOTE
+from inercal.benches.dividing_head.sheet import sheet
 from inercal.methods.rates_and_poses import plan as rate_plan
 from inercal.methods.tumble import plan as tumble_plan
 from inercal.physics.plan import small_loop
 from inercal.pipeline import calibrate, simulate_files
+from inercal.pipeline.design.expected_uncertainty import estimate_of_plan
 from inercal.recordings.io.write import write_recordings
 from inercal.report import write_report
 from inercal.runfile import read
@@ -129,6 +135,11 @@ def test_the_simulated_example_has_no_effect(sensor: str, tmp_path: Path):
         assert not found[effect].figure.detected
         assert found[effect].text.startswith("not detected")
         assert 0 < found[effect].figure.bound < 1e4 * UNIT[sensor]
+    if sensor == "accelerometer":
+        # The repeated readings do not enter the fit, and are simulated with the drift of a pass.
+        assert len(outcome.observations.labels) == len(run.steps) - 30
+        assert {"warm-up drift", "short-term stability"} <= set(found)
+        assert not found["short-term stability"].figure.detected
 
 
 def test_the_backlash_of_the_head_is_uncertainty_of_the_hysteresis(tmp_path: Path):
@@ -157,6 +168,112 @@ def test_order_errors_of_the_table_are_uncertainty_of_the_hysteresis(key: str, t
         u.append(found.figure.u)
     # Rests still show the hysteresis of the gyro, because the table does not turn.
     assert u[1] > 1.4 * u[0]
+
+
+@pytest.mark.parametrize(("law", "grade"), [("jump", "consistent"), ("lock-in", "unreliable")])
+def test_small_tilts_of_a_sensor_with_a_band_leave_the_fit(law: str, grade: str, tmp_path: Path):
+    width = WIDTH["accelerometer"] * UNIT["accelerometer"]
+    write_table(tmp_path, "accelerometer", made.Effects(0.0, width, width, law))
+    outcome = calibrate(run_file(tmp_path, "accelerometer", *CHANGES["accelerometer"]))
+    assert all(c.figure.detected for c in outcome.characteristics if c.rows)
+    assert len(outcome.observations.labels) == len(outcome.steps) == 24
+    assert BAND_NOTE in outcome.estimate.notes
+    # Lock-in also changes the readings where the input axis is level, which remain.
+    assert outcome.verdict.grade == grade
+
+
+def test_small_tilts_of_a_sensor_without_a_band_stay_in_the_fit(tmp_path: Path):
+    write_table(tmp_path, "accelerometer", made.Effects())
+    outcome = calibrate(run_file(tmp_path, "accelerometer", *CHANGES["accelerometer"]))
+    assert len(outcome.observations.labels) > 24
+    assert BAND_NOTE not in outcome.estimate.notes
+
+
+def write_warm_up(folder: Path, effects: warm.Effects) -> None:
+    """Write the readings of one accelerometer after turn-on as the table that a run file names."""
+    device = warm.accelerometers(effects, 1, np.random.default_rng(3))
+    rows = ["minute,angle,a"]
+    rows += [
+        f"{t / 60:.6f},{np.degrees(angle):.10f},{y / 9.80665:.10f}"
+        for t, angle, y in zip(device.time, device.angle, device.reading[0], strict=True)
+    ]
+    (folder / "small_tilts.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+TIMES = ("angle = ", 'time = "minute"\ntime_unit = "min"\nangle = ')
+PIER = ('pier = "0.02 ″"', 'pier = "0.05 ″"')
+DRIFTING = warm.Effects(-60 * warm.UG, 300.0, 2 * warm.UG)
+
+
+def test_a_warm_up_is_in_the_outcome_and_the_report_but_not_in_the_fit(tmp_path: Path):
+    write_warm_up(tmp_path, DRIFTING)
+    path = run_file(tmp_path, "accelerometer", *CHANGES["accelerometer"], TIMES, PIER)
+    outcome = calibrate(path)
+    found = {one.name: one for one in outcome.characteristics}
+    for name, true in warm.true_values(DRIFTING, 2 * warm.UG).items():
+        assert abs(found[name].figure.value - true) < 3.3 * found[name].figure.u, name
+        assert found[name].figure.detected
+    assert len(outcome.observations.labels) == 24
+    assert outcome.verdict.grade == "consistent"
+    page = tmp_path / "report.html"
+    write_report(outcome, page, None)
+    section = page.read_text(encoding="utf-8").partition('id="characteristics"')[2]
+    assert all(one.text in section for one in found.values() if one.figure.detected)
+
+
+def test_a_warm_up_changes_no_coefficient_of_two_accelerometers(tmp_path: Path):
+    folder = EXAMPLES / "dividing_head"
+    for name in ("lab.toml", "polygon.csv", "centrifuge.calibration.json"):
+        shutil.copy(folder / name, tmp_path)
+    head, *rows = (folder / "lab.csv").read_text(encoding="utf-8").splitlines()
+    column = head.split(",").index("autocollimator")
+    (tmp_path / "lab.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    expected = calibrate(tmp_path / "lab.toml").calibration
+    cells = rows[0].split(",")
+    cells[column] = ""  # the autocollimator is not read during a warm-up
+    repeats = [",".join([f"w{k}", *cells[1:]]) for k in range(12)]
+    (tmp_path / "lab.csv").write_text("\n".join([head, *repeats, *rows]) + "\n", encoding="utf-8")
+    outcome = calibrate(tmp_path / "lab.toml")
+    assert {c.axis for c in outcome.characteristics if c.name == "warm-up drift"} == {"a", "b"}
+    assert outcome.calibration.values == pytest.approx(expected.values, rel=1e-12)
+    assert outcome.calibration.covariance == pytest.approx(expected.covariance, rel=1e-9)
+
+
+def test_a_warm_up_without_times_has_a_drift_but_no_times(tmp_path: Path):
+    write_warm_up(tmp_path, DRIFTING)
+    outcome = calibrate(run_file(tmp_path, "accelerometer", *CHANGES["accelerometer"], PIER))
+    found = {one.name for one in outcome.characteristics}
+    assert found == {"warm-up drift", "short-term stability", "hysteresis"}
+
+
+def test_times_of_a_warm_up_that_do_not_rise_are_refused(tmp_path: Path):
+    write_warm_up(tmp_path, DRIFTING)
+    table = tmp_path / "small_tilts.csv"
+    head, first, second, *others = table.read_text(encoding="utf-8").splitlines()
+    table.write_text("\n".join([head, second, first, *others]) + "\n", encoding="utf-8")
+    with refused(key="[data] time"):
+        calibrate(run_file(tmp_path, "accelerometer", *CHANGES["accelerometer"], TIMES))
+
+
+def test_a_warm_up_in_a_plan_has_a_column_of_times_and_changes_no_expected_uncertainty():
+    run = read(EXAMPLES / "dividing_head" / "small_tilts.toml")
+    without = replace(
+        run, plan=partial(tumble_plan, 12, True, 20.0, run.plan.keywords["small_tilts"])
+    )
+    assert len(run.steps) == len(without.steps) + 30
+    assert [step.angle for step in run.steps[:31]] == [0.0] * 31
+    expected = [estimate_of_plan(one, "positions").covariance for one in (run, without)]
+    assert np.array_equal(*expected)
+    timed = replace(run, data=run.data.model_copy(update={"time": "minute"}))
+    assert "minute" in [box.column for box in sheet(timed).boxes]
+
+
+def test_a_warm_up_of_few_readings_is_refused(tmp_path: Path):
+    text = (EXAMPLES / "dividing_head" / "small_tilts.toml").read_text(encoding="utf-8")
+    path = tmp_path / "run.toml"
+    path.write_text(text.replace("warm_up = 30", "warm_up = 11"), encoding="utf-8")
+    with refused(key="[method] warm_up"):
+        read(path)
 
 
 def test_small_inputs_of_a_plan_form_loops():

@@ -44,7 +44,12 @@ DEFINITIONS: Mapping[str, str] = {
         "least change of a larger input that gives half of the expected change of output "
         "(IEEE Std 528)"
     ),
+    "warm-up drift": "last minus first of the repeated readings after turn-on (IEEE Std 1293)",
+    "warm-up time constant": "time constant of the exponential that describes the warm-up drift",
+    "warm-up time": "time after turn-on until the reading stays within the stated band of the last",
+    "short-term stability": "scatter (1 σ) of the same readings beyond their noise (IEEE Std 1293)",
 }
+BAND_NOTE = "The small inputs did not enter the fit of the coefficients, because a band was found."
 _FEWEST = 3  # different inputs
 _LARGER = 5.0  # times the small inputs: full scale of a line that predicts their output
 
@@ -62,6 +67,8 @@ class Characteristic:
         Unit in which it is shown.
     about : float or None
         Input about which a resolution was determined, SI.
+    rows : tuple of int
+        Rows with the small inputs that show a threshold, dead band or resolution.
     """
 
     axis: str
@@ -69,6 +76,7 @@ class Characteristic:
     figure: Figure
     unit: str
     about: float | None = None
+    rows: tuple[int, ...] = ()
 
     @property
     def definition(self) -> str:
@@ -170,12 +178,18 @@ def _of_small_inputs(
     top = float(np.abs(own.x - centre).max())
     line = scale_factor(table) if table.full_scale > _LARGER * top else None
     band: Band = response_band(own, centre, line, 0.0 if centre else zero_sd)
+    used = tuple(rows.tolist())
     if centre:
-        return [Characteristic(axis, "resolution", band.threshold, unit, centre)]
+        return [Characteristic(axis, "resolution", band.threshold, unit, centre, used)]
     return [
-        Characteristic(axis, "threshold", band.threshold, unit),
-        Characteristic(axis, "dead band", band.width, unit),
+        Characteristic(axis, "threshold", band.threshold, unit, None, used),
+        Characteristic(axis, "dead band", band.width, unit, None, used),
     ]
+
+
+def rows_of_bands(found: Iterable[Characteristic]) -> set[int]:
+    """Return the rows with small inputs of the axes with a dead band or a limited resolution."""
+    return {row for one in found if one.figure.detected for row in one.rows}
 
 
 def characteristic_notes(found: Iterable[Characteristic]) -> tuple[str, ...]:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from inercal.basics.units import Measured
-from inercal.benches.characteristics import Characteristic
 from inercal.benches.contract import Bench, SensorSimulation, SimulatedMotion
 from inercal.benches.motion_control import MotionControl
 from inercal.benches.operator_sheet import Sheet
@@ -164,9 +163,9 @@ def no_plots(shown: ReportInput) -> tuple[Plot, ...]:
     return ()
 
 
-def no_characteristics(shown: ReportInput) -> tuple[Characteristic, ...]:
-    """Return no characteristics."""
-    return ()
+def all_steps(steps: Sequence[Any]) -> Sequence[Any]:
+    """Return all steps."""
+    return steps
 
 
 def no_tables(run: RunBase[Any], shown: ReportInput) -> dict[str, Columns]:
@@ -232,9 +231,8 @@ class Kind(Generic[B, D]):
         Describes a row in words.
     tables : callable
         Returns tables that are written with the calibration, by their content, such as "states".
-    characteristics : callable
-        Returns the characteristics of each axis by the definitions of the standards, for the report
-        and the output of `--json`.
+    fitted : callable
+        Returns the steps of a plan whose readings enter the fit.
     motion_control : MotionControl or None
         Interface for a host that drives the bench; None if no host can drive it.
     """
@@ -266,5 +264,5 @@ class Kind(Generic[B, D]):
     plots: Callable[[ReportInput], tuple[Plot, ...]] = no_plots
     row: Callable[[Step, ReportInput, int], str] = describe_row
     tables: Callable[[RunBase[D], ReportInput], Mapping[str, Columns]] = no_tables
-    characteristics: Callable[[ReportInput], tuple[Characteristic, ...]] = no_characteristics
+    fitted: Callable[[Sequence[Any]], Sequence[Any]] = all_steps
     motion_control: MotionControl | None = None

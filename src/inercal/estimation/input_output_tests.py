@@ -34,7 +34,7 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 
 DETECTED = 3.0  # standard uncertainties
-_CHANCE = 0.0027  # probability of 3 standard deviations
+CHANCE = 0.0027  # probability of 3 standard deviations
 _BIRGE = 0.01
 _INTERVAL, _BOUND = 1.959964, 1.644854  # normal quantiles at 97.5 and 95 %
 _REST = 1e-3  # times full scale: a slower or smaller input is zero
@@ -50,6 +50,8 @@ class InputOutput:
         Inputs and readings in the same SI unit.
     covariance : (n, n) array
         Covariance of the readings, including the errors of the inputs.
+    errors : (n, n) array
+        The part of the covariance that is due to the errors of the inputs.
     rising : (n,) array
         1 if the input was reached from a lower one, −1 from a higher one, 0 if it is unknown.
     level : (n,) array of int
@@ -66,6 +68,7 @@ class InputOutput:
     x: Array
     y: Array
     covariance: Array
+    errors: Array
     rising: Array
     level: Indices
     setting: Indices
@@ -84,6 +87,7 @@ class InputOutput:
             self.x[which],
             self.y[which],
             self.covariance[np.ix_(which, which)],
+            self.errors[np.ix_(which, which)],
             self.rising[which],
             self.level[which],
             self.setting[which],
@@ -138,7 +142,7 @@ def _figure(value: float, u: float, *, tested: bool = True) -> Figure:
     )
 
 
-def _chance(chi2: float, dof: int) -> float:
+def probability_above(chi2: float, dof: int) -> float:
     """Return the probability of a larger χ²."""
     from scipy.special import chdtrc  # a refused run file does not load scipy
 
@@ -147,7 +151,7 @@ def _chance(chi2: float, dof: int) -> float:
 
 def enlargement(chi2: float, dof: int) -> float:
     """Return the factor by which an improbable χ² enlarges the uncertainties."""
-    if chi2 <= dof or _chance(chi2, dof) >= _BIRGE:  # χ² may be below zero by rounding
+    if chi2 <= dof or probability_above(chi2, dof) >= _BIRGE:  # χ² may be below zero by rounding
         return 1.0
     return sqrt(chi2 / dof)
 
@@ -183,7 +187,7 @@ def linearity_error(table: InputOutput) -> Figure:
     basis = np.linalg.qr(off[:, :2])[0]
     chi2 = float(off[:, 2] @ off[:, 2] - np.sum((basis.T @ off[:, 2]) ** 2))
     found = _figure(abs(float(residual[worst])), sqrt(float(spread[worst, worst])))
-    shown = _chance(chi2, len(table.x) - 2) < _CHANCE
+    shown = probability_above(chi2, len(table.x) - 2) < CHANCE
     return replace(found, detected=shown, detectable=nan)
 
 

@@ -20,8 +20,8 @@ happens in about one case in a thousand. If χ² is improbably large, all varian
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from math import hypot, inf, sqrt
+from dataclasses import dataclass, replace
+from math import hypot, inf, nan, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +44,7 @@ _OFFSETS, _FINE_OFFSETS = (4, 60), 31
 _NEAR = 25.0  # χ² above the minimum that still counts
 _LINE_SCALE, _NOMINAL_SCALE = 1e-3, 0.05  # sd of K about small inputs, with and without a line
 _TENTH = 0.1
+_STEEPEST = 3.0  # slope of lock-in at its edge
 _FEWEST = 4  # different small inputs on which a band needs readings
 
 
@@ -53,10 +54,6 @@ class Band:
 
     Parameters
     ----------
-    centre : float
-        Input about which the small inputs were applied.
-    largest : float
-        The largest small input.
     law : str
         The law with the largest likelihood: "play", "lock-in" or "jump".
     width : Figure
@@ -65,8 +62,6 @@ class Band:
         Least small input that gives half of the expected output.
     """
 
-    centre: float
-    largest: float
     law: str
     width: Figure
     threshold: Figure
@@ -215,6 +210,18 @@ def response_band(
     centre_sd : float
         Standard deviation of the input about which the response is symmetric.
     """
+    band = _band(table, centre, line, centre_sd)
+    if not band.width.detected:
+        return band
+    # A reading shows the errors of the inputs by the slope of the law: not at all inside the band.
+    z, width, step = table.x - centre, np.array([band.width.value]), _SAME * table.full_scale
+    high, low = (_responses(band.law, z[None] + change, width)[0] for change in (step, -step))
+    slope = ((high - low) / (2 * step)).clip(0.0, _STEEPEST)
+    more = table.errors * (np.outer(slope, slope) - 1.0)
+    return _band(replace(table, covariance=table.covariance + more), centre, line, centre_sd)
+
+
+def _band(table: InputOutput, centre: float, line: Figure | None, centre_sd: float) -> Band:
     z = table.x - centre
     top = float(np.abs(z).max())
     free = (table.setting[:, None] == np.unique(table.setting)).astype(float)
@@ -250,10 +257,10 @@ def response_band(
     sizes = {name: series.detectable(name, widths, _GAIN * wider) for name in _LAWS}
     most = (max(sizes.values()), max(_LAWS[name][0] * size for name, size in sizes.items()))
     figures = [
-        _distribution(values, share, detected=shown, detectable=size)
+        distribution(values, share, detected=shown, detectable=size)
         for values, size in zip((width, limit), most, strict=True)
     ]
-    return Band(centre, top, law, *figures)
+    return Band(law, *figures)
 
 
 def _least(grids: Mapping[str, _Grid]) -> float:
@@ -271,8 +278,11 @@ def _search(
     return dict(grids)
 
 
-def _distribution(values: Array, share: Array, *, detected: bool, detectable: float) -> Figure:
+def distribution(
+    values: Array, share: Array, *, detected: bool = True, detectable: float = nan
+) -> Figure:
     """Return the figure of values with these weights."""
+    values, share = (one.ravel() for one in np.broadcast_arrays(values, share))
     order = np.argsort(values, kind="stable")
     values, share = values[order], share[order] / share.sum()
     mean = float(share @ values)

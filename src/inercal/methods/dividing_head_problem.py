@@ -24,7 +24,9 @@ _TESTED_HARMONICS = 4  # of the head's error; higher harmonics act like graduati
 _MAX_ANGLE_CORRECTION = 1.5e-4  # rad
 
 
-def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tuple[Index, ...]:
+def plan(
+    positions: int = 12, reverse: bool = True, seconds: float = 60.0, warm_up: int = 0
+) -> tuple[Index, ...]:
     """Return evenly spaced positions of the head, first forward and then back.
 
     Parameters
@@ -35,6 +37,8 @@ def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tu
         Whether the head also turns back; a drift of the bias then cancels to first order.
     seconds : float
         Duration of each position, s.
+    warm_up : int
+        Number of readings at the first position before, 12 or more, which show the warm-up drift.
 
     Raises
     ------
@@ -46,7 +50,8 @@ def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tu
             f"{positions} positions are too few for a tumble test; give {MIN_POSITIONS} or more",
             key="positions",
         )
-    return on_head(positions, reverse=reverse, seconds=seconds)
+    repeats = (Index(f"w{k:02d}", 0.0, seconds=seconds) for k in range(1, warm_up + 1))
+    return (*repeats, *on_head(positions, reverse=reverse, seconds=seconds))
 
 
 def head_problem(

@@ -287,12 +287,13 @@ def plan(
     reverse: bool = True,
     seconds: float = 60.0,
     small_tilts: tuple[float, ...] = (),
+    warm_up: int = 0,
 ) -> tuple[Index, ...]:
     """Return evenly spaced positions of the head, forward and back, followed by small tilts.
 
     Parameters
     ----------
-    positions, reverse, seconds
+    positions, reverse, seconds, warm_up
         The same as for `inercal.methods.dividing_head_problem.plan`.
     small_tilts : tuple of float
         Tilts, rad, all positive. The head goes through them in a loop about 30°, where the input is
@@ -303,7 +304,7 @@ def plan(
     InputError
         There are fewer than four positions or small tilts, or a tilt is not between 0.02″ and 0.5°.
     """
-    steps = list(dividing_head_problem.plan(positions, reverse, seconds))
+    steps = list(dividing_head_problem.plan(positions, reverse, seconds, warm_up))
     if not small_tilts:
         return tuple(steps)
     if len(set(small_tilts)) < _FEWEST_TILTS or not all(SAME_ANGLE < t < TILT for t in small_tilts):

@@ -71,6 +71,8 @@ class Outcome(ReportInput):
         Soaks, orders and prediction errors, if temperatures were stated or tested.
     plots : tuple of Plot
         Figures that the method adds to the report.
+    characteristics : tuple of Characteristic
+        Hysteresis, threshold and the like of each axis, if the data can show them.
     """
 
     calibration: Calibration
@@ -82,6 +84,7 @@ class Outcome(ReportInput):
     search: "SearchHistory | None" = None
     temperature_fit: TemperatureFit | None = None
     plots: tuple[Plot, ...] = ()
+    characteristics: tuple[Characteristic, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Outcome: {repr(self.calibration).strip('<>')}>"
@@ -90,11 +93,6 @@ class Outcome(ReportInput):
     def additions(self) -> tuple[Addition, ...]:
         """The coefficients that `also = "auto"` added, in order."""
         return self.verdict.additions
-
-    @property
-    def characteristics(self) -> tuple[Characteristic, ...]:
-        """Hysteresis, threshold and the like of each axis, if the data can show them."""
-        return self.kind.characteristics(self)
 
     def _repr_html_(self) -> str:
         return to_html(self.calibration)

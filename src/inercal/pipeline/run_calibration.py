@@ -234,6 +234,7 @@ def calibrate_run(
         search=_search_history(run, generations),
         temperature_fit=thermal,
         plots=remarks.plots,
+        characteristics=inputs.characteristics,
     )
 
 

@@ -26,6 +26,7 @@ _PLAN = (
     ("rates", "rpm", "rates"),
     ("small_rates", "rpm", "small_rates"),
     ("small_tilts", "°", "small_tilts"),
+    ("warm_up", "", "warm_up"),
     ("turns", "", "turns"),
     ("path", "", "path"),
 )

@@ -173,6 +173,11 @@ class MethodSection(Section):
         ["1 ″", "2 ″"],
         about="tilts about two positions of a dividing head, for threshold and resolution",
     )
+    warm_up: int | None = optional(
+        30,
+        about="first readings on a dividing head, without a turn, for warm-up drift and stability",
+        ge=12,
+    )
     turns: int | None = optional(about="complete turns of the arm during each dwell of the plan")
     search: SearchSection | None = None
     filter: FilterSection | None = None

@@ -1,4 +1,4 @@
-"""Hysteresis, threshold, resolution and dead zone of accelerometers on a dividing head.
+"""Hysteresis, threshold, warm-up drift and the like of accelerometers on a dividing head.
 
 The input of an accelerometer is g sin ψ, where ψ is the angle of its input axis from the
 horizontal. The forward pass and the reverse pass reach a position from different sides, so their
@@ -15,6 +15,9 @@ The covariance of the readings contains the noise, the drift of the biases in ea
 stated errors of the head's angles. The backlash of the head acts almost like a hysteresis of ±1 g
 and must be stated. A series of small tilts has one error of the head's graduation; `pier` is the
 error of each small tilt.
+
+The readings at the beginning of a run, before the head first turns, show the warm-up drift and the
+short-term stability (`inercal.estimation.warm_up`). They do not enter the fit of the coefficients.
 """
 
 from collections.abc import Sequence
@@ -25,8 +28,14 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.benches.characteristics import Characteristic, error_covariance, table_characteristics
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
-from inercal.benches.dividing_head.passes import drift_ramps, first_visit_rows, rows_without_series
+from inercal.benches.dividing_head.passes import (
+    drift_ramps,
+    first_visit_rows,
+    rows_without_series,
+    warm_up_rows,
+)
 from inercal.estimation.input_output_tests import InputOutput
+from inercal.estimation.warm_up import warm_up
 from inercal.physics.plan import Index
 from inercal.physics.sensors import G0, Sensor
 from inercal.recordings import Observations
@@ -39,12 +48,29 @@ _STEEP = 1e-9  # of g: below this slope the sense of the input is unknown
 
 
 def head_characteristics(
-    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    band: float | None = None,
 ) -> tuple[Characteristic, ...]:
-    """Return the characteristics of each accelerometer; none if the temperature varied."""
-    plain = rows_without_series(steps)
-    if temperature_varies(observations.temperature) or len(plain) < _FEWEST:
-        return ()
+    """Return the characteristics of each accelerometer.
+
+    If the temperature varied after the warm-up, there are only those of the warm-up.
+
+    Parameters
+    ----------
+    observations : Observations
+    sensor : Sensor
+    bench : DividingHead
+    steps : sequence of Index
+        The step of each row.
+    band : float or None
+        Largest difference from the last reading after the warm-up time, m/s².
+    """
+    plain, warm = rows_without_series(steps), list(warm_up_rows(steps))
+    rest = np.arange(len(warm), len(steps), dtype=np.int64)
+    varies = temperature_varies(observations.rows(rest.tolist()).temperature)
     observations = observations.without_drift()
     motion, declared = sensed_motion(bench, steps, {}), bench.acting_parameters(steps)
     ramps = drift_ramps(steps)
@@ -54,6 +80,15 @@ def head_characteristics(
     for k, axis in enumerate(sensor.axes):
         along = np.array(axis.i)
         level, slope = motion.f @ along, motion.df["base"] @ along
+        if warm:
+            variance = observations.covariance[warm, k, k] + (bench.pier * slope[warm]) ** 2
+            away = observations.mean[warm, k] - level[warm]
+            for name, one in warm_up(observations.time[warm], away, variance, band).items():
+                if observations.timed or "time" not in name:
+                    unit = "s" if "time" in name else "µg"
+                    found.append(Characteristic(axis.name, name, one, unit))
+        if varies or len(plain) < _FEWEST:
+            continue
         slopes = {name: by @ along for name, by in motion.df.items() if name != "g"}
         of_angles = error_covariance(slopes, declared, every)
         at = np.arange(k, len(steps) * m, m)
@@ -72,16 +107,17 @@ def head_characteristics(
             x,
             read,
             noise + of_angles,
+            of_angles,
             np.where(np.abs(slope) > _STEEP * g, sense, 0.0),
             equal,
             np.zeros(len(steps), dtype=np.int64),
         )
         small = np.abs(x) < _SMALL
-        small[plain] = False
+        small[[*warm, *plain]] = False
         away = small / max(int(small.sum()), 1) - gain[2] / scale
         zero = away @ of_angles @ away + gain[2] @ noise @ gain[2] / scale**2
         found += table_characteristics(
-            axis.name, table, _SMALL, "µg", line=False, zero_sd=sqrt(float(zero))
+            axis.name, table.rows(rest), _SMALL, "µg", line=False, zero_sd=sqrt(float(zero))
         )
     return tuple(found)
 

@@ -3,12 +3,8 @@
 from typing import TYPE_CHECKING
 
 from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
-from inercal.benches.dividing_head.report import (
-    characteristics,
-    describe_position,
-    directions,
-    plots,
-)
+from inercal.benches.dividing_head.passes import steps_without_warm_up
+from inercal.benches.dividing_head.report import describe_position, directions, plots
 from inercal.benches.dividing_head.settings import DividingHeadData, DividingHeadSection, build
 from inercal.benches.dividing_head.sheet import sheet
 from inercal.benches.dividing_head.simulation import simulate_head_motion
@@ -77,5 +73,5 @@ KIND = Kind(
     directions=directions,
     plots=plots,
     row=describe_position,
-    characteristics=characteristics,
+    fitted=steps_without_warm_up,
 )

@@ -1,7 +1,8 @@
 """Passes of a dividing head; in each pass it goes once through its positions, in any order.
 
 A series of small tilts about a position is a pass of its own, and all its rows belong to that
-position: the head's error is the same in all of them.
+position: the head's error is the same in all of them. The repeated readings of a warm-up, at the
+beginning of a run, are a pass of their own, too.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,6 +18,7 @@ ANGLE_TOLERANCE = 1e-4  # rad; closer angles belong to the same position
 TILT = pi / 360  # rad; the largest small tilt
 SAME_ANGLE = 1e-7  # rad; in a series of small tilts, closer angles are the same
 _FEWEST, _DIFFERENT = 5, 4  # rows and angles of a series of small tilts
+_FEWEST_REPEATS = 12  # readings of a warm-up
 CARDINAL_ANGLES = (0.0, pi / 2, pi, 1.5 * pi)
 
 
@@ -63,10 +65,25 @@ def _series(angles: tuple[float, ...]) -> tuple[range, ...]:
     return tuple(one for one in found if len(one) >= _FEWEST)
 
 
+def warm_up_rows(steps: Sequence[Index]) -> range:
+    """Return the rows of a warm-up: twelve or more readings of the first angle.
+
+    The last reading before the head turns belongs to the first pass.
+    """
+    turned = (k for k, s in enumerate(steps) if abs(s.angle - steps[0].angle) > SAME_ANGLE)
+    repeats = range(next(turned, len(steps)) - 1)
+    return repeats if len(repeats) >= _FEWEST_REPEATS else range(0)
+
+
+def steps_without_warm_up(steps: Sequence[Index]) -> Sequence[Index]:
+    """Return the steps after the warm-up, whose readings enter the fit."""
+    return steps[len(warm_up_rows(steps)) :]
+
+
 def rows_without_series(steps: Sequence[Index]) -> list[int]:
-    """Return the rows that do not belong to a series of small tilts."""
+    """Return the rows that belong neither to a series of small tilts nor to a warm-up."""
     small = {k for rows in small_tilt_series([step.angle for step in steps]) for k in rows}
-    return [k for k in range(len(steps)) if k not in small]
+    return [k for k in range(len(steps)) if k not in small and k not in warm_up_rows(steps)]
 
 
 def first_visit_rows(steps: Sequence[Index]) -> list[int]:
@@ -90,12 +107,13 @@ def _first_visits(angles: tuple[float, ...]) -> tuple[int, ...]:
 def pass_numbers(steps: Sequence[Index]) -> list[int]:
     """Return the number of the pass that each step belongs to, counted from 0.
 
-    A series of small tilts is a pass. Otherwise a new pass begins when two consecutive
-    positions have been visited before. A single position that comes again, because it closes
-    the turn or was repeated, belongs to the current pass.
+    A warm-up is a pass, and so is a series of small tilts. Otherwise a new pass begins when two
+    consecutive positions have been visited before. A single position that comes again, because it
+    closes the turn or was repeated, belongs to the current pass.
     """
     first = first_visit_rows(steps)
-    series = {k: rows for rows in small_tilt_series([s.angle for s in steps]) for k in rows}
+    parts = [warm_up_rows(steps), *small_tilt_series([s.angle for s in steps])]
+    series = {k: rows for rows in parts for k in rows}
     numbers: list[int] = []
     current: set[int] = set()
     number = 0

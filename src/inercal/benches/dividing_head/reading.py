@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_count, format_quantity
-from inercal.benches.characteristics import characteristic_notes
+from inercal.basics.units import format_count, format_quantity, si_factor
+from inercal.benches.characteristics import BAND_NOTE, characteristic_notes, rows_of_bands
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.characteristics import head_characteristics
 from inercal.benches.dividing_head.checks import (
@@ -27,11 +27,13 @@ from inercal.benches.dividing_head.passes import (
     matches_any_angle,
     missing_cardinal_angles,
     pass_names,
+    rows_without_series,
     small_tilt_series,
+    warm_up_rows,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.physics.plan import Index
-from inercal.physics.section_settings import key_error
+from inercal.physics.section_settings import key_error, positive_value
 from inercal.recordings import Finding, Mark, Recording
 from inercal.recordings.data import EstimatorInput, RunBase
 from inercal.recordings.data.recording_loader import (
@@ -46,7 +48,7 @@ from inercal.recordings.data.recording_loader import (
 )
 from inercal.recordings.data.rest_marks import check_rests, stated_marks
 from inercal.recordings.io.column_table import Table
-from inercal.recordings.io.mean_tables import observations_from_table, read_columns
+from inercal.recordings.io.mean_tables import number_column, observations_from_table, read_columns
 from inercal.recordings.segments import average_sections, check_marks, find_rests
 
 
@@ -69,13 +71,19 @@ def observe(run: RunBase[DividingHeadData]) -> EstimatorInput:
     result = _table(run, bench) if run.data.kind == "means" else _recording(run)
     steps = [step for step in result.steps if isinstance(step, Index)]
     require_small_readings(run, steps)
+    stated = run.data.warm_up_band
+    band = None if stated is None else positive_value(stated, "g", "[data] warm_up_band")
+    found = head_characteristics(result.observations, run.sensor, bench, steps, band)
+    warm = len(warm_up_rows(steps))
+    result = replace(result.rows(range(warm, len(steps))), characteristics=found)
+    steps = steps[warm:]
     findings = result.findings + _missing_trim_positions(run, bench, steps)
     require_phases(run, result.observations, steps)
-    notes = ()
-    if small_tilt_series([step.angle for step in steps]):
-        found = head_characteristics(result.observations, run.sensor, bench, steps)
-        notes = characteristic_notes(found)
+    shown = small_tilt_series([step.angle for step in steps]) or warm
+    notes = characteristic_notes(found) if shown else ()
     findings += repeat_visit_warnings(result.observations, run.sensor, bench, steps)
+    if rows_of_bands(found):
+        result, notes = result.rows(rows_without_series(steps)), (*notes, BAND_NOTE)
     return replace(
         result, findings=findings, conditions=_conditions(run, bench, steps), notes=notes
     )
@@ -89,7 +97,8 @@ def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInpu
     named, units = readback_columns(run), readback_units(run)
     wanted = reader_columns(run)
     path = run.file(run.data.file)
-    table = read_columns(path, wanted, list(named.values()))
+    times = [] if run.data.time is None else [str(run.data.time)]
+    table = read_columns(path, wanted, [*named.values(), *times])
     _require_filled(run, table)
     readback = {name: table.numbers(column) * units[name] for name, column in named.items()}
     for name, values in readback.items():
@@ -97,6 +106,7 @@ def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInpu
         if name == "autocollimator":
             # A reading that is not used may be missing.
             bad &= _collimated_positions(bench, readback["angle"])
+            bad[: len(warm_up_rows([Index("", a) for a in readback["angle"].tolist()]))] = False
         if bad.any():
             text = f"has no number; {_WANTED[name]}"
             raise table.cell_error(path, int(np.argmax(bad)), named[name], text)
@@ -109,6 +119,11 @@ def _table(run: RunBase[DividingHeadData], bench: DividingHead) -> EstimatorInpu
     observations = observations_from_table(
         path, table, labels, wanted, run.sensor, stated_deviations(run)
     )
+    for name in times:
+        time = number_column(path, table, name, "write the time") * si_factor(
+            run.data.time_unit, "s"
+        )
+        observations = replace(observations, time=time, timed=True)
     return EstimatorInput(None, (), observations, steps, steps, ())
 
 

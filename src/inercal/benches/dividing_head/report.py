@@ -5,8 +5,6 @@ from math import degrees, pi
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.benches.characteristics import Characteristic
-from inercal.benches.dividing_head.characteristics import head_characteristics
 from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.benches.dividing_head.passes import pass_names, pass_numbers
 from inercal.benches.report_data import MeasuredDirection, Panel, Plot, ReportInput, Series
@@ -20,11 +18,6 @@ _APART = 3.0  # ° between passes in the figure
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     """Return no directions, because the head may carry only one accelerometer."""
     return ()
-
-
-def characteristics(shown: ReportInput) -> tuple[Characteristic, ...]:
-    """Return the characteristics of the accelerometers."""
-    return head_characteristics(shown.observations, shown.sensor, shown.bench, _steps(shown))
 
 
 def angle_corrections(shown: ReportInput) -> tuple[Array, Array]:

@@ -60,6 +60,9 @@ class DividingHeadData(RestsSection):
     autocollimator_unit: str = "″"
     level: str | int | None = Field(None, description="column of a level on the head's base")
     level_unit: str = "″"
+    warm_up_band: str | None = Field(
+        None, description="largest difference from the last reading after the warm-up time"
+    )
 
     def readback(self, bench: DividingHead) -> tuple[ReadbackColumn, ...]:
         """Return the columns with the head's angle, the autocollimator and the level."""

@@ -26,6 +26,7 @@ from inercal.benches.dividing_head.passes import (
     pass_numbers,
     rows_without_series,
     small_tilt_series,
+    warm_up_rows,
 )
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.benches.operator_sheet import ROW, EntryField, Heading, Sheet, SheetRow
@@ -78,7 +79,7 @@ def sheet(run: RunBase[DividingHeadData]) -> Sheet:
             )
         )
     seconds = sum(step.seconds for step in steps)
-    columns = (data.angle, *data.accelerometer, data.autocollimator, data.level)
+    columns = (data.angle, *data.accelerometer, data.autocollimator, data.level, data.time)
     return Sheet(
         f"{len(result)} positions, {format_duration(seconds)} of holding in all",
         (
@@ -118,6 +119,8 @@ def _entry_fields(
         found.append(EntryField("autocollimator", data.autocollimator_unit, column))
     if data.level is not None:
         found.append(EntryField("level", data.level_unit, str(data.level)))
+    if data.time is not None:
+        found.append(EntryField("time", data.time_unit, str(data.time)))
     return tuple(found)
 
 
@@ -252,6 +255,11 @@ def operator_notes(
         f"Wait until the readings are steady, then average them{_averaging_time(steps)}.",
         "Do not touch the pier or walk near it during the readings.",
     ]
+    if warm_up_rows(steps):
+        found.append(
+            "Switch the accelerometer on just before the first row, and do not turn the head until "
+            f"row {len(warm_up_rows(steps)) + 2}. Write down the time of each reading since then."
+        )
     if small_tilt_series([step.angle for step in steps]):
         found.append(
             "Before the small tilts about 0°, turn the head until the reading is the mean of those "

@@ -2,7 +2,7 @@
 
 from inercal.benches.kind_definition import Kind, Vocabulary
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.report import characteristics, directions, plots
+from inercal.benches.rate_platform.report import directions, plots
 from inercal.benches.rate_platform.scale_factors import output_tables
 from inercal.benches.rate_platform.sections import Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData, RatePlatformSection, build
@@ -34,5 +34,4 @@ KIND = Kind(
     directions=directions,
     plots=plots,
     tables=output_tables,
-    characteristics=characteristics,
 )

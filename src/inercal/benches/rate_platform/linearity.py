@@ -8,7 +8,7 @@ up to 2 °/s beside a larger rate, are small inputs, which show threshold, dead 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, radians
 
 import numpy as np
@@ -39,11 +39,14 @@ class LineFit:
         Input rates and readings, rad/s.
     sd : (n,) array
         Standard deviations of the readings due to noise, divided by K times full scale.
+    rows : tuple of int
+        Rows of the run in the table.
     """
 
     channel: str
     table: InputOutput
     sd: Array
+    rows: tuple[int, ...]
 
     @property
     def residual(self) -> Array:
@@ -76,17 +79,19 @@ def straight_lines(
             continue
         at = [r * len(sensor.axes) + k for r in rows]
         slopes = {name: by @ along for name, by in motion.dw.items()}
+        errors = error_covariance(slopes, declared, rows)
         places = [(s.place, round(s.rate, 9)) for _, s in own]
         table = InputOutput(
             rate,
             observations.mean[rows, k],
-            noise[np.ix_(at, at)] + error_covariance(slopes, declared, rows),
+            noise[np.ix_(at, at)] + errors,
+            errors,
             np.sign([changes[r] * float(np.dot(s.up, along)) for r, s in own]),
             _numbers(places),
             _numbers([place for place, _ in places]),
         )
         size = abs(scale_factor(table).value) * table.full_scale
-        fits.append(LineFit(axis.name, table, sd / size))
+        fits.append(LineFit(axis.name, table, sd / size, tuple(rows)))
     return tuple(fits)
 
 
@@ -117,7 +122,7 @@ def gyro_characteristics(
     if temperature_varies(observations.temperature):
         return ()
     return tuple(
-        one
+        replace(one, rows=tuple(fit.rows[k] for k in one.rows))
         for fit in straight_lines(observations, sensor, bench, steps)
         for one in table_characteristics(fit.channel, fit.table, _SMALL, "°/h")
     )

@@ -10,7 +10,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
-from inercal.benches.characteristics import characteristic_notes
+from inercal.benches.characteristics import BAND_NOTE, characteristic_notes, rows_of_bands
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
 from inercal.benches.rate_platform.linearity import gyro_characteristics
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
@@ -59,8 +59,11 @@ def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
     require_rates(run, result.observations, bench, steps)
     require_axes_up(run, result.observations, bench, steps)
     found = gyro_characteristics(result.observations, run.sensor, bench, steps)
-    notes = characteristic_notes(found)
-    return replace(result, conditions=_conditions(bench, steps), notes=notes)
+    notes, conditions = characteristic_notes(found), _conditions(bench, steps)
+    if banded := rows_of_bands(found):
+        result = result.rows([row for row in range(len(steps)) if row not in banded])
+        notes = (*notes, BAND_NOTE)
+    return replace(result, conditions=conditions, notes=notes, characteristics=found)
 
 
 def _refuse_unused_errors(

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from inercal.benches.characteristics import Characteristic
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.linearity import LineFit, gyro_characteristics, straight_lines
+from inercal.benches.rate_platform.linearity import LineFit, straight_lines
 from inercal.benches.rate_platform.sections import Pose, RateDwell
 from inercal.benches.report_data import (
     MeasuredDirection,
@@ -45,15 +44,6 @@ def _panel(fit: LineFit) -> Panel:
     rate = np.degrees(fit.table.x)
     series = Series(rate, _PPM * fit.residual, "readings", _PPM * fit.sd)
     return Panel(fit.channel, "rate, °/s", (series,))
-
-
-def characteristics(shown: ReportInput) -> tuple[Characteristic, ...]:
-    """Return the characteristics of the gyros."""
-    bench = shown.bench
-    steps = [step for step in shown.steps if isinstance(step, RateDwell | Pose)]
-    if not isinstance(bench, RatePlatform):
-        return ()
-    return gyro_characteristics(shown.observations, shown.sensor, bench, steps)
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:

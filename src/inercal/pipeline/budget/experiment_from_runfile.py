@@ -1,12 +1,13 @@
 """Build the virtual experiment for a budget from a run file; the data are not read."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
+from inercal.physics.plan import Step
 from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Axis
 from inercal.pipeline.budget.virtual_experiment import Experiment, require_budget_plan
@@ -48,7 +49,8 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
         )
     try:
         refuse_temperature_terms_in_plan(run.sensor)
-        bench = require_budget_plan(run.bench, run.steps)
+        steps = tuple(run.kind.fitted(run.steps))
+        bench = require_budget_plan(run.bench, steps)
         believed = {
             name: float(value)
             for prior in run.priors
@@ -57,9 +59,9 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
         return Experiment(
             run.sensor,
             bench,
-            run.steps,
+            steps,
             run.solver(),
-            _noise_covariance(run),
+            _noise_covariance(run, steps),
             run.priors,
             believed | dict(run.truth),
         )
@@ -67,11 +69,11 @@ def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment
         raise error.located(run.path) from None
 
 
-def _noise_covariance(run: Run) -> Array:
+def _noise_covariance(run: Run, steps: Sequence[Step]) -> Array:
     """Return the covariance of the mean readings, (r, m, m), SI."""
     stated = stated_deviations(run)
     variance = np.array(
-        [[_mean_variance(stated, a, step.seconds) for a in run.sensor.axes] for step in run.steps]
+        [[_mean_variance(stated, a, step.seconds) for a in run.sensor.axes] for step in steps]
     )
     return variance[..., None] * np.eye(variance.shape[1])
 

@@ -4,8 +4,8 @@ This package defines the [data] section with the keys that all kinds of benches 
 run that data readers need, and the result that they return. Values with units are text: "100 Hz".
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeVar
@@ -319,6 +319,9 @@ class EstimatorInput:
         The bench, if the data determine more of its parameters than the run file states.
     notes : tuple of str
         Further results from the data, in plain words.
+    characteristics : tuple of Characteristic
+        Characteristics of each axis by the definitions of the standards, for the report and the
+        output of `--json`.
     """
 
     recording: Recording | None
@@ -331,6 +334,13 @@ class EstimatorInput:
     rests: "RestDetection | None" = None
     bench: Any = None
     notes: tuple[str, ...] = ()
+    characteristics: tuple[Any, ...] = ()
+
+    def rows(self, at: Sequence[int]) -> "EstimatorInput":
+        """Return the input with some of the rows only; the others do not enter the fit."""
+        steps, marks = (tuple(some[k] for k in at if some) for some in (self.steps, self.marks))
+        rows = self.observations.rows(at)
+        return replace(self, observations=rows, marks=marks, plan=steps, steps=steps)
 
     def sensor_of_samples(self, sensor: Sensor) -> Sensor:
         """Return the sensor with the noise that an estimator uses to weight the observations.
