@@ -94,7 +94,7 @@ def calibrate(
         "job": job,
     }
     given = {name: one for name, one in sections.items() if one is not None}
-    path = Path(cast("str", data)) if isinstance(data, str | PathLike) else None
+    path = _path(data)
     if method is None and path is not None and path.suffix != ".toml":
         return calibrate_run(drafted_run(path, given, data_keys), progress, also)
     if method is not None and not isinstance(data, Run):
@@ -111,6 +111,10 @@ def calibrate(
     if isinstance(data, Run):
         return calibrate_run(data, progress, also)
     raise TypeError(f"data are a {type(data).__name__}: give method, sensor and bench too")
+
+
+def _path(data: object) -> Path | None:
+    return Path(cast("str", data)) if isinstance(data, str | PathLike) else None
 
 
 __all__ = [
