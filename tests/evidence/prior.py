@@ -35,11 +35,10 @@ def cover(task: tuple[int, int]) -> Array:
 
 
 def calibrate_pairs(task: tuple[str, int, int]) -> Array:
-    """Return the NEES of the nine parameters, and of both K_ip by the prior alone, (batch, 2)."""
+    """Return the NEES of the nine parameters, (batch,)."""
     estimator, n, batch = task
     with TemporaryDirectory() as folder:
-        found = patent_nees(estimator, 10_000 * n + batch, BATCH, n, Path(folder))
-    return np.stack(found, axis=-1)
+        return patent_nees(estimator, 10_000 * n + batch, BATCH, n, Path(folder))[0]
 
 
 def counted_sensors(rows: Array) -> dict[str, Any]:
@@ -48,11 +47,10 @@ def counted_sensors(rows: Array) -> dict[str, Any]:
     return {"covered": dict(zip(TERMS, share, strict=False)), "alarms": share[-1]}
 
 
-def counted_pairs(rows: Array) -> dict[str, float]:
-    """Return the mean NEES, its sampling band, and the mean NEES of K_ip alone."""
-    nine, kip = rows.mean(axis=0).tolist()
-    band = BAND * float(rows[:, 0].std(ddof=1)) / len(rows) ** 0.5
-    return {"nees": round(nine, 4), "band": round(band, 4), "kip": round(kip, 4)}
+def counted_pairs(nees: Array) -> dict[str, float]:
+    """Return the mean NEES and its sampling band."""
+    band = BAND * float(nees.std(ddof=1)) / len(nees) ** 0.5
+    return {"nees": round(float(nees.mean()), 4), "band": round(band, 4)}
 
 
 def work_out(populations: int, pool: Any) -> dict[str, Any]:
@@ -87,9 +85,11 @@ def page(found: dict[str, Any]) -> str:
         "N sensors were calibrated, and `inercal prior` made the prior. The table states how often",
         "U contained the coefficient of another sensor of the same population; 95.45 % are",
         "expected. The calibrations were 0.2 times (K₂), 0.25 times (K_ip) and 1 times (K₃) as",
-        "uncertain as the sensors scatter, and shared an error of the bench. The last column",
-        "states how often a sensor was named as outlying, although all sensors belong to one",
-        "population; 1 % are expected.",
+        "uncertain as the sensors scatter, and shared an error of the bench of half that size. For",
+        "three sensors and K₃, U is larger than necessary: with such calibrations and an error",
+        "that all files share, the coverage is about 97 %. The last column states how often a",
+        "sensor was named as outlying, although all sensors belong to one population; 1 % are",
+        "expected.",
         "",
         "| N | K₂ | K_ip | K₃ | named as outlying |",
         "|---|---|---|---|---|",
@@ -106,18 +106,14 @@ def page(found: dict[str, Any]) -> str:
         "prior, and with K₃ of each known to 0.5 µg/g³. NEES is the mean of",
         "(error)ᵀ covariance⁻¹ (error) / 9 of the parameters K₀, k₁ + K₃, K₂ and K_ip of both and",
         "of the angle between them; 1 is expected. The number behind ± is the range in which",
-        "chance leaves this mean with a probability of 99.9 %. The last column is the same mean",
-        "of the two K_ip as the prior states them. For few sensors it is below 1, because U",
-        "includes the uncertainty of the scatter.",
+        "chance leaves this mean with a probability of 99.9 %.",
         "",
-        "| estimator | N | NEES | NEES of K_ip by the prior |",
-        "|---|---|---|---|",
+        "| estimator | N | NEES |",
+        "|---|---|---|",
     ]
     for estimator, rows in found["pairs"].items():
         for n, one in rows.items():
-            lines.append(
-                f"| {estimator} | {n} | {one['nees']:.3f} ± {one['band']:.3f} | {one['kip']:.3f} |"
-            )
+            lines.append(f"| {estimator} | {n} | {one['nees']:.3f} ± {one['band']:.3f} |")
     return "\n".join(lines) + "\n"
 
 
