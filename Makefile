@@ -86,6 +86,8 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 	$(BIN)/python -m tests.evidence.systematic_violations
 	$(BIN)/python -m tests.evidence.auto
 	$(BIN)/python -m tests.evidence.prediction
+	$(BIN)/python -m tests.evidence.axes
+	$(BIN)/python -m tests.evidence.prior
 	$(BIN)/python -m pytest -m evidence $(SIDE_BY_SIDE) tests
 
 numbers: $(INSTALLED)  ## renew the record of all numbers of examples and studies, and print what changed most

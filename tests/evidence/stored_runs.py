@@ -2,7 +2,8 @@
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,12 @@ from typing import Any
 
 def store_runs(
     description: str | None,
-    work_out: Callable[[int, Any], dict[str, Any]],
+    work_out: Callable[..., dict[str, Any]],
     page: Callable[[dict[str, Any]], str],
     files: tuple[Path, Path],
     runs: int,
     option: str = "--runs",
+    methods: Sequence[str] = (),
 ) -> None:
     """Work out counts; store those of the full number of runs, and print the page of fewer.
 
@@ -23,7 +25,8 @@ def store_runs(
     description : str or None
         Of the command.
     work_out : callable
-        From a number of runs and a pool of processes to the counts.
+        From a number of runs and a pool of processes to the counts. If there are `methods`, its
+        keyword argument `only` names those to work out.
     page : callable
         From the counts to the text of their page.
     files : tuple of 2 Path
@@ -32,11 +35,17 @@ def store_runs(
         The full number.
     option : str
         Name of the option that takes another number.
+    methods : sequence of str
+        The choices of the option ``--only``; the counts of the other methods stay as stored.
     """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument(option, dest="runs", type=int, default=runs)
     parser.add_argument("--processes", type=int, default=2)
+    if methods:
+        parser.add_argument("--only", nargs="+", choices=methods, default=methods)
     chosen = parser.parse_args()
+    if methods:
+        work_out = partial(work_out, only=chosen.only)
     with Pool(chosen.processes) as pool:
         found = work_out(chosen.runs, pool)
     if chosen.runs != runs:

@@ -19,8 +19,7 @@ def test_every_method_has_a_case():
 @pytest.mark.parametrize("method", FOUND["methods"])
 def test_u_covers_the_error_of_corrected_values_as_often_as_stated(method: str):
     one = FOUND["methods"][method]
-    slow = method in prediction.SLOW
-    expected = len(FOUND["seeds"]) * (prediction.FEWER if slow else prediction.DEVICES)
+    expected = len(FOUND["seeds"]) * prediction.DEVICES
     assert one["devices"] + one["refused"] == expected
     assert one["refused"] <= 0.01 * expected
     assert prediction.within(one), one

@@ -3,95 +3,118 @@
 Devices are of a generator that imports nothing of inercal, `axis_devices`.
 """
 
-from typing import Any, Literal
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import binom, chi2
+from tests.accuracy import ramps
+from tests.accuracy.dividing_head import Bench
 from tests.methods import axis_devices
-from tests.methods.axis_accuracy import errors, require_stated_accuracy
-from tests.methods.axis_devices import DIRECTIONS, FACES, RATES, Devices
+from tests.methods.axis_calibrations import (
+    CALIBRATED,
+    Kind,
+    drifted,
+    estimated,
+    joined,
+    means,
+    on_head,
+    sensor_along,
+    turned,
+    warmed,
+)
+from tests.methods.axis_devices import DIRECTIONS
+from tests.methods.dual_orthogonal_cases import case
+from tests.refusals import refused
 
 from inercal.basics.units import Measured
-from inercal.benches import Hand
-from inercal.benches.rate_platform import RatePlatform
-from inercal.benches.rate_platform.sections import RateDwell
+from inercal.benches.dividing_head.bench import position_plan
 from inercal.estimation import Estimate
-from inercal.methods import hand_likelihood, rates_and_poses
-from inercal.physics.plan import six_positions
-from inercal.physics.sensors import Sensor, axes_along
-from inercal.recordings import Observations
+from inercal.methods import hand_likelihood
+from inercal.methods.tumble import least_squares
 
-Kind = Literal["f", "w"]
-MADE = {"f": axis_devices.accelerometers, "w": axis_devices.gyros}
 SEEDS = (1, 2, 3)
 N = 200  # devices for each seed
-
-
-def estimated(
-    kind: Kind, directions: list[tuple[float, float, float]], made: Devices, *, exact: bool = False
-) -> Estimate:
-    axes = axes_along(directions, kind, "a" if kind == "f" else "g")
-    sensor = Sensor("s", axes).with_coefficients("bias", "scale", "misalignment")
-    labels = [*FACES] if kind == "f" else [f"{k} {row.name}" for k, row in enumerate(RATES)]
-    r, m = len(labels), len(axes)
-    observations = Observations(
-        labels=tuple(labels),
-        mean=made.reading,
-        covariance=np.broadcast_to(made.sd**2 * np.eye(m), (r, m, m)),
-        duration=np.array([1.0] * r if kind == "f" else [row.seconds for row in RATES]),
-        samples=np.ones(r, dtype=np.int64),
-        time=np.arange(r, dtype=float),
-        channels=sensor.channels,
-        timed=False,
-    )
-    if kind == "f":
-        gravity = Measured(axis_devices.G, 0.0 if exact else axis_devices.GRAVITY_SD)
-        hand = Hand(gravity, tilt=0.0 if exact else axis_devices.TILT)
-        return hand_likelihood.ml(observations, sensor, hand, six_positions())
-    table: dict[str, Any] = axis_devices.PLAIN.stated()
-    table = dict.fromkeys(table, 0.0) if exact else table
-    # At a pole, no level part of the earth's rate couples the gyros.
-    latitude = Measured(np.pi / 2 if exact else np.radians(50.0), 0.0)
-    platform = RatePlatform(Measured(axis_devices.G, 1e-4), latitude, **table)
-    steps = [
-        RateDwell(label, row.name, row.rate, row.seconds, row.setting)
-        for label, row in zip(labels, RATES, strict=True)
-    ]
-    return rates_and_poses.ml(observations, sensor, platform, steps)
-
-
-def pooled(kind: Kind, which: str, n: int) -> tuple[np.ndarray, np.ndarray]:
-    directions = DIRECTIONS[which]
-    off: list[np.ndarray] = []
-    covariances: list[np.ndarray] = []
-    for seed in SEEDS:
-        made = MADE[kind](np.array(directions, dtype=float), n, np.random.default_rng(seed))
-        found = estimated(kind, directions, made)
-        assert found.converged.all()
-        one, covariance = errors(made.truth, found)
-        off.append(one)
-        covariances.append(covariance)
-    return np.concatenate(off), np.concatenate(covariances)
+MADE = {"f": axis_devices.accelerometers, "w": axis_devices.gyros}
+METHOD_OF = {"f": "six_position", "w": "rates_and_poses"}
+TRIAD = DIRECTIONS["three"]
 
 
 @pytest.mark.parametrize("which", DIRECTIONS)
 @pytest.mark.parametrize("kind", ["f", "w"])
 def test_errors_are_as_stated(kind: Kind, which: str):
-    require_stated_accuracy(*pooled(kind, which, N))
+    directions = DIRECTIONS[which]
+    found = joined([CALIBRATED[METHOD_OF[kind]](directions, N, seed) for seed in SEEDS])
+    p, n = 4 * len(directions), len(found.nees)
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], n * p) / (n * p)
+    assert min(low, 0.95) < found.nees.mean() < max(high, 1.05)
+    # Coefficients of a device share the errors of the bench: its devices are what is independent.
+    low, high = binom.ppf([5e-4, 1 - 5e-4], n, 0.9545) / n
+    assert min(low, 0.94) < found.inside.mean() < max(high, 0.97)
+
+
+def require_same(one: Estimate, whole: Estimate) -> None:
+    """Require the values of `one` within 1e-9 u, and the same uncertainties."""
+    for name in one.wanted:
+        i, j = one.names.index(name), whole.names.index(name)
+        u = np.sqrt(one.covariance[..., i, i])
+        assert np.all(np.abs(one.value[..., i] - whole.value[..., j]) < 1e-9 * u), name
+        assert np.allclose(u, np.sqrt(whole.covariance[..., j, j]), rtol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["f", "w"])
 def test_an_uncoupled_axis_gets_the_result_of_the_triad(kind: Kind):
-    triad = DIRECTIONS["three"]
-    made = MADE[kind](np.array(triad, dtype=float), 3, np.random.default_rng(5))
-    whole = estimated(kind, triad, made, exact=True)
+    made = MADE[kind](np.array(TRIAD, dtype=float), 3, np.random.default_rng(5))
+    whole = estimated(kind, TRIAD, made, exact=True)
     for k, axis in enumerate("xyz"):
-        alone = Devices(made.reading[..., k : k + 1], made.sd, {})
-        one = estimated(kind, [triad[k]], alone, exact=True)
+        alone = replace(made, reading=made.reading[..., [k]], sd=made.sd[[k]])
+        one = estimated(kind, [TRIAD[k]], alone, exact=True)
         prefix = f"{'a' if kind == 'f' else 'g'}{axis}."
         assert all(name.startswith(prefix) for name in one.wanted)
-        for name in one.wanted:
-            i, j = one.names.index(name), whole.names.index(name)
-            u = np.sqrt(one.covariance[..., i, i])
-            assert np.all(np.abs(one.value[:, i] - whole.value[:, j]) < 1e-9 * u), name
-            assert np.allclose(u, np.sqrt(whole.covariance[..., j, j]), rtol=1e-9)
+        require_same(one, whole)
+
+
+def test_an_axis_turned_by_hand_gets_the_result_of_the_triad(monkeypatch: pytest.MonkeyPatch):
+    # The vertical in a turn is not read. It is common to all gyros, and couples them by 1e-7 u.
+    monkeypatch.setattr(hand_likelihood, "_UNREAD", 0.0)
+    made = axis_devices.by_hand(np.array(TRIAD, dtype=float), 3, np.random.default_rng(5))
+    gyros = replace(made, reading=made.reading[..., 3:], sd=made.sd[3:])
+    whole = turned(TRIAD, gyros, exact=True)
+    for k, direction in enumerate(TRIAD):
+        alone = replace(gyros, reading=gyros.reading[..., [k]], sd=gyros.sd[[k]])
+        require_same(turned([direction], alone, exact=True), whole)
+
+
+def test_an_axis_along_a_ramp_of_known_lag_gets_the_result_of_the_triad():
+    made = axis_devices.warmed(np.array(TRIAD, dtype=float), np.random.default_rng(5))
+    lag = Measured(ramps.LAG, 0.0)
+    whole = warmed(TRIAD, made, lag)
+    for k, direction in enumerate(TRIAD):
+        alone = replace(made, reading=made.reading[:, [k]])
+        require_same(warmed([direction], alone, lag), whole)
+
+
+def test_the_noise_of_an_axis_is_that_in_the_triad():
+    reading = axis_devices.drifting(np.array(TRIAD, dtype=float), 5)
+    value, u = drifted(TRIAD, reading)
+    for k, direction in enumerate(TRIAD):
+        alone, its_u = drifted([direction], reading[:, [k]])
+        assert np.all(np.abs(alone[0] - value[k]) < 1e-9 * u[k])
+        assert np.allclose(its_u[0], u[k], rtol=1e-9)
+
+
+def test_tumble_gets_the_result_of_an_axis_of_a_pair_on_an_exact_head():
+    exact = Bench(head=0.0, collimator=0.0, collimated="none", base=0.0, cross=0.0)
+    given = case(5, 3, exact)
+    require_same(on_head(given, "a"), on_head(given, "ab"))
+
+
+@pytest.mark.parametrize("which", ["two", "three", "four", "six"])
+def test_tumble_refuses_more_than_one_axis(which: str):
+    directions = DIRECTIONS[which]
+    made = axis_devices.accelerometers(np.array(directions, float), 1, np.random.default_rng(5))
+    sensor = sensor_along(directions, "f").with_coefficients("k0", "k1")
+    steps = position_plan(len(axis_devices.FACES))
+    seen = means(made, sensor, [step.label for step in steps], [1.0] * len(steps))
+    with refused(key="[sensor]", names=sensor.channels):
+        least_squares(seen, sensor, case(5, 1, Bench()).bench, steps)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tests.accuracy.dividing_head import Bench
 from tests.accuracy.dividing_head import draw as draw_readings
 from tests.methods.dual_orthogonal_cases import case, declared, observed
-from tests.type_prior.populations import Drawn
+from tests.type_prior.populations import Drawn, draw
 
 from inercal.benches.dividing_head.bench import mounted_sensor, position_plan
 from inercal.calibration import Calibration
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 TERMS = ("k2", "kip", "k3")
 MICRO = {"k2": 1e-6 / G0, "kip": 1e-6 / G0, "k3": 1e-6 / G0**2}
 ESTIMATORS = {"patent": patent, "joint": joint}
+# µg: measurements are 0.2, 0.25 and 1 times as uncertain as the sensors scatter.
+SCATTER, MEASURED = np.array([10.0, 20.0, 5.0]), np.array([2.0, 5.0, 5.0])
 
 
 def units(p: int) -> Array:
@@ -63,6 +65,21 @@ def standard_errors(found: TypePrior, new: Array) -> Array:
     mean = np.array([found.coefficient[k].mean for k in order]) / unit
     sd = np.array([found.coefficient[k].sd for k in order]) / unit
     return (new - mean) / sd
+
+
+def new_sensors(rng: np.random.Generator, n: int, draws: int, p: int) -> tuple[Array, Array]:
+    """Return whether U of p coefficients contains a new sensor, and whether any is named.
+
+    The shapes are (draws, p) and (draws,). The sensors of each draw are another population, whose
+    calibrations share an error of the bench.
+    """
+    inside, alarms = np.empty((draws, p)), np.empty(draws)
+    for k in range(draws):
+        drawn = draw(rng, n, SCATTER[:p], MEASURED[:p], correlation=0.5, shared=0.5)
+        found = type_prior(calibrations(drawn))
+        inside[k] = np.abs(standard_errors(found, drawn.new[0])) < 2
+        alarms[k] = bool(found.outlying)
+    return inside, alarms
 
 
 def one_channel(seen: Observations, y: Array) -> Observations:

@@ -133,3 +133,12 @@ def test_the_covariance_of_the_mean_is_that_of_weighted_least_squares():
     own = np.array([np.eye(2) * s for s in (1.0, 2.0, 4.0)])
     _, of_mean = scatter_correlation(np.zeros((3, 2)), own, np.zeros(2))
     assert of_mean == pytest.approx(np.eye(2) / (1 + 1 / 2 + 1 / 4))
+
+
+def test_correlations_of_a_coefficient_that_hardly_scatters_stay_definite():
+    rng, scatter = np.random.default_rng(1), np.array([10.0, 1.0, 5.0])
+    for _ in range(10):
+        made = draw(rng, 30, scatter, np.array([2.0, 5.0, 5.0]), correlation=0.5)
+        found, _ = scatter_correlation(made.values, made.own, scatter)
+        assert np.array_equal(found, found.T)
+        assert np.linalg.eigvalsh(found).min() > 0

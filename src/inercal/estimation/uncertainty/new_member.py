@@ -227,10 +227,11 @@ def scatter_correlation(values: Array, own: Array, scatter: Array) -> tuple[Arra
         projected = weight - weight @ mean_covariance @ weight
         step = (np.einsum("ni,nj->ij", off, off) - projected.sum(axis=0)) / n
         moved = (n * (t + t @ step @ t) + prior * square) / (n + prior)
+        moved = (moved + moved.T) / 2  # an antisymmetric rounding error would grow
         change = np.abs(moved - t).max()
         t = moved
         if change < _EM_CHANGE:
             break
     sd = np.sqrt(np.diag(t)[seen])
     correlation[np.ix_(seen, seen)] = t[np.ix_(seen, seen)] / np.outer(sd, sd)
-    return (correlation + correlation.T) / 2, mean_covariance * np.outer(unit, unit)
+    return correlation, mean_covariance * np.outer(unit, unit)
