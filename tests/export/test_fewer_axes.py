@@ -148,3 +148,15 @@ def test_integers_need_the_size_of_a_count_unless_the_readings_are_counts():
     assert "1e-05 V" in stated.text
     assert stated.costs[0].largest < 2.0**-16
     assert "1 LSB" in export_calibration(made(COUNTS), "c_fixed").text
+
+
+def test_turned_axes_turn_the_channels_that_are_measured():
+    one = made(VOLTS, "k2", gyro=False)
+    output, wanted = readings(one)
+    export = export_calibration(one, "python", axes="x -y -z")
+    assert "only ax, -az, in this order" in export.unmeasured
+    module: dict[str, Any] = {}
+    exec(compile(export.text, "export.py", "exec"), module)
+    turned = np.stack([output[:, 1], -output[:, 0]], axis=-1)
+    found = np.array([module["correct"](row) for row in turned.tolist()])
+    np.testing.assert_allclose(found, wanted * [1, -1, -1], rtol=0, atol=1e-8)

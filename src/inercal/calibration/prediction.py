@@ -212,7 +212,7 @@ def _points(
     for part, one in vectors.items():
         fits = one.shape[1:] == (3,) * (part != "T") and len(one) in (1, count)
         if not (fits and np.isfinite(one).all() and (part != "T" or one.min() > 0)):
-            what = "temperatures above −273.15 °C" if part == "T" else "a finite (3,) or (n, 3) array"
+            what = "temperatures above −273.15 °C" if part == "T" else "finite values (n, 3)"
             raise InputError(f"{part} needs {what}", key=part)
         unmeasured = part != "T" and all(axis.measures != part for axis in sensor.axes)
         if unmeasured and one.any() and not sensor.uses(*_COMPONENTS[part]):

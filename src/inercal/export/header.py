@@ -131,7 +131,8 @@ def _frame_text(model: ExportModel) -> str:
 
 def feed_text(model: ExportModel, rendering: Rendering) -> str:
     """Say which components a sensor does not measure and what to feed; "" if there are none."""
-    name = [channel.removeprefix(UNMEASURED) for channel in model.channels]
+    minus = ["-" * (sign < 0) for sign in model.joined("signs").tolist()]
+    name = [m + c.removeprefix(UNMEASURED) for m, c in zip(minus, model.channels, strict=True)]
     missing = [k for k in range(len(name)) if k not in model.inputs]
     feed = f"only {', '.join(name[k] for k in model.inputs)}, in this order"
     if not rendering.measured_only:

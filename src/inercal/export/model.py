@@ -135,7 +135,7 @@ class ExportModel:
         """The output of the channels in `inputs` without motion, (m,)."""
         return self.outputs(self.joined("bias"))[self.inputs]
 
-    def joined(self, what: Literal["bias", "scale", "offset"]) -> Array:
+    def joined(self, what: Literal["bias", "scale", "offset", "signs"]) -> Array:
         """Return a quantity for all channels, (n,)."""
         return np.concatenate([getattr(triad, what) for _, triad in self.triads])
 

@@ -27,9 +27,8 @@ def _render_python(request: Request) -> Rendering:
     def write(header: Sequence[str]) -> str:
         lines = [
             comments(header, "#").rstrip(),
-            "",
-            "MATRIX = (",
-            *(f"    {tuple((row + 0.0).tolist())}," for row in code.model.gain),
+            "\nMATRIX = (",
+            *(f"    {tuple(row)}," for row in (code.model.gain + 0.0).tolist()),
             ")",
             f"OFFSET = {tuple((code.model.zero + 0.0).tolist())}",
             "",
