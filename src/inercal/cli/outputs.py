@@ -123,7 +123,7 @@ def source_files(path: Path, calibration_file: Path, provenance: Mapping[str, st
     """
     from inercal.recordings.io.column_table import file_sha256
 
-    is_source = path.is_file() and file_sha256(path) in provenance.values()
+    is_source = os.path.isfile(path) and file_sha256(path) in provenance.values()
     named = [calibration_file.parent / name for name in provenance.values()]
     return [calibration_file, *named, *[path] * is_source]
 
