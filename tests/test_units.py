@@ -343,3 +343,11 @@ def test_any_unicode_is_refused_without_a_traceback_of_its_own():
         for junk in (text, "1 " + text):
             with pytest.raises(InputError):
                 parse_quantity(junk, like="m")
+
+
+def test_a_scale_factor_of_the_other_kind_of_sensor_is_named_as_such():
+    with pytest.raises(InputError) as error:
+        parse_quantity("4.6 LSB/g", like="LSB/(°/s)")
+    assert "accelerometer" in str(error.value)
+    assert "gyro" in str(error.value)
+    assert "^" not in str(error.value)

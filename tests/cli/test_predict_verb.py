@@ -2,7 +2,9 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,7 @@ from inercal.calibration import Calibration, Validity
 from inercal.calibration.detectability import UndetectableCause
 from inercal.calibration.files import load, save
 from inercal.calibration.grade import Verdict
-from inercal.physics.sensors import G0, imu, single
+from inercal.physics.sensors import G0, Sensor, axes_along, imu, single
 
 RATE = np.radians(100)
 WIDEST = 100  # characters of a line
@@ -50,8 +52,10 @@ def test_a_point_is_printed_with_units_in_lines_that_fit(folder: Path):
     assert max(map(len, lines)) <= WIDEST
     rows = {line.split("│")[1].strip(): line for line in lines if line.startswith("│")}
     assert [name for name in rows if name[0] in "fw"] == ["fx", "fy", "fz", "wx", "wy", "wz"]
-    assert rows["fy"].count(" g ") == 2  # reading and corrected value; the raw error is in mg
-    assert rows["wz"].count("°/") == 3
+    for names in ("fx fy fz", "wx wy wz"):  # one unit in each column
+        units = {tuple(re.findall(r"µg|mg|g|°/s|°/h", rows[name])) for name in names.split()}
+        assert len(units) == 1
+        assert len(units.pop()) == 3
     assert {"bias", "scale factor", "temperature", "g-sensitivity"} < set(rows)
 
 
@@ -133,6 +137,11 @@ def test_a_sweep_beyond_the_validity_shades_what_is_outside(folder: Path):
         (("--at", "w = 1 g, 0, 0"), "--at w"),
         (("--at", "T = 20"), "--at T"),
         (("--at", "T = 20 °C, 30 °C"), "--at T"),
+        (("--at", "T = -400 °C", "--extrapolate"), "−273.15 °C"),
+        (("--at", "T = -273.15 °C", "--extrapolate"), "−273.15 °C"),
+        (("--sweep", "T = -280 °C … 20 °C", "--extrapolate", "--out", "@p.html"), "−273.15 °C"),
+        (("--sweep", "fx = 0 … 1 g", "--at", "f = 0.2 g, 0, 0", "--out", "@p.html"), "--at fx"),
+        (("--sweep", "T = 0 °C … 9 °C", "--at", "T = 3 °C", "--out", "@p.html"), "--at T"),
         (("--at", ""), "--at"),
         ((), "--at"),
         (("--at", "f = 3 g, 0, 0"), "ax"),
@@ -159,3 +168,52 @@ def test_a_mistake_is_one_line_and_leaves_nothing(folder: Path, words: tuple[str
     assert (done.status, done.output, done.error.count("\n")) == (2, "", 1)
     assert named in done.error
     assert sorted(folder.iterdir()) == before
+
+
+def test_no_temperature_is_stated_that_nobody_gave(folder: Path):
+    path = folder / "one.calibration.json"
+    bare = load(path)
+    assert bare.validity is not None
+    save(replace(bare, validity=replace(bare.validity, temperature=None)), path)
+    words = ("predict", path, "--at", "f = 0.5 g")
+    assert "°C" not in run_program(*words).output
+    assert json.loads(run_program(*words, "--json").output)["temperature"] == [None]
+    (folder / "p.csv").write_text("fx [g],fy [g]\n0.5,0\n")
+    done = run_program("predict", path, "--points", folder / "p.csv", "--out", folder / "out.csv")
+    assert done.status == 0
+    assert "T [" not in (folder / "out.csv").read_text(encoding="utf-8")
+    stated = run_program("predict", path, "--at", "f = 0.5 g; T = 40 °C").output
+    assert "40.00 °C" in stated
+    assert "ranges that the calibration states" in stated
+
+
+def test_outside_without_an_effect_says_that_u_does_not_grow(folder: Path):
+    path = folder / "one.calibration.json"
+    one = load(path)
+    save(replace(one, verdict=Verdict("consistent", undetectable=())), path)
+    done = run_program("predict", path, "--at", "f = 3 g", "--extrapolate")
+    assert "U does not grow" in done.output
+
+
+def test_a_gyro_needs_three_components_of_force(folder: Path):
+    gyro = Sensor("fog", axes_along(["z"], "w", "g")).with_coefficients("bias")
+    path = save(Calibration(gyro, np.zeros(1), np.eye(1)), folder / "fog.calibration.json")
+    done = run_program("predict", path, "--at", "f = 1 g")
+    assert (done.status, done.error.count("\n")) == (2, 1)
+    assert "fog has 0 axes" in done.error
+
+
+@pytest.mark.parametrize("place", [".", "other"])
+@pytest.mark.parametrize("verb", ["export", "predict"])
+def test_no_verb_overwrites_an_input_of_the_calibration(folder: Path, verb: str, place: str):
+    recording = folder / "log.csv"
+    recording.write_text("t,f\n0,1\n")
+    digest = sha256(recording.read_bytes()).hexdigest()
+    stated = {"recording": "log.csv", "recording sha256": digest}
+    one = replace(load(folder / "one.calibration.json"), provenance=stated)
+    path = save(one, folder / place / "log.calibration.json")
+    (folder / "points.csv").write_text("fx [g],fy [g]\n0,0\n")
+    words = ("--to", "csv") if verb == "export" else ("--points", folder / "points.csv")
+    done = run_program(verb, path, *words, "--out", recording, "--force")
+    assert (done.status, "input" in done.error) == (2, True)
+    assert recording.read_text() == "t,f\n0,1\n"

@@ -241,7 +241,11 @@ def test_code_that_is_found_by_its_file_gets_the_name_of_its_function(to: str, w
 
 @pytest.mark.parametrize(
     ("to", "wanted"),
-    [("matlab", "left_arm_correct.m"), ("px4", "left_arm.px4.params"), ("csv", "left_arm.csv")],
+    [
+        ("matlab", "left_arm_correct.m"),
+        ("px4", "left_arm.px4.params"),
+        ("csv", "left_arm.export.csv"),
+    ],
 )
 def test_a_stated_name_is_that_of_every_file_and_no_suffix_is_doubled(to: str, wanted: str):
     path = default_path(Path("run.calibration.json"), TARGETS.find(to), "IMU-7", "left/arm")

@@ -164,6 +164,7 @@ def matlab(text: str, seen: Readings) -> Array:
         line = line.replace(".*", "*").replace("C'", "C.T").replace("* C.T", "@ C.T")
         line = line.replace("temperature(:)", "temperature").replace("sign(", "np.sign(")
         line = re.sub(r"\bmin\(max\((.*?), (.*?)\), (.*?)\)", r"np.clip(\1, \2, \3)", line)
+        line = line.replace("size(reading, 2)", "reading.shape[1]")
         line = line.replace("zeros(size(reading))", "np.zeros(reading.shape)")
         if found := re.fullmatch(r"    (C|offset) = \[(.*)\]", line):
             rows = [f"[{row}]" for row in found[2].split(";")]

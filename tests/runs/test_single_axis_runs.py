@@ -1,12 +1,16 @@
 """Sensors with one axis, two, or four: from the run file to corrected readings and exports."""
 
+import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.program import run_program
 from tests.refusals import refused
 
+from inercal.calibration import Calibration
+from inercal.calibration.files import save
 from inercal.export import export_calibration
 from inercal.methods import METHODS
 from inercal.noise import analyse_noise
@@ -16,6 +20,7 @@ from inercal.pipeline import Outcome, apply, calibrate
 from inercal.pipeline.drafts.rest_recording import read_rest_recording
 from inercal.pipeline.operating_points import points_from_texts
 from inercal.recordings import Recording
+from inercal.runfile import read
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples" / "single_axis"
@@ -132,13 +137,13 @@ name = "temperature_ramp"
     assert corrected.data.shape == data.shape
 
 
-def test_an_axis_alone_is_exported_as_part_of_a_triad(player: Outcome, cluster: Outcome):
+def test_an_axis_alone_is_exported_as_the_only_channel(player: Outcome, cluster: Outcome):
     text = export_calibration(player.calibration, "csv").text
     cells = [line.split(",") for line in text.splitlines() if line.startswith("C,")]
-    matrix = np.array([float(row[3]) for row in cells]).reshape(3, 3)
+    assert [row[1:3] for row in cells] == [["wx", "gz"], ["wy", "gz"], ["wz", "gz"]]
     ideal = 1 / (0.006 * 180 / np.pi)
     scale = 1 + player.calibration.value("gz.scale")
-    assert np.allclose(matrix, ideal * np.diag([1, 1, 1 / scale]), rtol=1e-12)
+    assert np.allclose([float(row[3]) for row in cells], [0, 0, ideal / scale], rtol=1e-12)
     with refused(names=("a1", "a2", "a3", "a4")):
         export_calibration(cluster.calibration, "c")
 
@@ -219,3 +224,34 @@ def test_components_along_oblique_axes_are_read_back_along_them(tmp_path: Path):
     calibration = calibrate(path).calibration
     point = points_from_texts(["f = 0.3 g, -0.2 g"], calibration)
     assert np.allclose(calibration.predict(point["f"]).value, [[0.3 * G0, -0.2 * G0]], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("axis", "is_flat"),
+    [
+        ("[[1, 0, 0], [0.6, 0.8, 0], [0, 1, 0], [-0.6, 0.8, 0]]", True),
+        ("[[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]", False),
+    ],
+)
+def test_apply_says_that_axes_in_a_plane_give_no_vector(tmp_path: Path, axis: str, is_flat: bool):
+    path = changed(
+        tmp_path,
+        (AXIS, f"axis = {axis}\n"),
+        ('kind = "means"\n', 'rate = "100 Hz"\n'),
+        ('file = "cluster.csv"', 'file = "log.csv"'),
+        ('\n[data.sd]\naccelerometer = "30 µg"\n', 'marks = "labels"\n'),
+        ('unit = "g"\n', 'unit = "g"\nwhite = "60 µg/√Hz"\n'),
+    )
+    axes = np.array(json.loads(axis), dtype=float)
+    rows = (axes / np.linalg.norm(axes, axis=1)[:, None])[:, 0] + np.zeros((50, 1))  # 1 g on x
+    rows += np.random.default_rng(3).normal(0, 1e-4, rows.shape)
+    lines = ["s1,s2,s3,s4,face", *(f"{','.join(f'{x:.5f}' for x in row)},x_p" for row in rows)]
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n")
+    sensor = read(path).sensor
+    size = len(sensor.coefficients)
+    one = Calibration(sensor, np.zeros(size), np.eye(size))
+    saved = save(one, tmp_path / "one.calibration.json")
+    done = run_program("apply", saved, path, "--out", tmp_path / "corrected.npz")
+    assert done.status == 0, done.error
+    assert ("specific force across" in done.output) is is_flat
+    assert "angular rate" not in done.output

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -121,6 +122,27 @@ def test_what_does_not_fit_the_run_is_refused(example: Path):
     assert read(fewer).priors[0].names == ("a.kip", "b.kip")
 
 
+def test_a_prior_from_the_sensor_or_the_recording_itself_is_refused(example: Path):
+    text = (example / "QA_21.toml").read_text(encoding="utf-8")
+    text = text.replace("[method]", '[method]\nprior_type = "QA.prior.toml"')
+    run = example / "again.toml"
+    for own in (text, text.replace('"QA 21"', '"QA 31"')):
+        run.write_text(own, encoding="utf-8")
+        with refused(key="[method] prior_type", names=("QA 21",)):
+            inercal.calibrate(run)
+
+
+def test_a_result_names_its_prior_and_the_number_of_sensors(example: Path):
+    found = inercal.calibrate(example / "pair.toml").calibration
+    assert found.conditions["prior of the type"] == "QA.prior.toml, from 5 sensors"
+    digest = sha256((example / "QA.prior.toml").read_bytes()).hexdigest()
+    assert found.provenance["prior of the type"] == "QA.prior.toml"
+    assert found.provenance["prior of the type sha256"] == digest
+    assert found.verdict is not None
+    explained = [line for _, lines in found.verdict.explanation for line in lines]
+    assert any("QA.prior.toml" in line and "5 sensors" in line for line in explained)
+
+
 def test_the_other_keys_keep_their_meaning_beside_it(example: Path):
     run_program("prior", *files(example), "-c", "kip", "-o", example / "kip.prior.toml")
     more = 'prior."a.k3" = "0 ± 5 µg/g³"\n[method.prior_from."QA_21.calibration.json"]\n'
@@ -158,6 +180,7 @@ def test_wrong_calls_are_refused_in_one_line(example: Path):
         (*named, "--out", "prior.json"),
         (*named, "--out", named[0]),
         (*named[:2],),
+        (*named, named[0]),
         (*named, "-c", "koo"),
         (*named, "-c", "delta_o"),
     ):

@@ -14,7 +14,7 @@ import inercal
 from inercal.calibration import Calibration
 from inercal.calibration.type_prior import TypePrior, load_type_prior
 from inercal.laboratory.type_prior import FALSE_ALARMS, type_prior
-from inercal.physics.sensors import triad
+from inercal.physics.sensors import Sensor, axes_along, triad
 
 P = 0.9545  # coverage of U
 
@@ -211,3 +211,27 @@ def test_a_damaged_file_is_refused(tmp_path: Path, old: str, new: str):
     write(path, text.replace(old, new))
     with refused(file="t.prior.toml"):
         load_type_prior(path)
+
+
+def test_accelerometers_and_gyros_are_refused_for_the_reason_that_applies(tmp_path: Path):
+    gyros = {
+        f"G{k}": Calibration(
+            Sensor(f"G{k}", axes_along(["z"], "w", "g")).with_coefficients("scale2"),
+            np.zeros(1), np.eye(1), shared=(),
+        )
+        for k in range(3)
+    }  # fmt: skip
+    with refused(key="FILE"):
+        type_prior({**made(), **gyros})
+    with refused(key="--each-axis"):
+        type_prior({**made(), **gyros}, each_axis=True)
+    other = {name: replace(one, sensor=one.sensor) for name, one in made().items()}
+    biases = Sensor("S9", axes_along(["x"], "f", "a")).with_coefficients("bias")
+    other["S9"] = Calibration(biases, np.zeros(1), np.eye(1), shared=())
+    with refused(key="--coefficients"):
+        type_prior(other)
+
+
+def test_correlations_are_only_mentioned_between_coefficients():
+    assert type_prior(made(), ["kip"]).correlations == ""
+    assert "50 %" in type_prior(made()).correlations

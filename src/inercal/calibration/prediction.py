@@ -82,7 +82,7 @@ class Prediction:
     f, w : (n, 3) arrays
         Specific force in m/s² and angular rate in rad/s of each point.
     temperature : (n,) array
-        Temperature of each point, K.
+        Temperature of each point, K; NaN if neither the point nor the calibration states it.
     value : (n, q) array
         Values after the correction, SI. Without noise they are those of the point.
     raw_error : (n, q) array
@@ -164,12 +164,13 @@ def predict(
         "rate": bool(rate.any()),
         "temperature": temperature is not None or sensor.uses("dT"),
     }
+    is_known = calibration.validity is not None and calibration.validity.temperature is not None
     return Prediction(
         names,
         measures,
         force,
         rate,
-        kelvin,
+        kelvin if stated["temperature"] or is_known else np.full_like(kelvin, np.nan),
         true @ rows.T,
         raw,
         np.sqrt(total),
@@ -210,11 +211,9 @@ def _points(
     count = max(map(len, vectors.values()))
     for part, one in vectors.items():
         fits = one.shape[1:] == (3,) * (part != "T") and len(one) in (1, count)
-        if not (fits and np.isfinite(one).all() and (part != "T" or one.min() >= 0)):
-            raise InputError(
-                "f and w need finite numbers of shape (3,) or (n, 3), and T needs K of shape (n,)",
-                key=part,
-            )
+        if not (fits and np.isfinite(one).all() and (part != "T" or one.min() > 0)):
+            what = "temperatures above −273.15 °C" if part == "T" else "finite values (n, 3)"
+            raise InputError(f"{part} needs {what}", key=part)
         unmeasured = part != "T" and all(axis.measures != part for axis in sensor.axes)
         if unmeasured and one.any() and not sensor.uses(*_COMPONENTS[part]):
             raise InputError(
@@ -316,6 +315,8 @@ def _effect_variances(
             here = np.array([any(one.part in acting for one in each) for each in outside])
             squares = np.sum((cause.size * design) ** 2, axis=-1) / 3
             found[words] = (gain**2 @ squares[..., None])[..., 0] * here[:, None]
+    if parts and not (found or remarks):
+        remarks.append("U does not grow outside: no undetectable effect acts there.")
     return found, remarks
 
 

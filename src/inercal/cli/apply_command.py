@@ -1,7 +1,6 @@
 """`inercal apply`: correct a recording with a calibration."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -9,9 +8,6 @@ from inercal.basics.errors import InercalError, InputError
 from inercal.cli.console import print_json, progress_status, report_line
 from inercal.cli.options import Force, Json
 from inercal.cli.outputs import RECORDING, check_outputs
-
-if TYPE_CHECKING:
-    from inercal.basics.errors import InputError
 
 
 def run(
@@ -38,6 +34,7 @@ def run(
     except InercalError as error:
         raise _of_another_kind(calibration_file, run_file) or error from None
     # The modules for the work are imported only after the run file has been checked.
+    from inercal.physics.quantities import QUANTITIES
     from inercal.pipeline import apply
     from inercal.pipeline.correction import as_written
     from inercal.recordings.io.write import write_recording
@@ -67,12 +64,13 @@ def run(
         )
     else:
         units = ", ".join(dict.fromkeys(corrected.units))
-        across = sum(name.startswith("f") for name in corrected.channels) in (1, 2)
-        alone = "; the specific force across these axes was assumed to be zero" * across
-        print(f"wrote {out}: {corrected.time.size} samples in {units}{alone}")
+        print(f"wrote {out}: {corrected.time.size} samples in {units}")
+        for one in QUANTITIES.values():
+            if 0 < calibration.sensor.rank(one.symbol) < len("xyz"):
+                print(f"components, no vector: {one.name} across these axes was assumed to be 0")
 
 
-def _of_another_kind(calibration_file: Path, run_file: Path) -> "InputError | None":
+def _of_another_kind(calibration_file: Path, run_file: Path) -> InputError | None:
     """Return the error for swapped files or for a log, or None for other files."""
     usage = "inercal apply CALIBRATION RUN_FILE --out CORRECTED"
     if calibration_file.suffix == ".toml" and run_file.suffix == ".json":

@@ -10,7 +10,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity, si_factor
 from inercal.cli.console import print_json, report_line
 from inercal.cli.options import Force, Json, assignments
-from inercal.cli.outputs import OutputKind, check_outputs
+from inercal.cli.outputs import OutputKind, check_outputs, source_files
 from inercal.physics.quantities import QUANTITIES
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def run(
         "imucal, c, c_fixed, cpp, matlab, python, csv, or a target from another package.",
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="The file to write (default: RUN.TARGET in the current folder)."
+        None, "--out", "-o", help="The file to write (default: RUN.TARGET.SUFFIX or NAME_correct)."
     ),
     stated: list[str] = SET,
     axes: str = AXES,
@@ -85,7 +85,8 @@ def run(
     target = TARGETS.find(to)
     calibration = load(calibration_file)
     path = out or default_path(calibration_file, target, calibration.sensor.name, name or "")
-    check_outputs({path: OutputKind("export")}, [calibration_file], force=force)
+    inputs = source_files(path, calibration_file, calibration.provenance)
+    check_outputs({path: OutputKind("export")}, inputs, force=force)
     made = export_calibration(
         calibration,
         to,
@@ -105,13 +106,13 @@ def run(
     if json:
         print_json({"file": str(path), "target": to, **costs_object(made)})
         return
-    for line in cost_lines(made):
+    for line in filter(None, (made.unmeasured, *cost_lines(made))):
         print(line)
     print(f"wrote {path}")
 
 
 def default_path(calibration_file: Path, target: "Target", sensor: str, name: str = "") -> Path:
-    """Return the output file for an export: RUN.TARGET, or NAME_correct for source code.
+    """Return the output file for an export: RUN.TARGET.SUFFIX, or NAME_correct for source code.
 
     Parameters
     ----------
@@ -165,6 +166,7 @@ def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
 def costs_object(made: "Export") -> dict[str, Any]:
     """Return the accuracy lost by an export for JSON, in SI units."""
     return {
+        "unmeasured": made.unmeasured,
         "errors": {
             one.measures: {
                 "max": one.largest,

@@ -110,6 +110,24 @@ def require_suffix(path: Path, suffix: str, more: str = "", key: str = "--out") 
         raise InputError(f"{key} {path}: give the name of a {suffix} file{more}", key=key)
 
 
+def source_files(path: Path, calibration_file: Path, provenance: Mapping[str, str]) -> list[Path]:
+    """Return a calibration file, the inputs that its folder has, and `path` if it is an input.
+
+    Parameters
+    ----------
+    path : Path
+        A file to write, which is compared by its content.
+    calibration_file : Path
+    provenance : mapping of str to str
+        Names and SHA-256 hashes of the inputs, as the calibration states them.
+    """
+    from inercal.recordings.io.column_table import file_sha256
+
+    is_source = os.path.isfile(path) and file_sha256(path) in provenance.values()
+    named = [calibration_file.parent / name for name in provenance.values()]
+    return [calibration_file, *named, *[path] * is_source]
+
+
 def require_same_run(path: Path, run_file: Path, sensor: str) -> None:
     """Raise an error before overwriting a calibration from another run file or sensor.
 

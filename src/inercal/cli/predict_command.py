@@ -15,7 +15,7 @@ from inercal.cli.console import (
     report_line,
 )
 from inercal.cli.options import Force, Json
-from inercal.cli.outputs import PAGE, PREDICTIONS, check_outputs, require_suffix
+from inercal.cli.outputs import PAGE, PREDICTIONS, check_outputs, require_suffix, source_files
 
 if TYPE_CHECKING:
     from inercal.calibration.prediction import Prediction
@@ -52,11 +52,12 @@ def run(
         raise InputError("give --at, or --points, or --sweep with at most one --at", key="--at")
     if out is None and not (at and not sweep):
         raise InputError("name the file to write with --out", key="--out")
+    calibration = load(calibration_file)
     if out is not None:
         require_suffix(out, ".html" if sweep else ".csv")
-        inputs = [path for path in (calibration_file, points) if path is not None]
+        inputs = source_files(out, calibration_file, calibration.provenance)
+        inputs.append(points or calibration_file)
         check_outputs({out: PAGE if sweep else PREDICTIONS}, inputs, force=force)
-    calibration = load(calibration_file)
     from inercal.basics.documents import record_object
     from inercal.pipeline.operating_points import (
         points_from_table,
@@ -114,7 +115,7 @@ def _print_point(found: "Prediction", j: int) -> None:
     print_table(("share of u²", *(f">{name}" for name in found.names)), shares)
     print_lines(f"Outside the validity: {one.text}." for one in found.outside[j])
     if not found.outside[j]:
-        print_line("Inside the validity.")
+        print_line("Inside the ranges that the calibration states.")
     elif found.effects:
         print_line("U includes the effects in the last rows, which the data cannot show.")
 

@@ -97,7 +97,7 @@ def _print_prior(found: "TypePrior") -> None:
         term = found.term(one.name)
         sizes = [x / term.si for x in (one.mean, one.between_sensors, one.sd, 2 * one.sd)]
         cells = (*(format_number(x, 3) for x in sizes), format_number(one.dof, 2))
-        rows.append((one.name, *cells, f"{one.measurement_share:.0%}", term.unit))
+        rows.append((one.name, *cells, f"{100 * one.measurement_share:.0f} %", term.unit))
     heads = ("coefficient", ">mean", ">between sensors", ">new sensor", ">U", ">dof")
     print_table((*heads, ">due to measurement", "unit"), rows)
     print_lines(
@@ -106,7 +106,7 @@ def _print_prior(found: "TypePrior") -> None:
             "check it, or leave it out with --without"
             for one in found.outlying
         ]
-        or [f"no outlying sensor (a false alarm occurs in {FALSE_ALARMS:.0%} of cases)"],
+        or [f"no outlying sensor (a false alarm occurs in {100 * FALSE_ALARMS:g} % of cases)"],
         "· ",
     )
-    print_lines((found.correlations, *found.notes), "· ")
+    print_lines(filter(None, (found.correlations, *found.notes)), "· ")

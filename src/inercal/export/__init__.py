@@ -17,7 +17,7 @@ from inercal.basics.registry import Registry
 from inercal.basics.units import format_quantity
 from inercal.calibration import Calibration
 from inercal.export.cost import Cost, Loss, costs, losses, possible_samples, sample
-from inercal.export.header import header_lines
+from inercal.export.header import feed_text, header_lines
 from inercal.export.model import export_model
 from inercal.export.ranges import Range, calibrated_ranges
 from inercal.export.target_definition import Request, Target, resolve_options
@@ -64,6 +64,8 @@ class Export:
         Terms that the target cannot represent.
     header : tuple of str
         Lines of the explanation in the file.
+    unmeasured : str
+        Which components the sensor does not measure, and what to feed; "" if there are none.
     """
 
     target: Target
@@ -71,6 +73,7 @@ class Export:
     costs: tuple[Cost, ...]
     losses: tuple[Loss, ...]
     header: tuple[str, ...]
+    unmeasured: str
 
 
 def export_calibration(
@@ -161,7 +164,7 @@ def export_calibration(
         source=Path(source).name,
         refitted=refit,
     )
-    return Export(target, rendering.write(header), cost, lost, header)
+    return Export(target, rendering.write(header), cost, lost, header, feed_text(model, rendering))
 
 
 def identifier(text: str) -> str:

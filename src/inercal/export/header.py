@@ -12,7 +12,7 @@ from inercal.basics.visible_text import visible_text
 from inercal.calibration.files import calibration_object
 from inercal.calibration.outdated import OUTDATED
 from inercal.export.cost import Cost, Loss, Samples
-from inercal.export.model import ExportModel
+from inercal.export.model import UNMEASURED, ExportModel
 from inercal.export.ranges import Ranges
 from inercal.export.target_definition import Rendering, Target
 from inercal.physics.quantities import QUANTITIES
@@ -69,6 +69,7 @@ def header_lines(
     )
     lines.append(f"takes {rendering.reads}; gives {kinds}")
     lines.append(_frame_text(model))
+    lines += [text] if (text := feed_text(model, rendering)) else []
     lines += [f"formula: {text}" for text in rendering.formula]
     if refitted:
         lines.append("the linear terms are a least-squares fit over the range below (refit)")
@@ -120,11 +121,25 @@ def _source_lines(model: ExportModel, source: str) -> list[str]:
 def _frame_text(model: ExportModel) -> str:
     text = f"frame: {model.calibration.frame} of the calibration"
     if np.array_equal(model.turn, np.eye(3)):
-        return f"{text}, x y z; channels in the order of the calibration"
+        same = "; channels in the order of the calibration"
+        return f"{text}, x y z{same * (len(model.inputs) == len(model.channels))}"
     names = [
         ("-" if row.sum() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in model.turn
     ]
     return f"{text} with axes {' '.join(names)}; the channels are along these axes, in this order"
+
+
+def feed_text(model: ExportModel, rendering: Rendering) -> str:
+    """Say which components a sensor does not measure and what to feed; "" if there are none."""
+    minus = ["-" * (sign < 0) for sign in model.joined("signs").tolist()]
+    name = [m + c.removeprefix(UNMEASURED) for m, c in zip(minus, model.channels, strict=True)]
+    missing = [k for k in range(len(name)) if k not in model.inputs]
+    feed = f"only {', '.join(name[k] for k in model.inputs)}, in this order"
+    if not rendering.measured_only:
+        zero = (model.joined("offset") * rendering.takes_output).tolist()
+        feed = ", ".join([*name, *(f"with {name[k]} = {zero[k]:.9g}" for k in missing)])
+    what = ", ".join(name[k] for k in missing)
+    return f"NOT measured and assumed to be zero: {what}; feed {feed}" if missing else ""
 
 
 def _loss_text(one: Loss) -> str:
@@ -168,5 +183,6 @@ def _check_text(model: ExportModel, rendering: Rendering, samples: Samples) -> s
     corrected = rendering.correct(readings, dT)[0]
     at = f" at {_celsius(model) + float(dT[0]):.6g} degC" if model.sensor.uses("dT") else ""
     shown = model.outputs(readings)[0] if rendering.takes_output else readings[0]
+    shown = shown[model.inputs] if rendering.measured_only else shown
     numbers = ", ".join(f"{x:.9g}" for x in shown)
     return f"check: readings ({numbers}){at} give ({', '.join(f'{x:.7g}' for x in corrected)})"

@@ -25,6 +25,9 @@ from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import Axis, Readout, Sensor, axes_along
 from inercal.physics.sensors.sensed_motion import case_letters
 
+UNMEASURED = "unmeasured "
+"""Start of the names of axes that complete a triad, such as "unmeasured fx"."""
+
 
 @dataclass(frozen=True, eq=False)
 class Triad:
@@ -82,6 +85,9 @@ class ExportModel:
     accelerometer, gyro : Triad or None
     g_sensitivity : (3, 3) array
         A, (rad/s)/(m/s²).
+    inputs : list of int
+        The channels that the sensor measures, in the order of the calibration, or in the order of
+        the target's axes if these are rotated.
     """
 
     calibration: Calibration
@@ -89,6 +95,7 @@ class ExportModel:
     accelerometer: Triad | None
     gyro: Triad | None
     g_sensitivity: Array
+    inputs: list[int]
 
     @property
     def sensor(self) -> Sensor:
@@ -108,22 +115,34 @@ class ExportModel:
     @cached_property
     def matrix(self) -> Array:
         """The matrix [M 0; A G], (n, n), or only M or G if there is one triad."""
-        blocks = [triad.matrix for _, triad in self.triads]
-        joint = np.zeros((3 * len(blocks),) * 2)
-        for k, block in enumerate(blocks):
-            joint[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = block
-        if len(blocks) == 2:
-            joint[3:, :3] = self.g_sensitivity
-        return joint
+        if self.accelerometer is None or self.gyro is None:
+            return self.triads[0][1].matrix
+        force, rate = self.accelerometer.matrix, self.gyro.matrix
+        return np.block([[force, np.zeros((3, 3))], [self.g_sensitivity, rate]])
 
     @cached_property
     def correction(self) -> Array:
         """The inverse of `matrix`, (n, n), whose lower left block is −G⁻¹ A M⁻¹."""
         return np.asarray(np.linalg.inv(self.matrix), dtype=float)
 
-    def joined(self, what: Literal["bias", "scale", "offset"]) -> Array:
+    @cached_property
+    def gain(self) -> Array:
+        """The correction per output unit for the m channels in `inputs`, (n, m)."""
+        return (self.correction / self.joined("scale"))[:, self.inputs]
+
+    @cached_property
+    def zero(self) -> Array:
+        """The output of the channels in `inputs` without motion, (m,)."""
+        return self.outputs(self.joined("bias"))[self.inputs]
+
+    def joined(self, what: Literal["bias", "scale", "offset", "signs"]) -> Array:
         """Return a quantity for all channels, (n,)."""
         return np.concatenate([getattr(triad, what) for _, triad in self.triads])
+
+    @cached_property
+    def channels(self) -> list[str]:
+        """The name of the sensor axis of each channel."""
+        return [self.sensor.channels[row] for _, triad in self.triads for row in triad.rows]
 
     def readings(self, output: Array) -> Array:
         """Convert the sensor's output to readings of the target's channels in SI, (n, k)."""
@@ -176,6 +195,7 @@ def export_model(
     InputError
         `axes` is not right-handed, or the axes of a kind do not point along different case axes.
     """
+    own = calibration.sensor.channels
     calibration = completed_triads(calibration)
     if calibration.sensor.form == "tilted" and set(_kinds(calibration.sensor)) <= LINEAR:
         calibration = calibration.in_form("reference")
@@ -205,7 +225,11 @@ def export_model(
             sensitivity = turn @ slope[rows, :3] @ turn.T
     if not triads:
         raise InputError(f"sensor {sensor.name} has no axes", names=sensor.channels)
-    return ExportModel(calibration, turn, triads.get("f"), triads.get("w"), sensitivity)
+    model = ExportModel(calibration, turn, triads.get("f"), triads.get("w"), sensitivity, [])
+    inputs = [k for k, name in enumerate(model.channels) if name in own]
+    is_turned = not np.array_equal(turn, np.eye(3))
+    inputs.sort(key=lambda k: k if is_turned else own.index(model.channels[k]))
+    return replace(model, inputs=inputs)
 
 
 def completed_triads(calibration: Calibration) -> Calibration:
@@ -231,7 +255,7 @@ def completed_triads(calibration: Calibration) -> Calibration:
                 "recordings with inercal apply instead",
                 names=tuple(axis.name for axis in own),
             )
-        ideal = axes_along("xyz", kind, "unmeasured ", own[0].readout, own[0].noise)
+        ideal = axes_along("xyz", kind, UNMEASURED + kind, own[0].readout, own[0].noise)
         along = dict(zip(letters, own, strict=True))
         axes += [along.get(letter, one) for letter, one in zip("xyz", ideal, strict=True)]
     return (

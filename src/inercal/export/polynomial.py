@@ -11,7 +11,6 @@ the basis functions.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -74,16 +73,6 @@ class CodeModel:
     limits: tuple[float, float] | None
     passes: int
 
-    @cached_property
-    def matrix(self) -> Array:
-        """The matrix C, (n, n), per output unit."""
-        return self.model.correction / self.model.joined("scale")
-
-    @cached_property
-    def offset(self) -> Array:
-        """The output without motion, o + s b, (n,)."""
-        return self.model.outputs(self.model.joined("bias"))
-
     @property
     def takes_temperature(self) -> bool:
         """Whether the correction depends on temperature."""
@@ -104,15 +93,15 @@ class CodeModel:
         digits : type
             Number type of variables and constants, numpy.float32 or numpy.float64.
         """
-        output = self.model.outputs(readings).astype(digits)
-        matrix, offset = self.matrix.astype(digits), self.offset.astype(digits)
+        output = self.model.outputs(readings)[:, self.model.inputs].astype(digits)
+        matrix, offset = self.model.gain.astype(digits), self.model.zero.astype(digits)
         if self.limits is not None:
             dT = np.clip(dT + self.reference, *self.limits) - self.reference
         scale = self.model.joined("scale")
         x: Any = (output - offset) @ matrix.T
         for _ in range(self.passes):
-            extra: Any = (scale * nonlinear(self.model, x.astype(float), dT)).astype(digits)
-            x = (output - offset - extra) @ matrix.T
+            extra: Any = scale * nonlinear(self.model, x.astype(float), dT)
+            x = (output - offset - extra[:, self.model.inputs].astype(digits)) @ matrix.T
         return x.astype(float)
 
 
@@ -165,7 +154,7 @@ def nonlinear(model: ExportModel, x: Array, dT: Array) -> Array:
 
 
 def statements(model: ExportModel, dialect: Dialect) -> tuple[dict[str, str], list[str]]:
-    """Return auxiliary variables by name, and an expression for s n of each channel ("" for 0).
+    """Return auxiliary variables by name, and an expression for s n of each input ("" for 0).
 
     `dT` is the temperature difference from the reference, K.
     """
@@ -175,25 +164,24 @@ def statements(model: ExportModel, dialect: Dialect) -> tuple[dict[str, str], li
     made: dict[str, str] = {}
     lines: list[str] = []
     scales = model.joined("scale")
-    channel = 0
     # Start index of each kind of motion; motion that is not measured is 0.
     starts = {kind: dialect.first + 3 * k for k, (kind, _) in enumerate(model.triads)}
-    for _, triad in model.triads:
-        for row, sign in zip(triad.rows, triad.signs.tolist(), strict=True):
-            axis = sensor.axes[row]
-            mine = [n for n in names if CoefficientName(n).axis == axis.name]
-            directions = _directions(model, row)
-            parts: list[str] = []
-            for name in mine:
-                for product in sensor.coefficient(name).basis.products:
-                    size = sign * scales[channel] * values[name] * product.factor
-                    factors = [
-                        _variable(one, directions, axis.measures, dialect, starts, made)
-                        for one in product.components
-                    ]
-                    parts.append(dialect.times.join([dialect.number(float(size)), *factors]))
-            lines.append(" + ".join(parts))
-            channel += 1
+    pairs = [one for _, t in model.triads for one in zip(t.rows, t.signs.tolist(), strict=True)]
+    for channel in model.inputs:
+        row, sign = pairs[channel]
+        axis = sensor.axes[row]
+        mine = [n for n in names if CoefficientName(n).axis == axis.name]
+        directions = _directions(model, row)
+        parts: list[str] = []
+        for name in mine:
+            for product in sensor.coefficient(name).basis.products:
+                size = sign * scales[channel] * values[name] * product.factor
+                factors = [
+                    _variable(one, directions, axis.measures, dialect, starts, made)
+                    for one in product.components
+                ]
+                parts.append(dialect.times.join([dialect.number(float(size)), *factors]))
+        lines.append(" + ".join(parts))
     return made, lines
 
 

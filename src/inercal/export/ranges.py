@@ -10,6 +10,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration
 from inercal.calibration.temperature_range import TEMPERATURE_MARGIN, require_inside
+from inercal.export.model import UNMEASURED
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0
 
@@ -89,7 +90,7 @@ def calibrated_ranges(
 def sample_motions(calibration: Calibration, ranges: Ranges) -> Motion:
     """Return motions that fill the ranges: all corners and 10⁴ random motions.
 
-    Kinds of motion that the sensor does not measure are zero.
+    Components that the sensor does not measure are zero.
     """
     sensor = calibration.sensor
     kinds = {axis.measures for axis in sensor.axes}
@@ -103,6 +104,7 @@ def sample_motions(calibration: Calibration, ranges: Ranges) -> Motion:
     corners = np.array(list(product(*[sorted({a, b}) for a, b in sides])))
     random = np.random.default_rng(_SEED).uniform(size=(_SAMPLES, 7)) * (high - low) + low
     points: Array = np.concatenate([corners, random])
+    points[:, :6] *= [f"{UNMEASURED}{k}{x}" not in sensor.channels for k in "fw" for x in "xyz"]
     return Motion(points[:, :3], points[:, 3:6], np.zeros((1, 3)), points[:, 6])
 
 

@@ -155,6 +155,8 @@ class Rendering:
         and the file contains no bias.
     takes_output : bool
         Whether the input of the formula is the sensor's own output and not readings in SI.
+    measured_only : bool
+        Whether the file accepts only the channels in `ExportModel.inputs`, in this order.
     possible : callable or None
         Function: readings (n, k) in SI -> nearest readings that are whole counts. It is stated if
         the target uses counts.
@@ -169,6 +171,7 @@ class Rendering:
     remarks: tuple[str, ...] = ()
     correct_with_bias: Callable[[Array, Array], Array] | None = None
     takes_output: bool = False
+    measured_only: bool = False
     possible: Callable[[Array], Array] | None = None
     holds: Mapping[str, frozenset[TermKind]] | None = None
 
@@ -205,6 +208,6 @@ class Target:
 
     @property
     def file_suffix(self) -> str:
-        """The suffix of a file name, such as ".px4.params", or ".csv" for target csv."""
+        """The suffix of a file name, such as ".px4.params", or ".export.csv" for target csv."""
         own = f".{self.name}"
-        return own if own == self.suffix else f"{own}{self.suffix}"
+        return f"{'.export' if own == self.suffix else own}{self.suffix}"

@@ -20,13 +20,15 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.parameters import Parameter
-from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.units import ZERO_CELSIUS, format_count
 from inercal.calibration import SharedError, Validity
 from inercal.calibration.bench_estimates import BenchEstimate
 from inercal.calibration.simulated import SIMULATED
+from inercal.calibration.type_prior import load_type_prior
 from inercal.calibration.validity import Range
 from inercal.estimation import Estimate
 from inercal.physics.plan import Turn
+from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
 from inercal.pipeline.qualified_errors import qualified_errors
 from inercal.recordings.data import EstimatorInput
@@ -37,6 +39,7 @@ from inercal.runfile import Run
 
 _LEAST_KNOWN = 0.1  # the data must reduce the stated variance by this fraction
 _LEAST_OWN = 1e-4  # least independent fraction of the variance of a bench estimate
+_TYPE_PRIOR = "prior of the type"
 _GRAVITY = "g"  # a parameter of every bench
 _BLOCK = 1 << 16  # samples
 KEPT_CORRECTIONS = "corrections that the readings hold"
@@ -44,7 +47,7 @@ KEPT_CORRECTIONS = "corrections that the readings hold"
 
 def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     """Return the conditions of the measurement and, if any, of the search, as text."""
-    conditions = dict(inputs.conditions)
+    conditions = {**inputs.conditions, **prior_of_type(run, inputs)}
     recording = inputs.recording
     t = inputs.observations.temperature if recording is None else recording.temperature
     if t is not None:
@@ -65,6 +68,25 @@ def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     return conditions
 
 
+def prior_of_type(run: Run, inputs: EstimatorInput) -> dict[str, str]:
+    """Return the file of the type prior and the number of its sensors as a condition, if any.
+
+    Raises
+    ------
+    InputError
+        The prior was made with this sensor or this recording, whose data would then count twice.
+    """
+    if not (name := run.sections.get("method", {}).get("prior_type")):
+        return {}
+    sensors = load_type_prior(run.file(name)).sensor
+    mine = {run.sensor.name, provenance(run, inputs)["recording sha256"]}
+    if own := [one.name for one in sensors if mine & {one.name, one.recording_sha256}]:
+        what = f"{name} contains {own[0]}, which is this sensor or has this recording"
+        what += f"; make the prior again with --without '{own[0]}'"
+        raise key_error("[method] prior_type", what, names=(own[0],)).located(run.path)
+    return {_TYPE_PRIOR: f"{name}, from {format_count(len(sensors), 'sensor')}"}
+
+
 def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     """Return names and SHA-256 hashes of a run's files, the time, and the version of inercal."""
     further: dict[str, str] = {}
@@ -77,6 +99,8 @@ def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     for what, name in run.data.further_files().items():
         further[what] = name
         further[f"{what} sha256"] = file_sha256(run.file(name))
+    if (prior := run.sections.get("method", {}).get("prior_type")) is not None:
+        further |= {_TYPE_PRIOR: prior, f"{_TYPE_PRIOR} sha256": file_sha256(run.file(prior))}
     if simulated := _simulation(run, inputs):
         further[SIMULATED] = simulated
     return {

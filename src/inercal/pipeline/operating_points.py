@@ -15,7 +15,8 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import ZERO_CELSIUS, format_count, format_quantity, to_si
+from inercal.basics.units import format_number, format_value_and_uncertainty, si_factor, to_si
+from inercal.basics.units.expression import ZERO_CELSIUS
 from inercal.calibration import Calibration
 from inercal.calibration.prediction import SHOWN, Prediction, calibration_temperature
 from inercal.physics.section_settings import si_value
@@ -26,6 +27,7 @@ _NAMES = tuple(kind + axis for kind in "fw" for axis in "xyz")
 _COLUMN = re.compile(r"(\w+) *(?:\[(.*)\])?")
 _SWEEP = re.compile(r"(\w+) *= *(.+?) *(?:…|\.\.\.?| to ) *(.+)")
 _STEPS = 201
+_LADDERS = {"f": ("g", "mg", "µg"), "w": ("°/s", "°/h")}
 _EXAMPLE = '"f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"'
 
 
@@ -82,8 +84,8 @@ def _vector(numbers: Sequence[float], kind: str, calibration: Calibration) -> Ar
     if len(numbers) == len(directions) < 3:
         return np.linalg.pinv(np.array(directions)) @ np.array(numbers)
     raise InputError(
-        f"--at {kind} has {format_count(len(numbers), 'number')}; give 3 components, or one for "
-        "each axis if there are fewer axes",
+        f"--at {kind}: give 3 components, or one for each axis if there are fewer; "
+        f"{calibration.sensor.name} has {len(directions)} axes that measure {kind}",
         key="--at",
         names=(kind,),
     )
@@ -155,8 +157,11 @@ def swept_points(text: str, base: Points) -> tuple[str, Points]:
     if low == high:
         raise InputError(f"--sweep {text!r}: both ends are equal; give a range", key="--sweep")
     line = np.linspace(low, high, _STEPS)
+    others = base.get(name[0], np.zeros((1, 3)))
+    if name in base or (name != "T" and others[0, "xyz".index(name[1])]):
+        raise InputError(f"--at {name}: --sweep varies it; leave it out of --at", key="--at")
     if name != "T":
-        vectors = np.repeat(base.get(name[0], np.zeros((1, 3))), _STEPS, axis=0)
+        vectors = np.repeat(others, _STEPS, axis=0)
         vectors[:, "xyz".index(name[1])] = line
         line = vectors
     return name, {**base, name[0]: line}
@@ -177,19 +182,31 @@ def point_text(found: Prediction, j: int) -> str:
         if kind in found.measures or vectors[j].any():
             unit, si = SHOWN[kind]
             parts.append(f"{kind} = ({', '.join(f'{x / si:.6g}' for x in vectors[j])}) {unit}")
-    text = "; ".join((*parts, f"T = {found.temperature[j] - ZERO_CELSIUS:.2f} °C"))
-    return text.replace("-", "−")
+    if np.isfinite(found.temperature[j]):
+        parts.append(f"T = {found.temperature[j] - ZERO_CELSIUS:.2f} °C")
+    return "; ".join(parts).replace("-", "−")
 
 
-def quantity_cells(found: Prediction, j: int, k: int) -> tuple[str, str, str]:
-    """Return the raw reading, its error, and the corrected value with U of a quantity."""
-    unit = SHOWN[found.measures[k]][0]
+def quantity_cells(found: Prediction, j: int, k: int) -> tuple[str, ...]:
+    """Return the raw reading, its error, and the corrected value with U of a quantity.
+
+    All points and quantities of a kind have the same units.
+    """
+    kind = found.measures[k]
+    unit, si = SHOWN[kind]
+    small, size = fitting_unit(kind, found.raw_error[:, [one == kind for one in found.measures]])
     value, error, u = (float(one[j, k]) for one in (found.value, found.raw_error, found.expanded))
-    return (
-        format_quantity(value + error, 0.0, unit, 6).replace("-", "−"),
-        format_quantity(error, 0.0, unit, 4).replace("-", "−"),
-        format_quantity(value, u, unit).replace("-", "−"),
-    )
+    corrected = " ± ".join(format_value_and_uncertainty(value / si, u / si))
+    raw = f"{format_number((value + error) / si, 6)} {unit}"
+    cells = (raw, f"{format_number(error / size, 4)} {small}", f"{corrected} {unit}")
+    return tuple(cell.replace("-", "−") for cell in cells)
+
+
+def fitting_unit(kind: str, values: Array) -> tuple[str, float]:
+    """Return the largest unit in which the values reach 1, and its size in SI units."""
+    largest = float(np.abs(values).max())
+    units = [(unit, si_factor(unit)) for unit in _LADDERS[kind]]
+    return next((one for one in units if largest >= one[1]), units[-1])
 
 
 def prediction_columns(found: Prediction) -> dict[str, Sequence[Any]]:
@@ -199,7 +216,8 @@ def prediction_columns(found: Prediction) -> dict[str, Sequence[Any]]:
         unit, si = SHOWN[kind]
         for k, axis in enumerate("xyz"):
             columns[f"{kind}{axis} [{unit}]"] = (vectors[:, k] / si).tolist()
-    columns["T [°C]"] = (found.temperature - ZERO_CELSIUS).tolist()
+    if np.isfinite(found.temperature).all():
+        columns["T [°C]"] = (found.temperature - ZERO_CELSIUS).tolist()
     columns["inside"] = ["no" if one else "yes" for one in found.outside]
     for k, (name, kind) in enumerate(zip(found.names, found.measures, strict=True)):
         unit, si = SHOWN[kind]

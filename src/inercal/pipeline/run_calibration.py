@@ -22,6 +22,7 @@ from inercal.pipeline.added_coefficients import with_added_coefficients
 from inercal.pipeline.advisor import RunAdvisor, changed_run
 from inercal.pipeline.calibration_record import (
     bench_estimates,
+    prior_of_type,
     provenance,
     run_conditions,
     shared_errors,
@@ -127,6 +128,7 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
         estimate,
         notes=(
             *remarks.notes,
+            *(f"The {what} is {text}." for what, text in prior_of_type(run, inputs).items()),
             *inputs.notes,
             *observations.notes,
             *estimate.notes,

@@ -8,12 +8,11 @@ import numpy as np
 from markupsafe import Markup
 
 from inercal.basics.arrays import Array
-from inercal.basics.units import si_factor
 from inercal.calibration import Calibration
 from inercal.calibration.display import title
 from inercal.calibration.prediction import Prediction
 from inercal.physics.quantities import QUANTITIES
-from inercal.pipeline.operating_points import point_text, quantity_cells, swept_values
+from inercal.pipeline.operating_points import fitting_unit, point_text, quantity_cells, swept_values
 from inercal.report import drawing
 from inercal.report.drawing import AXES, FAINT, WARN
 from inercal.report.report_tables import typeset_minus
@@ -22,7 +21,6 @@ from inercal.report.templates import render
 _ROWS = 5  # points in the table
 _ROUNDING = 1e-9
 _LEAST_SHARE = 0.05  # smallest share of the variance that is named
-_LADDERS = {"f": ("g", "mg", "µg"), "w": ("°/s", "°/h")}
 _LINES = ("-", "--", ":")  # for readers who cannot distinguish the colours
 
 
@@ -75,7 +73,7 @@ def _figure(found: Prediction, kind: str, x: Array, label: str) -> Markup:
     figures: list[Markup] = []
     for heading, (middle, low, high) in panels.items():
         figure, ((axes,),) = drawing.panels(1.9, [0.5], half=True)
-        unit, si = _fitting_unit(kind, np.maximum(np.abs(low), np.abs(high)))
+        unit, si = fitting_unit(kind, np.maximum(np.abs(low), np.abs(high)))
         for k, name in enumerate(names):
             look: dict[str, Any] = {"color": AXES[k % 3], "ls": _LINES[k % 3], "lw": 1.2}
             for line in (middle,) if middle.any() else (low, high):
@@ -94,10 +92,3 @@ def _figure(found: Prediction, kind: str, x: Array, label: str) -> Markup:
         drawing.add_legend(axes)
         figures.append(drawing.svg(figure, f"prediction_{kind}_{len(figures)}", heading))
     return drawing.halves(figures)
-
-
-def _fitting_unit(kind: str, values: Array) -> tuple[str, float]:
-    """Return the largest unit in which the values reach 1, and its size in SI units."""
-    largest = float(np.abs(values).max())
-    units = [(unit, si_factor(unit)) for unit in _LADDERS[kind]]
-    return next((one for one in units if largest >= one[1]), units[-1])

@@ -39,6 +39,8 @@ _KINDS = {
     "A": "a current",
     "LSB": "a count",
     "sample": "a number of samples",
+    **{f"{unit}/(m/s²)": "an accelerometer's scale factor" for unit in ("LSB", "V", "A")},
+    **{f"{unit}/(rad/s)": "a gyro's scale factor" for unit in ("LSB", "V", "A")},
 }
 ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
 

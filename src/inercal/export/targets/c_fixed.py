@@ -15,40 +15,38 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.basics.units.definitions import canonical_name
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.c_headers import check_lines, header_text
-from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
+from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, needed
 from inercal.physics.quantities import QUANTITIES
 
 _FRACTION = {"f": 16, "w": 20}
 _BITS = 28  # bits of K; six products with 32-bit counts then fit in 63 bits
 _MAX_SHIFT = 40
 _LARGEST_CONSTANT = 1 << 61  # the sum of the products is at most 2^61.6
-OPTIONS = (TargetOption("lsb", "output units of one count of the reading", 1.0),)
+OPTIONS = (TargetOption("lsb", "output units of one count of the reading"),)
 
 
 def _render(request: Request) -> Rendering:
     model = request.model
-    lsb = request.options["lsb"]
+    units = tuple(dict.fromkeys(triad.unit for _, triad in model.triads))
+    default = 1.0 if {canonical_name(unit) for unit in units} == {"LSB"} else None
+    stated = request.options["lsb"]
+    lsb: float = needed({"lsb": default if stated is None else stated}, OPTIONS, "lsb", "c_fixed")
     if not lsb > 0:
         raise InputError(
             f"--set lsb={lsb:g} is not possible; give a number above 0", key="--set", names=("lsb",)
         )
     kinds = [kind for kind, _ in model.triads]
-    n = 3 * len(kinds)
-    matrix = model.correction / model.joined("scale") * lsb
-    offset = model.outputs(model.joined("bias")) / lsb
+    inputs, matrix = model.inputs, model.gain * lsb
+    n, m = matrix.shape
     fraction = np.repeat([_FRACTION[kind] for kind in kinds], 3)
-    shift = np.repeat(
-        [
-            _shift(np.abs(matrix[3 * k : 3 * k + 3]).max() * 2.0 ** _FRACTION[kind])
-            for k, kind in enumerate(kinds)
-        ],
-        3,
-    )
+    largest = np.abs(matrix).reshape(len(kinds), -1).max(axis=1) * 2.0 ** fraction[::3]
+    shift = np.repeat([_shift(one) for one in largest.tolist()], 3)
     one = 2.0 ** (shift + fraction)
     factors = np.rint(matrix * one[:, None]).astype(np.int64)
-    constants = [round(float(x)) for x in -(matrix @ offset) * one]
+    constants = [round(float(x)) for x in -(model.gain @ model.zero) * one]
     if max(map(abs, constants)) >= _LARGEST_CONSTANT:
         raise InputError(
             "c_fixed: the offset is too large for these integers; choose target c", key="--to"
@@ -56,19 +54,20 @@ def _render(request: Request) -> Rendering:
     name = request.name
 
     def correct(readings: Array, dT: Array) -> Array:
-        counts = np.rint(model.outputs(readings) / lsb).astype(np.int64)
+        counts = np.rint(model.outputs(readings)[:, inputs] / lsb).astype(np.int64)
         total = counts @ factors.T + np.array(constants, dtype=np.int64)
         half = 1 << (shift - 1)
         size = (np.abs(total) + half) >> shift
         return np.sign(total) * size / 2.0**fraction
 
     def possible(readings: Array) -> Array:
-        counts = np.rint(model.outputs(readings) / lsb)
-        return (counts * lsb - model.joined("offset")) / model.joined("scale")
+        rounded = model.outputs(readings)
+        rounded[:, inputs] = np.rint(rounded[:, inputs] / lsb) * lsb
+        return (rounded - model.joined("offset")) / model.joined("scale")
 
     seen = possible(request.check_reading)
     expected = np.rint(correct(seen, request.check_dT)[0] * 2.0**fraction).astype(int).tolist()
-    counted = np.rint(model.outputs(seen)[0] / lsb).astype(int).tolist()
+    counted = np.rint(model.outputs(seen)[0, inputs] / lsb).astype(int).tolist()
     constants_of_test = {
         "reading": f"{{{', '.join(map(str, counted))}}}",
         "expected": f"{{{', '.join(map(str, expected))}}}",
@@ -78,17 +77,17 @@ def _render(request: Request) -> Rendering:
         rows = ",\n".join(
             "        {" + ", ".join(f"INT64_C({x})" for x in row) + "}" for row in factors.tolist()
         )
-        loops = [line for k in range(len(kinds)) for line in _loop(n, 3 * k, int(shift[3 * k]))]
+        loops = [line for k in range(len(kinds)) for line in _loop(m, 3 * k, int(shift[3 * k]))]
         steps = {"f": "2^-16 m/s^2", "w": "2^-20 rad/s"}
         parts = ", then ".join(f"{QUANTITIES[k].name} x y z in steps of {steps[k]}" for k in kinds)
         lines = [
             "#include <stdint.h>",
             "",
             f"/* motion: {parts}. */",
-            f"static inline void {name}_correct_fixed(const int32_t reading[{n}], "
+            f"static inline void {name}_correct_fixed(const int32_t reading[{m}], "
             f"int32_t motion[{n}])",
             "{",
-            f"    static const int64_t factor[{n}][{n}] = {{",
+            f"    static const int64_t factor[{n}][{m}] = {{",
             rows,
             "    };",
             f"    static const int64_t constant[{n}] = {{"
@@ -113,17 +112,18 @@ def _render(request: Request) -> Rendering:
         correct,
         write,
         ("motion 2^p = round((sum of K x + B) / 2^s) in 64 bit integers; p = 16 and 20",),
-        f"{output_text(*(t for _, t in model.triads))}, in whole counts of {lsb:.9g} output units",
+        f"readings in whole counts of {' and '.join(f'{lsb:.9g} {unit}' for unit in units)}",
         (
             "rounding: half a step of the result (7.6e-06 m/s^2, 4.8e-07 rad/s), and of each "
             f"factor K, {_rounding_text(shift, fraction)}",
         ),
         takes_output=True,
+        measured_only=True,
         possible=possible,
     )
 
 
-def _loop(n: int, first: int, shift: int) -> list[str]:
+def _loop(m: int, first: int, shift: int) -> list[str]:
     """Return the C code for the loop over three channels.
 
     The divisor is a constant, so a 32-bit compiler needs no 64-bit division.
@@ -132,7 +132,7 @@ def _loop(n: int, first: int, shift: int) -> list[str]:
     return [
         f"    for (int i = {first}; i < {first + 3}; ++i) {{",
         "        int64_t sum = constant[i];",
-        f"        for (int j = 0; j < {n}; ++j) {{",
+        f"        for (int j = 0; j < {m}; ++j) {{",
         "            sum += factor[i][j] * reading[j];",
         "        }",
         "        /* Halves are rounded away from zero. */",

@@ -27,8 +27,8 @@ _BEYOND_TOLERANCE = (
 class _Language:
     """Differences between the two languages: number type, literals and declarations.
 
-    The declarations contain the placeholders {name}, {n} for the number of channels, and
-    {parameter} and {argument} for the temperature.
+    The declarations contain the placeholders {name}, {m} for the number of readings, {n} for the
+    number of results, and {parameter} and {argument} for the temperature.
     """
 
     real: str
@@ -64,7 +64,7 @@ _C = _Language(
     "float",
     literal,
     np.float32,
-    ("static inline void {name}_correct(const float reading[{n}]{parameter}, float motion[{n}])",),
+    ("static inline void {name}_correct(const float reading[{m}]{parameter}, float motion[{n}])",),
     ("static inline int {name}_self_test(void)",),
     "{name}_correct(reading{argument}, motion)",
     "H",
@@ -75,7 +75,7 @@ _CPP = _Language(
     np.float64,
     (
         "template <typename Real>",
-        "inline void correct(const Real (&reading)[{n}]{parameter}, Real (&motion)[{n}])",
+        "inline void correct(const Real (&reading)[{m}]{parameter}, Real (&motion)[{n}])",
     ),
     ("template <typename Real>", "inline int self_test()"),
     "correct<Real>(reading{argument}, motion)",
@@ -90,7 +90,7 @@ def _render(language: _Language, request: Request) -> Rendering:
     code, number, real = code_model(request), language.number, language.real
     expected = code.correct(request.check_reading, request.check_dT)[0]
     arrays = {
-        "reading": code.model.outputs(request.check_reading)[0],
+        "reading": code.model.outputs(request.check_reading)[0, code.model.inputs],
         "expected": expected,
         "tolerance": _TOLERANCE * np.maximum(1.0, np.abs(expected)),
     }
@@ -98,7 +98,7 @@ def _render(language: _Language, request: Request) -> Rendering:
     celsius = number(code.reference + float(request.check_dT[0]))
     words = {
         "name": request.name,
-        "n": len(code.offset),
+        **dict(zip("nm", code.model.gain.shape, strict=True)),
         "parameter": f", {real} temperature" * code.takes_temperature,
         "argument": f", {celsius}" * code.takes_temperature,
     }
@@ -113,7 +113,7 @@ def _render(language: _Language, request: Request) -> Rendering:
         "",
         "/* Returns 0 if the check above is reproduced to 1e-5. */",
         *(line.format(**words) for line in language.self_test),
-        *check_lines(real, constants, call, _BEYOND_TOLERANCE, len(code.offset)),
+        *check_lines(real, constants, call, _BEYOND_TOLERANCE, len(code.model.gain)),
         *(line.format(**words) for line in language.end),
     ]
     guard = f"INERCAL_{request.name.upper()}_{language.guard}"
@@ -142,17 +142,17 @@ def check_lines(
     kind : str
         Type of the numbers.
     constants : mapping of str to str
-        Initialisers of constant arrays, (n,), by name.
+        Initialisers of constant arrays by name.
     call : str
         The call that corrects `reading` to `motion`.
     failure : str
         The condition for a wrong result in channel i.
     n : int
-        Number of channels.
+        Number of results.
     """
     return [
         "{",
-        *(f"    static const {kind} {name}[{n}] = {text};" for name, text in constants.items()),
+        *(f"    static const {kind} {name}[] = {text};" for name, text in constants.items()),
         f"    {kind} motion[{n}];",
         f"    {call};",
         f"    for (int i = 0; i < {n}; ++i) {{",
@@ -174,19 +174,19 @@ def _array_text(values: Array, indent: str, number: Callable[[float], str]) -> s
 
 
 def _body_lines(code: CodeModel, real: str, number: Callable[[float], str]) -> list[str]:
-    n, indent = len(code.offset), "    "
+    (n, m), indent = code.model.gain.shape, "    "
     lines = [
-        f"static const {real} matrix[{n}][{n}] = {_array_text(code.matrix, indent, number)};",
-        f"static const {real} offset[{n}] = {_array_text(code.offset, indent, number)};",
-        f"{real} in[{n}];",
+        f"static const {real} matrix[{n}][{m}] = {_array_text(code.model.gain, indent, number)};",
+        f"static const {real} offset[{m}] = {_array_text(code.model.zero, indent, number)};",
+        f"{real} in[{m}];",
     ]
     if code.takes_temperature:
         lines += _temperature_lines(code, real, number)
-    start = [f"for (int j = 0; j < {n}; ++j) {{", "    in[j] = reading[j] - offset[j];", "}"]
+    start = [f"for (int j = 0; j < {m}; ++j) {{", "    in[j] = reading[j] - offset[j];", "}"]
     multiply = [
         f"for (int i = 0; i < {n}; ++i) {{",
         f"    motion[i] = {number(0.0)};",
-        f"    for (int j = 0; j < {n}; ++j) {{",
+        f"    for (int j = 0; j < {m}; ++j) {{",
         "        motion[i] += matrix[i][j] * in[j];",
         "    }",
         "}",

@@ -51,6 +51,7 @@ def code_rendering(
         output_text(*(triad for _, triad in code.model.triads)),
         (*_temperature_remarks(code), *remarks),
         takes_output=True,
+        measured_only=True,
     )
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.basics.arrays import Array
-from inercal.export.polynomial import CodeModel, Dialect, code_model, statements
+from inercal.export.polynomial import Dialect, code_model, statements
 from inercal.export.target_definition import Rendering, Request
 from inercal.export.targets.code_text import code_rendering, code_target, motion_comment
 from inercal.export.targets.shared import comments, number
@@ -17,11 +17,6 @@ from inercal.export.targets.shared import comments, number
 
 def _python_number(value: float) -> str:
     return repr(float(value) + 0.0)
-
-
-def _python_rows(code: CodeModel) -> str:
-    rows = ",\n".join(f"    ({', '.join(map(_python_number, row))})" for row in code.matrix)
-    return f"MATRIX = (\n{rows},\n)"
 
 
 def _render_python(request: Request) -> Rendering:
@@ -32,13 +27,16 @@ def _render_python(request: Request) -> Rendering:
     def write(header: Sequence[str]) -> str:
         lines = [
             comments(header, "#").rstrip(),
-            "",
-            _python_rows(code),
-            f"OFFSET = ({', '.join(map(_python_number, code.offset))})",
+            "\nMATRIX = (",
+            *(f"    {tuple(row)}," for row in (code.model.gain + 0.0).tolist()),
+            ")",
+            f"OFFSET = {tuple((code.model.zero + 0.0).tolist())}",
             "",
             "",
             f"def correct(reading{argument}):",
             f'    """Return {motion_comment(code)}, as a tuple of numbers."""',
+            "    if len(reading) != len(OFFSET):",
+            '        raise ValueError(f"give {len(OFFSET)} readings, not {len(reading)}")',
             "    start = [value - offset for value, offset in zip(reading, OFFSET)]",
             "    motion = _apply(start)",
         ]
@@ -91,8 +89,9 @@ def _render_matlab(request: Request) -> Rendering:
             f"function motion = {request.name}_correct(reading{argument})",
             f"% Rows of readings to rows of motion: {motion_comment(code)}.",
             comments(header, "%").rstrip(),
-            f"    C = {_matlab_matrix(code.matrix)};",
-            f"    offset = {_matlab_matrix(code.offset)};",
+            f"    C = {_matlab_matrix(code.model.gain)};",
+            f"    offset = {_matlab_matrix(code.model.zero)};",
+            f"    assert(size(reading, 2) == {len(code.model.zero)});",
             "    motion = (reading - offset) * C';",
         ]
         if code.takes_temperature:
@@ -114,10 +113,10 @@ def _render_matlab(request: Request) -> Rendering:
             lines += ["        motion = (reading - offset - extra) * C';", "    end"]
         return "\n".join([*lines, "end"]) + "\n"
 
-    plain = code.matrix[:3, :3]
     remarks = [f"the name of this file must be {request.name}_correct.m"]
-    if not code.passes and code.model.accelerometer is not None:
-        bias = -(code.offset[:3] @ plain.T)
+    complete = len(code.model.zero) == len(code.model.gain)
+    if complete and not code.passes and code.model.accelerometer is not None:
+        bias = -(code.model.zero[:3] @ code.model.gain[:3, :3].T)
         remarks.append(
             "for U*A + b of accelcal (Navigation Toolbox), accelerometers: A = C(1:3,1:3)', b = ["
             + ", ".join(map(number, bias))

@@ -14,13 +14,12 @@ _DIGITS = 15
 
 def _render(request: Request) -> Rendering:
     model = request.model
-    matrix = shared.written(model.correction / model.joined("scale"), _DIGITS)
-    offset = shared.written(model.outputs(model.joined("bias")), _DIGITS)
+    matrix = shared.written(model.gain, _DIGITS)
+    offset = shared.written(model.zero, _DIGITS)
     units = [QUANTITIES[kind].ascii_unit for kind, _ in model.triads for _ in range(3)]
-    outputs = [triad.unit for _, triad in model.triads for _ in range(3)]
+    outputs = [model.triads[k // 3][1].unit for k in model.inputs]
     motions = [kind + axis for kind, _ in model.triads for axis in "xyz"]
-    rows = [row for _, triad in model.triads for row in triad.rows]
-    channels = [spreadsheet_cell(model.sensor.channels[row]) for row in rows]
+    channels = [spreadsheet_cell(model.channels[k]) for k in model.inputs]
     text = StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(("quantity", "row", "column", "value", "std", "unit"))
@@ -38,12 +37,13 @@ def _render(request: Request) -> Rendering:
         row = (shared.number(value, _DIGITS), shared.number(std, 6), unit)
         table.writerow(("coefficient", spreadsheet_cell(full), "", *row))
     return Rendering(
-        lambda y, dT: (model.outputs(y) - offset) @ matrix.T,
+        lambda y, dT: (model.outputs(y)[:, model.inputs] - offset) @ matrix.T,
         shared.with_comments(text.getvalue()),
         ("motion = C (output - offset)",),
         shared.output_text(*(triad for _, triad in model.triads)),
         ("coefficients are those of the calibration in its own axes, u with k = 1, in SI",),
         takes_output=True,
+        measured_only=True,
     )
 
 

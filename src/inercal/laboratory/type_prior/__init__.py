@@ -17,6 +17,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
+from inercal.basics.units import format_count
 from inercal.calibration import Calibration
 from inercal.calibration.comparison import recording_sha256
 from inercal.calibration.type_prior import (
@@ -83,7 +84,7 @@ def type_prior(
     members = find_members(chosen, each_axis)
     if len(members) < LEAST_SENSORS:
         raise InputError(
-            f"{len(members)} sensors are too few to estimate the scatter of a type; give the "
+            f"{format_count(len(members), 'sensor')} cannot show the scatter of a type; give the "
             f"calibrations of {LEAST_SENSORS} or more sensors",
             key="FILE",
         )
@@ -103,10 +104,10 @@ def type_prior(
         form=members[0].calibration.sensor.form,
         count=n,
         correlations=(
-            f"REML of {n} sensors with an inverse Wishart prior of {p + 1} degrees of freedom about"
-            " uncorrelated coefficients, so correlations are about "
-            f"{(n - 1) / (n + p):.2f} of those observed"
-        ),
+            "Few sensors cannot show correlations between coefficients, so the prior uses about "
+            f"{100 * (n - 1) / (n + p):.0f} % of the observed correlations"
+        )
+        * (p > 1),
         coefficient=tuple(
             CoefficientPrior(
                 name=name,

@@ -58,8 +58,9 @@ def choose_calibrations(
     from inercal.calibration.files import load
 
     is_loaded = isinstance(calibrations, Mapping)
-    every = calibrations if is_loaded else {str(path): load(Path(path)) for path in calibrations}
-    names = [one.sensor.name for one in every.values()]
+    files = () if is_loaded else [(str(path), load(Path(path))) for path in calibrations]
+    every = list(calibrations.items()) if is_loaded else files
+    names = [one.sensor.name for _, one in every]
     if unknown := [name for name in without if name not in names]:
         raise InputError(
             f"--without {unknown[0]}: there is no such sensor; the sensors are {', '.join(names)}",
@@ -67,7 +68,7 @@ def choose_calibrations(
             names=tuple(unknown),
         )
     first: dict[str, str] = {}
-    for source, one in every.items():
+    for source, one in every:
         if (name := one.sensor.name) in first:
             raise InputError(
                 f"{first[name]} and {source} are both of sensor {name!r}; give one calibration of "
@@ -75,7 +76,7 @@ def choose_calibrations(
                 names=(name,),
             )
         first[name] = source
-    return {source: one for source, one in every.items() if one.sensor.name not in without}
+    return {source: one for source, one in every if one.sensor.name not in without}
 
 
 def find_members(chosen: Mapping[str, Calibration], each_axis: bool) -> list[Member]:
@@ -105,9 +106,9 @@ def find_members(chosen: Mapping[str, Calibration], each_axis: bool) -> list[Mem
             members.append(Member(label, number, one, {"": axis}, of_axis))
     if apart and len({axis.measures for one in members for axis in one.axes.values()}) > 1:
         raise InputError(
-            "--each-axis: the files have accelerometers and gyros, which are not sensors of one "
-            "type; leave out --each-axis",
-            key="--each-axis",
+            "the files have accelerometers and gyros, which are not sensors of one type; "
+            + ("leave out --each-axis" if each_axis else "give files of one of them"),
+            key="--each-axis" if each_axis else "FILE",
         )
     return members
 
@@ -131,8 +132,8 @@ def common_names(members: Sequence[Member], words: tuple[str, ...]) -> tuple[str
     if not words:
         if not (names := [x for x in common if term_of(first, x).group in DEFAULT_GROUPS]):
             raise InputError(
-                "the files have no nonlinear or cross-coupling coefficient in common; choose "
-                f"others with --coefficients, of {', '.join(common) or 'none'}",
+                "the files have no nonlinear or cross-coupling coefficient in common; all that "
+                f"they have in common, for --coefficients: {', '.join(common) or 'nothing'}",
                 key="--coefficients",
             )
         return tuple(names)
