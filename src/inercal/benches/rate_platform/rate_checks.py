@@ -1,6 +1,6 @@
 """Check the unit, sign and axis of the rates, and the axis that is up, against the readings."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import sqrt
 
 import numpy as np
@@ -111,12 +111,14 @@ def require_steady(
     recording: Recording,
     marks: Sequence[Mark],
     steps: Sequence[PlatformStep],
+    known: Callable[[str], Array | float],
 ) -> None:
     """Refuse dwells whose rate about the table's axis changes during the section.
 
     A dwell is refused if the means of its halves differ by more than 6σ and 2e-4 of the rate. σ is
     estimated from the median difference between the means of neighbouring blocks. Turns through an
-    angle are not checked, because they have no steady rate.
+    angle are not checked, because they have no steady rate. The changes that `known` returns for a
+    label, such as `level_rate_changes`, are subtracted first.
 
     Raises
     ------
@@ -126,11 +128,11 @@ def require_steady(
     for mark, step in zip(marks, steps, strict=True):
         if isinstance(step, KnownTurn) or not isinstance(step, RateDwell):
             continue
-        for axis in run.sensor.select_axes("w").axes:
-            if abs(np.array(axis.i) @ np.array(step.up)) < _CLEAR:
+        columns = [recording.channels.index(name) for name in run.sensor.channels]
+        data = run.sensor.to_si(recording.data[mark.start : mark.stop, columns])
+        for axis, read in zip(run.sensor.axes, (data - known(mark.label)).T, strict=True):
+            if axis.measures != "w" or abs(np.array(axis.i) @ np.array(step.up)) < _CLEAR:
                 continue
-            column = recording.channels.index(axis.name)
-            read = recording.data[mark.start : mark.stop, column] / axis.readout.scale
             change, sd = _change_between_halves(read)
             if abs(change) > _SIGMAS * sd + _STEADY * abs(step.rate):
                 where = f"section {mark.label} ({recording.where(mark.start)})"

@@ -12,6 +12,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.characteristics import characteristic_notes
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
+from inercal.benches.rate_platform.level_rate import level_rate_changes
 from inercal.benches.rate_platform.linearity import gyro_characteristics
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
 from inercal.benches.rate_platform.section_finder import find_sections, settled
@@ -183,11 +184,19 @@ def _recording(run: RunBase[RatePlatformData]) -> EstimatorInput:
         raise key_error("[data] seconds", "is only for a table of means; remove the key", run.path)
     recording = load_recording(run)
     marks, steps = _marked_sections(run, recording)
-    require_steady(run, recording, marks, steps)
+    known = level_rate_changes(run.bench.latitude, recording, run.sensor, marks, steps)
+    require_steady(run, recording, marks, steps, known)
     # Sections at a rate are steady too, so their scatter is noise.
     turning = [step.label for step in steps if isinstance(step, KnownTurn)]
     means = average_sections(
-        recording, run.sensor, marks, steps, found=True, drifting=True, turning=turning
+        recording,
+        run.sensor,
+        marks,
+        steps,
+        found=True,
+        drifting=True,
+        turning=turning,
+        known=known,
     )
     return EstimatorInput(recording, marks, means, steps, steps, recording.findings)
 
