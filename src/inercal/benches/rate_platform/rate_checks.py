@@ -86,20 +86,22 @@ def _refuse_row(run: RunBase[RatePlatformData], step: PlatformStep, text: str) -
 
 
 def _refuse_unit(run: RunBase[RatePlatformData], ratio: float) -> None:
-    given = run.data.rate_size
+    given, means = run.data.rate_size, run.data.kind == "means"
+    key = "[data] table_rate_unit" if means else "[data] label"
     for unit in _UNITS:
         factor = si_factor(unit, "rad/s") / given
         if abs(ratio / factor - 1) < _NEAR:
+            advice = f'state table_rate_unit = "{unit}"' if means else "state the rates in °/s"
             raise key_error(
-                "[data] table_rate_unit",
+                key,
                 f"according to the gyros, the rates are {factor:.4g} times as large, in {unit} and "
-                f'not in {run.data.table_rate_unit}; state table_rate_unit = "{unit}", or '
-                "correct the unit in [sensor.gyro]",
+                f"not in {run.data.table_rate_unit}; {advice}, or correct the unit in "
+                "[sensor.gyro]",
                 run.path,
                 (unit,),
             )
     raise key_error(
-        "[data] table_rate_unit",
+        key,
         f"the gyros read {ratio:.4g} times the stated rates; check the unit of the rates, and unit "
         "and scale in [sensor.gyro]",
         run.path,

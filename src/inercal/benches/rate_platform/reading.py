@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import degrees
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from inercal.benches.rate_platform.linearity import gyro_characteristics
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
 from inercal.benches.rate_platform.section_finder import find_sections, settled
 from inercal.benches.rate_platform.sections import (
+    SMALL_RATE,
     KnownTurn,
     PlatformStep,
     Pose,
@@ -61,6 +63,11 @@ def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
     require_axes_up(run, result.observations, bench, steps)
     found = gyro_characteristics(result.observations, run.sensor, bench, steps)
     notes = characteristic_notes(found)
+    names = {one.name for one in found}
+    if "threshold" in names and "resolution" not in names:
+        limit = f"{degrees(SMALL_RATE):g} °/s"
+        text = f"A resolution needs small rates about a rate above {limit}, up to a tenth of it."
+        notes = (*notes, text)
     return replace(result, conditions=_conditions(bench, steps), notes=notes)
 
 

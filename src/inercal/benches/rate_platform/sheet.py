@@ -14,7 +14,7 @@ from inercal.physics.plan import describe_direction
 from inercal.physics.section_settings import key_error
 from inercal.recordings.data import RunBase
 
-_PARTIAL = 1e-6  # of the level earth rate: larger than the rounding of whole turns
+_PARTIAL = 1e-6  # of the level earth rate, or °/s: larger than rounding
 
 
 def sheet(run: RunBase[RatePlatformData]) -> Sheet:
@@ -56,19 +56,16 @@ def sheet(run: RunBase[RatePlatformData]) -> Sheet:
 
 def _notes_of_partial_turns(bench: RatePlatform, steps: list[PlatformStep]) -> tuple[str, ...]:
     """Return a note about the level earth rate in sections of less than one turn, if any."""
-    short = [
-        step
-        for step in steps
-        if isinstance(step, RateDwell) and step.rate and abs(level_rate_factor(step)[0]) > _PARTIAL
-    ]
-    if not short or bench.latitude is None:
+    turning = [step for step in steps if isinstance(step, RateDwell) and step.rate]
+    parts = [(abs(step.rate), abs(level_rate_factor(step)[0])) for step in turning]
+    short = [(rate, part) for rate, part in parts if part > _PARTIAL]
+    level = earth_rate_up_north(bench.latitude.value)[1] if bench.latitude and short else 0.0
+    if degrees(level) < _PARTIAL:
         return ()
-    fastest = degrees(max(abs(step.rate) for step in short))
-    part = max(abs(level_rate_factor(step)[0]) for step in short)
-    level = degrees(part * earth_rate_up_north(bench.latitude.value)[1]) * 3600
+    fastest, most = degrees(max(short)[0]), degrees(level * max(part for _, part in short)) * 3600
     return (
         f"{len(short)} sections, at rates up to {fastest:.4g} °/s, last less than one turn. A gyro "
-        f"across the table's axis reads up to {level:.2g} °/h of the level Earth rate in them. The "
+        f"across the table's axis reads up to {most:.2g} °/h of the level Earth rate in them. The "
         "uncertainties above include this, if the sections begin at the same azimuth. One turn at "
         f"{fastest:.4g} °/s takes {format_duration(360 / fastest)} ([method] seconds).",
     )
