@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any, Literal
 
-from pydantic import Field, create_model
+from pydantic import Field, create_model, field_validator
 
 from inercal.basics.errors import InputError
 from inercal.benches.kinds import KINDS
@@ -40,6 +40,13 @@ class ReadoutSection(Section):
         [[0.6, 0, 0.8]],
         about="direction of each axis in the case, if there are not three along x, y, z",
     )
+
+    @field_validator("axis", mode="before")
+    @classmethod
+    def _one_direction_of_three_numbers(cls, axis: object) -> object:
+        numbers = isinstance(axis, list) and all(isinstance(x, int | float) for x in axis)
+        return [axis] if numbers else axis
+
     offset: float = optional(default=0.0, about="output at zero, in output units")
     full_scale: str | None = optional("16 g", "2000 °/s", about="largest reading")
     white: str | None = optional("60 µg/√Hz", "0.1 °/√h", about="velocity or angle random walk")

@@ -39,6 +39,8 @@ _KINDS = {
     "A": "a current",
     "LSB": "a count",
     "sample": "a number of samples",
+    **{f"{output}/(m/s²)": "a scale factor of accelerometers" for output in ("LSB", "V", "A")},
+    **{f"{output}/(rad/s)": "a scale factor of gyros" for output in ("LSB", "V", "A")},
 }
 ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
 

@@ -47,14 +47,18 @@ def require_rates(
     rates = bench.without_earth_rate().mean_motion(steps, {}).w
     nominal = rates @ run.sensor.input_axes("w").T
     seen = np.abs(nominal).max(axis=1, initial=0.0) > _CLEAR * np.linalg.norm(rates, axis=1)
+    read = observations.mean[:, gyros] - _rough_bias(observations.mean[:, gyros], nominal)
+    names = [run.sensor.channels[k] for k in gyros]
+    for k in turning if gyros else ():
+        most = int(np.argmax(np.abs(read[k])))
+        if not seen[k] and abs(read[k, most]) > _CLEAR * abs(rates[k]).max():
+            _refuse_row(run, steps[k], f"{names[most]} reads the rate, although its axis is level")
     turning = [k for k in turning if seen[k]]
     if not turning:
         return
-    read = observations.mean[:, gyros] - _rough_bias(observations.mean[:, gyros], nominal)
     own = np.argmax(np.abs(nominal), axis=1)
     along = np.array([read[k, own[k]] / nominal[k, own[k]] for k in turning])
     ratio = float(np.median(np.abs(along)))
-    names = [run.sensor.channels[k] for k in gyros]
     for k, one in zip(turning, along.tolist(), strict=True):
         most = int(np.argmax(np.abs(read[k])))
         if most != own[k] and abs(read[k, most]) > 2 * abs(read[k, own[k]]):
@@ -79,7 +83,7 @@ def _rough_bias(read: Array, nominal: Array) -> Array:
 def _refuse_row(run: RunBase[RatePlatformData], step: PlatformStep, text: str) -> None:
     raise InputError(
         f"{run.path}: row {step.label} is {step.describe()}, but {text}; correct axis or sign of "
-        "the rate in the table, or the order and signs of the gyros' columns",
+        "the rate in the table, or the order, signs and axes of the gyros",
         file=run.path,
         names=(step.label,),
     )

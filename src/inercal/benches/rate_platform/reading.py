@@ -46,6 +46,8 @@ from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
 from inercal.recordings.segments import average_sections, marks_from_labels
 
+_SHORTEST = 1.0  # s: a table does not reach a rate and hold it in less
+
 
 def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
     """Return the observations from a run on a rate platform.
@@ -191,6 +193,10 @@ def _recording(run: RunBase[RatePlatformData]) -> EstimatorInput:
         raise key_error("[data] seconds", "is only for a table of means; remove the key", run.path)
     recording = load_recording(run)
     marks, steps = _marked_sections(run, recording)
+    longest = max((step.seconds for step in steps), default=1.0)
+    if longest < _SHORTEST:
+        text = f"the longest section lasts {longest:.3g} s; check the unit of time, or the rate"
+        raise key_error("[data] time_unit" if run.data.time else "[data] rate", text, run.path)
     known = level_rate_changes(run.bench.latitude, recording, run.sensor, marks, steps)
     require_steady(run, recording, marks, steps, known)
     # Sections at a rate are steady too, so their scatter is noise.

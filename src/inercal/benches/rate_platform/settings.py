@@ -1,7 +1,7 @@
 """The sections [bench] and [data] for a rate platform, and the bench in SI."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import model_validator
 
@@ -28,6 +28,8 @@ class RatePlatformSection(BenchSection):
 
     Errors have no defaults: a run is refused if an error acts but is not stated.
     """
+
+    missing_gravity: ClassVar[str] = "give latitude; gravity replaces it if there are no gyros"
 
     kind: Literal["rate_platform"]
     rate_scale: str | None = optional("500 ppm")
