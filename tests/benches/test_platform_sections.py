@@ -341,3 +341,14 @@ def test_a_simulated_plan_is_found_section_by_section(tmp_path: Path):
     assert len(found.marks) == len(run.steps) == 12
     for mark in found.marks:
         assert set(made.labels[mark.start : mark.stop].tolist()) == {mark.label}
+
+
+def test_sections_of_milliseconds_are_refused(tmp_path: Path):
+    lines = ["time,gx,gy,gz,label"]
+    for k, rate in enumerate((0, 60, -60)):
+        label = f"x {rate:+g}" if rate else "x rest"
+        lines += [f"{k * 500 + j},{rate + j % 5},{j % 3},{j % 2},{label}" for j in range(500)]
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    marked = 'label = "label"\nmarks = "labels"\ntime_unit = "ms"'
+    with refused(key="[data] time_unit"):
+        KIND.observe(run_of(tmp_path, marked))

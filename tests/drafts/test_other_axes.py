@@ -17,7 +17,10 @@ OBLIQUE /= np.linalg.norm(OBLIQUE, axis=1, keepdims=True)
 
 def cluster(folder: Path, names: str) -> Path:
     """Write rests with each axis up and down, of as many axes of a cluster as there are names."""
-    rng, up = np.random.default_rng(1), np.repeat(np.vstack([np.eye(3), -np.eye(3)]), 500, axis=0)
+    rng, faces = np.random.default_rng(1), np.vstack([np.eye(3), -np.eye(3)])
+    up = np.vstack(
+        [np.vstack([np.tile(one, (500, 1)), rng.standard_normal((100, 3))]) for one in faces]
+    )
     read = 9.81 * up @ OBLIQUE[: len(names.split())].T
     read += 0.01 * rng.standard_normal(read.shape)
     rows = [f"{k / 100},{','.join(map(str, row))}" for k, row in enumerate(read.tolist())]

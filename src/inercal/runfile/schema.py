@@ -6,7 +6,7 @@ key has an example, which error messages show.
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from pydantic import Field, create_model, field_validator
 
@@ -44,8 +44,12 @@ class ReadoutSection(Section):
     @field_validator("axis", mode="before")
     @classmethod
     def _one_direction_of_three_numbers(cls, axis: object) -> object:
-        numbers = isinstance(axis, list) and all(isinstance(x, int | float) for x in axis)
-        return [axis] if numbers else axis
+        given: list[object] = cast("list[object]", axis) if isinstance(axis, list) else [axis]
+        if not all(isinstance(one, int | float) for one in given):
+            return cast("object", axis)
+        if len(given) != len("xyz"):
+            raise ValueError("a direction has three numbers, such as [0.6, 0, 0.8]")
+        return [given]
 
     offset: float = optional(default=0.0, about="output at zero, in output units")
     full_scale: str | None = optional("16 g", "2000 °/s", about="largest reading")
