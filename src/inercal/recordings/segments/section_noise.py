@@ -227,8 +227,8 @@ def _notes(
         times = float(np.sqrt(np.median(noise.mean_variance_ratio(seconds))))
         notes.append(
             f"The noise of the {words} within sections is correlated over about "
-            f"{float(f'{noise.seconds:.1g}'):g} s, so the uncertainty of a mean is {times:.2g} times as large as "
-            "it would be with white noise."
+            f"{float(f'{noise.seconds:.1g}'):g} s, so the uncertainty of a mean is {times:.2g} "
+            "times as large as it would be with white noise."
         )
     worst = int(np.argmax(judged.scale))
     ratio = float(np.sqrt(judged.scale[worst] / np.median(judged.scale)))
