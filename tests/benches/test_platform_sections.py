@@ -264,6 +264,22 @@ def test_a_table_of_means_has_no_sections_to_find(tmp_path: Path, key: str):
         run_of(tmp_path, f'kind = "means"\naxis = "axis"\ntable_rate = "rate"\n{key}')
 
 
+@pytest.mark.parametrize("key", ['table_rate_unit = "rpm"', 'angle_unit = "rad"', 'axis = "axis"'])
+def test_a_recording_has_no_columns_of_a_table(tmp_path: Path, key: str):
+    with refused(key="[data]"):
+        run_of(tmp_path, f'label = "label"\nmarks = "labels"\n{key}')
+
+
+def test_labels_in_another_unit_are_refused_with_advice_for_labels(tmp_path: Path):
+    lines = ["time,gx,gy,gz,label"]
+    for k, rate in enumerate((0, 60, -60)):
+        label = f"x {rate / 6:+g}" if rate else "x rest"
+        lines += [f"{(k * 500 + j) / HZ:.3f},{rate},{j % 3},{j % 2},{label}" for j in range(500)]
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with refused(key="[data] label", names=("rpm",)):
+        KIND.observe(run_of(tmp_path, 'label = "label"\nmarks = "labels"'))
+
+
 def test_found_sections_leave_the_settling_out_too(tmp_path: Path):
     read_, labels, spans = session(np.random.default_rng(7))
     written(tmp_path / "log.csv", read_)
@@ -325,3 +341,14 @@ def test_a_simulated_plan_is_found_section_by_section(tmp_path: Path):
     assert len(found.marks) == len(run.steps) == 12
     for mark in found.marks:
         assert set(made.labels[mark.start : mark.stop].tolist()) == {mark.label}
+
+
+def test_sections_of_milliseconds_are_refused(tmp_path: Path):
+    lines = ["time,gx,gy,gz,label"]
+    for k, rate in enumerate((0, 60, -60)):
+        label = f"x {rate:+g}" if rate else "x rest"
+        lines += [f"{k * 500 + j},{rate + j % 5},{j % 3},{j % 2},{label}" for j in range(500)]
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    marked = 'label = "label"\nmarks = "labels"\ntime_unit = "ms"'
+    with refused(key="[data] time_unit"):
+        KIND.observe(run_of(tmp_path, marked))

@@ -381,3 +381,27 @@ def test_accelerometers_are_stated_in_both_sections_or_in_none(tmp_path: Path):
         run_of(tmp_path, table(), accelerometer=["gx", "gy", "gz"])
     with refused(key="[data] accelerometer"):
         run_of(tmp_path, table(), sensor='[sensor.accelerometer]\nunit = "g"')
+
+
+def test_a_rate_beyond_the_full_scale_is_refused(tmp_path: Path):
+    run = run_of(tmp_path, table(), sensor='full_scale = "80 °/s"')
+    with refused(key="[sensor.gyro] full_scale", names=("x +100 °/s",)):
+        run.bench.nuisances(KIND.observe(run_of(tmp_path, table())).steps, run.sensor)
+
+
+def test_a_rate_read_by_a_level_gyro_is_refused(tmp_path: Path):
+    rows: Table = [{"axis": "z", "rate": rate, "gx": rate + 0.01} for rate in (0, 50, -50)]
+    run = run_of(tmp_path, rows, sensor='axis = "x"', gyro=["gx"])
+    with refused(names=("z +50 °/s",)):
+        KIND.observe(run)
+
+
+@pytest.mark.parametrize(("axis", "possible"), [("[0, 0, 1]", True), ("[1, 0]", False)])
+def test_one_direction_is_a_list_of_three_numbers(tmp_path: Path, axis: str, possible: bool):
+    rows: Table = [{"axis": "z", "rate": rate, "gx": rate + 0.01} for rate in (0, 50, -50)]
+    if possible:
+        run = run_of(tmp_path, rows, sensor=f"axis = {axis}", gyro=["gx"])
+        assert [one.i for one in run.sensor.axes] == [(0, 0, 1)]
+        return
+    with refused():
+        run_of(tmp_path, rows, sensor=f"axis = {axis}", gyro=["gx"])

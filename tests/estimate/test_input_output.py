@@ -85,3 +85,12 @@ def test_a_table_that_does_not_fit_is_refused():
         InputOutput(UP, LOOP, np.eye(11), np.eye(11), UP, UP.astype(np.int64), UP.astype(np.int64))
     with refused():
         table(UP, UP, sd=0.0)
+
+
+def test_a_linearity_error_is_only_a_value_if_it_is_significant():
+    bent = UP + 0.01 * UP**3
+    assert linearity_error(table(UP, bent)).detected
+    sd = np.where(UP == 0, 3.0, 1e-3)  # one bad reading has the largest residual
+    off = InputOutput(UP, bent + 3.0 * (UP == 0), np.diag(sd**2), 0 * UP, *2 * [np.arange(11)])
+    assert linearity_error(off).low < 0
+    assert not linearity_error(off).detected

@@ -121,3 +121,18 @@ def test_a_refusal_by_hand_names_gyros_that_read_too_much_at_rest(tmp_path: Path
         calibrate(run)
     assert "gx (column gyr_x) 52" in str(refusal.value)
     assert "[sensor.gyro]" in str(refusal.value)
+
+
+def test_a_forgotten_offset_warns_on_a_rate_table(tmp_path: Path):
+    rows = [f"{axis},{rate},{445 + rate * (axis == 'z')}" for axis in "xz" for rate in (0, 50, -50)]
+    (tmp_path / "table.csv").write_text("\n".join(["axis,rate,gz", *rows]))
+    (tmp_path / "run.toml").write_text(
+        '[sensor]\nname = "G"\n[sensor.gyro]\naxis = "z"\nunit = "°/s"\n'
+        '[bench]\nkind = "rate_platform"\nlatitude = "50 °"\nrate_scale = "0.2 %"\n'
+        'rate_asymmetry = "100 ppm"\nrate_stability = "500 ppm"\nsetting = "0.5 °"\n'
+        '[data]\nfile = "table.csv"\nkind = "means"\naxis = "axis"\ntable_rate = "rate"\n'
+        'gyro = ["gz"]\n[data.sd]\ngyro = "1 °/h"\n'
+        '[method]\nname = "rates_and_poses"\ncoefficients = ["bias", "scale"]\n'
+    )
+    (warning,) = unit_warnings(calibrate(read(tmp_path / "run.toml")))
+    assert "gz (column gz) 445 °/s" in warning

@@ -288,9 +288,34 @@ def test_small_inputs_of_a_plan_form_loops():
     assert len({step.label for step in tilted}) == len(tilted) == 24 + 18
 
 
+def test_a_plan_seeks_the_resolution_about_a_rate_above_the_small_ones():
+    small = (np.radians(0.3), np.radians(0.6))
+    steps = rate_plan(rates=tuple(np.radians([0.5, 4, 7])), positions=3, small_rates=small)
+    rates = [step.rate for step in steps if step.label.startswith("x ")]  # type: ignore[union-attr]
+    assert np.degrees(rates[-9:]) == pytest.approx(7 + np.array(small_loop([0.3, 0.6])))
+
+
+def test_a_resolution_is_about_the_rate_of_the_table(tmp_path: Path):
+    write_table(tmp_path, "gyro", made.Effects())
+    found = calibrate(run_file(tmp_path, "gyro")).characteristics
+    (about,) = [one.about for one in found if one.name == "resolution"]
+    assert about == pytest.approx(np.radians(5), rel=1e-9)
+
+
+def test_a_missing_resolution_is_explained(tmp_path: Path):
+    write_table(tmp_path, "gyro", made.Effects())
+    path, table = run_file(tmp_path, "gyro"), tmp_path / "small_rates.csv"
+    kept = [row for row in table.read_text().splitlines() if not row.startswith(("x,5", "x,4.9"))]
+    table.write_text("\n".join(kept) + "\n")
+    outcome = calibrate(path)
+    assert "resolution" not in {one.name for one in outcome.characteristics}
+    assert any(note.startswith("A resolution needs") for note in outcome.calibration.notes)
+
+
 def test_impossible_small_inputs_are_refused():
-    with refused(key="[method] small_rates"):
-        rate_plan(small_rates=(-0.1,))
+    for rate in (-0.1, np.radians(2.1)):
+        with refused(key="[method] small_rates"):
+            rate_plan(small_rates=(rate,))
     for tilts in ((1e-5,), (1e-5, -2e-5), (1e-5, 0.1)):
         with refused(key="[method] small_tilts"):
             tumble_plan(small_tilts=tilts)

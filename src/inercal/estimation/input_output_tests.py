@@ -179,7 +179,10 @@ def line_residuals(table: InputOutput) -> tuple[Array, Array]:
 
 
 def linearity_error(table: InputOutput) -> Figure:
-    """Return the linearity error, which is detected if a line does not fit within the errors."""
+    """Return the linearity error.
+
+    It is detected if a line does not fit within the errors, and if its interval excludes zero.
+    """
     residual, spread = line_residuals(table)
     worst = int(np.argmax(np.abs(residual)))
     design = np.stack([np.ones_like(table.x), table.x / table.full_scale], axis=-1)
@@ -187,7 +190,7 @@ def linearity_error(table: InputOutput) -> Figure:
     basis = np.linalg.qr(off[:, :2])[0]
     chi2 = float(off[:, 2] @ off[:, 2] - np.sum((basis.T @ off[:, 2]) ** 2))
     found = _figure(abs(float(residual[worst])), sqrt(float(spread[worst, worst])))
-    shown = probability_above(chi2, len(table.x) - 2) < CHANCE
+    shown = found.low > 0 and probability_above(chi2, len(table.x) - 2) < CHANCE
     return replace(found, detected=shown, detectable=nan)
 
 

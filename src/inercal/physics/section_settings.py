@@ -6,7 +6,7 @@ example if its default is None or uninformative; error messages show this exampl
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypedDict, TypeVar, Unpack, overload
+from typing import ClassVar, NamedTuple, TypedDict, TypeVar, Unpack, overload
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
@@ -122,6 +122,8 @@ class BenchSection(Section):
         "24 h", about="longest time allowed between its last measurement and the run"
     )
 
+    missing_gravity: ClassVar[str] = MISSING_GRAVITY
+
     @property
     def without_gravity(self) -> bool:
         """Whether this kind of bench has a method that does not need gravity."""
@@ -130,7 +132,7 @@ class BenchSection(Section):
     @model_validator(mode="after")
     def _gravity_is_known(self) -> "BenchSection":
         if self.gravity is None and self.latitude is None and not self.without_gravity:
-            raise ValueError(MISSING_GRAVITY)
+            raise ValueError(self.missing_gravity)
         if self.height is not None and self.latitude is None:
             raise ValueError(
                 "height also needs latitude: gravity is computed from both; add latitude or remove "

@@ -50,11 +50,12 @@ if TYPE_CHECKING:
 def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) -> FittedRun:
     """Run the estimator for a run that was read and checked."""
     stated = run
-    inputs = run.kind.observe(run)
     try:
+        inputs = run.kind.observe(run)
         run, inputs, thermal = fit_over_temperatures(run, inputs)
     except (InputError, NotObserved) as error:
-        raise error.located(run.path) from None
+        named = error.file is not None or str(run.path) in str(error)
+        raise (error if named else error.located(run.path)) from None
     sensor, bench = run.sensor, inputs.bench or run.bench
     expected = bench.nuisances(inputs.steps, sensor)
     observations, findings = inputs.observations, (*run.findings, *inputs.findings)

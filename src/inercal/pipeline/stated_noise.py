@@ -147,8 +147,8 @@ def _recorded_noise(
             format_value_and_uncertainty(0.0, x / size)[1] for x in (mean, noises[k].white)
         )
         text = (
-            f"{name}: the noise of the recording is {recorded} {unit}, but [sensor.{section}] "
-            f"white states {white} {unit}, {_times(ratio)}; check white, unit and scale of "
+            f"{name}: [sensor.{section}] white is {_times(ratio)}: it is {white} {unit}, but the "
+            f"noise of the recording is {recorded} {unit}; check white, unit and scale of "
             f"[sensor.{section}]"
         )
         if severity == "warning" and ratio > 1 and severe:

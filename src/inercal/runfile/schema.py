@@ -6,9 +6,9 @@ key has an example, which error messages show.
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
-from pydantic import Field, create_model
+from pydantic import Field, create_model, field_validator
 
 from inercal.basics.errors import InputError
 from inercal.benches.kinds import KINDS
@@ -40,6 +40,17 @@ class ReadoutSection(Section):
         [[0.6, 0, 0.8]],
         about="direction of each axis in the case, if there are not three along x, y, z",
     )
+
+    @field_validator("axis", mode="before")
+    @classmethod
+    def _one_direction_of_three_numbers(cls, axis: object) -> object:
+        given: list[object] = cast("list[object]", axis) if isinstance(axis, list) else [axis]
+        if not all(isinstance(one, int | float) for one in given):
+            return cast("object", axis)
+        if len(given) != len("xyz"):
+            raise ValueError("a direction has three numbers, such as [0.6, 0, 0.8]")
+        return [given]
+
     offset: float = optional(default=0.0, about="output at zero, in output units")
     full_scale: str | None = optional("16 g", "2000 °/s", about="largest reading")
     white: str | None = optional("60 µg/√Hz", "0.1 °/√h", about="velocity or angle random walk")

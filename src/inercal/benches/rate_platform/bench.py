@@ -34,8 +34,10 @@ Sources: IEEE Std 952 and 1431 (rate tests), 1293 (multipoint tests), 1554 (test
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import degrees, inf, sqrt
 from typing import NamedTuple
+
+import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
@@ -49,7 +51,8 @@ from inercal.basics.parameters import (
 )
 from inercal.basics.units import Measured
 from inercal.benches.contract import MeanMotion, NoReadingOffsets, require_possible_values
-from inercal.benches.rate_platform.mean_motion import level_rate_factor, sensed_motion
+from inercal.benches.rate_platform.level_rate import level_rate_factor
+from inercal.benches.rate_platform.mean_motion import sensed_motion
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose, RateDwell
 from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.sensors import Sensor
@@ -199,6 +202,7 @@ class RatePlatform(NoReadingOffsets):
         if gyros and self.latitude is None:
             raise _missing("latitude", "48.1 °", "gyros sense the earth's rate")
         by_force = gyros and sensor.select_axes("w").uses("fi", "fp", "fo")
+        _require_measured_rates(sensor, steps)
         self._require_stated(steps, gyros, by_force)
         acting = {"g": local_gravity(self.gravity)} if forces or by_force else {}
         if gyros and self.latitude is not None and self.latitude.sd > 0:
@@ -298,6 +302,20 @@ def _turning(steps: Sequence[PlatformStep]) -> tuple[list[RateDwell], list[RateD
     dwells = [step for step in steps if isinstance(step, RateDwell) and step.rate != 0]
     turns: list[RateDwell] = [step for step in dwells if isinstance(step, KnownTurn)]
     return [step for step in dwells if step not in turns], turns
+
+
+def _require_measured_rates(sensor: Sensor, steps: Sequence[PlatformStep]) -> None:
+    """Refuse a rate beyond the full scale of a gyro."""
+    for axis in sensor.select_axes("w").axes:
+        reach = (axis.readout.full_scale or inf) / abs(axis.readout.scale)
+        for step in _turning(steps)[0]:
+            if abs(step.rate * np.dot(axis.i, step.up)) > reach:
+                raise InputError(
+                    f"[sensor.gyro] full_scale is {degrees(reach):.4g} °/s, but {axis.name} is to "
+                    f"measure {step.label}; choose lower rates, or correct full_scale",
+                    key="[sensor.gyro] full_scale",
+                    names=(step.label,),
+                )
 
 
 def _missing(name: str, example: str, reason: str) -> InputError:

@@ -9,7 +9,7 @@ up to 2 °/s beside a larger rate, are small inputs, which show threshold, dead 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import hypot, radians
+from math import hypot
 
 import numpy as np
 
@@ -17,7 +17,12 @@ from inercal.basics.arrays import Array, Indices
 from inercal.benches.characteristics import Characteristic, error_covariance, table_characteristics
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.mean_motion import changes_of_rate
-from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
+from inercal.benches.rate_platform.sections import (
+    SMALL_RATE,
+    KnownTurn,
+    PlatformStep,
+    RateDwell,
+)
 from inercal.estimation.input_output_tests import InputOutput, line_residuals, scale_factor
 from inercal.physics.sensors import Axis, Sensor
 from inercal.recordings import Observations
@@ -25,7 +30,6 @@ from inercal.recordings.temperature import temperature_varies
 
 _FEWEST = 3  # rates needed for a line with residuals
 _ALONG = 0.5  # cosine
-_SMALL = radians(2.0)  # rad/s
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +45,15 @@ class LineFit:
         Standard deviations of the readings due to noise, divided by K times full scale.
     rows : tuple of int
         Rows of the run in the table.
+    stated : (n,) array
+        Stated rates about the axis, which do not include the earth's rate, rad/s.
     """
 
     channel: str
     table: InputOutput
     sd: Array
     rows: tuple[int, ...]
+    stated: Array
 
     @property
     def residual(self) -> Array:
@@ -59,6 +66,7 @@ def straight_lines(
 ) -> tuple[LineFit, ...]:
     """Return the line of each gyro that was tested at rest and at two or more rates."""
     motion, observations = bench.mean_motion(steps, {}), observations.without_drift()
+    stated = bench.without_earth_rate().mean_motion(steps, {}).w
     declared = bench.nuisances(steps, sensor)
     noise = observations.full_covariance
     changes = changes_of_rate(steps)
@@ -91,7 +99,7 @@ def straight_lines(
             _numbers([place for place, _ in places]),
         )
         size = abs(scale_factor(table).value) * table.full_scale
-        fits.append(LineFit(axis.name, table, sd / size, tuple(rows)))
+        fits.append(LineFit(axis.name, table, sd / size, tuple(rows), stated[rows] @ along))
     return tuple(fits)
 
 
@@ -122,7 +130,13 @@ def gyro_characteristics(
     if temperature_varies(observations.temperature):
         return ()
     return tuple(
-        replace(one, rows=tuple(fit.rows[k] for k in one.rows))
+        replace(
+            one,
+            rows=tuple(fit.rows[k] for k in one.rows),
+            about=None
+            if one.about is None
+            else float(fit.stated[np.argmin(np.abs(fit.table.x - one.about))]),
+        )
         for fit in straight_lines(observations, sensor, bench, steps)
-        for one in table_characteristics(fit.channel, fit.table, _SMALL, "°/h")
+        for one in table_characteristics(fit.channel, fit.table, SMALL_RATE, "°/h")
     )

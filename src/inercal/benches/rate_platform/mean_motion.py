@@ -4,13 +4,14 @@ The equations and symbols are the same as in `inercal.benches.rate_platform.benc
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from math import cos, pi, sin
+from math import cos, sin
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.benches.contract import MeanMotion, stack_derivatives
+from inercal.benches.rate_platform.level_rate import level_rate_factor, perpendicular_axes
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
 from inercal.physics.earth import EARTH_RATE
 from inercal.physics.frames import exp_so3, left_jacobian, skew
@@ -75,22 +76,6 @@ def sensed_motion(
         stack_derivatives([row.df for row in rows], (*shape, 3)),
         stack_derivatives([row.dw for row in rows], (*shape, 3)),
     )
-
-
-def level_rate_factor(step: RateDwell) -> tuple[float, float]:
-    """Return the sensed fraction of the horizontal earth rate, sinc(Θ/2), and Θ/2 in rad."""
-    if step.rate == 0:
-        return 1.0, 0.0
-    half = step.rate * step.seconds / 2
-    if half == 0:
-        return 0.0, 0.0  # an unknown number of whole turns
-    return float(np.sinc(half / pi)), half
-
-
-def perpendicular_axes(axis: str) -> tuple[Array, Array]:
-    """Return the two case axes that follow an axis in the cycle x, y, z."""
-    j = "xyz".index(axis[-1])
-    return _UNITS[(j + 1) % 3], _UNITS[(j + 2) % 3]
 
 
 def tilt_directions(up: Array) -> tuple[Array, Array]:

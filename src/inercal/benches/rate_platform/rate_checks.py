@@ -1,6 +1,6 @@
 """Check the unit, sign and axis of the rates, and the axis that is up, against the readings."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import sqrt
 
 import numpy as np
@@ -47,14 +47,18 @@ def require_rates(
     rates = bench.without_earth_rate().mean_motion(steps, {}).w
     nominal = rates @ run.sensor.input_axes("w").T
     seen = np.abs(nominal).max(axis=1, initial=0.0) > _CLEAR * np.linalg.norm(rates, axis=1)
+    read = observations.mean[:, gyros] - _rough_bias(observations.mean[:, gyros], nominal)
+    names = [run.sensor.channels[k] for k in gyros]
+    for k in turning if gyros else ():
+        most = int(np.argmax(np.abs(read[k])))
+        if not seen[k] and abs(read[k, most]) > _CLEAR * abs(rates[k]).max():
+            _refuse_row(run, steps[k], f"{names[most]} reads the rate, although its axis is level")
     turning = [k for k in turning if seen[k]]
     if not turning:
         return
-    read = observations.mean[:, gyros] - _rough_bias(observations.mean[:, gyros], nominal)
     own = np.argmax(np.abs(nominal), axis=1)
     along = np.array([read[k, own[k]] / nominal[k, own[k]] for k in turning])
     ratio = float(np.median(np.abs(along)))
-    names = [run.sensor.channels[k] for k in gyros]
     for k, one in zip(turning, along.tolist(), strict=True):
         most = int(np.argmax(np.abs(read[k])))
         if most != own[k] and abs(read[k, most]) > 2 * abs(read[k, own[k]]):
@@ -79,27 +83,29 @@ def _rough_bias(read: Array, nominal: Array) -> Array:
 def _refuse_row(run: RunBase[RatePlatformData], step: PlatformStep, text: str) -> None:
     raise InputError(
         f"{run.path}: row {step.label} is {step.describe()}, but {text}; correct axis or sign of "
-        "the rate in the table, or the order and signs of the gyros' columns",
+        "the rate in the table, or the order, signs and axes of the gyros",
         file=run.path,
         names=(step.label,),
     )
 
 
 def _refuse_unit(run: RunBase[RatePlatformData], ratio: float) -> None:
-    given = run.data.rate_size
+    given, means = run.data.rate_size, run.data.kind == "means"
+    key = "[data] table_rate_unit" if means else "[data] label"
     for unit in _UNITS:
         factor = si_factor(unit, "rad/s") / given
         if abs(ratio / factor - 1) < _NEAR:
+            advice = f'state table_rate_unit = "{unit}"' if means else "state the rates in °/s"
             raise key_error(
-                "[data] table_rate_unit",
+                key,
                 f"according to the gyros, the rates are {factor:.4g} times as large, in {unit} and "
-                f'not in {run.data.table_rate_unit}; state table_rate_unit = "{unit}", or '
-                "correct the unit in [sensor.gyro]",
+                f"not in {run.data.table_rate_unit}; {advice}, or correct the unit in "
+                "[sensor.gyro]",
                 run.path,
                 (unit,),
             )
     raise key_error(
-        "[data] table_rate_unit",
+        key,
         f"the gyros read {ratio:.4g} times the stated rates; check the unit of the rates, and unit "
         "and scale in [sensor.gyro]",
         run.path,
@@ -111,12 +117,14 @@ def require_steady(
     recording: Recording,
     marks: Sequence[Mark],
     steps: Sequence[PlatformStep],
+    known: Callable[[str], Array | float],
 ) -> None:
     """Refuse dwells whose rate about the table's axis changes during the section.
 
     A dwell is refused if the means of its halves differ by more than 6σ and 2e-4 of the rate. σ is
     estimated from the median difference between the means of neighbouring blocks. Turns through an
-    angle are not checked, because they have no steady rate.
+    angle are not checked, because they have no steady rate. The changes that `known` returns for a
+    label, such as `level_rate_changes`, are subtracted first.
 
     Raises
     ------
@@ -126,11 +134,11 @@ def require_steady(
     for mark, step in zip(marks, steps, strict=True):
         if isinstance(step, KnownTurn) or not isinstance(step, RateDwell):
             continue
-        for axis in run.sensor.select_axes("w").axes:
-            if abs(np.array(axis.i) @ np.array(step.up)) < _CLEAR:
+        columns = [recording.channels.index(name) for name in run.sensor.channels]
+        data = run.sensor.to_si(recording.data[mark.start : mark.stop, columns])
+        for axis, read in zip(run.sensor.axes, (data - known(mark.label)).T, strict=True):
+            if axis.measures != "w" or abs(np.array(axis.i) @ np.array(step.up)) < _CLEAR:
                 continue
-            column = recording.channels.index(axis.name)
-            read = recording.data[mark.start : mark.stop, column] / axis.readout.scale
             change, sd = _change_between_halves(read)
             if abs(change) > _SIGMAS * sd + _STEADY * abs(step.rate):
                 where = f"section {mark.label} ({recording.where(mark.start)})"

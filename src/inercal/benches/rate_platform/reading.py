@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import degrees
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.characteristics import BAND_NOTE, characteristic_notes, rows_of_bands
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
+from inercal.benches.rate_platform.level_rate import level_rate_changes
 from inercal.benches.rate_platform.linearity import gyro_characteristics
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
 from inercal.benches.rate_platform.section_finder import find_sections, settled
 from inercal.benches.rate_platform.sections import (
+    SMALL_RATE,
     KnownTurn,
     PlatformStep,
     Pose,
@@ -43,6 +46,8 @@ from inercal.recordings.io.file_patterns import is_pattern
 from inercal.recordings.io.mean_tables import observations_from_table, read_columns
 from inercal.recordings.segments import average_sections, marks_from_labels
 
+_SHORTEST = 1.0  # s: a table does not reach a rate and hold it in less
+
 
 def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
     """Return the observations from a run on a rate platform.
@@ -59,7 +64,12 @@ def observe(run: RunBase[RatePlatformData]) -> EstimatorInput:
     require_rates(run, result.observations, bench, steps)
     require_axes_up(run, result.observations, bench, steps)
     found = gyro_characteristics(result.observations, run.sensor, bench, steps)
-    notes, conditions = characteristic_notes(found), _conditions(bench, steps)
+    notes, names = characteristic_notes(found), {one.name for one in found}
+    if "threshold" in names and "resolution" not in names:
+        limit = f"{degrees(SMALL_RATE):g} °/s"
+        text = f"A resolution needs small rates about a rate above {limit}, up to a tenth of it."
+        notes = (*notes, text)
+    conditions = _conditions(bench, steps)
     if banded := rows_of_bands(found):
         result = result.rows([row for row in range(len(steps)) if row not in banded])
         notes = (*notes, BAND_NOTE)
@@ -186,11 +196,23 @@ def _recording(run: RunBase[RatePlatformData]) -> EstimatorInput:
         raise key_error("[data] seconds", "is only for a table of means; remove the key", run.path)
     recording = load_recording(run)
     marks, steps = _marked_sections(run, recording)
-    require_steady(run, recording, marks, steps)
+    longest = max((step.seconds for step in steps), default=1.0)
+    if longest < _SHORTEST:
+        text = f"the longest section lasts {longest:.3g} s; check the unit of time, or the rate"
+        raise key_error("[data] time_unit" if run.data.time else "[data] rate", text, run.path)
+    known = level_rate_changes(run.bench.latitude, recording, run.sensor, marks, steps)
+    require_steady(run, recording, marks, steps, known)
     # Sections at a rate are steady too, so their scatter is noise.
     turning = [step.label for step in steps if isinstance(step, KnownTurn)]
     means = average_sections(
-        recording, run.sensor, marks, steps, found=True, drifting=True, turning=turning
+        recording,
+        run.sensor,
+        marks,
+        steps,
+        found=True,
+        drifting=True,
+        turning=turning,
+        known=known,
     )
     return EstimatorInput(recording, marks, means, steps, steps, recording.findings)
 

@@ -222,7 +222,7 @@ def _words(recording: Recording, gyros: Sensor, runs: Sequence[SteadyRun]) -> st
 def settled(
     recording: Recording, marks: Sequence[Mark], steps: Sequence[PlatformStep], settle: float
 ) -> tuple[tuple[Mark, ...], tuple[PlatformStep, ...]]:
-    """Return labelled sections without the settling time of the table, shortened to whole turns.
+    """Return labelled sections without the settling time of the table.
 
     Raises
     ------

@@ -19,6 +19,7 @@ from inercal.basics.errors import InputError
 from inercal.physics.plan import AXES, Vector, describe_direction
 from inercal.recordings.data.face_names import parse_face
 
+SMALL_RATE = radians(2.0)  # rad/s: the largest change of a rate that shows threshold and resolution
 _NUMBER = r"[-+−]?\d+(?:\.\d+)?(?:e-?\d+)?"
 _COUNT = r"(?:\s*\(\d+\))?"
 _DWELL = re.compile(rf"([-+−]?[xyz])\s+(?:(rest)|({_NUMBER})\s*(?:°/s)?){_COUNT}")

@@ -1,7 +1,7 @@
 """The sections [bench] and [data] for a rate platform, and the bench in SI."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import model_validator
 
@@ -17,12 +17,19 @@ from inercal.physics.section_settings import (
 )
 from inercal.recordings.data import DataSection, unit_size
 
+_ONLY = {  # keys by the kind of data to which they apply
+    "recordings": "sections settle",
+    "tables of means": "axis table_rate table_rate_unit turn setting roll pitch angle_unit",
+}
+
 
 class RatePlatformSection(BenchSection):
     """Section [bench] for a table with constant rates and a platform with known angles.
 
     Errors have no defaults: a run is refused if an error acts but is not stated.
     """
+
+    missing_gravity: ClassVar[str] = "give latitude; gravity replaces it if there are no gyros"
 
     kind: Literal["rate_platform"]
     rate_scale: str | None = optional("500 ppm")
@@ -68,10 +75,11 @@ class RatePlatformData(DataSection):
     )
 
     @model_validator(mode="after")
-    def _sections_are_of_recordings(self) -> "RatePlatformData":
-        for name in ("sections", "settle"):
-            if self.kind == "means" and getattr(self, name) is not None:
-                raise ValueError(f"{name} is for recordings only; remove it")
+    def _each_kind_has_its_keys(self) -> "RatePlatformData":
+        other = "recordings" if self.kind == "means" else "tables of means"
+        for name in _ONLY[other].split():
+            if name in self.model_fields_set and getattr(self, name) is not None:
+                raise ValueError(f"{name} is for {other} only; remove it")
         return self
 
     @property

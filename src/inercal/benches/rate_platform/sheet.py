@@ -2,26 +2,25 @@
 
 from math import degrees
 
+from inercal.basics.errors import InputError
 from inercal.basics.units import format_duration
 from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
+from inercal.benches.rate_platform.bench import RatePlatform
+from inercal.benches.rate_platform.level_rate import level_rate_factor
 from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
+from inercal.physics.earth import earth_rate_up_north
 from inercal.physics.plan import describe_direction
 from inercal.physics.section_settings import key_error
 from inercal.recordings.data import RunBase
 
+_PARTIAL = 1e-6  # of the level earth rate, or °/s: larger than rounding
+
 
 def sheet(run: RunBase[RatePlatformData]) -> Sheet:
-    """Return the worksheet with the sections of a run's plan.
-
-    Raises
-    ------
-    InputError
-        [data] does not name a column that a section needs.
-    """
+    """Return the worksheet with the sections of a run's plan.."""
     data = run.data
     steps: list[PlatformStep] = [s for s in run.steps if isinstance(s, RateDwell | Pose)]
-    _require_columns(run, steps)
     columns = (data.axis, data.table_rate, data.roll, data.pitch, data.setting, data.seconds)
     rows: list[SheetRow] = []
     for k, step in enumerate(steps, start=1):
@@ -47,13 +46,39 @@ def sheet(run: RunBase[RatePlatformData]) -> Sheet:
             "Begin each section in a setting at the same azimuth, and average over whole turns.",
             "Do not change a setting until all its rates are measured, because the table's axis "
             "must not move in the case.",
-            "Remove the row of a failed section from the file.",
+            "If a section fails, repeat it, or delete its row from the table.",
+            *(_notes_of_partial_turns(run.bench, steps) if gyro else ()),
         ),
         (*columns, *data.accelerometer, *gyro),
+        table_error=_table_error(run, steps),
     )
 
 
-def _require_columns(run: RunBase[RatePlatformData], steps: list[PlatformStep]) -> None:
+def _notes_of_partial_turns(bench: RatePlatform, steps: list[PlatformStep]) -> tuple[str, ...]:
+    """Return a note about the level earth rate in sections of less than one turn, if any."""
+    turning = [step for step in steps if isinstance(step, RateDwell) and step.rate]
+    parts = [(abs(step.rate), abs(level_rate_factor(step)[0])) for step in turning]
+    short = [(rate, part) for rate, part in parts if part > _PARTIAL]
+    level = earth_rate_up_north(bench.latitude.value)[1] if bench.latitude and short else 0.0
+    if degrees(level) < _PARTIAL:
+        return ()
+    fastest, most = degrees(max(short)[0]), degrees(level * max(part for _, part in short)) * 3600
+    return (
+        f"{len(short)} sections, at rates up to {fastest:.4g} °/s, last less than one turn. A gyro "
+        f"across the table's axis reads up to {most:.2g} °/h of the level Earth rate in them. The "
+        "uncertainties above include this, if the sections begin at the same azimuth. One turn at "
+        f"{fastest:.4g} °/s takes {format_duration(360 / fastest)} ([method] seconds).",
+    )
+
+
+def _table_error(run: RunBase[RatePlatformData], steps: list[PlatformStep]) -> InputError | None:
+    if run.data.kind != "means":
+        return key_error(
+            "[data] kind",
+            "only a table of means has a table to fill in, but [data] states a recording; leave "
+            "out --out",
+            run.path,
+        )
     poses = [step for step in steps if isinstance(step, Pose)]
     for own, names in (
         (len(steps) - len(poses), ("axis", "table_rate")),
@@ -61,6 +86,7 @@ def _require_columns(run: RunBase[RatePlatformData], steps: list[PlatformStep]) 
     ):
         for name in names:
             if own and getattr(run.data, name) is None:
-                raise key_error(
+                return key_error(
                     f"[data] {name}", "is missing: name its column in the worksheet", run.path
                 )
+    return None

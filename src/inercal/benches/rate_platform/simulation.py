@@ -13,7 +13,8 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.benches.contract import SensorSimulation, SimulatedMotion, concatenate_motions
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.mean_motion import perpendicular_axes, sensed_motion
+from inercal.benches.rate_platform.level_rate import level_earth_rate
+from inercal.benches.rate_platform.mean_motion import sensed_motion
 from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor
@@ -108,9 +109,5 @@ def _turned_over(before: Array, after: Array, rate_hz: float) -> Motion:
 
 def _level_earth_rate(step: RateDwell, drawn: dict[str, Array], time: Array) -> Array:
     """Return the horizontal earth rate in the case frame, (trials, n, 3) rad/s."""
-    names = [f"earth_{k}[{step.place}]" for k in (1, 2)]
-    h1, h2 = (drawn.get(name, np.zeros(1))[..., None, None] for name in names)
-    angle = step.rate * time * (-1 if step.axis.startswith("-") else 1)
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    first, second = perpendicular_axes(step.axis)
-    return (c * h1 + s * h2) * first + (c * h2 - s * h1) * second
+    parts = [drawn.get(f"earth_{k}[{step.place}]", np.zeros(1)) for k in (1, 2)]
+    return np.einsum("naj,jt->tna", level_earth_rate(step, time), np.stack(parts))

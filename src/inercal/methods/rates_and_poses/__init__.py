@@ -34,7 +34,7 @@ multipoint tests; IEEE Std 528, 952 and 1431. The likelihood is our own.
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
-from math import pi, radians
+from math import degrees, pi, radians
 
 import numpy as np
 
@@ -67,6 +67,7 @@ _TILTED = (
     *product((45, -45, 135), (35, -35)),
 )
 _POSES = {"none": (), "faces": _FACES, "tilted": _TILTED}
+_ROUNDED = 1 + 1e-9
 _NOTHING = 1e-6  # of g, or of 1 rad/s
 
 
@@ -94,8 +95,10 @@ def plan(
     attitudes : str
         Poses at the end: "none", "faces" (six poses) or "tilted" (24 poses in all directions).
     small_rates : tuple of float
-        Changes of the rate, rad/s, all positive. In each setting the table steps through them about
-        zero and about the lowest speed, in a loop, which shows threshold and resolution.
+        Changes of the rate, rad/s, positive, at most `SMALL_RATE`. In each setting the table steps
+        through them about zero, in a loop, which shows the threshold. It then steps through them
+        about the lowest speed that is above `SMALL_RATE` and at least ten times as large as they
+        are, which shows the resolution.
 
     Raises
     ------
@@ -109,6 +112,13 @@ def plan(
                 "table turns at each speed in both directions",
                 key=f"[method] {key}",
             )
+    largest = max(small_rates, default=0.0)
+    if largest > _ROUNDED * sections.SMALL_RATE:
+        raise InputError(
+            f"small_rates contains {degrees(largest):g} °/s, but a small rate is at most "
+            f"{degrees(sections.SMALL_RATE):g} °/s",
+            key="[method] small_rates",
+        )
     if positions not in _SETTINGS:
         raise InputError(
             f"positions is {positions}, but it must be 3 (each axis up) or 6 (each axis up and "
@@ -121,7 +131,9 @@ def plan(
             key="[method] attitudes",
         )
     of_setting = _rates_of_setting(rates, reverse)
-    for centre in (0.0, *sorted(rates)[:1]) if small_rates else ():
+    least = max(sections.SMALL_RATE, 10 * largest) / _ROUNDED
+    centres = sorted(rate for rate in rates if rate > least)[:1]
+    for centre in (0.0, *centres) if small_rates else ():
         of_setting += [centre + change for change in small_loop(small_rates)]
     dwells = [(axis, rate) for axis in _SETTINGS[positions] for rate in of_setting]
     names = number_repeated_names([sections.dwell_label(axis, rate) for axis, rate in dwells])

@@ -69,8 +69,8 @@ def require_determined(
     words = tuple(direction_in_words(row, names) for row in weights)
     raise NotObserved(
         f"these steps do not determine {', '.join(touched)} (undetermined combinations, in "
-        f"units of g and rad/s: {'; '.join(words)}); {_remedy(touched, steps)}choose fewer "
-        "coefficients, or give a prior",
+        f"units of g and rad/s: {'; '.join(words)}); {_remedy(touched, sensor, steps)}choose "
+        "fewer coefficients, or give a prior",
         words,
         names=touched,
     )
@@ -97,7 +97,7 @@ def _nominal_design(
     return natural.reshape(*natural.shape[:-3], -1, natural.shape[-1])
 
 
-def _remedy(names: Sequence[str], steps: PlatformSteps) -> str:
+def _remedy(names: Sequence[str], sensor: Sensor, steps: PlatformSteps) -> str:
     """Return the sections that would determine the coefficients, as part of a sentence."""
     terms = {CoefficientName(name).term for name in names}
     rates = [step.rate for step in steps if isinstance(step, RateDwell) and step.rate != 0]
@@ -109,7 +109,10 @@ def _remedy(names: Sequence[str], steps: PlatformSteps) -> str:
         advice.append("turn at a further speed and rest in each setting")
     if any(term.startswith("g_") for term in terms):
         advice.append("set the case with each axis up and down")
-    if terms & {"k0", "k1", "delta_o", "delta_p"}:
+    skew = {name for name in names if CoefficientName(name).term in ("delta_o", "delta_p")}
+    if skew & set(sensor.select_axes("w").coefficients):
+        advice.append("turn with the other axes up too, which shows misalignments")
+    if terms & {"k0", "k1"} or skew & set(sensor.select_axes("f").coefficients):
         advice.append("rest with each axis up and down")
     if not advice:
         advice.append("rest and turn with each axis up")

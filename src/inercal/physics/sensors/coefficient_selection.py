@@ -77,7 +77,8 @@ def _nonorthogonality(axes: Sequence[Axis], k: int) -> list[str]:
 def _unknown_word_error(axes: Sequence[Axis], word: str) -> InputError:
     lines = [c for axis in axes for c in TABLES[axis.measures]]
     short = sorted({c.name for c in lines})
-    groups = [*dict.fromkeys(c.group for c in lines), "nonorthogonality"]
+    triad = word != "nonorthogonality"  # other clusters do not have this group
+    groups = [*dict.fromkeys(c.group for c in lines), *["nonorthogonality"] * triad]
     axis, term = CoefficientName(word).parts
     near = get_close_matches(term, dict.fromkeys([*short, *groups]), n=2)
     if axis and axis not in {one.name for one in axes}:

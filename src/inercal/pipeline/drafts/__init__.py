@@ -20,12 +20,14 @@ from inercal.pipeline.drafts.arm_units import arm_rate_unit
 from inercal.pipeline.drafts.clock_keys import clock_keys, suggest_rate
 from inercal.pipeline.drafts.column_names import is_reversed
 from inercal.pipeline.drafts.column_roles import (
+    BY_HAND,
     NO_GYROS,
     NO_LABEL,
     NO_MARKS,
     NO_SENSOR,
     ColumnRoles,
     UnknownAccelerometers,
+    require_no_cluster,
     unknown_accelerometers,
     without_sections,
 )
@@ -61,7 +63,7 @@ from inercal.pipeline.drafts.method_trials import (
 )
 from inercal.pipeline.drafts.quiet_sections import QuietMeans
 from inercal.pipeline.drafts.rate_tables import (
-    gyro_deviation_key,
+    gyro_deviation_keys,
     gyro_readout,
     rate_bench_keys,
     with_rate_table,
@@ -308,7 +310,7 @@ def _draft(
         *data_keys(logs, path, table, roles, bench, values),
         *signs,
         *suggest_rate(clock, readouts.get("gyro")),
-        *((gyro_deviation_key(table, roles, readouts["gyro"]),) if at_rates else ()),
+        *(gyro_deviation_keys(table, roles, readouts["gyro"]) if at_rates else ()),
         *((deviation_key(start_deviation(roles), GUESS),) if guessed else ()),
     )
     entries = _with_stated(entries, _named_columns(values, roles))
@@ -347,6 +349,7 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
         )
     if "accelerometer" not in roles.triads:
         raise unknown_accelerometers(log, table, roles)
+    require_no_cluster(log, table, roles)
     thermometer = roles.single.get("temperature")
     read = np.zeros(1) if thermometer is None else table.numbers(thermometer)
     read = read[np.isfinite(read)]
@@ -355,8 +358,8 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
     if not candidates:
         count = format_count(len(roles.triads["accelerometer"]), "accelerometer column")
         raise InputError(
-            f"{log}: no method fits {count} together with these other columns: "
-            f"{', '.join(roles.single) or 'none'}; see inercal show {log}",
+            f"{log}: init drafts no run file for {count} together with these other columns: "
+            f"{', '.join(roles.single) or 'none'}; {BY_HAND}",
             file=log,
         )
     return candidates

@@ -64,6 +64,7 @@ _UNITS = (  # units in a column's name, as text or in brackets, with their kind
     (re.compile(r"\bm(dps|(deg|°)/?s)\b|_mdps\b"), "m°/s"),
     (re.compile(r"(deg|°)_?/?s\b|dps\b|_deg\b|(deg|°)\W?s(\^?-1|⁻¹)"), "°/s"),
     (re.compile(r"lsb|counts?|raw"), "LSB"),
+    (re.compile(r"\[v\]|\(v\)|_volts?\b"), "V"),
 )
 _KINDS: Mapping[str, str] = {
     "m/s²": "accelerometer",

@@ -11,7 +11,6 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
-from inercal.basics.units import format_count
 from inercal.pipeline.drafts.column_names import (
     has_axes,
     in_axis_order,
@@ -55,6 +54,9 @@ STATED = "as stated"
 NO_SENSOR = "no sensor"
 """Key for the files of other sensors, such as magnetometers, which are not used."""
 
+BY_HAND = "write the run file by hand: docs/how-to/axes.md shows sensors with any axes"
+"""Advice for columns for which no run file can be drafted."""
+
 _TABLE = ("outer", "middle", "inner")
 _ATTITUDE = ("psi", "theta")
 _TRIADS = ("accelerometer", "gyro")
@@ -65,6 +67,7 @@ _SI = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _FEWEST_LABELS, _MOST_LABELS = 2, 1000
 _LABEL_STRETCH = 20  # samples in a typical stretch
 _LABELS_AT_REST = 4  # labels whose stretches are at rest
+_COMBINED = 0.1  # scatter of a column that the triad does not explain, relative to its own
 _STILL = 0.05  # scatter of a stretch at rest, relative to the range of the recording
 _DATE = re.compile(r"\d{1,4}([-/.]\d{1,2}[-/.]\d{1,4}\b.*|:\d{2}\b.*)")
 _ABSENT = ("", "nan", "none")
@@ -291,13 +294,14 @@ class UnknownAccelerometers(InputError):
 
 def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> UnknownAccelerometers:
     """Return the error for a recording, with its columns and how to state those of a triad."""
-    numbers = tuple(n for n in table.names if table.columns[n].dtype.kind != "U")
+    taken = set(roles.single.values())
+    numbers = tuple(n for n in table.names if n not in taken and table.columns[n].dtype.kind != "U")
     if len(numbers) < len("xyz"):
         raise InputError(
-            f"{log} is no recording of an IMU and no table of its readings: it has "
-            f"{format_count(len(numbers), 'column')} of numbers, but a calibration needs three "
-            "accelerometers, or the angle of a dividing head and a reading; the columns are "
-            f"{', '.join(map(shorten, table.names[:_MOST_LISTED]))}",
+            f"{log}: init drafts run files for recordings with three accelerometers, for tables of "
+            "means from a rate table, with an axis, a rate and the readings of one gyro or more, "
+            "and for tables from a dividing head, with an angle and a reading. This file has the "
+            f"columns {', '.join(map(shorten, table.names[:_MOST_LISTED]))}; {BY_HAND}",
             file=log,
             names=table.names,
         )
@@ -316,6 +320,35 @@ def unknown_accelerometers(log: Path, table: Table, roles: ColumnRoles) -> Unkno
     )
     error.columns = numbers
     return error
+
+
+def require_no_cluster(log: Path, table: Table, roles: ColumnRoles) -> None:
+    """Refuse a triad, recognised without axes in its names, that belongs to a larger cluster.
+
+    A further column belongs to it if its name differs only in the last character, and its readings
+    are a combination of those of the triad.
+
+    Raises
+    ------
+    InputError
+    """
+    for kind, triad in roles.triads.items():
+        stem = {name[:-1] for name in triad}
+        if roles.reasons[kind] == STATED or len(stem) > 1 or has_axes(triad) or not table.header:
+            continue
+        design = np.column_stack([table.stack(triad), np.ones(table.rows)])
+        for name in (one for one in table.names if one[:-1] in stem and one not in triad):
+            read = table.numbers(name)
+            left = read - design @ np.linalg.lstsq(design, read)[0]
+            if left.std() < _COMBINED * read.std():
+                raise InputError(
+                    f"{log}: {', '.join(triad)} and {name} look like one cluster of axes in other "
+                    f"directions than x, y and z; {BY_HAND}, or state the columns of a triad, as "
+                    f"in --set data.{kind}='{dumps(list(triad), ensure_ascii=False)}'",
+                    file=log,
+                    key=f"data.{kind}",
+                    names=(*triad, name),
+                )
 
 
 def _names_sections(table: Table, name: str, force: Array | None) -> bool:

@@ -29,6 +29,7 @@ from inercal.pipeline.drafts.readouts import (
 )
 from inercal.recordings.data import unit_size
 from inercal.recordings.io.column_table import Table, shorten
+from inercal.recordings.io.mean_tables import SD_SUFFIX
 from inercal.recordings.io.repeated_values import railed_ranges
 from inercal.recordings.temperature import COUNTS, first_impossible, seems_kelvin
 
@@ -255,7 +256,7 @@ def unused_columns(table: Table, entries: Sequence[DraftKey]) -> tuple[str, ...]
             value = entry.value
             given = cast(list[object], value) if isinstance(value, list) else [value]
             used |= {str(name).removeprefix("-") for name in given}
-    left = [name for name in table.names if name not in used]
+    left = [name for name in table.names if name.removesuffix(SD_SUFFIX) not in used]
     if not left:
         return ()
     more = f", … ({len(left)} in all)" if len(left) > _MOST_LISTED else ""

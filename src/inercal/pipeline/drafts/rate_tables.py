@@ -16,6 +16,8 @@ from inercal.pipeline.drafts.draft_entries import ANYWHERE, UNKNOWN, DraftKey
 from inercal.pipeline.drafts.readouts import GuessedReadout, counts_per_degree
 from inercal.recordings.data.face_names import parse_face
 from inercal.recordings.io.column_table import Table
+from inercal.recordings.io.mean_tables import SD_SUFFIX
+from inercal.recordings.io.rest_norm import LARGEST_BIAS
 
 _PROPORTIONAL = 0.999  # correlation of a rate and the gyro that senses it
 _NEAR = 0.12  # relative to a unit's size
@@ -106,21 +108,22 @@ def rate_unit(table: Table, roles: ColumnRoles) -> tuple[str, str]:
         return unit, "by its name"
     stated = roles.units.get("gyro", "")
     if stated in ("°/s", "rad/s"):
-        ratio = _slope(table, roles)
+        ratio, _ = _line(table, roles)
         for unit in ("°/s", "rad/s"):
             if abs(ratio * si_factor(stated) / si_factor(unit) - 1) < _NEAR:
                 return unit, "the gyros read as much in this unit"
     return "°/s", "assumed; state rad/s or rpm if it is not true"
 
 
-def _slope(table: Table, roles: ColumnRoles) -> float:
-    """Return the readings of the gyro of the axis that is up over the table's rate."""
+def _line(table: Table, roles: ColumnRoles) -> tuple[float, float]:
+    """Return slope and reading at zero of the gyro of the axis that is up over the table's rate."""
     faces = [parse_face(str(cell)) for cell in table.columns[roles.single["axis"]].tolist()]
     letters = axis_letters(roles.triads["gyro"])
     named = np.array([face is not None and face[-1] in letters for face in faces])
     sensed = _along(table, roles.triads["gyro"], faces)[named]
     rate = table.numbers(roles.single["table_rate"])[named]
-    return float(np.polyfit(rate, sensed, 1)[0])
+    slope, at_zero = np.polyfit(rate, sensed, 1).tolist()
+    return slope, at_zero
 
 
 def gyro_readout(table: Table, roles: ColumnRoles) -> GuessedReadout:
@@ -129,7 +132,8 @@ def gyro_readout(table: Table, roles: ColumnRoles) -> GuessedReadout:
     if stated not in (None, "LSB", "V"):
         return GuessedReadout(str(stated), "", 0.0, si_factor(str(stated)), "as stated or named")
     rate, _ = rate_unit(table, roles)
-    slope = _slope(table, roles) / si_factor(rate)
+    slope, at_zero = _line(table, roles)
+    slope /= si_factor(rate)
     for unit in ("°/s", "rad/s"):
         if stated is None and abs(slope * si_factor(unit) - 1) < _NEAR:
             return GuessedReadout(unit, "", 0.0, si_factor(unit), "they read the table's rate")
@@ -137,7 +141,9 @@ def gyro_readout(table: Table, roles: ColumnRoles) -> GuessedReadout:
     unit = stated or "LSB"
     near, why = counts_per_degree(counts)
     reason = f"they read {counts:.4g} per °/s of the table{why}"
-    return GuessedReadout(unit, f"{near:.6g} {unit}/(°/s)", 0.0, si_factor("°/s") / near, reason)
+    offset = float(f"{at_zero:.4g}") if abs(at_zero) > LARGEST_BIAS * abs(slope) else 0.0
+    scale, size = f"{near:.6g} {unit}/(°/s)", si_factor("°/s") / near
+    return GuessedReadout(unit, scale, offset, size, reason)
 
 
 def rate_bench_keys(roles: ColumnRoles) -> tuple[DraftKey, ...]:
@@ -158,8 +164,15 @@ def rate_bench_keys(roles: ColumnRoles) -> tuple[DraftKey, ...]:
     return tuple(entries)
 
 
-def gyro_deviation_key(table: Table, roles: ColumnRoles, readout: GuessedReadout) -> DraftKey:
-    """Return the deviation of a mean, from the residuals of smooth curves through the rates."""
+def gyro_deviation_keys(
+    table: Table, roles: ColumnRoles, readout: GuessedReadout
+) -> tuple[DraftKey, ...]:
+    """Return the deviation of a mean, from the residuals of smooth curves through the rates.
+
+    The result is empty if columns of the table state the deviations.
+    """
+    if all(name + SD_SUFFIX in table.names for name in roles.triads["gyro"]):
+        return ()
     faces = table.columns[roles.single["axis"]]
     rate = table.numbers(roles.single["table_rate"])
     found: list[float] = []
@@ -176,4 +189,4 @@ def gyro_deviation_key(table: Table, roles: ColumnRoles, readout: GuessedReadout
     size = float(np.median(found)) * readout.size if found else 0.0
     text = format_quantity(max(size, si_factor("°/h")), 0.0, "°/h", 2)
     reason = "from the residuals of smooth curves: state the measured deviation of your means"
-    return DraftKey("data.sd", "gyro", text, reason)
+    return (DraftKey("data.sd", "gyro", text, reason),)

@@ -188,14 +188,15 @@ def check_zero_rates(
         Means in SI units from the nominal readout, without a trial axis.
     sensor : Sensor
     steps : sequence of r Step
-        Step of each row; rests are steps of the classes `Hold` and `Position`.
+        Step of each row; rests are steps of the classes `Hold` and `Position`, and steps whose rate
+        is 0.
     priors : sequence of Gaussian
         Priors of biases. The difference from the mean of a prior may be 20 °/s, or the expanded
         uncertainty of the prior if this is larger.
     columns : sequence of str or int
         Columns that [data] gyro names, in the order of the sensor's gyros.
     """
-    resting = [isinstance(step, Hold | Position) for step in steps]
+    resting = [isinstance(s, Hold | Position) or getattr(s, "rate", None) == 0 for s in steps]
     if observations.track is not None or not any(resting):
         return ()
     expected = _expected_values(priors)

@@ -24,7 +24,6 @@ would explain part of the readings' noise.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -67,6 +66,7 @@ def average_sections(
     found: bool = False,
     drifting: bool = False,
     turning: Sequence[str] = (),
+    known: Callable[[str], Array | float] | None = None,
 ) -> Observations:
     """Average each marked step to one row, in the order of `steps`.
 
@@ -90,6 +90,9 @@ def average_sections(
         uncertainty in `drift`. Requires data without a trial axis.
     turning : sequence of str
         Labels of further steps whose scatter is motion.
+    known : callable, optional
+        Function that returns the known changes of the readings within the section with a label,
+        (n, m) SI. They are subtracted before the noise is estimated; the means are not changed.
 
     Raises
     ------
@@ -125,7 +128,10 @@ def average_sections(
 
     def resting(data: Array, kelvin: Array | None) -> Sections:
         """Return the sections at rest, without the effect of a temperature change within them."""
-        raw = partial(map, partial(section, data=data), holds)
+
+        def raw() -> Iterable[Array]:
+            return (section(s, data) - (known(s.label) if known else 0.0) for s in holds)
+
         if kelvin is None or not sensor.uses("dT"):
             return raw
         spans = [slice(by_label[s.label].start, by_label[s.label].stop) for s in holds]

@@ -223,15 +223,15 @@ def _notes(
     if noise is not WHITE and not stated:
         times = float(np.sqrt(np.median(noise.mean_variance_ratio(seconds))))
         notes.append(
-            f"The noise of the {words} within rests is correlated over about "
-            f"{noise.seconds:.1g} s, so the uncertainty of a mean is {times:.2g} times as large as "
-            "it would be with white noise."
+            f"The noise of the {words} within sections is correlated over about "
+            f"{float(f'{noise.seconds:.1g}'):g} s, so the uncertainty of a mean is {times:.2g} "
+            "times as large as it would be with white noise."
         )
     worst = int(np.argmax(judged.scale))
     ratio = float(np.sqrt(judged.scale[worst] / np.median(judged.scale)))
     if ratio > _ALIKE:
         notes.append(
-            f"The {words} scatter {ratio:.2g} times as much in {labels[worst]} as in the median "
-            "rest. The uncertainty of its mean is larger accordingly."
+            f"In section {labels[worst]}, the scatter of the {words} is {ratio:.2g} times as large "
+            "as the median of all sections. The uncertainty of its mean is larger accordingly."
         )
     return notes
