@@ -38,9 +38,9 @@ class Readings(NamedTuple):
 def accelerometers(effects: Effects, n: int, rng: np.random.Generator) -> Readings:
     """Return n accelerometers with the same effects."""
     turn = 2 * np.pi / POSITIONS * np.arange(POSITIONS)
-    angle = np.concatenate([np.zeros(READINGS), turn, turn[::-1]])
+    angle = np.concatenate([np.zeros(READINGS), turn, turn[::-1]]).astype(np.float64)
     r = len(angle)
-    time = FIRST + INTERVAL * np.arange(r)
+    time = FIRST + INTERVAL * np.arange(r, dtype=np.float64)
     error = BASE * rng.standard_normal((n, 1)) + PIER * rng.standard_normal((n, r))
     bias, scale = 300 * UG * rng.standard_normal((n, 1)), 2e-4 * rng.standard_normal((n, 1))
     y = bias + (1 + scale) * G * np.sin(angle + error)

@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -257,13 +258,13 @@ def test_times_of_a_warm_up_that_do_not_rise_are_refused(tmp_path: Path):
 
 def test_a_warm_up_in_a_plan_has_a_column_of_times_and_changes_no_expected_uncertainty():
     run = read(EXAMPLES / "dividing_head" / "small_tilts.toml")
-    without = replace(
-        run, plan=partial(tumble_plan, 12, True, 20.0, run.plan.keywords["small_tilts"])
-    )
+    plan: Any = run.plan
+    without = replace(run, plan=partial(tumble_plan, 12, True, 20.0, plan.keywords["small_tilts"]))
     assert len(run.steps) == len(without.steps) + 30
-    assert [step.angle for step in run.steps[:31]] == [0.0] * 31
-    expected = [estimate_of_plan(one, "positions").covariance for one in (run, without)]
-    assert np.array_equal(*expected)
+    first: Any = run.steps[:31]
+    assert [step.angle for step in first] == [0.0] * 31
+    one, other = (estimate_of_plan(r, "positions").covariance for r in (run, without))
+    assert np.array_equal(one, other)
     timed = replace(run, data=run.data.model_copy(update={"time": "minute"}))
     assert "minute" in [box.column for box in sheet(timed).boxes]
 

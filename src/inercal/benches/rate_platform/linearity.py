@@ -17,12 +17,7 @@ from inercal.basics.arrays import Array, Indices
 from inercal.benches.characteristics import Characteristic, error_covariance, table_characteristics
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.mean_motion import changes_of_rate
-from inercal.benches.rate_platform.sections import (
-    SMALL_RATE,
-    KnownTurn,
-    PlatformStep,
-    RateDwell,
-)
+from inercal.benches.rate_platform.sections import SMALL_RATE, KnownTurn, PlatformStep, RateDwell
 from inercal.estimation.input_output_tests import InputOutput, line_residuals, scale_factor
 from inercal.physics.sensors import Axis, Sensor
 from inercal.recordings import Observations
