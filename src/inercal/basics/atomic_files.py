@@ -213,8 +213,7 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(
-            f"the folder cannot be created: {error.strerror}; give another folder",
-            key="--out",
+            f"the folder cannot be created: {error.strerror}; give another folder", key="--out"
         ).located(folder) from None
 
 

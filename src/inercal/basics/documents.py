@@ -104,7 +104,7 @@ def read_document(path: Path, model: type[Content], verb: str) -> Content:
     except ValidationError as error:
         place, reason = first_problem(error)
         raise InputError(
-            f"{place or 'the whole file'}: {reason}; give a file that {verb} wrote",
+            f"{place or 'the whole file'}: {reason}; give a file that {verb} wrote"
         ).located(path) from None
 
 

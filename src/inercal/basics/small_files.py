@@ -65,7 +65,7 @@ def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> b
         ) from None
     if len(raw) > largest:
         raise InputError(
-            f"more than {largest} bytes, too many for a {what}; check that this is the right file",
+            f"more than {largest} bytes, too many for a {what}; check that this is the right file"
         ).located(path)
     return raw
 
@@ -231,7 +231,7 @@ def csv_lines(
             where = f"line {reader.line_num}"
             if len(cells) != len(names):
                 raise InputError(
-                    f"{where} has {len(cells)} cells; the table has {len(names)} columns",
+                    f"{where} has {len(cells)} cells; the table has {len(names)} columns"
                 ).located(path)
             yield where, dict(zip(names, cells, strict=True))
     except csv.Error as error:

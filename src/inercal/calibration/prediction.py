@@ -46,11 +46,7 @@ OWN_ERRORS = "noise and errors of this run only"
 SHOWN: Mapping[str, tuple[str, float]] = {"f": ("g", G0), "w": ("°/s", np.pi / 180)}
 """Unit in which each quantity is printed, and its size in SI units."""
 # The components of the motion on which terms depend, by the part of an operating point.
-_COMPONENTS = {
-    "f": ("fi", "fp", "fo", "si"),
-    "w": ("wi", "wp", "wo", "swi"),
-    "T": ("dT",),
-}
+_COMPONENTS = {"f": ("fi", "fp", "fo", "si"), "w": ("wi", "wp", "wo", "swi"), "T": ("dT",)}
 _RANGES = {"f": "force", "w": "rate", "T": "temperature"}  # fields of the validity
 
 
@@ -287,10 +283,7 @@ def _bench_variances(
 
 
 def _effect_variances(
-    calibration: Calibration,
-    motion: Motion,
-    gain: Array,
-    outside: tuple[tuple[Excess, ...], ...],
+    calibration: Calibration, motion: Motion, gain: Array, outside: tuple[tuple[Excess, ...], ...]
 ) -> tuple[dict[str, Array], list[str]]:
     """Return the variances of undetectable effects at points outside, (n, q), and remarks."""
     sensor, verdict = calibration.sensor, calibration.verdict

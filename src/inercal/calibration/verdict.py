@@ -266,10 +266,7 @@ def _steps_on_cause(
 
 
 def _steps_on_undetectable(
-    unseen: Sequence[UndetectableCause],
-    sensor: Sensor,
-    advisor: Advisor,
-    possible: Collection[str],
+    unseen: Sequence[UndetectableCause], sensor: Sensor, advisor: Advisor, possible: Collection[str]
 ) -> Iterator[_Step]:
     """Yield a step that makes the method estimate undetectable coefficients, if it can."""
     free = [one.name for one in unseen if one.component in possible]

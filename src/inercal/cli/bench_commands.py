@@ -28,8 +28,7 @@ app = typer.Typer(help="Drive a table, read an IMU and calibrate live.", no_args
 _RunFile = Annotated[Path, typer.Argument(help="The run file (TOML): sensor, bench, data, method.")]
 _Clock = Annotated[str, typer.Option(help="Clock of a simulated bench, printed by `simulate`.")]
 _Speed = Annotated[
-    float | None,
-    typer.Option(help="Largest number of simulated seconds per second."),
+    float | None, typer.Option(help="Largest number of simulated seconds per second.")
 ]
 _Patience = Annotated[
     float, typer.Option(help="End the run after this many seconds without IMU data.")
@@ -48,8 +47,7 @@ _Answers = Annotated[
     ),
 ]
 _Register = Annotated[
-    str | None,
-    typer.Option(help="Enter the run in this register: an address, or default."),
+    str | None, typer.Option(help="Enter the run in this register: an address, or default.")
 ]
 _TABLE_HELP = (
     "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"

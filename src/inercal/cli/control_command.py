@@ -45,8 +45,7 @@ def run(
         370.0, help="Mean number of days between false alarms, over all charts."
     ),
     restart: list[str] | None = typer.Option(
-        None,
-        help="Day of a repair, such as 2026-03-01: EWMA and MEWMA restart after it.",
+        None, help="Day of a repair, such as 2026-03-01: EWMA and MEWMA restart after it."
     ),
     since: str | None = typer.Option(
         None, help="First day of a new reference; earlier sessions are ignored."

@@ -72,8 +72,7 @@ def run(
     over_rate: str | None = RATE_RANGE,
     over_temperature: str | None = TEMPERATURE_RANGE,
     name: str | None = typer.Option(
-        None,
-        help="Name in the code and of the file (default: names of the sensor and the run).",
+        None, help="Name in the code and of the file (default: names of the sensor and the run)."
     ),
     force: Force = False,
     json: Json = False,

@@ -61,8 +61,7 @@ def calibrate(
         str | None, typer.Option(help="Enter the calibrations in this register.")
     ] = None,
     watch: Annotated[
-        Path | None,
-        typer.Option(help="Calibrate each recording as it arrives in this folder."),
+        Path | None, typer.Option(help="Calibrate each recording as it arrives in this folder.")
     ] = None,
     count: Annotated[
         int | None, typer.Option(help="With --watch: stop after this many recordings.")
@@ -102,10 +101,7 @@ def calibrate(
     if register is not None:
         from inercal.fleet.latest import enter_results
 
-        with (
-            open_register(register) as opened,
-            progress_status("entering calibrations") as update,
-        ):
+        with open_register(register) as opened, progress_status("entering calibrations") as update:
             content["entered"] = enter_results(
                 read, folder, opened, lambda k: update(f"{k} are in the register")
             )
@@ -211,8 +207,7 @@ def export(
         Path, typer.Argument(help="The table to write (.csv or .parquet); with --to, a folder.")
     ],
     sensor: Annotated[
-        str | None,
-        typer.Option(help="Write the calibration file of this sensor instead."),
+        str | None, typer.Option(help="Write the calibration file of this sensor instead.")
     ] = None,
     to: Annotated[
         str | None,

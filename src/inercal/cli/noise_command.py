@@ -235,8 +235,7 @@ def _sensor_name(
         sensor = read(recording).sensor.name
     if not (sensor or "").strip():
         raise InputError(
-            "--register needs the sensor's name in the register: add --sensor NAME",
-            key="--sensor",
+            "--register needs the sensor's name in the register: add --sensor NAME", key="--sensor"
         )
     if measured is not None:
         from inercal.laboratory.store.document import to_utc
@@ -300,8 +299,7 @@ def _read(path: Path, known: dict[str, str]) -> "Recording":
     run = read(path)
     if run.data.kind == "means":
         raise InputError(
-            "[data] contains means, which have no sample noise; give a recording",
-            key="[data] kind",
+            "[data] contains means, which have no sample noise; give a recording", key="[data] kind"
         ).located(path)
     recording = load_recording(run)
     axes = {axis.name: axis for axis in run.sensor.axes}

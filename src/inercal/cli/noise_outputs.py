@@ -94,6 +94,6 @@ def _merged_run_file(noise: "SensorNoise", path: Path) -> str:
         parse_toml(merged, "run file")
     except InputError as error:
         raise InputError(
-            f"the noise cannot be written to this file ({error}): choose a new file",
+            f"the noise cannot be written to this file ({error}): choose a new file"
         ).located(path) from None
     return merged

@@ -134,8 +134,7 @@ def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
     calibration = load(file)
     if not calibration.sensor.uses("dT"):
         raise InputError(
-            "no coefficient of the calibration depends on temperature; remove --at",
-            key="--at",
+            "no coefficient of the calibration depends on temperature; remove --at", key="--at"
         ).located(file)
     kelvin = np.array([si_value(text, "°C", "--at") for text in at])
     try:

@@ -292,7 +292,7 @@ def _enter_path(opened: "Register", path: Path, measured: str | None) -> dict[st
     if not files:
         raise InputError(
             "the folder contains neither a bench run nor *.calibration.json; give the "
-            "folder of a run, or calibration files",
+            "folder of a run, or calibration files"
         ).located(path)
     return _entry_summary(path, None, opened.enter_calibrations(files), before)
 

@@ -73,9 +73,7 @@ def resolve_options(
     if missing:
         needs = "; ".join(f"--set {one.name}=… ({one.meaning})" for one in missing)
         raise InputError(
-            f"{of} needs {needs}",
-            key="--set",
-            names=tuple(one.name for one in missing),
+            f"{of} needs {needs}", key="--set", names=tuple(one.name for one in missing)
         )
     return {
         one.name: one.default if (value := stated.get(one.name)) is None else _value(one, value)

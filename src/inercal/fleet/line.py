@@ -198,7 +198,7 @@ def read_line(folder: str | Path) -> Line:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(
-            f"there is no such folder; a line is a folder with {TEMPLATE} and {TABLES[0]}",
+            f"there is no such folder; a line is a folder with {TEMPLATE} and {TABLES[0]}"
         ).located(folder)
     path = folder / TEMPLATE
     template = read_toml(path, "run file")

@@ -259,8 +259,7 @@ def _groups(population: Population, grouping: Grouping, good: Mask) -> tuple[Gro
     ends = np.searchsorted(grouping.places[order], np.arange(len(grouping.names) + 1))
     return tuple(
         GroupStatistics(
-            name,
-            tuple(_summaries(population.value[rows], population.std[rows], good[rows])),
+            name, tuple(_summaries(population.value[rows], population.std[rows], good[rows]))
         )
         for name, rows in (
             (name, order[ends[k] : ends[k + 1]]) for k, name in enumerate(grouping.names)

@@ -175,7 +175,7 @@ class Journal(Closeable):
         if row is None:
             raise InputError(
                 "the journal is damaged because it names no run; restore it from a "
-                "copy, or begin a new run",
+                "copy, or begin a new run"
             ).located(self.path)
         return JournalHeader(*row)
 
@@ -286,7 +286,7 @@ def _sqlite_errors_as_input_errors(path: Path) -> Generator[None]:
     except sqlite3.Error as error:
         raise InputError(
             f"SQLite cannot use the journal: {error}; check that the file is a journal "
-            "and that its folder is writable",
+            "and that its folder is writable"
         ).located(path) from None
 
 

@@ -304,8 +304,7 @@ def _spectra(
             lines += found
     if skipped_bands and not any(one.kept.any() for one in spectra):
         raise InputError(
-            f"--skip-band excludes all of 0 to {0.5 / dt:g} Hz; exclude less",
-            key="--skip-band",
+            f"--skip-band excludes all of 0 to {0.5 / dt:g} Hz; exclude less", key="--skip-band"
         )
     return tuple(spectra), tuple(lines)
 

@@ -152,8 +152,7 @@ def find_model(one: ChannelSummary, candidates: tuple[str, ...]) -> NoiseModel:
         if not contradictory:
             return plain
     return _refused(
-        plain,
-        "no known low-pass filter describes the spectrum, and no band below it determines N",
+        plain, "no known low-pass filter describes the spectrum, and no band below it determines N"
     )
 
 

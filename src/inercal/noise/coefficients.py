@@ -290,11 +290,7 @@ def relative_uncertainties(
 
 
 def length_for(
-    variances: dict[str, float],
-    dt: float,
-    symbol: str,
-    relative: float,
-    markov_time: float = 1.0,
+    variances: dict[str, float], dt: float, symbol: str, relative: float, markov_time: float = 1.0
 ) -> float:
     """Return the recording length, s, needed for a relative u; infinite above 30 years."""
     low, high = 16 * dt, _LONGEST

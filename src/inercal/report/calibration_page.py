@@ -299,9 +299,7 @@ def temperature_section(outcome: Outcome) -> TemperatureSection | None:
     )
 
 
-def _temperature_rows(
-    curves: Sequence[TemperatureCurve],
-) -> list[tuple[str, str, str, list[str]]]:
+def _temperature_rows(curves: Sequence[TemperatureCurve]) -> list[tuple[str, str, str, list[str]]]:
     rows: list[tuple[str, str, str, list[str]]] = []
     for one in curves:
         cells: list[str] = []

@@ -148,9 +148,7 @@ def _row_kind(part: str) -> str:
     return word if word in _ROW_KINDS else "f"
 
 
-def residual_tables(
-    outcome: Outcome,
-) -> Iterator[tuple[Sequence[str], Sequence[str], Array]]:
+def residual_tables(outcome: Outcome) -> Iterator[tuple[Sequence[str], Sequence[str], Array]]:
     """Yield, for each kind, the labels, the parts and the whitened residuals (rows, parts)."""
     estimate = outcome.estimate
     if estimate.groups:

@@ -76,9 +76,7 @@ class AxisHistory:
 
 
 def sensor_history_page(
-    history: SensorHistory,
-    next_one: Recalibration | None = None,
-    noise: Sequence[NoiseEntry] = (),
+    history: SensorHistory, next_one: Recalibration | None = None, noise: Sequence[NoiseEntry] = ()
 ) -> str:
     """Return the page as HTML; by default, the newest calibration states the limits."""
     groups, lines = _axis_histories(history), summary_lines(history)

@@ -139,11 +139,7 @@ def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
 
 
 def _build_run(
-    path: Path,
-    digest: str,
-    schema: RunSchema,
-    kind: Kind[Any, Any],
-    used: UsedQualifications,
+    path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any], used: UsedQualifications
 ) -> Run:
     from inercal.runfile.priors import (
         method_priors,

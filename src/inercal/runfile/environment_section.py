@@ -243,10 +243,7 @@ def _positive(section: EnvironmentSection, name: str, like: str) -> float:
 
 
 def _require_used(
-    section: EnvironmentSection,
-    schema: RunSchema,
-    sensor: Sensor,
-    chosen: Method[Any, Any],
+    section: EnvironmentSection, schema: RunSchema, sensor: Sensor, chosen: Method[Any, Any]
 ) -> None:
     """Raise an error if the section, or one of its keys, has no effect on the result."""
     if not sensor.uses("dT", "dTdt"):

@@ -97,8 +97,7 @@ def _noise(sheet: DataSheetSection, stem: str) -> DataSheetNoise:
             coefficients[quantity] = _Reader(quantity, section, rate, remarks).coefficients()
     if not coefficients:
         raise InputError(
-            "no noise: write [datasheet.gyro], [datasheet.accelerometer] or both",
-            key="[datasheet]",
+            "no noise: write [datasheet.gyro], [datasheet.accelerometer] or both", key="[datasheet]"
         )
     return DataSheetNoise(sheet.name or stem, rate, coefficients, tuple(remarks))
 

@@ -86,9 +86,7 @@ def _refuse_unused_errors(
             continue  # one qualification serves runs of several kinds
         if bench.deviation(name) is not None and not own & names:
             raise key_error(
-                f"[bench] {name}",
-                "nothing in this run depends on it; remove the key",
-                run.path,
+                f"[bench] {name}", "nothing in this run depends on it; remove the key", run.path
             )
 
 
@@ -205,14 +203,7 @@ def _recording(run: RunBase[RatePlatformData]) -> EstimatorInput:
     # Sections at a rate are steady too, so their scatter is noise.
     turning = [step.label for step in steps if isinstance(step, KnownTurn)]
     means = average_sections(
-        recording,
-        run.sensor,
-        marks,
-        steps,
-        found=True,
-        drifting=True,
-        turning=turning,
-        known=known,
+        recording, run.sensor, marks, steps, found=True, drifting=True, turning=turning, known=known
     )
     return EstimatorInput(recording, marks, means, steps, steps, recording.findings)
 
@@ -225,9 +216,7 @@ def _marked_sections(
     if data.marks == "labels" or is_pattern(run.file(data.file)):
         if data.sections is not None:
             raise key_error(
-                "[data] sections",
-                "the labels already name the sections; remove sections",
-                run.path,
+                "[data] sections", "the labels already name the sections; remove sections", run.path
             )
         marks = marks_from_labels(recording)
         spans = [recording.span(mark.start, mark.stop) for mark in marks]

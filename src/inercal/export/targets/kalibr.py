@@ -266,12 +266,7 @@ def _matrix(content: Mapping[str, Any], name: str) -> Array:
 
 
 KALIBR = Target(
-    "kalibr",
-    "Kalibr imu.yaml, model scale-misalignment",
-    ".yaml",
-    _HOLDS,
-    _render_kalibr,
-    _OPTIONS,
+    "kalibr", "Kalibr imu.yaml, model scale-misalignment", ".yaml", _HOLDS, _render_kalibr, _OPTIONS
 )
 OPENVINS = Target(
     "openvins",

@@ -96,7 +96,7 @@ class Runs:
             raise InputError(
                 f"the run needs about {needed / 1e6:.0f} MB, but only "
                 f"{free / 1e6:.0f} MB are free on the disk: delete files, or serve another folder "
-                "(option --runs)",
+                "(option --runs)"
             ).located(self.folder)
 
     def stop(self, name: object) -> None:

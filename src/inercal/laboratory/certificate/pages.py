@@ -85,9 +85,7 @@ def _sections(certificate: Certificate, signed: bool) -> list[dict[str, Any]]:
         ),
         _section(t.text("remarks"), _facts(_remarks(certificate)), _lines(facts.general_lines(t))),
         _section(
-            t.text("authorization"),
-            _facts(_persons(certificate)),
-            _signature(certificate, signed),
+            t.text("authorization"), _facts(_persons(certificate)), _signature(certificate, signed)
         ),
     ]
     return parts

@@ -122,7 +122,7 @@ def _readable(path: Path) -> Generator[None]:
         raise
     except Exception as error:  # damaged bytes cause many types of errors
         raise InputError(
-            f"this PDF has no attached DCC, or it is damaged: {error}; get the file again",
+            f"this PDF has no attached DCC, or it is damaged: {error}; get the file again"
         ).located(path) from None
 
 
@@ -133,7 +133,7 @@ def _attached_dcc(content: bytes, path: Path) -> bytes:
     found = [file["/EF"]["/F"].data for name, file in listed if name.endswith(".xml")]
     if len(found) != 1:
         raise InputError(
-            f"this PDF has {len(found)} attached DCCs, but a certificate has exactly one",
+            f"this PDF has {len(found)} attached DCCs, but a certificate has exactly one"
         ).located(path)
     return bytes(found[0])
 
@@ -218,12 +218,7 @@ def _dcc_signature(document: bytes, trusted: bytes | None) -> Check:
         der, *chain = map(base64.b64decode, texts or [""])
         own = x509.load_der_x509_certificate(der)
         signed = verifier.verify(document, x509_cert=own)[0].signed_xml
-    except (
-        refusals.InvalidSignature,
-        refusals.InvalidInput,
-        etree.LxmlError,
-        ValueError,
-    ) as error:
+    except (refusals.InvalidSignature, refusals.InvalidInput, etree.LxmlError, ValueError) as error:
         return Check(name, False, f"the DCC was changed after it was signed: {error}")
     if signed is None or signed.tag != root.tag:
         return Check(name, False, "the signature covers only a part of the DCC")

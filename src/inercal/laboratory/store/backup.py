@@ -77,8 +77,7 @@ def _is_sqlite(path: Path) -> bool:
 def _require_register(address: RegisterAddress) -> None:
     if address.file is not None and not address.file.is_file():
         raise InputError(
-            "there is no such register; give another one with --register",
-            key="--register",
+            "there is no such register; give another one with --register", key="--register"
         ).located(address.file)
 
 

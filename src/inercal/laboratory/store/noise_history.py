@@ -266,5 +266,5 @@ def noise_entry_object(entry: NoiseEntry) -> dict[str, Any]:
             {"channel": channel} | _coefficient_fields(one)
             for channel, coefficients in entry.coefficients.items()
             for one in coefficients
-        ],
+        ]
     }

@@ -18,10 +18,7 @@ _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 
 
 def with_scatter(
-    entries: tuple[DraftKey, ...],
-    candidates: Sequence[Candidate],
-    folder: Path,
-    deviation: float,
+    entries: tuple[DraftKey, ...], candidates: Sequence[Candidate], folder: Path, deviation: float
 ) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...]]:
     """Try the candidates with the deviation of means that the data imply.
 

@@ -120,9 +120,7 @@ def candidate_methods(roles: ColumnRoles, *, heated: bool = False) -> tuple[Cand
 
 
 def try_methods(
-    entries: tuple[DraftKey, ...],
-    candidates: Sequence[Candidate],
-    folder: Path,
+    entries: tuple[DraftKey, ...], candidates: Sequence[Candidate], folder: Path
 ) -> tuple[MethodTrial, ...]:
     """Try the candidates on the data until one works, and return all of them with results.
 

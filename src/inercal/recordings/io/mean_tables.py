@@ -281,11 +281,7 @@ def number_column(path: Path, table: Table, name: str, remedy: str) -> Array:
 
 
 def _standard_deviations(
-    path: Path,
-    table: Table,
-    by_axis: Mapping[str, str],
-    sensor: Sensor,
-    sd: Mapping[str, float],
+    path: Path, table: Table, by_axis: Mapping[str, str], sensor: Sensor, sd: Mapping[str, float]
 ) -> Array:
     """Return the standard deviation of each mean, (r, m) SI, as stated or from the columns."""
     deviations: list[Array] = []

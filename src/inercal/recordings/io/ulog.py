@@ -122,7 +122,7 @@ _CORRECTED: dict[str, tuple[tuple[str, str, str], ...]] = {
     "sensor_combined": (
         ("accelerometer_m_s2[{}]", "ACC", "accel_device_id"),
         ("gyro_rad[{}]", "GYRO", "gyro_device_id"),
-    ),
+    )
 }
 _FILTERED = ("vehicle_acceleration", "vehicle_angular_velocity", "vehicle_imu")
 _SENSORS = 4  # number of parameter sets

@@ -161,12 +161,7 @@ def section_noise_statistics(
                 correlation[k] = judged.correlation
         notes += _notes(quantity.sensors, judged, seconds, labels, stated)
     return SectionNoise(
-        scale,
-        tuple(correlation),
-        drift,
-        tuple(tests),
-        tuple(notes),
-        disturbance_variance,
+        scale, tuple(correlation), drift, tuple(tests), tuple(notes), disturbance_variance
     )
 
 

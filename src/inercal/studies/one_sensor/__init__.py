@@ -69,11 +69,7 @@ def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Stu
         found.append(one)
         say(f"sensor {len(found)} of {sensors} through {len(LABORATORIES)} laboratories")
     return build_study(
-        __name__,
-        [section(found)],
-        sensors=sensors,
-        seed=seed,
-        laboratories=", ".join(LABORATORIES),
+        __name__, [section(found)], sensors=sensors, seed=seed, laboratories=", ".join(LABORATORIES)
     )
 
 

@@ -123,11 +123,7 @@ def simulate_ship_motion(waves: WaveConditions, t: Array, seed: int = 0) -> Ship
     c, s = np.cos(roll[0]), np.sin(roll[0])
     rate = np.stack([roll[1], pitch[1] * c, -pitch[1] * s], axis=-1)
     turning = np.stack(
-        [
-            roll[2],
-            pitch[2] * c - pitch[1] * roll[1] * s,
-            -pitch[2] * s - pitch[1] * roll[1] * c,
-        ],
+        [roll[2], pitch[2] * c - pitch[1] * roll[1] * s, -pitch[2] * s - pitch[1] * roll[1] * c],
         axis=-1,
     )
     place = np.array(waves.place)
