@@ -17,11 +17,6 @@ from inercal.physics.section_settings import (
 )
 from inercal.recordings.data import DataSection, unit_size
 
-_ONLY = {  # keys by the kind of data to which they apply
-    "recordings": "sections settle",
-    "tables of means": "axis table_rate table_rate_unit turn setting roll pitch angle_unit",
-}
-
 
 class RatePlatformSection(BenchSection):
     """Section [bench] for a table with constant rates and a platform with known angles.
@@ -76,10 +71,16 @@ class RatePlatformData(DataSection):
 
     @model_validator(mode="after")
     def _each_kind_has_its_keys(self) -> "RatePlatformData":
-        other = "recordings" if self.kind == "means" else "tables of means"
-        for name in _ONLY[other].split():
-            if name in self.model_fields_set and getattr(self, name) is not None:
-                raise ValueError(f"{name} is for {other} only; remove it")
+        for name in ("sections", "settle"):
+            if self.kind == "means" and getattr(self, name) is not None:
+                raise ValueError(f"{name} is for recordings only; remove it")
+        # A recording may name the columns of a worksheet.
+        for name, columns in (
+            ("table_rate_unit", ("table_rate",)),
+            ("angle_unit", ("turn", "roll", "pitch")),
+        ):
+            if name in self.model_fields_set and not any(getattr(self, one) for one in columns):
+                raise ValueError(f"{name} is for the columns {', '.join(columns)}; remove it")
         return self
 
     @property

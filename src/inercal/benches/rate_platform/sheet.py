@@ -72,13 +72,6 @@ def _notes_of_partial_turns(bench: RatePlatform, steps: list[PlatformStep]) -> t
 
 
 def _table_error(run: RunBase[RatePlatformData], steps: list[PlatformStep]) -> InputError | None:
-    if run.data.kind != "means":
-        return key_error(
-            "[data] kind",
-            "only a table of means has a table to fill in, but [data] states a recording; leave "
-            "out --out",
-            run.path,
-        )
     poses = [step for step in steps if isinstance(step, Pose)]
     for own, names in (
         (len(steps) - len(poses), ("axis", "table_rate")),
