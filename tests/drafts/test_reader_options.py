@@ -28,7 +28,7 @@ SECOND = {"data.sheet": "run 2"}
 @pytest.mark.parametrize(
     ("stated", "said"),
     [
-        ({}, "the columns are note, number"),
+        ({}, "the columns note, number"),
         (SECOND | {"data.most_values": "159"}, "more than [data] most_values = 159"),
         (SECOND | {"data.most_values": "160"}, "no method fits these data"),
     ],
