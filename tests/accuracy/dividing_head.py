@@ -12,6 +12,7 @@ anew at each row. Biases and the base go by rates of their own in each pass; the
 of the run.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import pi
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 ARCSEC = pi / 648_000
+PAIR = (0.0, pi / 2)
 TERMS = ("k0", "k1", "delta", "k2", "k3", "kip")
 SIZES = {  # truth 1σ: µg, ppm, ″
     "k0": 300e-6,
@@ -67,13 +69,17 @@ def ramps(rows: int, n: int) -> Array:
 
 
 def readings(
-    truth: dict[str, Array], psi: Array, lean: Array, gravity: Array | float = 1.0
+    truth: dict[str, Array],
+    psi: Array,
+    lean: Array,
+    gravity: Array | float = 1.0,
+    ahead: Sequence[float] = PAIR,
 ) -> Array:
-    """Return noise-free readings, (..., r, 2) in g, at true angles (..., r)."""
-    found = np.empty((*np.broadcast_shapes(psi.shape, truth["k0"][..., :1].shape), 2))
-    for k in range(2):
+    """Return noise-free readings, (..., r, m) in g, at true angles (..., r)."""
+    found = np.empty((*np.broadcast_shapes(psi.shape, truth["k0"][..., :1].shape), len(ahead)))
+    for k, angle in enumerate(ahead):
         c = {name: truth[name][..., k, None] for name in TERMS}
-        at = psi + k * pi / 2 + c["delta"]
+        at = psi + angle + c["delta"]
         held = (gravity * np.cos(lean))[..., None]
         a, p = np.sin(at) * held, np.cos(at) * held
         found[..., k] = (
@@ -83,22 +89,29 @@ def readings(
 
 
 def draw(
-    seed: int, trials: int, bench: Bench, n: int = 12, *, reverse: bool = False
+    seed: int,
+    trials: int,
+    bench: Bench,
+    n: int = 12,
+    *,
+    reverse: bool = False,
+    ahead: Sequence[float] = PAIR,
 ) -> tuple[Array, dict[str, Array], Array]:
-    """Return angles (r,), the truth by term (trials, 2) and readings (trials, r, 2).
+    """Return angles (r,), the truth by term (trials, m) and readings (trials, r, m).
 
-    The same seed makes the same draws of everything, whatever the bench's deviations.
+    `ahead` is the angle of each accelerometer from the first direction. The same seed makes the
+    same draws of everything, whatever the bench's deviations.
     """
-    rng = np.random.default_rng([seed, 101852817])
+    rng, m = np.random.default_rng([seed, 101852817]), len(ahead)
     theta = angles(n, reverse=reverse)
-    truth = {name: bench.sizes[name] * rng.standard_normal((trials, 2)) for name in TERMS}
+    truth = {name: bench.sizes[name] * rng.standard_normal((trials, m)) for name in TERMS}
     amplitude = rng.standard_normal((trials, 4))
     white = rng.standard_normal((trials, n))
     if reverse:
         white = np.concatenate([white, white[:, ::-1]], axis=1)
     collimated = bench.collimator * rng.standard_normal((trials, len(theta)))
     base, lean = ARCSEC * np.array([[bench.base], [bench.cross]]) * rng.standard_normal((2, trials))
-    noise = bench.noise * rng.standard_normal((trials, len(theta), 2))
+    noise = bench.noise * rng.standard_normal((trials, len(theta), m))
     # What came later has draws of its own, so that those above stay what they were.
     later = np.random.default_rng([seed, 1293])
     third = bench.third * later.standard_normal((trials, 2, 1))
@@ -109,7 +122,7 @@ def draw(
     pier = bench.pier * later.standard_normal((trials, len(theta)))
     drift_shapes = ramps(len(theta), n)
     creep = bench.creep * later.standard_normal((trials, len(drift_shapes))) @ drift_shapes
-    rates = bench.drifting * later.standard_normal((trials, 2, len(drift_shapes))) + bench.drift
+    rates = bench.drifting * later.standard_normal((trials, m, len(drift_shapes))) + bench.drift
     gravity = 1 + bench.gravity * later.standard_normal(trials)
     first, second, rest = bench.head * np.sqrt(bench.shares)
     head = (
@@ -133,4 +146,4 @@ def draw(
                 head[:, other] = head[:, one] + collimated[:, other] - collimated[:, one]
     psi = theta + ARCSEC * (head + pier + creep) + base[:, None]
     drift = np.swapaxes(rates @ drift_shapes, -1, -2)
-    return theta, truth, readings(truth, psi, lean, gravity) + noise + drift
+    return theta, truth, readings(truth, psi, lean, gravity, ahead) + noise + drift

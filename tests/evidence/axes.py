@@ -1,8 +1,8 @@
 """Calibrations of one to six axes in any directions: NEES and coverage of U, over many devices.
 
 Each batch of devices has directions of its own, drawn at random, and is made by generators that
-know nothing of inercal (`tests.methods.axis_devices`). On a dividing head the fixture states the
-directions: one accelerometer, or two at right angles.
+know nothing of inercal (`tests.methods.axis_devices`). On a dividing head the directions lie in the
+plane of rotation; `dual_orthogonal` takes two at right angles.
 
 `python -m tests.evidence.axes` works out all of it and writes docs/evidence/axes.json and the page
 beside it; `--devices` with another number of devices for each seed prints it only.
@@ -39,7 +39,7 @@ ROWS = {
     "ferraris": Row(),
     "temperature_ramp": Row(batch=1, share=0.2),
     "noise": Row(batch=1, share=0.07),
-    "tumble": Row((1,)),
+    "tumble": Row(),
     "dual_orthogonal": Row((2,)),
 }
 
@@ -100,9 +100,9 @@ def page(found: dict[str, Any]) -> str:
         "",
         "Written by `python -m tests.evidence.axes`; do not edit. The devices were simulated by",
         "generators that are independent of inercal. The directions of the axes were drawn at",
-        "random, except on the dividing head: `tumble` takes one accelerometer, `dual_orthogonal`",
-        "takes two at right angles, and both refuse more. A device of `ferraris` has as many gyros",
-        "as accelerometers. For `noise` the coefficients are N, B and K of each gyro. If nothing",
+        "random, in `tumble` within the plane of rotation; `dual_orthogonal` takes two axes at",
+        "right angles and refuses more. A device of `ferraris` has as many gyros as",
+        "accelerometers. For `noise` the coefficients are N, B and K of each gyro. If nothing",
         "couples the axes, each axis alone gives the result of the triad within 1e-9 u; a test",
         "checks this.",
         "",

@@ -7,15 +7,15 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tests.accuracy import ramps
-from tests.accuracy.dividing_head import SIZES, Bench
+from tests.accuracy.dividing_head import SIZES, Bench, draw
 from tests.accuracy.inercal_inputs import make_bench
 from tests.methods import axis_devices
 from tests.methods.axis_devices import FACES, RATES, Devices, Warmed
-from tests.methods.dual_orthogonal_cases import SI, Case, case, known
+from tests.methods.dual_orthogonal_cases import SI, Case, case, declared, known, observed
 
 from inercal.basics.units import Measured
 from inercal.benches import Hand
-from inercal.benches.dividing_head.bench import mounted_sensor
+from inercal.benches.dividing_head.bench import mounted_sensor, position_plan, sensor_in_plane
 from inercal.benches.rate_platform import RatePlatform
 from inercal.benches.rate_platform.sections import RateDwell
 from inercal.estimation import Estimate
@@ -213,14 +213,33 @@ def _drifted(directions: Directions, n: int, seed: int) -> Found:
     return joined(parts)
 
 
+def tumbled(y: Array, ahead: Sequence[float], bench: Bench, first: int = 1) -> Estimate:
+    """Return the estimate of accelerometers `ahead` of x by these angles, numbered from `first`."""
+    names = tuple(f"a{k}" for k in range(first, first + len(ahead)))
+    along = axes_along([(np.cos(a), np.sin(a), 0.0) for a in ahead])
+    axes = [replace(one, name=name) for one, name in zip(along, names, strict=True)]
+    sensor = sensor_in_plane("s", axes)
+    sensor = sensor.with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
+    steps = position_plan(y.shape[-2])
+    seen = observed(y, steps, bench.noise, names)
+    return least_squares(seen, sensor, declared(bench), steps)
+
+
+def _tumbled(directions: Directions, n: int, seed: int) -> Found:
+    ahead = [float(np.arctan2(y, x)) for x, y, _ in directions]
+    _, truth, y = draw(seed, n, HEAD, ahead=ahead)
+    return compared(_si(truth), tumbled(y, ahead, HEAD))
+
+
 def _on_head(directions: Directions, n: int, seed: int) -> Found:
     given = case(seed, n, HEAD)
-    single = len(directions) == 1
-    priors = () if single else (known(given, "kip", 20.0), known(given, "k3", 5.0))
-    short = {"delta": "delta_o"}
-    truth = {short.get(name, name): SI[name] * value for name, value in given.truth.items()}
-    truth |= {"bias": truth["k0"], "scale": truth["k1"]}
-    return compared(truth, on_head(given, "a" if single else "ab", priors))
+    priors = (known(given, "kip", 20.0), known(given, "k3", 5.0))
+    return compared(_si(given.truth), on_head(given, "ab", priors))
+
+
+def _si(truth: dict[str, Array]) -> dict[str, Array]:
+    short = {"delta": "delta_o", "k0": "bias", "k1": "scale"}
+    return {short.get(name, name): SI[name] * value for name, value in truth.items()}
 
 
 def joined(parts: Sequence[Found]) -> Found:
@@ -234,6 +253,6 @@ CALIBRATED: dict[str, Callable[[Directions, int, int], Found]] = {
     "ferraris": _turned,
     "temperature_ramp": _warmed,
     "noise": _drifted,
-    "tumble": _on_head,
+    "tumble": _tumbled,
     "dual_orthogonal": _on_head,
 }

@@ -51,16 +51,21 @@ def nominal(n: int = 12) -> tuple[Array, tuple[Index, ...]]:
     return sensed_motion(DividingHead(Measured(G0, 0.0)), steps, {}).f[..., :2], steps
 
 
-def observed(y: Array, steps: tuple[Index, ...], noise: float = 0.2e-6) -> Observations:
-    r = len(steps)
+def observed(
+    y: Array,
+    steps: tuple[Index, ...],
+    noise: float = 0.2e-6,
+    channels: tuple[str, ...] = SENSOR.channels,
+) -> Observations:
+    r, m = len(steps), y.shape[-1]
     return Observations(
         tuple(step.label for step in steps),
         y * G0,
-        np.broadcast_to((noise * G0) ** 2 * np.eye(2), (r, 2, 2)),
+        np.broadcast_to((noise * G0) ** 2 * np.eye(m), (r, m, m)),
         np.ones(r),
         np.ones(r, dtype=np.int64),
         np.arange(r, dtype=float),
-        SENSOR.channels,
+        channels,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 from tests.accuracy import ramps
-from tests.accuracy.dividing_head import Bench
+from tests.accuracy.dividing_head import Bench, draw
 from tests.methods import axis_devices
 from tests.methods.axis_calibrations import (
     CALIBRATED,
@@ -20,6 +20,7 @@ from tests.methods.axis_calibrations import (
     means,
     on_head,
     sensor_along,
+    tumbled,
     turned,
     warmed,
 )
@@ -109,9 +110,17 @@ def test_tumble_gets_the_result_of_an_axis_of_a_pair_on_an_exact_head():
     require_same(on_head(given, "a"), on_head(given, "ab"))
 
 
-@pytest.mark.parametrize("which", ["two", "three", "four", "six"])
-def test_tumble_refuses_more_than_one_axis(which: str):
-    directions = DIRECTIONS[which]
+def test_tumble_of_a_cluster_gets_the_results_of_its_axes_on_an_exact_head():
+    exact = Bench(head=0.0, collimator=0.0, collimated="none", base=0.0, cross=0.0)
+    ahead = [0.3, 2.0, -1.1]
+    _, _, y = draw(5, 2, exact, ahead=ahead)
+    whole = tumbled(y, ahead, exact)
+    for k, angle in enumerate(ahead):
+        require_same(tumbled(y[..., [k]], [angle], exact, first=k + 1), whole)
+
+
+def test_tumble_refuses_an_axis_out_of_the_plane_of_rotation():
+    directions = DIRECTIONS["three"]
     made = axis_devices.accelerometers(np.array(directions, float), 1, np.random.default_rng(5))
     sensor = sensor_along(directions, "f").with_coefficients("k0", "k1")
     steps = position_plan(len(axis_devices.FACES))

@@ -127,9 +127,6 @@ def test_what_cannot_be_used_is_refused(estimator: Estimator):
         run(estimator, plan, single())
     with refused(key="steps", names=("p0",)):
         run(estimator, (*plan, plan[0]), sensor())
-    across = replace(mounted_sensor(), axes=mounted_sensor().axes[1:]).with_coefficients("k0")
-    with refused(key="[sensor]", names=across.channels):
-        run(estimator, plan, across)
     with refused(key="observations", names=("p0",)):
         estimator(seen(plan, DEVICE.reading(angles(plan)), 0.0), sensor(), EXACT, plan)
     for steps, names in (
@@ -143,6 +140,11 @@ def test_what_cannot_be_used_is_refused(estimator: Estimator):
 
 def test_formulas_refuse_what_they_do_not_hold():
     plan, made = positions(12), sensor()
+    turned = replace(mounted_sensor().axes[1], name="i")
+    across = replace(mounted_sensor(), axes=(turned,), form="reference")
+    across = across.with_coefficients("k0")
+    with refused(key="[method] estimator", names=across.channels):
+        run(fourier, plan, across)
     reading = DEVICE.reading(angles(plan), G)
     prior = Gaussian.independent(("i.k3",), [0.0], 1e-9)
     with refused(key="priors", names=("i.k3",)):

@@ -16,10 +16,11 @@ from inercal.methods import METHODS
 from inercal.noise import analyse_noise
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor, axes_along
-from inercal.pipeline import Outcome, apply, calibrate
+from inercal.pipeline import Outcome, apply, calibrate, simulate_files
 from inercal.pipeline.drafts.rest_recording import read_rest_recording
 from inercal.pipeline.operating_points import points_from_texts
 from inercal.recordings import Recording
+from inercal.recordings.io.write import write_recordings
 from inercal.runfile import read
 
 ROOT = Path(__file__).parents[2]
@@ -255,3 +256,45 @@ def test_apply_says_that_axes_in_a_plane_give_no_vector(tmp_path: Path, axis: st
     assert done.status == 0, done.error
     assert ("specific force across" in done.output) is is_flat
     assert "angular rate" not in done.output
+
+
+def tumbled(tmp_path: Path, axis: str) -> Path:
+    """Write the run file of three accelerometers on a dividing head, with these directions."""
+    whole = (ROOT / "examples" / "dividing_head" / "small_tilts.toml").read_text(encoding="utf-8")
+    text, _, _ = whole.partition("warm_up = 30")
+    for old, new in (
+        ('unit = "g"\n', f'unit = "g"\naxis = {axis}\n'),
+        ('"a.k0"', '"a1.k0"'),
+        ('"a.k1"', '"a2.k1"'),
+        ('"a.delta_o"', '"a3.delta_o"'),
+        ('accelerometer = ["a"]', 'accelerometer = ["p", "q", "r"]'),
+        ('warm_up_band = "2 µg"\n', ""),
+        ('backlash = "0.1 ″"\n', ""),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / "run.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_three_accelerometers_on_a_head_are_tumbled_together(tmp_path: Path):
+    path = tumbled(tmp_path, '["x", "-y", [0.6, 0.8, 0]]')
+    run = read(path)
+    write_recordings({run.file(name): one for name, one in simulate_files(run, 3).items()})
+    outcome = calibrate(path)
+    assert outcome.verdict.grade == "consistent"
+    made, true = outcome.calibration, run.truth
+    off = np.array([made.value(name) - true.get(name, 0.0) for name in made.sensor.coefficients])
+    assert np.all(np.abs(off) < 4 * np.sqrt(np.diag(made.covariance)))
+    with refused():
+        export_calibration(made, "python")
+
+
+@pytest.mark.parametrize("axis", ['["x", "y", "z"]', '["x", "y"]', '["y", "x", [0.6, 0.8, 0]]'])
+def test_directions_that_do_not_fit_a_head_are_refused(tmp_path: Path, axis: str):
+    run = read(tumbled(tmp_path, '["x", "-y", [0.6, 0.8, 0]]'))
+    write_recordings({run.file(name): one for name, one in simulate_files(run, 3).items()})
+    path = tumbled(tmp_path, axis)
+    with refused():
+        calibrate(path)

@@ -244,7 +244,7 @@ def completed_triads(calibration: Calibration) -> Calibration:
     axes: list[Axis] = []
     for kind in KINDS:
         own = sensor.select_axes(kind).axes
-        if len(own) in (0, len("xyz")):
+        if not own or len(own) == len("xyz") == sensor.rank(kind):
             axes += own
             continue
         letters = case_letters(np.abs(sensor.input_axes(kind)))

@@ -1,4 +1,4 @@
-"""Tumble test: one accelerometer is read at n positions of a dividing head in gravity.
+"""Tumble test: accelerometers are read at n positions of a dividing head in gravity.
 
 The spindle is horizontal and the output axis lies along it. At the spindle angle θ the input axis
 senses g sin θ and the pendulous axis g cos θ. At 0°, 90°, 180°, 270° the input axis is level, up,
@@ -91,9 +91,9 @@ def least_squares(
     Parameters
     ----------
     observations : Observations
-        One row per position, (..., r, 1) in SI.
+        One row per position, (..., r, m) in SI.
     sensor : Sensor
-        One accelerometer along x with P along y, with the coefficients to estimate.
+        m accelerometers with O along z, with the coefficients to estimate.
     bench : DividingHead
     steps : sequence of r Index
         The steps of the rows.
@@ -103,9 +103,9 @@ def least_squares(
     Raises
     ------
     InputError
-        There are several axes, a gyro or an axis along another direction, readings of another axis,
-        no coefficient, fewer than four different positions, steps that do not match the rows,
-        two steps with the same label, or a row without noise.
+        There is a gyro or an axis with another output axis, readings of another axis, no
+        coefficient, fewer than four different positions, steps that do not match the rows, two
+        steps with the same label, or a row without noise.
     NotObserved
         These positions do not determine all coefficients; the message names them and the harmonics
         that fold.
@@ -167,6 +167,12 @@ def fourier(
             names=others,
         )
     estimator_inputs.refuse_tilted_form(sensor, "fourier", "least_squares")
+    if [axis.i for axis in sensor.axes] != [(1.0, 0.0, 0.0)]:
+        raise InputError(
+            "estimator fourier takes one accelerometer along x; use estimator least_squares",
+            key="[method] estimator",
+            names=sensor.channels,
+        )
     harmonics.require_even_spacing(angle)
     matrix = harmonics.harmonic_basis(angle, harmonics.harmonic_names(terms))
     harmonics.require_distinct_harmonics(sensor, terms, matrix, angle)
@@ -241,29 +247,22 @@ def _force_at_even_angles(bench: DividingHead, steps: Indexings, f: Array) -> Ar
 
 def _checked_angles(observations: Observations, sensor: Sensor, steps: Indexings) -> Array:
     """Return the nominal angle of each row, (r,) rad, after checks of the observations."""
-    if len(sensor.axes) != 1 or sensor.axes[0].measures != "f":
-        words = {"f": "an accelerometer", "w": "a gyro"}
-        raise InputError(
-            f"a tumble test needs exactly one accelerometer in [sensor], but sensor {sensor.name} "
-            f"has {', '.join(f'{a.name} ({words[a.measures]})' for a in sensor.axes)}",
-            key="[sensor]",
-            names=sensor.channels,
-        )
-    axis = sensor.axes[0]
-    if not np.allclose((axis.i, axis.p), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))):
-        raise InputError(
-            f"axis {axis.name} has its input axis along {axis.i} and its pendulous axis along "
-            f"{axis.p}, but on the head they must be along x and y",
-            key="[sensor]",
-            names=(axis.name,),
-        )
+    for axis in sensor.axes:
+        if axis.measures != "f" or not np.allclose(axis.frame[2], (0.0, 0.0, 1.0)):
+            raise InputError(
+                "a tumble test needs accelerometers with their output axes along the spindle, z, "
+                f"but {axis.name} is {'a gyro' if axis.measures == 'w' else 'turned otherwise'}",
+                key="[sensor]",
+                names=sensor.channels,
+            )
     if not sensor.coefficients:
         raise InputError(
             f"sensor {sensor.name} has no coefficients to estimate; choose coefficients",
             key="[method]",
         )
     estimator_inputs.require_matching_rows(observations, sensor, steps)
-    positive = (observations.covariance > 0).reshape(-1, len(observations.labels)).all(0)
+    variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
+    positive = (variance > 0).all(axis=-1).reshape(-1, len(observations.labels)).all(axis=0)
     if not positive.all():
         label = observations.labels[int(np.argmin(positive))]
         raise InputError(

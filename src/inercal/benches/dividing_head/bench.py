@@ -47,7 +47,7 @@ from inercal.benches.key_declarations import (
 from inercal.physics.motion import Motion
 from inercal.physics.plan import Index
 from inercal.physics.section_settings import Limit
-from inercal.physics.sensors import Axis, Noise, Readout, Sensor
+from inercal.physics.sensors import Axis, Noise, Readout, Sensor, axes_along
 
 CollimationMode = Literal["pairs", "every", "none"]
 _NOMINAL, _NOISELESS = Readout(), Noise()
@@ -85,21 +85,41 @@ def mounted_sensor(
 ) -> Sensor:
     """Return one or two accelerometers as mounted in the fixture: the first along x, then y.
 
-    Each accelerometer has its P axis in the plane of rotation, a quarter turn ahead, and its O axis
-    along the spindle. A mounting angle therefore acts as δ_O, and the in-plane cross term is K_ip.
-
     Raises
     ------
     InputError
         The number of axes is neither one nor two.
     """
-    x, y, back = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
-    if not 1 <= len(axes) <= len(held := ((x, y), (y, back))):
+    if not 1 <= len(axes) <= len("xy"):
         raise InputError(
             f"axes has {len(axes)} accelerometers; the fixture holds one or two", key="axes"
         )
-    result = (Axis(a, "f", i, p, readout, noise) for a, (i, p) in zip(axes, held, strict=False))
-    return Sensor(name, tuple(result), form="tilted")
+    along = axes_along("xy"[: len(axes)], "f", "", readout, noise)
+    named = [replace(axis, name=own) for axis, own in zip(along, axes, strict=True)]
+    return sensor_in_plane(name, named)
+
+
+def sensor_in_plane(name: str, axes: Sequence[Axis]) -> Sensor:
+    """Return accelerometers with their P axes in the plane of rotation, a quarter turn ahead.
+
+    The O axes are along the spindle. A mounting angle therefore acts as δ_O, and the in-plane cross
+    term is K_ip.
+
+    Raises
+    ------
+    InputError
+        An axis is not in the plane of rotation.
+    """
+    for axis in axes:
+        if axis.i[2]:
+            raise InputError(
+                f"axis {axis.name} has direction {list(axis.i)}, but the head turns about z; give "
+                "directions across z, such as x, -y or [0.6, 0.8, 0]",
+                key="[sensor.accelerometer] axis",
+                names=(axis.name,),
+            )
+    turned = (replace(axis, p=(-axis.i[1], axis.i[0], 0.0)) for axis in axes)
+    return Sensor(name, tuple(turned), form="tilted")
 
 
 @dataclass(frozen=True)

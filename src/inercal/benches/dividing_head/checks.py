@@ -66,28 +66,25 @@ def require_phases(
     most = (np.arctan2(sine, cosine) * 180 / pi % 360).tolist()  # angle of the largest reading, °
     key = "[data] accelerometer"
     given = [str(column) for column in run.data.accelerometer]
-    off = [_angle_difference(a, wanted) for a, wanted in zip(most, (90.0, 0.0), strict=False)]
+    wanted = largest_reading_angles(run.sensor)
+    off = [_angle_difference(a, b) for a, b in zip(most, wanted, strict=True)]
     if max(off) > _PHASE:
-        first, *second = most
-        if (
-            second
-            and _angle_difference(first, 0.0) < _PHASE
-            and _angle_difference(second[0], 90.0) < _PHASE
-        ):
+        crossed = [_angle_difference(a, b) for a, b in zip(most, wanted[::-1], strict=True)]
+        if len(given) == len("ab") and max(crossed) < _PHASE:
             raise key_error(
                 key,
                 f"columns {given[0]} and {given[1]} are exchanged: {given[0]} reads most at "
-                f"{first:.0f}° and {given[1]} at {second[0]:.0f}°, but A must read most at 90° and "
-                f'B at 0°; write ["{given[1]}", "{given[0]}"]',
+                f"{most[0]:.0f}° and {given[1]} at {most[1]:.0f}°, but the first must read most at "
+                f'{wanted[0]:.0f}° and the other at {wanted[1]:.0f}°; write ["{given[1]}", '
+                f'"{given[0]}"]',
                 run.path,
                 (given[0], given[1]),
             )
         k = int(np.argmax(off))
         raise key_error(
             key,
-            f"{given[k]} reads most at {most[k]:.0f}°, but {'AB'[k]} must read most at "
-            f"{(90, 0)[k]}°; reverse the sign of the head's angle, or mount {given[k]} along "
-            f"{'AB'[k]}",
+            f"{given[k]} reads most at {most[k]:.0f}°, but must read most at {wanted[k]:.0f}°; "
+            "reverse the sign of the head's angle, or correct the mounting",
             run.path,
             (given[k],),
         )
@@ -101,6 +98,12 @@ def require_phases(
             run.path,
             (given[k],),
         )
+
+
+def largest_reading_angles(sensor: Sensor) -> list[float]:
+    """Return the angle of the head at which each accelerometer has its largest reading, °."""
+    x, y, _ = sensor.input_axes("f").T
+    return (np.degrees(np.arctan2(x, y)) % 360).tolist()
 
 
 def _angle_difference(one: float, other: float) -> float:

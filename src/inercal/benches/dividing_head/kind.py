@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
+from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor, sensor_in_plane
 from inercal.benches.dividing_head.passes import steps_without_warm_up
 from inercal.benches.dividing_head.report import describe_position, directions, plots
 from inercal.benches.dividing_head.settings import DividingHeadData, DividingHeadSection, build
@@ -21,23 +21,21 @@ if TYPE_CHECKING:
 
 
 def _sensor(name: str, accelerometers: StatedAxes | None, gyros: StatedAxes | None) -> Sensor:
-    """Return the one or two accelerometers on the head."""
+    """Return the accelerometers on the head; without the key `axis` there are one or two."""
     columns = () if accelerometers is None else accelerometers.columns
-    if accelerometers is None or len(columns) not in (1, 2):
-        raise key_error(
-            "[data] accelerometer",
-            f"{len(columns)} columns are named; name one or two, for the accelerometers on the "
-            'head, such as ["a", "b"]',
-            names=tuple(map(str, columns)),
-        )
     if gyros is not None:
         raise key_error(
             "[sensor.gyro]", "a dividing head is at rest during a reading; remove the section"
         )
-    if accelerometers.directions:
+    if accelerometers is not None and accelerometers.directions:
+        return sensor_in_plane(name, accelerometers.axes())
+    if accelerometers is None or len(columns) not in (1, 2):
         raise key_error(
-            "[sensor.accelerometer] axis",
-            "on a dividing head, a senses along x and b along y; remove the key",
+            "[data] accelerometer",
+            f"{len(columns)} columns are named; name one or two, for the accelerometers on the "
+            'head, such as ["a", "b"], or state the directions of more in [sensor.accelerometer] '
+            "axis",
+            names=tuple(map(str, columns)),
         )
     letters = "ab"[: len(columns)]
     return mounted_sensor(name, letters, accelerometers.readout, accelerometers.noise)

@@ -19,6 +19,7 @@ from math import degrees, pi
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_count, format_duration
 from inercal.benches.dividing_head.bench import DividingHead
+from inercal.benches.dividing_head.checks import largest_reading_angles
 from inercal.benches.dividing_head.passes import (
     CARDINAL_ANGLES,
     matches_any_angle,
@@ -92,7 +93,7 @@ def sheet(run: RunBase[DividingHeadData]) -> Sheet:
             Heading("hold for", align_right=True, page="hold"),
         ),
         tuple(result),
-        operator_notes(bench, steps, data),
+        operator_notes(bench, run.sensor, steps, data),
         (data.label, *columns) if label else columns,
         _entry_fields(data, run.sensor, collimated=collimated),
         (
@@ -233,20 +234,21 @@ def _require_pairs(steps: Sequence[Index]) -> None:
 
 
 def operator_notes(
-    bench: DividingHead, steps: Sequence[Index], data: DividingHeadData
+    bench: DividingHead, sensor: Sensor, steps: Sequence[Index], data: DividingHeadData
 ) -> tuple[str, ...]:
     """Return the instructions for all positions.
 
     Parameters
     ----------
     bench : DividingHead
+    sensor : Sensor
     steps : sequence of Index
     data : DividingHeadData
         Section [data], which names the columns to fill in.
     """
     turning = any(step.sense < 0 for step in steps)
     found = [
-        _mounting_note(data.accelerometer),
+        _mounting_note(data.accelerometer, sensor),
         "Follow the rows from the first to the last, "
         + ("forward and back, " if turning else "")
         + "without long pauses, because the calibration assumes a steady drift.",
@@ -278,10 +280,10 @@ def operator_notes(
     return tuple(found)
 
 
-def _mounting_note(accelerometers: Sequence[str | int]) -> str:
-    first, *second = accelerometers
-    both = "".join(f" and {name} at 0°" for name in second)
-    return f"Before the first row check that {first} has its largest reading at 90°{both}."
+def _mounting_note(accelerometers: Sequence[str | int], sensor: Sensor) -> str:
+    angles = zip(accelerometers, largest_reading_angles(sensor), strict=True)
+    first, *others = (f"{name} has its largest reading at {angle:.4g}°" for name, angle in angles)
+    return f"Before the first row check that {' and '.join([first, *others])}."
 
 
 def _averaging_time(steps: Sequence[Index]) -> str:
