@@ -47,7 +47,7 @@ KEPT_CORRECTIONS = "corrections that the readings hold"
 
 def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     """Return the conditions of the measurement and, if any, of the search, as text."""
-    conditions = {**inputs.conditions, **prior_of_type(run, inputs)}
+    conditions = dict(inputs.conditions)
     recording = inputs.recording
     t = inputs.observations.temperature if recording is None else recording.temperature
     if t is not None:
@@ -79,7 +79,7 @@ def prior_of_type(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     if not (name := run.sections.get("method", {}).get("prior_type")):
         return {}
     sensors = load_type_prior(run.file(name)).sensor
-    mine = {run.sensor.name, provenance(run, inputs)["recording sha256"]}
+    mine = {run.sensor.name, _recording_sha256(run, inputs)}
     if own := [one.name for one in sensors if mine & {one.name, one.recording_sha256}]:
         what = f"{name} contains {own[0]}, which is this sensor or has this recording"
         what += f"; make the prior again with --without '{own[0]}'"
@@ -105,15 +105,18 @@ def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
         further[SIMULATED] = simulated
     return {
         "recording": run.data.file,
-        "recording sha256": file_sha256(run.file(run.data.file))
-        if inputs.recording is None
-        else inputs.recording.sha256,
+        "recording sha256": _recording_sha256(run, inputs),
         **further,
         "run file": run.path.name,
         "run file sha256": run.sha256,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "inercal": version("inercal"),
     }
+
+
+def _recording_sha256(run: Run, inputs: EstimatorInput) -> str:
+    recording = inputs.recording
+    return file_sha256(run.file(run.data.file)) if recording is None else recording.sha256
 
 
 def _simulation(run: Run, inputs: EstimatorInput) -> str:

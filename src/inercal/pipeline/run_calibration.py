@@ -52,6 +52,8 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
     stated = run
     try:
         inputs = run.kind.observe(run)
+        of_type = prior_of_type(run, inputs)
+        inputs = replace(inputs, conditions={**inputs.conditions, **of_type})
         run, inputs, thermal = fit_over_temperatures(run, inputs)
     except (InputError, NotObserved) as error:
         named = error.file is not None or str(run.path) in str(error)
@@ -129,7 +131,7 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
         estimate,
         notes=(
             *remarks.notes,
-            *(f"The {what} is {text}." for what, text in prior_of_type(run, inputs).items()),
+            *(f"The {what} is {text}." for what, text in of_type.items()),
             *inputs.notes,
             *observations.notes,
             *estimate.notes,
