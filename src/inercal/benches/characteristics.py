@@ -49,7 +49,10 @@ DEFINITIONS: Mapping[str, str] = {
     "warm-up time": "time after turn-on until the reading stays within the stated band of the last",
     "short-term stability": "scatter (1 σ) of the same readings beyond their noise (IEEE Std 1293)",
 }
-BAND_NOTE = "The small inputs did not enter the fit of the coefficients, because a band was found."
+BAND_NOTE = (
+    "The small inputs do not enter the fit of the coefficients, because a threshold, a dead band "
+    "or a limited resolution was detected."
+)
 _FEWEST = 3  # different inputs
 _LARGER = 5.0  # times the small inputs: full scale of a line that predicts their output
 

@@ -82,8 +82,9 @@ def steps_without_warm_up(steps: Sequence[Index]) -> Sequence[Index]:
 
 def rows_without_series(steps: Sequence[Index]) -> list[int]:
     """Return the rows that belong neither to a series of small tilts nor to a warm-up."""
-    small = {k for rows in small_tilt_series([step.angle for step in steps]) for k in rows}
-    return [k for k in range(len(steps)) if k not in small and k not in warm_up_rows(steps)]
+    series = [warm_up_rows(steps), *small_tilt_series([step.angle for step in steps])]
+    apart = {k for rows in series for k in rows}
+    return [k for k in range(len(steps)) if k not in apart]
 
 
 def first_visit_rows(steps: Sequence[Index]) -> list[int]:
