@@ -67,7 +67,7 @@ def run(
         print(f"wrote {out}: {corrected.time.size} samples in {units}")
         for one in QUANTITIES.values():
             if 0 < calibration.sensor.rank(one.symbol) < len("xyz"):
-                print(f"components, no vector: {one.name} across these axes was assumed to be 0")
+                print(f"The {one.name} across the axes is not measured and was assumed to be zero.")
 
 
 def _of_another_kind(calibration_file: Path, run_file: Path) -> InputError | None:

@@ -248,10 +248,12 @@ def _force_at_even_angles(bench: DividingHead, steps: Indexings, f: Array) -> Ar
 def _checked_angles(observations: Observations, sensor: Sensor, steps: Indexings) -> Array:
     """Return the nominal angle of each row, (r,) rad, after checks of the observations."""
     for axis in sensor.axes:
-        if axis.measures != "f" or not np.allclose(axis.frame[2], (0.0, 0.0, 1.0)):
+        output = axis.frame[2]
+        if axis.measures != "f" or not np.allclose(output, (0.0, 0.0, 1.0)):
+            found = "is a gyro" if axis.measures == "w" else f"has it along {output.tolist()}"
             raise InputError(
                 "a tumble test needs accelerometers with their output axes along the spindle, z, "
-                f"but {axis.name} is {'a gyro' if axis.measures == 'w' else 'turned otherwise'}",
+                f"but {axis.name} {found}",
                 key="[sensor]",
                 names=sensor.channels,
             )
