@@ -1,6 +1,6 @@
 """Errors of estimates of many devices, and whether they are as large as stated."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,9 @@ Array = NDArray[np.float64]
 _TRUTH = {"k0": "bias", "k1": "scale"}
 
 
-def errors(truth: Mapping[str, Array], found: Estimate) -> tuple[Array, Array]:
+def errors(
+    truth: Mapping[str, Array], found: Estimate, names: Sequence[str] | None = None
+) -> tuple[Array, Array]:
     """Return errors (n, p) and the covariance (n, p, p) of the coefficients.
 
     Parameters
@@ -21,8 +23,11 @@ def errors(truth: Mapping[str, Array], found: Estimate) -> tuple[Array, Array]:
         True coefficients of the m axes, by name.
     found : Estimate
         Estimate of n devices.
+    names : sequence of str, optional
+        Coefficients to compare, instead of all that were wanted.
     """
-    names = [name for name in found.names if name in found.wanted]
+    if names is None:
+        names = [name for name in found.names if name in found.wanted]
     at = [found.names.index(name) for name in names]
     axes = list(dict.fromkeys(name.split(".")[0] for name in names))
     true = [
@@ -30,7 +35,7 @@ def errors(truth: Mapping[str, Array], found: Estimate) -> tuple[Array, Array]:
         for axis, term in (name.split(".") for name in names)
     ]
     covariance = found.covariance[..., at, :][..., at]
-    off = found.value[:, at] - np.stack(true, axis=-1)
+    off = np.atleast_2d(found.value)[:, at] - np.stack(true, axis=-1)
     return off, np.broadcast_to(covariance, (*off.shape, len(at)))
 
 

@@ -10,6 +10,7 @@ from tests.accuracy import ramps
 from tests.accuracy.dividing_head import SIZES, Bench, draw
 from tests.accuracy.inercal_inputs import make_bench
 from tests.methods import axis_devices
+from tests.methods.axis_accuracy import errors
 from tests.methods.axis_devices import FACES, RATES, Devices, Warmed
 from tests.methods.dual_orthogonal_cases import SI, Case, case, declared, known, observed
 
@@ -32,7 +33,6 @@ from inercal.recordings.environment import Environment
 Array = NDArray[np.float64]
 Kind = Literal["f", "w"]
 Directions = list[tuple[float, float, float]]
-TRUTH = {"k0": "bias", "k1": "scale"}
 WARM_TERMS = ("bias", "bias_dT", "bias_dT2", "bias_dT3")
 HEAD = Bench(collimated="none", sizes=SIZES)
 
@@ -146,19 +146,6 @@ def on_head(given: Case, axes: str, priors: Priors = ()) -> Estimate:
     if len(axes) == 1:
         return least_squares(seen, sensor, given.bench, given.steps, priors)
     return joint(seen, sensor, given.bench, given.steps, priors)
-
-
-def errors(truth: dict[str, Array], found: Estimate, names: list[str]) -> tuple[Array, Array]:
-    """Return errors (n, p) and the covariance (n, p, p) of the coefficients `names`."""
-    at = [found.names.index(name) for name in names]
-    axes = list(dict.fromkeys(name.split(".")[0] for name in names))
-    true = [
-        truth[TRUTH.get(term, term)][:, axes.index(axis)]
-        for axis, term in (name.split(".") for name in names)
-    ]
-    off = np.atleast_2d(found.value)[:, at] - np.stack(true, axis=-1)
-    covariance = found.covariance[..., at, :][..., at]
-    return off, np.broadcast_to(covariance, (*off.shape, len(at)))
 
 
 def compared(truth: dict[str, Array], found: Estimate, names: list[str] | None = None) -> Found:
