@@ -1,4 +1,4 @@
-"""The motion at a sensor: specific force, angular rate and angular acceleration.
+"""The motion at a sensor: specific force, angular rate and acceleration, and the magnetic field.
 
 All vectors are in the sensor's frame. `f` is specific force: an accelerometer at rest reads +g
 along the upward vertical. Arrays may have leading dimensions for trials: `(..., n, 3)`.
@@ -17,7 +17,7 @@ def _zero_vector() -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Specific force, angular rate and its derivative, and temperature, sample by sample.
+    """Specific force, angular rate and its derivative, temperature and field, sample by sample.
 
     Parameters
     ----------
@@ -31,6 +31,8 @@ class Motion:
         Temperature minus the sensor's reference temperature, K.
     dTdt : (..., n) array or float
         Time derivative of the temperature, K/s.
+    m : (..., n, 3) array
+        Magnetic flux density, T.
     """
 
     f: Array
@@ -38,3 +40,4 @@ class Motion:
     dw: Array = field(default_factory=_zero_vector)
     dT: Array | float = 0.0
     dTdt: Array | float = 0.0
+    m: Array = field(default_factory=_zero_vector)

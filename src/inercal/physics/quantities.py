@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-Measures = Literal["f", "w"]
-KINDS: tuple[Measures, ...] = ("f", "w")
-SensorKind = Literal["accelerometer", "gyro"]
-"""The words for the two kinds of sensor."""
+Measures = Literal["f", "w", "m"]
+KINDS: tuple[Measures, ...] = ("f", "w", "m")
+SensorKind = Literal["accelerometer", "gyro", "magnetometer"]
+"""The words for the kinds of sensor."""
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class Quantity:
 
     Parameters
     ----------
-    symbol : "f" or "w"
+    symbol : "f", "w" or "m"
         The letter used in `Axis.measures`, such as "f".
     name : str
         Name of the quantity, such as "specific force".
@@ -70,4 +70,19 @@ ANGULAR_RATE = Quantity(
     bias="bias",
     scale="scale",
 )
-QUANTITIES: Mapping[str, Quantity] = {one.symbol: one for one in (SPECIFIC_FORCE, ANGULAR_RATE)}
+MAGNETIC_FLUX_DENSITY = Quantity(
+    symbol="m",
+    name="magnetic flux density",
+    sensor="magnetometer",
+    sensors="magnetometers",
+    unit="T",
+    ascii_unit="T",
+    reading_unit="µT",
+    bias_unit="µT",
+    noise_unit="nT/√Hz",
+    bias="bias",
+    scale="scale",
+)
+QUANTITIES: Mapping[str, Quantity] = {
+    one.symbol: one for one in (SPECIFIC_FORCE, ANGULAR_RATE, MAGNETIC_FLUX_DENSITY)
+}

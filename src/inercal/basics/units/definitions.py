@@ -41,6 +41,7 @@ UNITS = {
         _base("K kelvin", "µm", "temperature"),
         _base("V volt", "nµmk", "voltage"),
         _base("A ampere", "nµm", "current"),
+        _base("T tesla", "nµm", "magnetic flux density"),
         _base("LSB count", "", "count"),
         _base("sample", "", "sample"),
         _unit("min minute", "", 60.0, {"s": 1}),
@@ -54,6 +55,7 @@ UNITS = {
         _unit("dps", "m", 1.0, {"deg": 1, "s": -1}),
         _unit("g", "nµm", 9.80665, {"m": 1, "s": -2}),  # CGPM 1901, exact
         _unit("Gal", "µm", 0.01, {"m": 1, "s": -2}),
+        _unit("gauss G", "nµm", 1e-4, {"T": 1}),
         _unit("degC °C celsius", "", 1.0, {"K": 1}),
         _unit("ppm", "", 1e-6),
         _unit("percent %", "", 0.01),

@@ -37,10 +37,12 @@ _KINDS = {
     "K": "a temperature",
     "V": "a voltage",
     "A": "a current",
+    "T": "a magnetic flux density",
     "LSB": "a count",
     "sample": "a number of samples",
     **{f"{unit}/(m/s²)": "an accelerometer's scale factor" for unit in ("LSB", "V", "A")},
     **{f"{unit}/(rad/s)": "a gyro's scale factor" for unit in ("LSB", "V", "A")},
+    **{f"{unit}/T": "a magnetometer's scale factor" for unit in ("LSB", "V", "A")},
 }
 ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
 

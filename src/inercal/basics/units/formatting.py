@@ -21,6 +21,7 @@ _PREFIXED = tuple(
         "nA µA mA A",
         "mHz Hz kHz MHz",
         "ng µg mg g",
+        "nT µT mT T",
         "ppm %",
     )
 )

@@ -18,7 +18,7 @@ class Readout:
     Parameters
     ----------
     scale : float
-        Nominal scale factor, output units per m/s² or per rad/s.
+        Nominal scale factor, output units per m/s², per rad/s or per T.
     offset : float
         Output at zero reading, in output units.
     unit : str
@@ -49,8 +49,9 @@ class Axis:
     ----------
     name : str
         Name of the axis, such as "x" or "gz".
-    measures : "f" or "w"
-        Specific force (an accelerometer) or angular rate (a gyro).
+    measures : "f", "w" or "m"
+        Specific force (an accelerometer), angular rate (a gyro) or magnetic flux density (a
+        magnetometer).
     i, p : tuple of 3 floats
         Nominal input and pendulous axes, orthogonal unit vectors in the sensor's frame; O = I × P.
     readout, noise

@@ -10,6 +10,8 @@ the rotated unit axis h (with the specific force at the end of the lever arm)::
 
     a = h·(f + dω/dt × r + ω × (ω × r)),   h = (1, tan δ_O, −tan δ_P) / norm   along (I, P, O)
     y = a + Σ c φ(seen, with f_I replaced by a)
+
+Magnetometers always have the reference form, because soft iron is not a rotation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,13 +21,13 @@ import numpy as np
 
 from inercal.basics.arrays import Array
 from inercal.physics.frames import skew
-from inercal.physics.quantities import Measures
+from inercal.physics.quantities import KINDS, Measures
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
 Form = Literal["reference", "tilted"]
-MOTION_COMPONENTS = ("fi", "fp", "fo", "wi", "wp", "wo")
+MOTION_COMPONENTS = tuple(kind + axis for kind in KINDS for axis in "ipo")
 ARMS = ("arm_i", "arm_p", "arm_o")
-ALONG = {"f": "fi", "w": "wi"}  # the reading of an axis without errors
+ALONG = {kind: kind + "i" for kind in KINDS}  # the reading of an axis without errors
 
 
 class AxisResponse(NamedTuple):
@@ -33,7 +35,7 @@ class AxisResponse(NamedTuple):
 
     reading: Array
     coefficient_derivatives: dict[str, Array]
-    motion_derivatives: dict[str, Array]  # by component: fi … wo
+    motion_derivatives: dict[str, Array]  # by component: fi … mo
 
 
 def axis_response(
@@ -50,7 +52,7 @@ def axis_response(
 
     Parameters
     ----------
-    measures : "f" or "w"
+    measures : "f", "w" or "m"
     lines : sequence of ErrorTerm
         The terms of the model.
     values : mapping of str to (..., 1, k) array
@@ -65,7 +67,8 @@ def axis_response(
         Whether derivatives with respect to the coefficients are also computed.
     """
     along = ALONG[measures]
-    geometry = _tilted_axis_response(values, seen, along) if form == "tilted" else None
+    tilted = form == "tilted" and measures != "m"
+    geometry = _tilted_axis_response(values, seen, along) if tilted else None
     if geometry is not None:
         seen = {**seen, along: geometry.reading}
         if measures == "f" and "si" in seen:

@@ -11,9 +11,12 @@ from functools import cached_property
 
 from inercal.basics.arrays import Array
 
-# specific force, angular rate and its derivative along I, P, O; signs of fi and wi; temperature
-# difference and temperature rate
-COMPONENTS = ("fi", "fp", "fo", "wi", "wp", "wo", "ai", "ap", "ao", "si", "swi", "dT", "dTdt")
+# specific force, angular rate, its derivative and magnetic flux density along I, P, O; signs of fi
+# and wi; temperature difference and temperature rate
+COMPONENTS = (
+    *(letter + axis for letter in "fwam" for axis in "ipo"),
+    *("si", "swi", "dT", "dTdt"),
+)
 
 
 @dataclass(frozen=True)

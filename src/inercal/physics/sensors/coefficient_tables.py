@@ -5,6 +5,7 @@ each coefficient times its basis function::
 
     accelerometer   y = f_I + Σ c φ(f, ω, dω/dt, ΔT, dT/dt)  m/s²
     gyro            y = ω_I + Σ c φ(f, ω, ΔT, dT/dt)          rad/s
+    magnetometer    y = m_I + Σ c φ(m, ΔT)                    T
 
 P is the pendulous axis and O the output axis, O = I × P. `k1` is the deviation of the scale factor
 from nominal (0 is nominal). The misalignments have the signs of IEEE Std 1293: `delta_o` rotates I
@@ -12,8 +13,10 @@ about O and adds +f_P; `delta_p` rotates I about P and adds −f_O.
 
 Sources: accelerometer, the model equation of IEEE Std 1293-2018 (clause 8 of its Part I: K0, K0′,
 K1, K1′, Koq, K2, K3, δo, δp, Kip, Kio, Kpo, Kpp, Koo, Kspin, Kang.acc); gyro, IEEE Std 952 and 1431
-for bias, scale factor and sensitivity to acceleration and its square. Arms are the components of
-the lever r in f + dω/dt × r + ω × (ω × r).
+for bias, scale factor and sensitivity to acceleration and its square; magnetometer, Kok and Schön,
+IEEE Sensors Journal 16 (2016) 5679: the rows of its matrix D hold scale factor, soft iron and
+misalignment, which no recording can separate. Arms are the components of the lever r in
+f + dω/dt × r + ω × (ω × r).
 """
 
 from dataclasses import dataclass, field
@@ -24,6 +27,8 @@ from inercal.physics.sensors.basis_functions import Basis, Product
 G0 = 9.80665  # m/s², exact (CGPM 1901)
 _UG, _PPM, _ARCSEC, _MM = 1e-6 * G0, 1e-6, pi / 648_000, 1e-3
 _DEG_PER_H = pi / 180 / 3600
+_DEG = pi / 180
+_FIELD = 50e-6  # strength of the Earth's field, T
 _FORCE = ("fi", "fp", "fo")
 # Groups of terms that need many temperature soaks, and groups that need a temperature ramp.
 _ORDER, _RATE = "temperature_order", "temperature_rate"
@@ -72,6 +77,7 @@ def _table(measures: float, *lines: tuple[str, str, str, float, str, str, str]):
     for name, symbol, unit, si, text, group, meaning in lines:
         basis = Basis(text)
         unit_scale = measures / G0 ** basis.degree(*_FORCE) / TEMPERATURE_SPAN ** basis.degree("dT")
+        unit_scale /= _FIELD ** basis.degree("mi", "mp", "mo")
         unit_scale /= TEMPERATURE_RATE ** basis.degree("dTdt")
         table.append(ErrorTerm(name, symbol, unit, si, basis, meaning, group, unit_scale))
     return tuple(table)
@@ -169,6 +175,16 @@ GYRO: tuple[ErrorTerm, ...] = _table(
     ),
 )
 
+MAGNETOMETER: tuple[ErrorTerm, ...] = _table(
+    _FIELD,
+    ("bias", "o", "µT", 1e-6, "1", "bias", "hard iron and bias"),
+    ("scale", "κ", "%", 0.01, "mi", "scale", "scale factor and soft iron along I"),
+    ("delta_o", "δ_O", "°", _DEG, "mp", "misalignment", "misalignment and soft iron towards P"),
+    ("delta_p", "δ_P", "°", _DEG, "-mo", "misalignment", "misalignment and soft iron towards −O"),
+    ("bias_dT", "o_T", "nT/K", 1e-9, "dT", "temperature", "bias temperature coefficient"),
+    ("scale_dT", "κ_T", "ppm/K", _PPM, "mi dT", "temperature", "scale temperature coefficient"),
+)
+
 SI_UNITS = {  # SI sizes of the printed units
     "µg": "m/s²",
     "ppm": "1",
@@ -194,9 +210,13 @@ SI_UNITS = {  # SI sizes of the printed units
     "µg/(K/min)": "(m/s²)/(K/s)",
     "°/h/K²": "(rad/s)/K²",
     "°/h/K³": "(rad/s)/K³",
+    "µT": "T",
+    "nT/K": "T/K",
+    "%": "1",
+    "°": "rad",
     "°/h/(K/min)": "(rad/s)/(K/s)",
 }
-TABLES = {"f": ACCELEROMETER, "w": GYRO}
+TABLES = {"f": ACCELEROMETER, "w": GYRO, "m": MAGNETOMETER}
 # SI size and name of the bias unit, by kind of axis.
 BIAS_UNITS = {kind: (table[0].si, table[0].unit) for kind, table in TABLES.items()}
 GROUPS = tuple(dict.fromkeys(c.group for table in TABLES.values() for c in table))

@@ -1,6 +1,6 @@
 """Compute the sensed motion from readings by Newton's method on the exact model.
 
-Accelerometers and gyros are solved together; more than three axes of one kind are solved by least
+The axes of all kinds are solved together; more than three axes of one kind are solved by least
 squares. An affine model needs only one matrix; other models iterate over chunks of samples, so that
 memory stays bounded.
 """
@@ -10,7 +10,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotInvertible
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import three_axes
 from inercal.physics.sensors.sensor import Sensor
 
@@ -29,6 +29,7 @@ def inverse(
     *,
     f: Array | None = None,
     w: Array | None = None,
+    m: Array | None = None,
     dw: Array | None = None,
     dT: Array | float = 0.0,
     dTdt: Array | float = 0.0,
@@ -43,11 +44,10 @@ def inverse(
         Readings in SI units (after the nominal readout).
     c : (..., p) array
         Coefficients in SI units, in the order of `sensor.coefficients`.
-    f, w : (..., n, 3) arrays, optional
+    f, w, m : (..., n, 3) arrays, optional
         Motion that the sensor does not measure. If there are fewer than three independent input
         axes of a kind, the components perpendicular to them are taken from here, and those along
-        them are ignored. By default ω is zero for a sensor without gyros, and f is zero for a
-        sensor without accelerometers.
+        them are ignored. By default the motion of a kind that the sensor has no axes for is zero.
     dw : (..., n, 3) array, optional
         Angular acceleration, rad/s², needed if lever arms are modelled.
     dT : (..., n) array or float
@@ -67,7 +67,8 @@ def inverse(
         A reading is beyond the model's fold, where no unique motion exists.
     """
     basis = sensor.sensed.basis
-    for quantity, given in ((SPECIFIC_FORCE, f), (ANGULAR_RATE, w)):
+    stated = (f, w, m)[: sensor.width // 3]
+    for quantity, given in zip(QUANTITIES.values(), stated, strict=False):
         rank = sensor.rank(quantity.symbol)
         if 0 < rank < 3 and given is None:
             raise InputError(
@@ -79,7 +80,7 @@ def inverse(
     shape = (*y.shape[:-1], 3)
     zero = np.zeros((1, 3))
     across = np.concatenate(
-        [np.broadcast_to(zero if v is None else v, shape) for v in (f, w)], axis=-1
+        [np.broadcast_to(zero if v is None else v, shape) for v in stated], axis=-1
     )
     across = across - (across @ basis) @ basis.T
     rates = np.broadcast_to(zero if dw is None else dw, shape)
@@ -88,7 +89,7 @@ def inverse(
         sensed = across + _affine(sensor, y, c, across, basis) @ basis.T
     else:
         lead = np.broadcast_shapes(y.shape[:-2], c.shape[:-1])
-        sensed = np.empty((*lead, y.shape[-2], 6))
+        sensed = np.empty((*lead, y.shape[-2], sensor.width))
         for start in range(0, y.shape[-2], _CHUNK):
             part = np.s_[..., start : start + _CHUNK, :]
             thermal_part = tuple(t[..., start : start + _CHUNK] for t in thermal)
@@ -100,7 +101,8 @@ def inverse(
 
 def _motion(sensed: Array, rates: Array, thermal: tuple[Array, ...]) -> Motion:
     """Return the motion with the temperature difference and rate given in `thermal`."""
-    return Motion(sensed[..., :3], sensed[..., 3:], rates, *thermal)
+    field = {"m": sensed[..., 6:]} if sensed.shape[-1] > len("fw") * 3 else {}
+    return Motion(sensed[..., :3], sensed[..., 3:6], rates, *thermal, **field)
 
 
 def _solve(slope: Array, right: Array) -> Array:
@@ -123,7 +125,7 @@ def _affine(sensor: Sensor, y: Array, c: Array, across: Array, basis: Array) -> 
     slope = (sensor.slope(Motion(np.zeros((1, 3))), c) @ basis)[..., 0, :, :]
     if (np.linalg.matrix_rank(slope) < basis.shape[1]).any():
         raise NotInvertible(f"sensor {sensor.name}: {_SINGULAR_TEXT}")
-    offset = sensor.forward(Motion(across[..., :3], across[..., 3:]), c)
+    offset = sensor.forward(_motion(across, np.zeros((1, 3)), ()), c)
     back = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
     return (y - offset) @ np.swapaxes(back, -1, -2)
 
@@ -139,7 +141,7 @@ def _newton(
     first: int,
     refuse: bool,
 ) -> Array:
-    """Return (f, ω), (..., n, 6), for a chunk that starts at sample `first`."""
+    """Return (f, ω, m), (..., n, width), for a chunk that starts at sample `first`."""
     origin = _motion(across, rates, thermal)
     reading, slope = sensor.reading_and_slope(origin, c)
     at_origin = slope @ basis

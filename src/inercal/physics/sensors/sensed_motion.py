@@ -1,4 +1,4 @@
-"""The components of the motion (f, ω) that the axes of a sensor measure.
+"""The components of the motion (f, ω, m) that the axes of a sensor measure.
 
 Three independent axes of a kind measure a vector, so its components are those along x, y and z.
 One or two axes measure only the components along their own directions.
@@ -21,10 +21,10 @@ class SensedMotion(NamedTuple):
     ----------
     names : tuple of q str
         "fx", "wz", …; "f1", "f2", … for one or two axes that are not along different case axes.
-    measures : tuple of q "f" or "w"
-    rows : (q, 6) array
-        Direction of each component in (f, ω).
-    basis : (6, k) array
+    measures : tuple of q "f", "w" or "m"
+    rows : (q, width) array
+        Direction of each component in (f, ω), or in (f, ω, m) if there are magnetometers.
+    basis : (width, k) array
         Orthonormal basis of these directions; k < q if some of them are parallel.
     """
 
@@ -40,7 +40,8 @@ def sensed_motion(axes: Sequence[Axis]) -> SensedMotion:
     measures: list[Measures] = []
     rows: list[Array] = []
     basis: list[Array] = []
-    for kind in KINDS:
+    width = motion_width(axes)
+    for kind in KINDS[: width // 3]:
         own = np.array([axis.i for axis in axes if axis.measures == kind]).reshape(-1, 3)
         rank = int(np.linalg.matrix_rank(own))
         if rank == len("xyz"):
@@ -49,12 +50,17 @@ def sensed_motion(axes: Sequence[Axis]) -> SensedMotion:
             orthonormal = np.linalg.svd(own)[2][:rank]
         names += [kind + name for name in case_letters(own) or map(str, range(1, len(own) + 1))]
         measures.extend(kind for _ in own)
-        place = np.eye(3, 6, 3 * KINDS.index(kind))
+        place = np.eye(3, width, 3 * KINDS.index(kind))
         rows += list(own @ place)
         basis += list(orthonormal @ place)
     return SensedMotion(
         tuple(names), tuple(measures), np.array(rows), np.ascontiguousarray(np.transpose(basis))
     )
+
+
+def motion_width(axes: Sequence[Axis]) -> int:
+    """Return the number of components of the motion: 6 for (f, ω), 9 for (f, ω, m)."""
+    return 3 * (len(KINDS) if any(axis.measures == "m" for axis in axes) else len("fw"))
 
 
 def case_letters(directions: Array) -> tuple[str, ...]:

@@ -16,12 +16,12 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import Measures
+from inercal.physics.quantities import KINDS, Measures
 from inercal.physics.sensors.axis import Axis
 from inercal.physics.sensors.axis_model import MOTION_COMPONENTS, AxisResponse, Form
 from inercal.physics.sensors.coefficient_selection import select_coefficients
 from inercal.physics.sensors.coefficient_tables import TABLES, ErrorTerm
-from inercal.physics.sensors.sensed_motion import SensedMotion, sensed_motion
+from inercal.physics.sensors.sensed_motion import SensedMotion, motion_width, sensed_motion
 from inercal.physics.sensors.similar_axes import SimilarAxes
 
 
@@ -30,7 +30,7 @@ class Linearisation(NamedTuple):
 
     reading: Array  # (..., n, m)
     design: Array  # (..., n, m, p)
-    slope: Array  # (..., n or 1, m, 6)
+    slope: Array  # (..., n or 1, m, width)
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Sensor:
     name : str
         The laboratory's name for the sensor.
     axes : tuple of Axis
-        Accelerometers and gyros, in the order of the channels in the recording.
+        Accelerometers, gyros and magnetometers, in the order of the channels in the recording.
     coefficients : tuple of str
         Full names, "ax.k0"; see `with_coefficients`.
     form : "reference" or "tilted"
@@ -103,20 +103,25 @@ class Sensor:
         """
         return replace(self, coefficients=select_coefficients(self.axes, chosen))
 
-    def select_axes(self, measures: Measures) -> "Sensor":
-        """Return a sensor with only the accelerometers or gyros, and their coefficients."""
-        axes = tuple(a for a in self.axes if a.measures == measures)
+    def select_axes(self, *measures: Measures) -> "Sensor":
+        """Return a sensor with only the axes of the given kinds, and their coefficients."""
+        axes = tuple(a for a in self.axes if a.measures in measures)
         kept = {a.name for a in axes}
         names = tuple(c for c in self.coefficients if CoefficientName(c).axis in kept)
         return replace(self, axes=axes, coefficients=names)
 
     def input_axes(self, measures: Measures) -> Array:
-        """Return the directions of the accelerometers or gyros in the sensor's frame, (m, 3)."""
+        """Return the directions of the axes of a kind in the sensor's frame, (m, 3)."""
         return np.array([a.i for a in self.axes if a.measures == measures]).reshape(-1, 3)
 
     def rank(self, measures: Measures) -> int:
         """Return the number of independent directions along which a quantity is measured."""
         return int(np.linalg.matrix_rank(self.input_axes(measures)))
+
+    @cached_property
+    def width(self) -> int:
+        """The number of components of the motion: 6 for (f, ω), 9 for (f, ω, m)."""
+        return motion_width(self.axes)
 
     @cached_property
     def sensed(self) -> SensedMotion:
@@ -148,7 +153,7 @@ class Sensor:
 
     @cached_property
     def affine(self) -> bool:
-        """Whether the readings are affine in f and ω and depend on nothing else."""
+        """Whether the readings are affine in f, ω and m and depend on nothing else."""
         table = [term.basis for term in self._terms.values()]
         linear = all(basis.degree(*MOTION_COMPONENTS) <= 1 for basis in table)
         others = self.uses("si", "swi", "dT", "dTdt", "ai", "ap", "ao")
@@ -214,7 +219,7 @@ class Sensor:
         return reading
 
     def reading_and_slope(self, motion: Motion, c: Array) -> tuple[Array, Array]:
-        """Return the readings, (..., n, m), and their `slope`, (..., n or 1, m, 6), in one pass.
+        """Return the readings, (..., n, m), and their `slope`, in one pass.
 
         The method is faster than `linearise` if the design is not needed.
         """
@@ -228,7 +233,7 @@ class Sensor:
         return reading, self._slope(responses, reading.shape)
 
     def _slope(self, responses: Sequence[AxisResponse], shape: tuple[int, ...]) -> Array:
-        slope = np.zeros((*shape, 6))
+        slope = np.zeros((*shape, self.width))
         for group, response in zip(self._groups, responses, strict=True):
             group.add_slope(response, slope)
         return slope
@@ -238,7 +243,7 @@ class Sensor:
         return self.linearise(motion, c).design
 
     def slope(self, motion: Motion, c: Array) -> Array:
-        """Return d(reading)/d(f, ω) at the motion, (..., n, m, 6), in the sensor's frame.
+        """Return d(reading)/d(f, ω, m) at the motion, (..., n, m, width), in the sensor's frame.
 
         The sample dimension has length 1 if the slope is the same for all samples.
         """
@@ -260,27 +265,30 @@ class Sensor:
         return Linearisation(reading, design, self._slope(responses, reading.shape))
 
     def _linearise_affine(self, motion: Motion, c: Array) -> Linearisation:
-        """Linearise an affine sensor with two matrix products: y = (A₀ + Σ c B) (f, ω, 1)."""
+        """Linearise an affine sensor with two matrix products: y = (A₀ + Σ c B) (f, ω, m, 1)."""
         nominal, change = self._affine_maps
-        shape = np.broadcast_shapes(motion.f.shape, motion.w.shape)
-        sensed = np.ones((*shape[:-1], 7))
-        sensed[..., :3], sensed[..., 3:6] = motion.f, motion.w
+        width = self.width
+        parts = (motion.f, motion.w, motion.m)[: width // 3]
+        shape = np.broadcast_shapes(*(part.shape for part in parts))
+        sensed = np.ones((*shape[:-1], width + 1))
+        for k, part in enumerate(parts):
+            sensed[..., 3 * k : 3 * k + 3] = part
         m, p = len(self.axes), len(self.coefficients)
-        maps = nominal + (c @ change.reshape(p, m * 7)).reshape(*c.shape[:-1], m, 7)
+        maps = nominal + (c @ change.reshape(p, -1)).reshape(*c.shape[:-1], m, width + 1)
         reading = sensed @ np.swapaxes(maps, -1, -2)
-        design = sensed @ np.moveaxis(change, -1, 0).swapaxes(-1, -2).reshape(7, m * p)
+        design = sensed @ np.moveaxis(change, -1, 0).swapaxes(-1, -2).reshape(width + 1, m * p)
         return Linearisation(
-            reading, design.reshape(*design.shape[:-1], m, p), maps[..., None, :, :6]
+            reading, design.reshape(*design.shape[:-1], m, p), maps[..., None, :, :width]
         )
 
     @cached_property
     def _affine_maps(self) -> tuple[Array, Array]:
-        """The matrices A₀, (m, 7), and B, (p, m, 7), of an affine sensor."""
-        p = len(self.coefficients)
-        sensed = np.concatenate([np.eye(6), np.zeros((1, 6))])
-        motion = Motion(sensed[:, :3], sensed[:, 3:])
+        """The matrices A₀, (m, width + 1), and B, (p, m, width + 1), of an affine sensor."""
+        p, width = len(self.coefficients), self.width
+        sensed = np.eye(width + 1, len("xyz") * len(KINDS))
+        motion = Motion(sensed[:, :3], sensed[:, 3:6], m=sensed[:, 6:])
         reading = self.forward(motion, np.concatenate([np.eye(p), np.zeros((1, p))]))
-        at = np.array(np.broadcast_to(reading, (p + 1, 7, len(self.axes))))
-        at[:, :6] -= at[:, 6:]
+        at = np.array(np.broadcast_to(reading, (p + 1, width + 1, len(self.axes))))
+        at[:, :width] -= at[:, width:]
         maps = np.swapaxes(at, -1, -2)
         return maps[p], maps[:p] - maps[p]

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import Measures
+from inercal.physics.quantities import KINDS, Measures
 from inercal.physics.sensors.axis_model import ALONG, ARMS, AxisResponse, Form, axis_response
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 
-_VECTORS = ("f", "w", "a")
+_VECTORS = ("f", "w", "a", "m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class SimilarAxes:
 
     Parameters
     ----------
-    measures : "f" or "w"
+    measures : "f", "w" or "m"
     members : (k,) array of int
         Their indices among the axes of the sensor.
     frames : (k, 3, 3) array
@@ -64,13 +64,14 @@ class SimilarAxes:
     def _motion_components(self, motion: Motion, form: Form) -> dict[str, Array]:
         """Return the components of a motion that act on the axes, by name, (..., n, k)."""
         lead = np.broadcast_shapes(
-            *(v.shape[:-1] for v in (motion.f, motion.w, motion.dw)),
+            *(v.shape[:-1] for v in (motion.f, motion.w, motion.dw, motion.m)),
             np.shape(motion.dT),
             np.shape(motion.dTdt),
         )
         seen: dict[str, Array] = {}
         rotated = self.frames.reshape(-1, 3).T
-        for letter, vectors in zip(_VECTORS, (motion.f, motion.w, motion.dw), strict=True):
+        vectors_of = (motion.f, motion.w, motion.dw, motion.m)
+        for letter, vectors in zip(_VECTORS, vectors_of, strict=True):
             if letter == self.measures or self._uses(letter, form):
                 along = (vectors @ rotated).reshape(*vectors.shape[:-1], -1, 3)
                 seen |= {letter + axis: along[..., k] for k, axis in enumerate("ipo")}
@@ -92,8 +93,8 @@ class SimilarAxes:
         return arms or any(term.basis.uses(*names) for term in self.terms)
 
     def add_slope(self, response: AxisResponse, slope: Array) -> None:
-        """Write the slopes with respect to f and ω into the array of all m axes, (..., n, m, 6)."""
-        for first, letter in ((0, "f"), (3, "w")):
+        """Write the slopes by f, ω and m into the array of all axes, (..., n, axes, width)."""
+        for first, letter in enumerate(KINDS):
             # The directions I, P and O of each sensor axis, weighted by the derivatives.
             total = None
             for place, axis in enumerate("ipo"):
@@ -102,4 +103,4 @@ class SimilarAxes:
                     part = column[..., None] * self.frames[:, place]
                     total = part if total is None else total + part
             if total is not None:
-                slope[..., self.members, first : first + 3] = total
+                slope[..., self.members, 3 * first : 3 * first + 3] = total
