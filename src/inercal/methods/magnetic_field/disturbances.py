@@ -8,11 +8,14 @@ example, nodes without links show only two of the three components of a step.
 The products of all columns after the elimination of the turns are sufficient for the tests, so
 their cost grows in proportion to the number of nodes.
 """
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+import scipy.linalg
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.candidate_scores import rows_from_products, score_tests
@@ -21,6 +24,7 @@ from inercal.methods.magnetic_field.fitting import FieldFit
 from inercal.methods.magnetic_field.solving import Solution
 
 _MOST_STRETCHES = 64
+_ABSORBED = 1e-9  # share of a component's square, below which it is absorbed
 
 
 def field_tests(fit: FieldFit) -> ScoreTestSet:
@@ -38,7 +42,8 @@ def field_tests(fit: FieldFit) -> ScoreTestSet:
     f = len(known)
     product = np.concatenate([np.zeros(f), flat.T @ one.rows.reading.ravel()])
     spread = np.eye(len(gram))
-    candidates = list(_candidates(fit, edges, spread[f:]))
+    whole_gram = scipy.linalg.block_diag(np.zeros((f, f)), flat.T @ flat)
+    candidates = [_visible(one, gram, whole_gram) for one in _candidates(fit, edges, spread[f:])]
     whole = np.column_stack([spread[:, :f], *(candidate.rows.T for candidate in candidates)])
     residual, rows = rows_from_products(whole.T @ gram @ whole, whole.T @ product)
     start, ready = f, list[Candidate]()
@@ -50,9 +55,9 @@ def field_tests(fit: FieldFit) -> ScoreTestSet:
 
 
 def _columns(solution: Solution, edges: Indices) -> Array:
-    """Return whitened columns (n, 3, k): a field in each stretch, an offset drift, a strength drift.
+    """Return whitened columns (n, 3, k): the field in each stretch, and two drifts.
 
-    The stretches have three columns each (north, west and up), the drifts three and one.
+    A stretch has three columns (north, west and up), the offset three and the strength one.
     """
     problem, state = solution.problem, solution.state
     n, stretches = len(problem.nodes.labels), len(edges) - 1
@@ -90,6 +95,18 @@ def _candidates(fit: FieldFit, edges: Indices, spread: Array) -> Iterator[Candid
         first, last = labels[edges[k]], labels[edges[k + 1] - 1]
         at = first if first == last else f"{first}–{last}"
         yield _candidate(f"field at {at}", "row", ways, stretch[k])
+
+
+def _visible(candidate: Candidate, gram: Array, whole: Array) -> Candidate:
+    """Return the candidate without the components that the turns of the nodes absorb."""
+    left, all_ = (np.sum(candidate.rows @ one * candidate.rows, axis=1) for one in (gram, whole))
+    kept = np.flatnonzero(left > _ABSORBED * all_)
+    return replace(
+        candidate,
+        components=tuple(candidate.components[k] for k in kept),
+        units=tuple(candidate.units[k] for k in kept),
+        rows=candidate.rows[kept],
+    )
 
 
 def _candidate(name: str, kind: CandidateKind, ways: tuple[str, ...], rows: Array) -> Candidate:

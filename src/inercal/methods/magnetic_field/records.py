@@ -89,13 +89,14 @@ class LinearModel:
     def matrices(self, coefficients: Array, temperature: Array) -> Array:
         """Return (D, o) of each node, (n, 3, 4), at temperature deviations (n,)."""
         weights = coefficients * temperature[:, None] ** self.powers
-        return self.nominal + np.einsum("np,pij->nij", weights, self.directions)
+        return self.nominal + (weights @ self.directions.reshape(-1, 12)).reshape(-1, 3, 4)
 
     def derivatives(self, h: Array, temperature: Array) -> Array:
         """Return the derivatives of the readings, (n, 3, p), for the fields h (n, 3)."""
-        one = np.concatenate([h, np.ones((len(h), 1))], axis=1)
-        weights = temperature[:, None] ** self.powers
-        return np.einsum("pij,nj,np->nip", self.directions, one, weights, optimize=True)
+        by_field = (
+            np.tensordot(h, self.directions[:, :, :3], axes=(1, 2)) + self.directions[:, :, 3]
+        )
+        return (by_field * (temperature[:, None] ** self.powers)[..., None]).mT
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,10 @@ R_k takes vectors of body frame k to the frame of the field (x magnetic north, y
     upward direction    u_k = R_kᵀ (0, 0, 1) − U_k s + noise    (the two components across u_k)
     rotation            0 = Log(C_jᵀ R_jᵀ R_{j+1}) − Γ_j s + noise
 
-s is the error of the known coefficients, with the prior N(0, P). A small turn of a node is
-R_k Exp(φ_k). The normal equations of all φ are block tridiagonal, so that they are eliminated by a
-banded Cholesky decomposition (Schur complement), in a time proportional to the number of nodes.
+s is the correction of the known coefficients (true minus used), with the prior N(0, P). A small
+turn of a node is R_k Exp(φ_k). The normal equations of all φ are block tridiagonal. A banded
+Cholesky decomposition eliminates them (Schur complement), in a time proportional to the number of
+nodes.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
@@ -42,7 +43,7 @@ class FieldState(NamedTuple):
     coefficients: Array  # (p,)
     dip: float  # δ, rad; 0 if no node has an upward direction
     strength: float  # B
-    known: Array  # (r,), the error s in units of its prior
+    known: Array  # (r,), the correction s in units of its prior
     attitude: Array  # (n, 3, 3), R_k
 
     @property
@@ -132,6 +133,7 @@ class FieldProblem:
 
     @cached_property
     def reading_whitener(self) -> Array:
+        """Whitening matrices of the readings, (n, 3, 3)."""
         return _whitener(self.nodes.covariance + self.disturbance)
 
     @cached_property
@@ -205,13 +207,7 @@ def field_rows(problem: FieldProblem, state: FieldState) -> FieldRows:
     direction_jacobian = np.zeros((len(up), 2, count))
     direction_jacobian[:, :, p + 2 :] = -across @ by_known
 
-    links, white_link = problem.links, problem.link_whitener
-    before, after = state.attitude[links.before], state.attitude[links.before + 1]
-    error = log_so3(links.rotation.mT @ before.mT @ after)
-    by_known = links.derivative @ problem.root
-    link_jacobian = np.zeros((len(error), 3, count))
-    link_jacobian[:, :, p + 2 :] = -white_link @ by_known
-    turn = white_link @ (np.eye(3) + 0.5 * skew(error))
+    link, link_jacobian, turn, turn_before = _link_rows(problem, state)
 
     weight = np.zeros(count)
     prior = np.zeros(count)
@@ -229,13 +225,31 @@ def field_rows(problem: FieldProblem, state: FieldState) -> FieldRows:
         (across @ direction[..., None])[..., 0],
         direction_jacobian,
         across @ skew(up),
-        (white_link @ (by_known @ state.known - error)[..., None])[..., 0],
+        link,
         link_jacobian,
         turn,
-        -turn @ after.mT @ before,
+        turn_before,
         prior,
         weight,
     )
+
+
+def _link_rows(problem: FieldProblem, state: FieldState) -> tuple[Array, Array, Array, Array]:
+    """Return the rows of the links, their derivatives, and those in the turns of both nodes."""
+    links, p = problem.links, len(problem.model.names)
+    count = p + 2 + problem.root.shape[1]
+    if not len(links.before):
+        none = np.zeros((0, 3, 3))
+        return np.zeros((0, 3)), np.zeros((0, 3, count)), none, none
+    white = problem.link_whitener
+    before, after = state.attitude[links.before], state.attitude[links.before + 1]
+    error = log_so3(links.rotation.mT @ before.mT @ after)
+    by_known = links.derivative @ problem.root
+    jacobian = np.zeros((len(error), 3, count))
+    jacobian[:, :, p + 2 :] = -white @ by_known
+    turn = white @ (np.eye(3) + 0.5 * skew(error))
+    rows = (white @ (by_known @ state.known - error)[..., None])[..., 0]
+    return rows, jacobian, turn, -turn @ after.mT @ before
 
 
 class Elimination(NamedTuple):

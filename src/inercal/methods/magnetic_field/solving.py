@@ -52,28 +52,25 @@ def solve(problem: FieldProblem, state: FieldState, most: int = _MOST_ITERATIONS
     """Return the minimum of χ² that Gauss–Newton steps reach from a state."""
     size = typical_sizes(problem, state.strength)
     rows = field_rows(problem, state)
-    converged, count = False, 0
-    while True:
+    for count in range(most + 1):
         found = eliminate(problem, state, rows)
-        if converged or count == most:
-            return Solution(problem, state, rows, found, converged, count)
-        count += 1
         damped = found.information * np.outer(size, size) + np.eye(len(size)) / _STEP_SIZE**2
         step = size * np.linalg.solve(damped, size * found.gradient)
-        predicted = float(step @ found.gradient) + found.decrease
+        converged = float(step @ found.gradient) + found.decrease < _SMALL_STEP
+        if converged or count == most:
+            return Solution(problem, state, rows, found, converged, count)
         whole = np.zeros(len(problem.model.names) + 2 + problem.root.shape[1])
         whole[problem.free] = step
         turns = (found.turns - found.solved @ step).reshape(-1, 3)
-        for halving in range(_MOST_HALVINGS):
-            share = 0.5**halving
+        for share in 0.5 ** np.arange(_MOST_HALVINGS):
             moved = state.moved(share * whole, share * turns)
             next_rows = field_rows(problem, moved)
             if next_rows.cost <= rows.cost * (1 + 1e-12) + _SMALL_STEP:
-                state, rows = moved, next_rows
                 break
         else:
             return Solution(problem, state, rows, found, False, count)
-        converged = predicted < _SMALL_STEP
+        state, rows = moved, next_rows
+    raise AssertionError("unreachable")
 
 
 def best_solution(problem: FieldProblem, starts: list[FieldState]) -> Solution:
