@@ -29,12 +29,15 @@ def linear_model(axes=None):
     return LinearModel(NAMES, np.column_stack([axes, np.zeros(3)]), directions)
 
 
-def true_values(model, own, dip=True):
-    """Return the coefficients of the device, its dip and strength."""
-    wanted = np.column_stack([own.d, own.o]) - model.nominal
-    columns = model.directions.reshape(12, 12).T
-    c = np.linalg.solve(columns, wanted.ravel())
-    return np.concatenate([c, [own.dip] * dip, [own.strength]])
+def true_values(model, own, dip=True, per_field=False):
+    """Return the coefficients of the device, its dip and strength.
+
+    With `per_field`, D is divided by its mean scale relative to the stated axes.
+    """
+    mean = np.mean(np.diag(own.d @ np.linalg.inv(model.nominal[:, :3]))) if per_field else 1.0
+    wanted = np.column_stack([own.d / mean, own.o]) - model.nominal
+    c = np.linalg.solve(model.directions.reshape(12, 12).T, wanted.ravel())
+    return np.concatenate([c, [own.dip] * dip, [own.strength * mean]])
 
 
 def records(data):
@@ -72,11 +75,15 @@ def fit(data, model=None, strength_sd=0.0, **conditions):
 
 
 def normalised_error(found, own, model=None):
-    """Return the squared error of coefficients and dip, normalised by their covariance and number."""
-    kept = [k for k, name in enumerate(found.names) if name != "strength"]
+    """Return the squared error, normalised by its covariance and by the number of unknowns.
+
+    Without a stated strength, the strength replaces one of the scales.
+    """
+    left_out = "mx.scale" if found.per_field else "strength"
+    kept = [k for k, name in enumerate(found.names) if name != left_out]
     model = linear_model() if model is None else model
-    error = (found.value - true_values(model, own, "dip" in found.names))[kept]
+    true = true_values(model, own, "dip" in found.names, found.per_field)
     covariance = found.covariance[np.ix_(kept, kept)]
     size = np.sqrt(np.diagonal(covariance))
-    scaled = covariance / np.outer(size, size)
-    return (error / size) @ np.linalg.solve(scaled, error / size) / len(kept)
+    scaled = (found.value - true)[kept] / size
+    return scaled @ np.linalg.solve(covariance / np.outer(size, size), scaled) / len(kept)

@@ -21,6 +21,7 @@ import scipy
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.units import format_count
 from inercal.estimation.nullspace import row_echelon_form
 from inercal.methods.magnetic_field.orientation import oriented
 from inercal.methods.magnetic_field.records import (
@@ -36,7 +37,9 @@ from inercal.methods.magnetic_field.solving import Solution, best_solution, solv
 from inercal.methods.magnetic_field.starts import starts
 
 _LEAST_NODES = 7
+_LEAST_DOF = 3  # with fewer, a second set of coefficients often fits as well
 _UNDETERMINED = 0.1  # standard deviation in typical sizes, above which a direction is refused
+_NEGLIGIBLE = 0.1  # smallest weight that the name of a direction lists
 _LEVEL = 0.95
 _LARGEST_INHOMOGENEITY = 0.05
 _LEAST_TAU, _MOST_TAU = 1e-6, 1e3
@@ -125,10 +128,11 @@ def fit_field(
     check_records(nodes, directions, links, known)
     free_dip = FieldProblem(nodes, model, directions, links, known, None, conditions.strength)
     problem = replace(free_dip, dip=conditions.dip if len(directions.node) else None)
-    if len(nodes.labels) < _LEAST_NODES or problem.dof < 0:
+    if len(nodes.labels) < _LEAST_NODES or problem.dof < _LEAST_DOF:
         raise NotObserved(
             f"{len(nodes.labels)} attitudes do not determine the magnetometer; at least"
-            f" {_LEAST_NODES} different ones are needed, and 16 are recommended"
+            f" {_LEAST_NODES} different ones are needed if gyros link them, 8 otherwise, and 16"
+            " are recommended"
         )
     found = starts(free_dip)
     if not found:
@@ -230,30 +234,44 @@ def _require_determined(solution: Solution, problem: FieldProblem) -> float:
     if problem.dip is not None:
         at = chosen.index("dip")
         information[at, at] += 1 / problem.dip.sd**2
-    values, vectors = np.linalg.eigh(information)
-    null = vectors[:, values < 1 / _UNDETERMINED**2].T
+    null = _null_directions(information)
     if len(null):
-        rows = row_echelon_form(null)
-        words = tuple(
-            " + ".join(
-                f"{weight:.2g} {name}" if abs(weight - 1) > 0.005 else name
-                for name, weight in zip(chosen, row, strict=True)
-                if abs(weight) > 0.05
-            ).replace("+ -", "− ")
-            for row in rows
-        )
-        touched = np.any(np.abs(rows) > 0.05, axis=0)
-        count = f"{len(words)} combination{'s' if len(words) > 1 else ''}"
-        raise NotObserved(
-            f"the attitudes do not determine {count} of the magnetometer's coefficients:"
-            f" {'; '.join(words)}; add rests at other attitudes, with at least two azimuths for"
-            " each face and some upside down",
-            words,
-            names=tuple(name for name, hit in zip(chosen, touched, strict=True) if hit),
-        )
+        # A solution with undetermined directions is anywhere along them; the stated axes show them
+        # more clearly.
+        stated = solution.state._replace(coefficients=np.zeros(p))
+        at_stated = solve(solution.problem, stated, most=0)
+        clear = _null_directions(_information(at_stated))
+        raise _not_observed(chosen, clear if len(clear) else null)
     if "dip" not in chosen:
         return np.inf
     return float(np.sqrt(np.linalg.inv(information)[chosen.index("dip"), chosen.index("dip")]))
+
+
+def _null_directions(information: Array) -> Array:
+    values, vectors = np.linalg.eigh(information)
+    return row_echelon_form(vectors[:, values < 1 / _UNDETERMINED**2].T)
+
+
+def _not_observed(names: list[str], null: Array) -> NotObserved:
+    """Return the error that names the directions `null` (k, f), in typical sizes."""
+    null = np.where(np.abs(null) > _NEGLIGIBLE, null, 0.0)
+    words = [
+        " ".join(
+            f"{'+−'[int(weight < 0)]} {abs(weight):.2g} {name}"
+            for name, weight in zip(names, row, strict=True)
+            if weight
+        )
+        for row in null
+    ]
+    words = tuple(one.removeprefix("+ ").replace(" 1 ", " ").removeprefix("1 ") for one in words)
+    combinations = format_count(len(words), "combination")
+    return NotObserved(
+        f"the attitudes do not determine {combinations} of the magnetometer's coefficients:"
+        f" {'; '.join(words)}; add rests at other attitudes, with at least two azimuths for each"
+        " face and some upside down",
+        words,
+        names=tuple(name for name, hit in zip(names, null.any(axis=0), strict=True) if hit),
+    )
 
 
 def _require_homogeneous(tau: float) -> None:

@@ -49,23 +49,23 @@ def starts(problem: FieldProblem) -> list[FieldState]:
 def _inverses(problem: FieldProblem, m: Array) -> Iterator[tuple[Array, Array]]:
     """Yield T and c for centred readings (n, 3) of size 1."""
     node, up = problem.directions.node, problem.directions.up
-    shapes = [_sphere(m)]
-    if len(m) > 9 and (found := _ellipsoid(m)) is not None:
+    shapes = [_sphere(m)] if len(node) else []
+    if len(node) and len(m) > 9 and (found := _ellipsoid(m)) is not None:
         shapes.append(found)
     for inverse, c in shapes:
-        unit = m @ inverse.T - c
-        yield inverse, c
-        if len(node):
-            turns = [*_TURNS_OF_CUBE]
-            if len(node) > 9:
-                turns.append(_turn(unit[node], up))
-            heights = np.einsum("ki,tij,kj->tk", up, np.array(turns), unit[node])
-            turn = turns[int(np.argmin(np.var(heights, axis=1)))]
-            yield turn @ inverse, turn @ c
+        unit = m[node] @ inverse.T - c
+        turns = [*_TURNS_OF_CUBE]
+        if len(node) > 9:
+            turns.append(_turn(unit, up))
+        heights = np.einsum("ki,tij,kj->tk", up, np.array(turns), unit)
+        turn = turns[int(np.argmin(np.var(heights, axis=1)))]
+        yield turn @ inverse, turn @ c
     if len(node) > 12:
         yield _constant_dip(m, m[node], up)
     if np.sum(~problem.links.about_up) > 4:
         yield _rotations(problem, m)
+    elif not len(node):
+        yield _ellipsoid(m) or _sphere(m)
 
 
 def _sphere(m: Array) -> tuple[Array, Array]:
@@ -178,7 +178,7 @@ def _attitudes(problem: FieldProblem, unit: Array, dip: float) -> Array:
     done[node] = True
     field = np.array([np.cos(dip), 0.0, -np.sin(dip)])
     for k in problem.gauges:
-        near = np.eye(3) if unit[k] @ field > -0.9 else np.diag([-1.0, 1.0, -1.0])
+        near = np.eye(3) if float(unit[k] @ field) > -0.9 else np.diag([-1.0, 1.0, -1.0])
         result[k], done[k] = _along_field(near, unit[k], field), True
     links = problem.links
     steps = list(zip(links.before.tolist(), links.rotation, strict=True))
@@ -198,4 +198,4 @@ def _along_field(near: Array, unit: Array, field: Array) -> Array:
     sine = float(np.linalg.norm(axis))
     if sine == 0:
         return near
-    return near @ exp_so3(axis / sine * np.arctan2(sine, unit @ field @ near))
+    return near @ exp_so3(axis / sine * np.arctan2(sine, unit @ (field @ near)))
