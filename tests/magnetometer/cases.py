@@ -12,9 +12,7 @@ from inercal.methods.magnetic_field import (
     fit_field,
 )
 
-NAMES = (
-    *(f"m{i}.{what}" for i in "xyz" for what in ("bias", "scale", "delta_o", "delta_p")),
-)
+NAMES = (*(f"m{i}.{what}" for i in "xyz" for what in ("bias", "scale", "delta_o", "delta_p")),)
 
 
 def linear_model(axes=None):
@@ -87,3 +85,8 @@ def normalised_error(found, own, model=None):
     size = np.sqrt(np.diagonal(covariance))
     scaled = (found.value - true)[kept] / size
     return scaled @ np.linalg.solve(covariance / np.outer(size, size), scaled) / len(kept)
+
+
+def band(dof, count):
+    """Return four standard errors of the mean of `count` values of χ²/dof."""
+    return 4 * np.sqrt(2 / (dof * count))

@@ -1,6 +1,7 @@
 """Simulated recordings of a magnetometer in the earth's field; plain NumPy, nothing of inercal.
 
-m = D h + o with h = Rᵀ B (cos δ, 0, −sin δ), f = M Rᵀ (0, 0, g) + b. R takes body to north, west, up.
+m = D h + o with h = Rᵀ B (cos δ, 0, −sin δ), and f = M Rᵀ (0, 0, g) + b. R takes vectors from the
+body to north, west and up.
 """
 
 from dataclasses import dataclass, field
@@ -10,6 +11,8 @@ import numpy as np
 G = 9.80665  # m/s²
 SIGMA_M = 0.1e-6  # T
 SIGMA_F = 0.005  # m/s²
+DIP = np.radians(65.0)
+RANDOM_WALK = np.radians(0.005)  # of the gyros, rad/√s
 
 
 def cross_matrix(v):
@@ -67,14 +70,14 @@ class Device:
     d: np.ndarray
     o: np.ndarray
     strength: float = 50e-6
-    dip: float = np.radians(65.0)
+    dip: float = DIP
 
     @property
     def field(self):
         return self.strength * np.array([np.cos(self.dip), 0.0, -np.sin(self.dip)])
 
 
-def device(rng, axes=None, strength=50e-6, dip=np.radians(65.0)):
+def device(rng, axes=None, strength=50e-6, dip=DIP):
     """Soft iron 5 %, rotation 3° per axis, offset 20 µT per axis; `axes` multiplies D."""
     soft = np.eye(3) + 0.05 * np.tril(rng.standard_normal((3, 3)))
     d = (soft + np.tril(soft, -1).T) @ rotation(np.radians(3.0) * rng.standard_normal(3))
@@ -93,8 +96,8 @@ class Data:
     up: np.ndarray
     up_sd: float
     up_by_known: np.ndarray
-    known: np.ndarray  # covariance
-    known_error: np.ndarray  # used minus true
+    known: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))  # covariance
+    known_error: np.ndarray = field(default_factory=lambda: np.zeros(0))  # used minus true
     before: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     turn: np.ndarray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     turn_sd: float = 1e-4
@@ -102,31 +105,39 @@ class Data:
     about_up: bool = False
 
 
-def rests(rng, attitude, own, *, sigma_m=SIGMA_M, sigma_f=SIGMA_F, disturbance=None, drift=None):
+def rests(
+    rng,
+    attitude,
+    own,
+    *,
+    sigma_m=SIGMA_M,
+    sigma_f=SIGMA_F,
+    disturbance=None,
+    drift=None,
+    noise=1.0,
+):
     """Rests with exact accelerometers.
 
     `disturbance` (n, 3) is added to the field (north, west, up), `drift` (n, 3) to the offset.
+    With `noise` 0, the readings are exact, although their stated noise is the same.
     """
     n = len(attitude)
     b = np.tile(own.field, (n, 1)) if disturbance is None else own.field + disturbance
     h = np.einsum("kji,kj->ki", attitude, b)
     sd = np.broadcast_to(sigma_m, (n,))
-    reading = h @ own.d.T + own.o + sd[:, None] * rng.standard_normal((n, 3))
+    reading = h @ own.d.T + own.o + noise * sd[:, None] * rng.standard_normal((n, 3))
     if drift is not None:
         reading = reading + drift
-    f = G * attitude[:, 2] + sigma_f * rng.standard_normal((n, 3))
+    f = G * attitude[:, 2] + noise * sigma_f * rng.standard_normal((n, 3))
     up = f / np.linalg.norm(f, axis=1, keepdims=True)
-    none = np.zeros((0, 0))
-    data = Data(own, reading, sd, np.arange(n), up, sigma_f / G, np.zeros((n, 3, 0)), none, none[0:0])
-    data.known_error = np.zeros(0)
-    return data
+    return Data(own, reading, sd, np.arange(n), up, sigma_f / G, np.zeros((n, 3, 0)))
 
 
 LOWER = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
 
 
-def with_accelerometers(rng, data, covariance, error):
-    """Use accelerometers (M lower triangular, b: nine numbers) wrong by `error` in place of exact ones."""
+def with_accelerometers(data, covariance, error):
+    """Use accelerometers that are wrong by `error` (nine numbers, see `accelerometer`)."""
     m, b = accelerometer(error)
     f = G * data.up
     # The true readings are f; the used coefficients make (M⁻¹)(f − b) of them.
@@ -182,7 +193,7 @@ def joint_rests(rng, attitude, own, true_a, **options):
     return set_directions(data, (raw - b) @ np.linalg.inv(m).T, m, covariance, a - true_a)
 
 
-def add_turns(rng, data, turns, *, noise=np.radians(0.005), step=5.0, gyro=None, about_up=False):
+def add_turns(rng, data, turns, *, noise=RANDOM_WALK, step=5.0, gyro=None, about_up=False):
     """Add the rotations between neighbouring nodes; `turns` (n − 1, 3) are rotation vectors.
 
     `noise` is the angular random walk in rad/√s, `step` the duration of a turn. `gyro` contains

@@ -22,6 +22,7 @@ from inercal.basics.arrays import Array
 from inercal.methods.magnetic_field.rows import FieldProblem, FieldState
 from inercal.physics.frames import exp_so3
 
+_FEW = 12  # upward directions, with which several turns must be tried
 _STRIDES = (1, 4, 16, 64)  # nodes between which rotations are compared
 _TURNS_OF_CUBE = np.array(
     [
@@ -58,8 +59,9 @@ def _inverses(problem: FieldProblem, m: Array) -> Iterator[tuple[Array, Array]]:
         if len(node) > 9:
             turns.append(_turn(unit, up))
         heights = np.einsum("ki,tij,kj->tk", up, np.array(turns), unit)
-        turn = turns[int(np.argmin(np.var(heights, axis=1)))]
-        yield turn @ inverse, turn @ c
+        best = np.argsort(np.var(heights, axis=1))
+        for k in best[: 6 if len(node) <= _FEW else 1]:
+            yield turns[k] @ inverse, turns[k] @ c
     if len(node) > 12:
         yield _constant_dip(m, m[node], up)
     if np.sum(~problem.links.about_up) > 4:
