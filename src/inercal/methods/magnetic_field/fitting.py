@@ -37,7 +37,7 @@ from inercal.methods.magnetic_field.solving import Solution, best_solution, solv
 from inercal.methods.magnetic_field.starts import starts
 
 _LEAST_NODES = 7
-_LEAST_DOF = 3  # with fewer, a second set of coefficients often fits as well
+_LEAST_DOF = 5  # with fewer, a second set of coefficients fits as well in 1 % of cases
 _UNDETERMINED = 0.1  # standard deviation in typical sizes, above which a direction is refused
 _NEGLIGIBLE = 0.1  # smallest weight that the name of a direction lists
 _LEVEL = 0.95
@@ -131,7 +131,7 @@ def fit_field(
     if len(nodes.labels) < _LEAST_NODES or problem.dof < _LEAST_DOF:
         raise NotObserved(
             f"{len(nodes.labels)} attitudes do not determine the magnetometer; at least"
-            f" {_LEAST_NODES} different ones are needed if gyros link them, 8 otherwise, and 16"
+            f" {_LEAST_NODES} different ones are needed if gyros link them, 9 otherwise, and 16"
             " are recommended"
         )
     found = starts(free_dip)
