@@ -305,7 +305,8 @@ class Method(MethodBase, Generic[Bench, Step]):
         for quantity in QUANTITIES.values():
             kind, channels = quantity.symbol, sensor.select_axes(quantity.symbol).channels
             directions = sensor.input_axes(kind)
-            if channels and not np.array_equal(directions, np.eye(3)):
+            # The directions of magnetometers are only a start of their estimation.
+            if kind != "m" and channels and not np.array_equal(directions, np.eye(3)):
                 raise InputError(
                     f"method {self.name} needs three {quantity.sensors} along x, y and z, because "
                     f"{self.triads_because}; sensor {sensor.name} has {', '.join(channels)}: "

@@ -12,19 +12,28 @@ from inercal.benches import Hand
 from inercal.methods import Method
 from inercal.methods.ferraris import classical
 from inercal.methods.hand_likelihood import ml
+from inercal.methods.magnetic_field.stage import field_remarks, with_magnetometers
 from inercal.methods.order_effects import order_remarks
 from inercal.physics.plan import six_positions
 
 METHOD = Method(
     name="six_position",
     bench=Hand,
-    default_coefficients={"f": ("bias", "scale", "misalignment"), "w": ("bias", "g")},
-    also={"f": ("temperature", "temperature_order"), "w": ("bias_dT", "bias_dT2", "bias_dT3")},
+    default_coefficients={
+        "f": ("bias", "scale", "misalignment"),
+        "w": ("bias", "g"),
+        "m": ("bias", "scale", "misalignment"),
+    },
+    also={
+        "f": ("temperature", "temperature_order"),
+        "w": ("bias_dT", "bias_dT2", "bias_dT3"),
+        "m": ("temperature",),
+    },
     needs=("f",),
     plan=six_positions,
-    estimators={"ml": ml, "classical": classical},
+    estimators={"ml": with_magnetometers(ml), "classical": with_magnetometers(classical)},
     closed_formulas=("classical",),
     weighs_common_errors=True,
-    remarks=order_remarks,
+    remarks=field_remarks(order_remarks),
     source="IEEE Std 1293, static multipoint test; Ferraris et al. 1995",
 )

@@ -40,6 +40,7 @@ from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
+from inercal.methods.magnetic_field.stage import field_remarks, with_magnetometers
 from inercal.methods.multi_position import stages
 from inercal.methods.multi_position.attitude_coverage import (
     GeometryErrors,
@@ -48,6 +49,7 @@ from inercal.methods.multi_position.attitude_coverage import (
     next_attitudes,
     require_coverage,
 )
+from inercal.methods.multi_position.rest_links import rest_links
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.observability import require_observed
@@ -305,17 +307,22 @@ METHOD = Method(
     default_coefficients={
         "f": ("bias", "scale", "nonorthogonality"),
         "w": ("bias", "scale", "misalignment"),
+        "m": ("bias", "scale", "misalignment"),
     },
     also={
         "f": ("k2", "k3", "temperature", "k0_dT3", "k1_dT2"),
         "w": ("g", "temperature", "temperature_order"),
+        "m": ("temperature",),
     },
     needs=("f",),
     plan=hand_held_plan,
-    estimators={"joint": joint, "sequential": sequential},
+    estimators={
+        "joint": with_magnetometers(joint, rest_links),
+        "sequential": with_magnetometers(sequential, rest_links),
+    },
     source="Skog and Händel, IMEKO 2006; Tedaldi, Pretto, Menegatti, ICRA 2014",
     unknown_attitudes=True,
     frame=triangular_frame,  # the accelerometers' own frame, because there is no mounting
-    remarks=_remarks,
+    remarks=field_remarks(_remarks),
     triads_because="the attitudes are unknown, and only the norm of gravity is known",
 )

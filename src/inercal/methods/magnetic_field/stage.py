@@ -1,0 +1,345 @@
+"""Add the magnetometers to a method that estimates accelerometers and gyros.
+
+The method first estimates accelerometers and gyros as if there were no magnetometers. Then their
+estimate, with its covariance, gives the upward directions at the rests and the rotations between
+them, and `fit_field` estimates the magnetometers. A disturbed field therefore cannot change the
+accelerometers and gyros. The errors of both estimates are correlated: an error ε of the known
+coefficients adds C P⁻¹ ε to those of the magnetometers, where C is the cross covariance of the fit
+and P the covariance of the known coefficients.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import wraps
+from typing import Any
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import format_number, format_quantity
+from inercal.benches import Hand
+from inercal.estimation import Estimate, Gaussian, ResidualGroup, ScoreTestSet
+from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation.residual_scatter import ScatterModel
+from inercal.methods import Estimator, Fit, Priors, Remarks, temperature
+from inercal.methods.magnetic_field.disturbances import field_tests
+from inercal.methods.magnetic_field.fitting import FieldFit, fit_field, inhomogeneity_interval
+from inercal.methods.magnetic_field.records import (
+    Directions,
+    FieldConditions,
+    FieldNodes,
+    LinearModel,
+    Links,
+    Stated,
+)
+from inercal.methods.residuals import norm_residuals
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_tables import ErrorTerm
+from inercal.recordings import Observations
+
+INERTIAL = ("f", "w")
+_GROUP = "magnetic field"
+_OWN = ("dip", "strength")
+LinkMaker = Callable[[Observations, Sensor, Any, Estimate], Links | None]
+RemarkMaker = Callable[[Fit[Hand, Any]], Remarks]
+
+
+def with_magnetometers(
+    estimator: Estimator[Hand, Any], links: LinkMaker | None = None
+) -> Estimator[Hand, Any]:
+    """Return an estimator that also estimates the magnetometers, if the sensor has them.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        An estimator of accelerometers and gyros.
+    links : callable, optional
+        Function that returns the rotations between the rests from observations, sensor, bench and
+        estimate.
+    """
+
+    @wraps(estimator)
+    def estimate(
+        observations: Observations,
+        sensor: Sensor,
+        bench: Hand,
+        steps: Sequence[Any],
+        priors: Priors = (),
+    ) -> Estimate:
+        field = sensor.select_axes("m")
+        if not field.axes:
+            return estimator(observations, sensor, bench, steps, priors)
+        inertial = sensor.select_axes(*INERTIAL)
+        own, known = _split(priors, field)
+        first = _grouped(estimator(observations, inertial, bench, steps, known), observations)
+        between = None if links is None else links(observations, inertial, bench, first)
+        found = _fit(observations, sensor, bench, first, between)
+        return _updated(_joined(first, found, observations, len(inertial.coefficients)), own)
+
+    return estimate
+
+
+def field_remarks(inner: RemarkMaker) -> RemarkMaker:
+    """Return remarks that add the dip, the strength and the inhomogeneity of the field."""
+
+    @wraps(inner)
+    def remarks(fit: Fit[Hand, Any]) -> Remarks:
+        inertial = fit.sensor.select_axes(*INERTIAL)
+        said = inner(replace(fit, sensor=inertial))
+        estimate = fit.estimate
+        if "strength" not in estimate.names:
+            return said
+        conditions = dict(said.conditions)
+        for name, what, unit in (("dip", "dip of the field", "°"), ("strength", "field", "µT")):
+            k = estimate.names.index(name)
+            sd = float(np.sqrt(estimate.covariance[k, k]))
+            conditions[what] = f"{format_quantity(float(estimate.value[k]), 2 * sd, unit)} (k = 2)"
+        return said._replace(conditions=conditions)
+
+    return remarks
+
+
+def linear_model(field: Sensor) -> LinearModel:
+    """Return the model of three magnetometers, whose names are the sensor's coefficients."""
+    axes = {axis.name: (k, axis.frame) for k, axis in enumerate(field.axes)}
+    if len(axes) != len("xyz"):
+        raise InputError(
+            f"sensor {field.name} has {len(axes)} magnetometer axes; three are needed, because one "
+            "or two do not determine the direction of the field",
+            key="[data] magnetometer",
+        )
+    nominal, directions = np.zeros((3, 4)), np.zeros((len(field.coefficients), 3, 4))
+    nominal[:, :3] = field.input_axes("m")
+    terms: list[ErrorTerm] = [field.coefficient(name) for name in field.coefficients]
+    for j, (name, term) in enumerate(zip(field.coefficients, terms, strict=True)):
+        k, frame = axes[name.split(".")[0]]
+        (product,) = term.basis.products
+        directions[j, k, 3] = product.factor
+        for row, component in zip(frame, ("mi", "mp", "mo"), strict=True):
+            if component in product.components:
+                directions[j, k] = (*(product.factor * row), 0.0)
+    powers = np.array([term.temperature_order for term in terms], dtype=np.int64)
+    return LinearModel(field.coefficients, nominal, directions, powers)
+
+
+def _fit(
+    observations: Observations, sensor: Sensor, bench: Hand, first: Estimate, links: Links | None
+) -> FieldFit:
+    seen, field = observations.magnetic, sensor.select_axes("m")
+    if seen is None:
+        raise InputError(
+            "the data have no readings of the magnetometers; name their columns",
+            key="[data] magnetometer",
+        )
+    inertial = sensor.select_axes(*INERTIAL)
+    p, count = len(inertial.coefficients), len(observations.labels)
+    warmth = np.broadcast_to(temperature.row_offsets(observations, field), (count,))
+    nodes = FieldNodes(observations.labels, seen.mean, seen.covariance, observations.time, warmth)
+    stated = [None if one is None else Stated(*one) for one in (bench.field, bench.dip)]
+    return fit_field(
+        nodes,
+        linear_model(field),
+        _directions(observations, inertial, bench, first),
+        links,
+        FieldConditions(*stated, bench.hemisphere),
+        first.covariance[:p, :p],
+    )
+
+
+def _directions(
+    observations: Observations, inertial: Sensor, bench: Hand, first: Estimate
+) -> Directions:
+    """Return the upward directions at the rests, with the derivatives by all known coefficients."""
+    force = inertial.select_axes("f")
+    if force.rank("f") < len("xyz"):
+        raise InputError(
+            "magnetometers need three accelerometers, which give the upward direction at each rest",
+            key="[sensor.accelerometer]",
+        )
+    a, m = len(force.coefficients), len(force.axes)
+    warmth = temperature.row_offsets(observations, force)
+    gravity = np.array([bench.gravity.value])
+    at = norm_residuals(force, observations.mean[:, :m], first.value[:a], gravity, dT=warmth)
+    length = np.linalg.norm(at.specific_force, axis=-1)
+    across = (np.eye(3) - at.up[:, :, None] * at.up[:, None, :]) / length[:, None, None]
+    derivative = np.zeros((len(length), 3, len(inertial.coefficients)))
+    derivative[..., :a] = across @ at.by_coefficient
+    scatter = next((g.spread for g in first.groups if g.name == "norms"), ScatterModel())
+    back = np.linalg.pinv(force.input_axes("f"))
+    noise = back @ scatter.of(observations.covariance[:, :m, :m]) @ back.T
+    covariance = noise / length[:, None, None] ** 2
+    return Directions(np.arange(len(length)), at.up, covariance, derivative)
+
+
+def _split(priors: Priors, field: Sensor) -> tuple[list[Gaussian], list[Gaussian]]:
+    """Return the priors on magnetometers and those on other axes."""
+    own: list[Gaussian] = []
+    others: list[Gaussian] = []
+    for prior in priors:
+        mixed = np.isin(prior.names, field.coefficients)
+        if mixed.any() and not mixed.all():
+            raise InputError(
+                f"the prior on {', '.join(prior.names)} combines magnetometers with other axes; "
+                "give one prior for each",
+                names=prior.names,
+            )
+        (own if mixed.all() else others).append(prior)
+    return own, others
+
+
+def _grouped(first: Estimate, observations: Observations) -> Estimate:
+    """Return an estimate whose readings are a group, because each group has its own χ² test."""
+    if first.groups:
+        return first
+    rows = len(observations.labels)
+    residual = first.residual[: observations.mean.size].reshape(rows, -1)
+    deviation = np.sqrt(np.diagonal(observations.covariance, axis1=1, axis2=2))
+    birge = float(first.birge)
+    group = ResidualGroup(
+        "readings",
+        "m/s²",
+        observations.labels,
+        residual,
+        deviation,
+        float(first.chi2),
+        first.dof,
+        ScatterModel(excess=float(np.sqrt((birge**2 - 1) * np.mean(deviation**2)))),
+        enlarged=birge > 1,
+    )
+    return replace(first, covariance=first.stated_covariance, groups=(group,))
+
+
+def _joined(first: Estimate, found: FieldFit, observations: Observations, p: int) -> Estimate:
+    """Return both estimates as one; the first `p` parameters of `first` are the coefficients."""
+    q, own = len(first.names), len(found.names) - sum(name in found.names for name in _OWN)
+    known = first.covariance[:p, :p]
+    size = np.sqrt(np.diagonal(known))
+    size = np.where(size > 0, size, 1.0)
+    gain = found.cross / size @ np.linalg.pinv(known / np.outer(size, size)) / size
+    cross = gain @ first.covariance[:p]
+    joint = np.block([[first.covariance, cross.T], [cross, found.covariance]])
+    # Coefficients come first, then the quantities of the bench and of the field.
+    order = [*range(p), *range(q, q + own), *range(p, q), *range(q + own, len(joint))]
+    names = (*first.names, *found.names)
+    value = np.concatenate([first.value, found.value])
+    deviation = np.sqrt(np.diagonal(observations_covariance(found), axis1=1, axis2=2))
+    strength = float(found.value[-1])
+    group = ResidualGroup(
+        _GROUP,
+        "T",
+        observations.labels,
+        found.reading * deviation,
+        deviation,
+        found.chi2,
+        found.dof,
+        ScatterModel(excess=found.inhomogeneity * strength),
+    )
+    wanted = tuple(names[k] for k in order[: p + own])
+    chi2 = first.chi2 + found.chi2
+    return replace(
+        first,
+        names=tuple(names[k] for k in order),
+        value=value[order],
+        covariance=joint[np.ix_(order, order)],
+        chi2=chi2,
+        dof=first.dof + found.dof,
+        wanted=wanted,
+        rank=first.rank + own,
+        singular_values=np.sort(np.concatenate([first.singular_values, found.singular_values]))[
+            ::-1
+        ],
+        converged=first.converged & found.converged,
+        groups=(*first.groups, group),
+        notes=(*first.notes, *found.notes, *_inhomogeneity_note(found)),
+        scoring=LazyValue(lambda: _joined_tests(first.score_tests, found, order, q)),
+        sensitivities={
+            name: np.concatenate([by, gain @ by[:p]])[order]
+            for name, by in first.sensitivities.items()
+        },
+    )
+
+
+def observations_covariance(found: FieldFit) -> Array:
+    """Return the covariance of each node's reading, (n, 3, 3)."""
+    return found.plain.problem.nodes.covariance
+
+
+def _inhomogeneity_note(found: FieldFit) -> tuple[str, ...]:
+    if not found.inhomogeneity:
+        return ()
+    low, high = inhomogeneity_interval(found)
+    tau, low, high = (format_number(100 * one, 2) for one in (found.inhomogeneity, low, high))
+    return (
+        f"The field differs between the rests by {tau} % in each component (95 % interval {low} to "
+        f"{high} %), which the uncertainties include.",
+    )
+
+
+def _joined_tests(
+    one: ScoreTestSet, found: FieldFit, order: Sequence[int], count: int
+) -> ScoreTestSet:
+    """Return the score tests of both fits; those of one do not explain residuals of the other."""
+    other = field_tests(found)
+    of_fit = found.plain.problem.free
+    p = len(found.plain.problem.model.names)
+    width = len(order)
+    place = np.argsort(order)
+    rows = 1 + max((int(s.explained.indices.max(initial=0)) for s in one.scores), default=0)
+    depth = max((len(s.explained.projection) for s in one.scores), default=0)
+
+    def of_first(shift: Array) -> Array:
+        full = np.zeros(width)
+        full[place[: len(shift)]] = shift
+        return full
+
+    def of_field(shift: Array) -> Array:
+        full, kept = np.zeros(width), of_fit[: len(shift)] < p
+        full[place[count + of_fit[: len(shift)][kept]]] = shift[kept]
+        return full
+
+    first = [
+        replace(
+            s,
+            shift=of_first(s.shift),
+            explained=replace(
+                s.explained,
+                projection=np.concatenate([s.explained.projection, np.zeros(len(of_fit))]),
+            ),
+        )
+        for s in one.scores
+    ]
+    second = [
+        replace(
+            s,
+            shift=of_field(s.shift),
+            explained=replace(
+                s.explained,
+                indices=s.explained.indices + rows,
+                projection=np.concatenate([np.zeros(depth), s.explained.projection]),
+            ),
+        )
+        for s in other.scores
+    ]
+    return replace(
+        one,
+        scores=(*first, *second),
+        span=one.span + other.span,
+        chi2=one.chi2 + other.chi2,
+        dof=one.dof + other.dof,
+    )
+
+
+def _updated(estimate: Estimate, priors: Sequence[Gaussian]) -> Estimate:
+    """Return the estimate with priors on coefficients of the magnetometers (Kalman update)."""
+    for prior in priors:
+        at = [estimate.names.index(name) for name in prior.names]
+        gain = np.linalg.solve(
+            estimate.covariance[np.ix_(at, at)] + prior.covariance, estimate.covariance[at]
+        ).T
+        estimate = replace(
+            estimate,
+            value=estimate.value + gain @ (prior.mean - estimate.value[at]),
+            covariance=estimate.covariance - gain @ estimate.covariance[at],
+        )
+    return estimate
