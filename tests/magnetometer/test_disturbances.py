@@ -52,10 +52,10 @@ def test_false_alarms_are_at_most_two_per_cent(links, seed):
     assert 0 < excess < 0.12 * count  # the bound of χ² has a level of 5 %
 
 
-@pytest.mark.parametrize("links", [False, True])
+@pytest.mark.parametrize("links", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_visible_disturbance_is_found(links, seed):
     """η² = 36 is χ² of exact readings with the disturbance."""
-    count, found = 60, Counter()
+    count, found = 40, Counter()
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         own, attitude = sim.device(rng), sim.scattered(rng, N)
@@ -101,7 +101,7 @@ def test_a_step_is_named_with_its_size():
 
 
 def test_an_inhomogeneous_field_is_estimated_with_its_interval(seed):
-    count, tau, errors, covered = 60, [], [], 0
+    count, tau, errors, covered = 30, [], [], 0
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         own = sim.device(rng)

@@ -43,7 +43,7 @@ _NEGLIGIBLE = 0.1  # smallest weight that the name of a direction lists
 _LEVEL = 0.95
 _LARGEST_INHOMOGENEITY = 0.05
 _LEAST_TAU, _MOST_TAU = 1e-6, 1e3
-_UNIT_ERROR = 4.0  # factor between the stated and the fitted field that shows a wrong unit
+_UNIT_ERROR = 9.0  # factor between the stated and the fitted field that shows a wrong unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +134,9 @@ def fit_field(
             f" {_LEAST_NODES} different ones are needed if gyros link them, 9 otherwise, and 16"
             " are recommended"
         )
+    _require_change(nodes)
     found = starts(free_dip)
-    if not found:
-        raise NotObserved("the magnetometer's readings are the same at all attitudes")
+    _require_unit(free_dip, found[0])
     first = best_solution(free_dip, found)
     dip_sd = _require_determined(first, problem)
     state, notes = oriented(model, first.state, conditions, dip_sd)
@@ -146,7 +146,6 @@ def fit_field(
     if plain.chi2 > scipy.special.chdtri(problem.dof, 1 - _LEVEL):
         tau, last = _inhomogeneity(plain, float(problem.dof))
     _require_homogeneous(tau)
-    _require_unit(problem, last.state, conditions)
     value, covariance, cross, per_field = _reported(last, conditions)
     names = (*model.names, "dip", "strength")
     kept = [k for k in range(len(names)) if names[k] != "dip" or len(directions.node)]
@@ -283,16 +282,27 @@ def _require_homogeneous(tau: float) -> None:
         )
 
 
-def _require_unit(problem: FieldProblem, state: FieldState, conditions: FieldConditions) -> None:
-    if conditions.strength is None:
+def _require_change(nodes: FieldNodes) -> None:
+    constant = np.flatnonzero(np.ptp(nodes.reading, axis=0) == 0)
+    if constant.size:
+        axes = ", ".join("xyz"[k] for k in constant)
+        raise InputError(
+            f"the magnetometer's reading is the same at all attitudes (axis {axes}); check its"
+            " columns and its range"
+        )
+
+
+def _require_unit(problem: FieldProblem, start: FieldState) -> None:
+    if problem.strength is None:
         return
     model = problem.model
-    axes = model.matrices(state.coefficients, np.zeros(1))[0, :, :3]
-    gain = float(np.linalg.norm(axes) / np.linalg.norm(model.nominal[:, :3]))
+    axes = model.matrices(start.coefficients, np.zeros(1))[0, :, :3]
+    gain = start.strength / problem.strength.value
+    gain *= float(np.linalg.norm(axes) / np.linalg.norm(model.nominal[:, :3]))
     if not 1 / _UNIT_ERROR < gain < _UNIT_ERROR:
         raise InputError(
-            f"the readings are {gain:.3g} times as large as the stated field; check the unit and"
-            " the scale of the magnetometer, and the unit of the field",
+            f"the readings are about {gain:.2g} times as large as the stated field; check the unit"
+            " and the scale of the magnetometer, and the unit of the field",
             key="unit",
         )
 

@@ -23,6 +23,7 @@ from inercal.methods.magnetic_field.rows import FieldProblem, FieldState
 from inercal.physics.frames import exp_so3
 
 _FEW = 12  # upward directions, with which several turns must be tried
+_FLAT = 1e-9  # volume of axes that lie in a plane, relative to their cubed size
 _STRIDES = (1, 4, 16, 64)  # nodes between which rotations are compared
 _TURNS_OF_CUBE = np.array(
     [
@@ -157,6 +158,8 @@ def _start(problem: FieldProblem, axes: Array, offset: Array) -> FieldState:
     coefficients = np.zeros(len(model.names))
     coefficients[usable] = np.linalg.lstsq(columns, (wanted * size).ravel())[0]
     matrix = model.matrices(coefficients, np.zeros(1))[0]
+    if abs(np.linalg.det(matrix[:, :3])) < _FLAT * np.linalg.norm(matrix[:, :3]) ** 3:
+        matrix = model.nominal
     unit = np.linalg.solve(matrix[:, :3], (problem.nodes.reading - matrix[:, 3]).T).T
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     dip = 0.0
