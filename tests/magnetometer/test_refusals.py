@@ -104,6 +104,12 @@ def test_stated_axes_in_a_plane_are_refused():
         LinearModel(model.names, flat, model.directions)
 
 
+def test_a_model_without_scales_is_refused():
+    model = linear_model()
+    with pytest.raises(InputError, match="scale"):
+        LinearModel(model.names[::4], model.nominal, model.directions[::4])
+
+
 def fit_spoiled(records_, name, value, at):
     nodes, directions, links, known = records_
     for index, one in enumerate((nodes, directions, links)):

@@ -44,7 +44,8 @@ class LinearModel:
     Raises
     ------
     InputError
-        A shape is wrong, a value is not finite, or the stated axes lie in a plane.
+        A shape is wrong, a value is not finite, the stated axes lie in a plane, or a scale is not
+        among the coefficients.
     """
 
     names: tuple[str, ...]
@@ -61,6 +62,7 @@ class LinearModel:
         _require_shape("the powers of temperature", self.powers, (p,))
         if abs(np.linalg.det(self.nominal[:, :3])) < _RELATIVE:
             raise InputError("the three stated axes of the magnetometer lie in a plane", key="axis")
+        _ = self.scale_direction
 
     @cached_property
     def acts_on_field(self) -> Bools:
@@ -68,23 +70,20 @@ class LinearModel:
         return np.any(self.directions[:, :, :3] != 0, axis=(1, 2))
 
     @cached_property
-    def scale_direction(self) -> Array | None:
-        """Coefficients e with Σ e_j A_j = (the stated axes, 0), (p,), or None if there are none.
+    def scale_direction(self) -> Array:
+        """Coefficients e with Σ e_j A_j = (the stated axes, 0), (p,).
 
-        If e exists, a common scale of all axes is the same as another strength of the field, and D
-        can change its sign.
+        A common scale of all axes is the same as another strength of the field, and D can change
+        its sign.
         """
         usable = self.acts_on_field & (self.powers == 0)
         axes = self.nominal[:, :3].ravel()
         columns = self.directions[usable, :, :3].reshape(-1, 9).T
-        if not columns.size:
-            return None
-        found = np.linalg.lstsq(columns, axes, rcond=None)[0]
-        if np.linalg.norm(columns @ found - axes) > _RELATIVE * np.linalg.norm(axes):
-            return None
         e = np.zeros(len(self.names))
-        e[usable] = np.where(np.abs(found) > _RELATIVE, found, 0.0)
-        return e
+        e[usable] = np.linalg.lstsq(columns, axes)[0]
+        if np.linalg.norm(columns @ e[usable] - axes) > _RELATIVE * np.linalg.norm(axes):
+            raise InputError("all scale coefficients of the magnetometer must be estimated")
+        return np.where(np.abs(e) > _RELATIVE, e, 0.0)
 
     def matrices(self, coefficients: Array, temperature: Array) -> Array:
         """Return (D, o) of each node, (n, 3, 4), at temperature deviations (n,)."""

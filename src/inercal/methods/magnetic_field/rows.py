@@ -42,7 +42,7 @@ class FieldState(NamedTuple):
 
     coefficients: Array  # (p,)
     dip: float  # δ, rad; 0 if no node has an upward direction
-    strength: float  # B
+    strength: float  # B, which is fixed: only D B is determined
     known: Array  # (r,), the correction s in units of its prior
     attitude: Array  # (n, 3, 3), R_k
 
@@ -55,14 +55,14 @@ class FieldState(NamedTuple):
         """Return the field in each node's body frame, (n, 3)."""
         return self.field @ self.attitude
 
-    def moved(self, globals_: Array, turns: Array) -> "FieldState":
-        """Return the state after steps of (c, δ, B, s) and after turns (n, 3)."""
+    def moved(self, step: Array, turns: Array) -> "FieldState":
+        """Return the state after a step of (c, δ, s) and after turns (n, 3)."""
         p = len(self.coefficients)
         return FieldState(
-            self.coefficients + globals_[:p],
-            self.dip + float(globals_[p]),
-            self.strength + float(globals_[p + 1]),
-            self.known + globals_[p + 2 :],
+            self.coefficients + step[:p],
+            self.dip + float(step[p]),
+            self.strength,
+            self.known + step[p + 1 :],
             self.attitude @ exp_so3(turns),
         )
 
@@ -76,8 +76,10 @@ class FieldProblem:
     nodes, model, directions, links
     known : (q, q) array
         Covariance P of the known coefficients; it may be singular.
-    dip, strength : Stated, optional
-        Priors.
+    dip : Stated, optional
+        Prior of the dip.
+    strength : float, optional
+        B, if it is stated.
     disturbance : (3, 3) array
         Covariance of each reading that is added for an inhomogeneous field.
     """
@@ -88,7 +90,7 @@ class FieldProblem:
     links: Links
     known: Array
     dip: Stated | None = None
-    strength: Stated | None = None
+    strength: float | None = None
     disturbance: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     @cached_property
@@ -102,14 +104,15 @@ class FieldProblem:
 
     @cached_property
     def free(self) -> Indices:
-        """Indices of the unknowns in (c, δ, B, s).
-
-        If the model has a common scale, the strength is fixed during the fit.
-        """
+        """Indices of the unknowns in (c, δ, s); δ only if a node has an upward direction."""
         p = len(self.model.names)
         fixed = [] if len(self.directions.node) else [p]
-        fixed += [p + 1] if self.model.scale_direction is not None else []
-        return np.setdiff1d(np.arange(p + 2 + self.root.shape[1]), fixed)
+        return np.setdiff1d(np.arange(self.count), fixed)
+
+    @property
+    def count(self) -> int:
+        """Number of elements P of (c, δ, s)."""
+        return len(self.model.names) + 1 + self.root.shape[1]
 
     @cached_property
     def gauges(self) -> Indices:
@@ -125,11 +128,9 @@ class FieldProblem:
     def dof(self) -> int:
         """Degrees of freedom of χ²; prior rows and the quantities with a prior cancel."""
         turns = np.where(self.links.about_up, 1, 3)
-        rows = 2 * len(self.directions.node) + int(turns.sum()) + len(self.gauges)
-        p = len(self.model.names)
-        stated = [self.dip, self.strength]
-        loose = [k for k in (0, 1) if stated[k] is None and p + k in self.free]
-        return rows - p - len(loose)
+        d = len(self.directions.node)
+        rows = 2 * d + int(turns.sum()) + len(self.gauges)
+        return rows - len(self.model.names) - (d > 0 and self.dip is None)
 
     @cached_property
     def reading_whitener(self) -> Array:
@@ -162,7 +163,7 @@ class FieldProblem:
 
 
 class FieldRows(NamedTuple):
-    """Whitened residuals, and their derivatives in (c, δ, B, s) and in the turns."""
+    """Whitened residuals, and their derivatives in (c, δ, s) and in the turns."""
 
     reading: Array  # (n, 3)
     reading_jacobian: Array  # (n, 3, P)
@@ -186,8 +187,7 @@ class FieldRows(NamedTuple):
 
 def field_rows(problem: FieldProblem, state: FieldState) -> FieldRows:
     """Return the whitened rows at a state."""
-    nodes, model, p = problem.nodes, problem.model, len(problem.model.names)
-    count = p + 2 + problem.root.shape[1]
+    nodes, model, p, count = problem.nodes, problem.model, len(problem.model.names), problem.count
     h = state.body_fields()
     matrices = model.matrices(state.coefficients, nodes.temperature)
     white = problem.reading_whitener
@@ -197,27 +197,23 @@ def field_rows(problem: FieldProblem, state: FieldState) -> FieldRows:
     jacobian = np.zeros((len(h), 3, count))
     jacobian[:, :, :p] = white @ model.derivatives(h, nodes.temperature)
     by_dip = state.strength * np.array([-np.sin(state.dip), 0.0, -np.cos(state.dip)])
-    both = np.stack([by_dip @ state.attitude, h / state.strength], axis=2)
-    jacobian[:, :, p : p + 2] = gain @ both
+    jacobian[:, :, p] = (gain @ (by_dip @ state.attitude)[..., None])[..., 0]
 
     directions, across = problem.directions, problem.across
     up = state.attitude[directions.node, 2]
     by_known = directions.derivative @ problem.root
     direction = directions.up - up + by_known @ state.known
     direction_jacobian = np.zeros((len(up), 2, count))
-    direction_jacobian[:, :, p + 2 :] = -across @ by_known
+    direction_jacobian[:, :, p + 1 :] = -across @ by_known
 
     link, link_jacobian, turn, turn_before = _link_rows(problem, state)
 
     weight = np.zeros(count)
     prior = np.zeros(count)
-    for k, (stated, value) in enumerate(
-        ((problem.dip, state.dip), (problem.strength, state.strength))
-    ):
-        if stated is not None and p + k in problem.free and stated.sd > 0:
-            weight[p + k] = 1 / stated.sd
-            prior[p + k] = (stated.value - value) / stated.sd
-    weight[p + 2 :], prior[p + 2 :] = 1.0, -state.known
+    if problem.dip is not None:
+        weight[p] = 1 / problem.dip.sd
+        prior[p] = weight[p] * (problem.dip.value - state.dip)
+    weight[p + 1 :], prior[p + 1 :] = 1.0, -state.known
     return FieldRows(
         reading,
         jacobian,
@@ -236,8 +232,7 @@ def field_rows(problem: FieldProblem, state: FieldState) -> FieldRows:
 
 def _link_rows(problem: FieldProblem, state: FieldState) -> tuple[Array, Array, Array, Array]:
     """Return the rows of the links, their derivatives, and those in the turns of both nodes."""
-    links, p = problem.links, len(problem.model.names)
-    count = p + 2 + problem.root.shape[1]
+    links, p, count = problem.links, len(problem.model.names), problem.count
     if not len(links.before):
         none = np.zeros((0, 3, 3))
         return np.zeros((0, 3)), np.zeros((0, 3, count)), none, none
@@ -246,7 +241,7 @@ def _link_rows(problem: FieldProblem, state: FieldState) -> tuple[Array, Array, 
     error = log_so3(links.rotation.mT @ before.mT @ after)
     by_known = links.derivative @ problem.root
     jacobian = np.zeros((len(error), 3, count))
-    jacobian[:, :, p + 2 :] = -white @ by_known
+    jacobian[:, :, p + 1 :] = -white @ by_known
     turn = white @ (np.eye(3) + 0.5 * skew(error))
     rows = (white @ (by_known @ state.known - error)[..., None])[..., 0]
     return rows, jacobian, turn, -turn @ after.mT @ before
