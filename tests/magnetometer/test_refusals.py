@@ -34,9 +34,9 @@ def test_no_upward_direction_and_no_gyro_leave_three_rotations():
     with pytest.raises(NotObserved) as refused:
         fit(sim.without_directions(rests(rng, sim.scattered(rng, 24))))
     assert refused.value.directions == (
-        "mx.delta_o + my.delta_p",
-        "mx.delta_p + mz.delta_o",
-        "my.delta_o + mz.delta_p",
+        "mx.delta_o + my.delta_p (in units of their typical size)",
+        "mx.delta_p + mz.delta_o (in units of their typical size)",
+        "my.delta_o + mz.delta_p (in units of their typical size)",
     )
 
 

@@ -2,8 +2,8 @@
 
 The unknowns are the coefficients, the dip, the corrections of the known coefficients and
 the attitude of each node (`rows`). The data determine D B, but not the strength B: a stated B gives
-D, and its uncertainty is added. Otherwise the mean of the scale coefficients is set to zero, so that
-D is relative to the local field.
+D, and its uncertainty is added. Otherwise the mean of the scale coefficients is set to zero, so
+that D is relative to the local field.
 
 If χ² exceeds its 95 % bound, the field differs from node to node. A variance τ² B² of each
 component is then added to the field, with τ chosen so that χ² equals its degrees of freedom
@@ -22,7 +22,7 @@ import scipy
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import format_count
-from inercal.estimation.nullspace import row_echelon_form
+from inercal.estimation.nullspace import named_direction, row_echelon_form
 from inercal.methods.magnetic_field.orientation import oriented
 from inercal.methods.magnetic_field.records import (
     Directions,
@@ -42,7 +42,7 @@ _UNDETERMINED = 0.1  # standard deviation in typical sizes, above which a direct
 _NEGLIGIBLE = 0.1  # smallest weight that the name of a direction lists
 _LEVEL = 0.95
 _LARGEST_INHOMOGENEITY = 0.05
-_LEAST_TAU, _MOST_TAU = 1e-6, 1e3
+_LEAST, _MOST = float(np.log(1e-5)), 0.0  # of ln τ
 _UNIT_ERROR = 9.0  # factor between the stated and the fitted field that shows a wrong unit
 
 
@@ -185,23 +185,18 @@ def _inhomogeneity(plain: Solution, target: float) -> tuple[float, Solution]:
     p = plain.problem
     axes = p.model.matrices(plain.state.coefficients, np.zeros(1))[0, :, :3]
     unit = plain.state.strength**2 * axes @ axes.T
-    last = plain
 
-    def excess(log: float) -> float:
-        nonlocal last
-        last = solve(replace(p, disturbance=float(np.exp(2 * log)) * unit), last.state)
-        return last.chi2 - target
+    def solution(log: float) -> Solution:
+        return solve(replace(p, disturbance=float(np.exp(2 * log)) * unit), plain.state)
 
-    low, high = np.log(_LEAST_TAU), np.log(0.01)
-    while excess(high) > 0:
-        low, high = high, high + 1.5
-        if high > np.log(_MOST_TAU):
-            return np.inf, last
-    if excess(low) <= 0:
-        return _LEAST_TAU, last
-    log = float(scipy.optimize.brentq(excess, low, high, xtol=1e-4))
-    excess(log)
-    return float(np.exp(log)), last
+    if solution(_MOST).chi2 > target:
+        return np.inf, plain
+    if solution(_LEAST).chi2 <= target:
+        return float(np.exp(_LEAST)), plain
+    log = float(
+        scipy.optimize.brentq(lambda x: solution(x).chi2 - target, _LEAST, _MOST, xtol=1e-3)
+    )
+    return float(np.exp(log)), solution(log)
 
 
 def _singular_values(solution: Solution) -> Array:
@@ -247,22 +242,14 @@ def _null_directions(information: Array) -> Array:
 def _not_observed(names: list[str], null: Array) -> NotObserved:
     """Return the error that names the directions `null` (k, f), in typical sizes."""
     null = np.where(np.abs(null) > _NEGLIGIBLE, null, 0.0)
-    words = [
-        " ".join(
-            f"{'+−'[int(weight < 0)]} {abs(weight):.2g} {name}"
-            for name, weight in zip(names, row, strict=True)
-            if weight
-        )
-        for row in null
-    ]
-    words = tuple(one.removeprefix("+ ").replace(" 1 ", " ").removeprefix("1 ") for one in words)
-    combinations = format_count(len(words), "combination")
+    directions = [named_direction(names, row) for row in null]
+    words = tuple(direction.words for direction in directions)
     return NotObserved(
-        f"the attitudes do not determine {combinations} of the magnetometer's coefficients:"
-        f" {'; '.join(words)}; add rests at other attitudes, with at least two azimuths for each"
-        " face and some upside down",
+        f"the attitudes do not determine {format_count(len(words), 'combination')} of the"
+        f" magnetometer's coefficients: {'; '.join(words)}; add rests at other attitudes, with at"
+        " least two azimuths for each face and some upside down",
         words,
-        names=tuple(name for name, hit in zip(names, null.any(axis=0), strict=True) if hit),
+        names=tuple(name for name in names if any(name in one.weights for one in directions)),
     )
 
 

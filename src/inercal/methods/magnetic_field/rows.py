@@ -251,7 +251,6 @@ class Elimination(NamedTuple):
     """Normal equations without the turns: `information` x = `gradient` for the free unknowns."""
 
     factor: Array  # (6, 3 n), banded Cholesky factor of the turns
-    coupling: Array  # (3 n, f)
     solved: Array  # (3 n, f), turns per unit of each free unknown
     information: Array  # (f, f)
     gradient: Array  # (f,)
@@ -271,9 +270,12 @@ def eliminate(problem: FieldProblem, state: FieldState, rows: FieldRows) -> Elim
     block = reading_turn @ rows.reading_turn
     coupling = reading_turn @ rows.reading_jacobian
     gradient = (reading_turn @ rows.reading[..., None])[..., 0]
-    reading_jacobian = rows.reading_jacobian.reshape(3 * n, -1)
-    whole = reading_jacobian.T @ reading_jacobian + np.diag(rows.prior_weight**2)
-    right = reading_jacobian.T @ rows.reading.ravel() + rows.prior_weight * rows.prior
+    parts = (rows.reading_jacobian, rows.direction_jacobian, rows.link_jacobian)
+    whole = np.concatenate([part.reshape(-1, problem.count) for part in parts])
+    residuals = (rows.reading, rows.direction, rows.link)
+    right = whole.T @ np.concatenate([part.ravel() for part in residuals])
+    right += rows.prior_weight * rows.prior
+    whole = whole.T @ whole + np.diag(rows.prior_weight**2)
     for at, turn, jacobian, residual in (
         (one, rows.direction_turn, rows.direction_jacobian, rows.direction),
         (two, rows.link_turn_before, rows.link_jacobian, rows.link),
@@ -282,13 +284,6 @@ def eliminate(problem: FieldProblem, state: FieldState, rows: FieldRows) -> Elim
         block[at] += turn.mT @ turn
         coupling[at] += turn.mT @ jacobian
         gradient[at] += (turn.mT @ residual[..., None])[..., 0]
-    for jacobian, residual in (
-        (rows.direction_jacobian, rows.direction),
-        (rows.link_jacobian, rows.link),
-    ):
-        flat = jacobian.reshape(-1, jacobian.shape[-1])
-        whole += flat.T @ flat
-        right += flat.T @ residual.ravel()
     size = np.trace(block, axis1=1, axis2=2)
     block += (_TINY * size)[:, None, None] * np.eye(3)
     about = state.body_fields()[problem.gauges] / state.strength
@@ -297,11 +292,9 @@ def eliminate(problem: FieldProblem, state: FieldState, rows: FieldRows) -> Elim
     band = np.zeros((6, n, 3))
     beside = np.zeros((n, 3, 3))
     beside[two] = rows.link_turn.mT @ rows.link_turn_before
+    below = np.concatenate([block, beside], axis=1)
     for column in range(3):
-        for row in range(3):
-            if row >= column:
-                band[row - column, :, column] = block[:, row, column]
-            band[3 + row - column, :, column] = beside[:, row, column]
+        band[: 6 - column, :, column] = below[:, column:, column].T
     factor = scipy.linalg.cholesky_banded(band.reshape(6, 3 * n), lower=True)
     flat = coupling.reshape(3 * n, -1)[:, free]
     both = np.column_stack([flat, gradient.ravel()])
@@ -309,7 +302,6 @@ def eliminate(problem: FieldProblem, state: FieldState, rows: FieldRows) -> Elim
     information = whole[np.ix_(free, free)] - flat.T @ solved[:, :-1]
     return Elimination(
         np.asarray(factor),
-        flat,
         solved[:, :-1],
         (information + information.T) / 2,
         right[free] - flat.T @ solved[:, -1],
