@@ -264,3 +264,25 @@ def without_directions(data, node=()):
     node = np.asarray(node, dtype=int)
     data.up, data.up_by_known, data.node = data.up[node], data.up_by_known[node], node
     return data
+
+
+def dense_covariance(attitude, own):
+    """Covariance of the rows of (D, o), (12,), and of the dip, from central differences.
+
+    All attitudes are unknowns, and all components of m and f are used.
+    """
+    n = len(attitude)
+    size = np.concatenate([np.tile([1.0, 1.0, 1.0, own.strength], 3), np.ones(1 + 3 * n)])
+
+    def predicted(x):
+        rows = (x * size)[:12].reshape(3, 4)
+        dip = own.dip + x[12]
+        b = own.strength * np.array([np.cos(dip), 0.0, -np.sin(dip)])
+        turned = attitude @ rotation(x[13:].reshape(n, 3))
+        m = np.einsum("kji,j->ki", turned, b) @ (own.d + rows[:, :3]).T + own.o + rows[:, 3]
+        return np.concatenate([m.ravel() / SIGMA_M, G * turned[:, 2].ravel() / SIGMA_F])
+
+    steps = 1e-5 * np.eye(13 + 3 * n)
+    jacobian = np.array([(predicted(s) - predicted(-s)) / 2e-5 for s in steps]).T
+    covariance = np.linalg.inv(jacobian.T @ jacobian)[:13, :13]
+    return covariance * np.outer(size[:13], size[:13])

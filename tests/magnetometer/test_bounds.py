@@ -1,6 +1,7 @@
 """The standard uncertainties for a number of rests and a range of tilts.
 
-The expected values are from a separate computation with NumPy only, with two digits.
+The expected values are from separate computations with NumPy only: `sim.dense_covariance`, and
+figures with two digits.
 """
 
 import numpy as np
@@ -112,10 +113,27 @@ def test_gyros_reduce_the_uncertainty_of_twelve_rests():
 
 
 @pytest.mark.parametrize(
-    ("azimuths", "offset", "heading"), [(2, 0.036, 0.26), (3, 0.029, 0.18), (4, 0.026, 0.15)]
+    ("azimuths", "offset", "heading"), [(2, 0.0434, 0.289), (3, 0.029, 0.18), (4, 0.026, 0.15)]
 )
 def test_uncertainties_of_six_faces(azimuths, offset, heading):
     def faces(rng):
         return sim.rests(rng, sim.six_faces(rng, azimuths), sim.device(rng))
 
     assert_medians(draw(faces)[:, [0, 5]], (offset, heading), (0.0005, 0.005))
+
+
+@pytest.mark.parametrize(
+    "attitudes",
+    [lambda rng: sim.scattered(rng, 20), lambda rng: sim.six_faces(rng, 2)],
+    ids=["scattered", "six faces"],
+)
+def test_covariance_is_the_inverse_of_the_whole_information(attitudes):
+    rng = np.random.default_rng(5)
+    attitude, own = attitudes(rng), sim.device(rng)
+    found = fit(sim.rests(rng, attitude, own, noise=0.0))
+    mat = np.concatenate([linear_model().directions.reshape(12, 12).T, np.zeros((12, 1))], axis=1)
+    mat = np.concatenate([mat, np.eye(13)[12:]])
+    covariance = mat @ found.covariance[:13, :13] @ mat.T
+    sd = np.sqrt(np.diagonal(covariance))
+    error = covariance - sim.dense_covariance(attitude, own)
+    assert np.max(np.abs(error / np.outer(sd, sd))) < 1e-5

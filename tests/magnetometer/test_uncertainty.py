@@ -197,20 +197,6 @@ def test_temperature_coefficients_of_the_offset_are_estimated(seed):
     assert np.mean(errors) == pytest.approx(1, abs=band(3, 60))
 
 
-def test_offsets_alone_leave_the_strength_to_the_data():
-    plain = linear_model()
-    model = LinearModel(plain.names[::4], plain.nominal, plain.directions[::4])
-    rng = np.random.default_rng(1)
-    own = sim.device(rng)
-    own.d = np.eye(3)
-    found = fit(sim.rests(rng, sim.scattered(rng, 24), own), model, strength_sd=None)
-    assert found.names == ("mx.bias", "my.bias", "mz.bias", "dip", "strength")
-    assert not found.per_field
-    error = found.value - [*own.o, own.dip, own.strength]
-    assert np.all(np.abs(error) < 4.5 * np.sqrt(np.diagonal(found.covariance)))
-    assert found.dof == 2 * 24 - 5
-
-
 def test_an_offset_of_twenty_fields_does_not_disturb_the_starts():
     for k in range(20):
         rng = np.random.default_rng(k)

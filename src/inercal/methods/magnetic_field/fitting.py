@@ -1,9 +1,9 @@
 """The fit of a magnetometer to the earth's field, with known accelerometers and gyros.
 
-The unknowns are the coefficients, the dip, the strength, the errors of the known coefficients and
-the attitude of each node (`rows`). If the model has a common scale, the data do not determine the
-strength B: D B is fitted. A stated B then gives D, and its uncertainty is added. Otherwise the mean
-of the scale coefficients is set to zero, so that D is relative to the local field.
+The unknowns are the coefficients, the dip, the corrections of the known coefficients and
+the attitude of each node (`rows`). The data determine D B, but not the strength B: a stated B gives
+D, and its uncertainty is added. Otherwise the mean of the scale coefficients is set to zero, so
+that D is relative to the local field.
 
 If χ² exceeds its 95 % bound, the field differs from node to node. A variance τ² B² of each
 component is then added to the field, with τ chosen so that χ² equals its degrees of freedom
@@ -22,7 +22,7 @@ import scipy
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError, NotObserved
 from inercal.basics.units import format_count
-from inercal.estimation.nullspace import row_echelon_form
+from inercal.estimation.nullspace import named_direction, row_echelon_form
 from inercal.methods.magnetic_field.orientation import oriented
 from inercal.methods.magnetic_field.records import (
     Directions,
@@ -42,8 +42,8 @@ _UNDETERMINED = 0.1  # standard deviation in typical sizes, above which a direct
 _NEGLIGIBLE = 0.1  # smallest weight that the name of a direction lists
 _LEVEL = 0.95
 _LARGEST_INHOMOGENEITY = 0.05
-_LEAST_TAU, _MOST_TAU = 1e-6, 1e3
-_UNIT_ERROR = 4.0  # factor between the stated and the fitted field that shows a wrong unit
+_LEAST, _MOST = float(np.log(1e-5)), 0.0  # of ln τ
+_UNIT_ERROR = 9.0  # factor between the stated and the fitted field that shows a wrong unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +66,6 @@ class FieldFit:
     per_field : bool
         Whether the mean of the scale coefficients was set to zero, because the strength is not
         stated.
-    reading, direction, link : (n, 3), (d, 2) and (l, 3) arrays
-        Whitened residuals for the stated noise.
     attitude : (n, 3, 3) array
         Matrix from each body frame to magnetic north, west and up.
     singular_values : (k,) array
@@ -76,7 +74,8 @@ class FieldFit:
     converged : bool
     iterations : int
     plain : Solution
-        The solution for the stated noise, on which tests are based.
+        The solution for the stated noise, on which tests are based; `plain.rows` contains the
+        whitened residuals.
     """
 
     names: tuple[str, ...]
@@ -87,9 +86,6 @@ class FieldFit:
     dof: int
     inhomogeneity: float
     per_field: bool
-    reading: Array
-    direction: Array
-    link: Array
     attitude: Array
     singular_values: Array
     notes: tuple[str, ...]
@@ -126,7 +122,8 @@ def fit_field(
     links = Links.none(len(known)) if links is None else links
     conditions = FieldConditions() if conditions is None else conditions
     check_records(nodes, directions, links, known)
-    free_dip = FieldProblem(nodes, model, directions, links, known, None, conditions.strength)
+    strength = None if conditions.strength is None else conditions.strength.value
+    free_dip = FieldProblem(nodes, model, directions, links, known, None, strength)
     problem = replace(free_dip, dip=conditions.dip if len(directions.node) else None)
     if len(nodes.labels) < _LEAST_NODES or problem.dof < _LEAST_DOF:
         raise NotObserved(
@@ -134,9 +131,9 @@ def fit_field(
             f" {_LEAST_NODES} different ones are needed if gyros link them, 9 otherwise, and 16"
             " are recommended"
         )
+    _require_change(nodes)
     found = starts(free_dip)
-    if not found:
-        raise NotObserved("the magnetometer's readings are the same at all attitudes")
+    _require_unit(free_dip, found[0])
     first = best_solution(free_dip, found)
     dip_sd = _require_determined(first, problem)
     state, notes = oriented(model, first.state, conditions, dip_sd)
@@ -146,11 +143,10 @@ def fit_field(
     if plain.chi2 > scipy.special.chdtri(problem.dof, 1 - _LEVEL):
         tau, last = _inhomogeneity(plain, float(problem.dof))
     _require_homogeneous(tau)
-    _require_unit(problem, last.state, conditions)
-    value, covariance, cross, per_field = _reported(last, conditions)
+    value, covariance, cross = _reported(last, conditions)
     names = (*model.names, "dip", "strength")
     kept = [k for k in range(len(names)) if names[k] != "dip" or len(directions.node)]
-    if per_field:
+    if strength is None:
         notes += (
             "The strength of the field is not stated, so all scale coefficients are relative to"
             " the local field and their mean is zero.",
@@ -163,10 +159,7 @@ def fit_field(
         plain.chi2,
         problem.dof,
         tau,
-        per_field,
-        plain.rows.reading,
-        plain.rows.direction,
-        plain.rows.link,
+        strength is None,
         last.state.attitude,
         singular,
         notes,
@@ -192,23 +185,18 @@ def _inhomogeneity(plain: Solution, target: float) -> tuple[float, Solution]:
     p = plain.problem
     axes = p.model.matrices(plain.state.coefficients, np.zeros(1))[0, :, :3]
     unit = plain.state.strength**2 * axes @ axes.T
-    last = plain
 
-    def excess(log: float) -> float:
-        nonlocal last
-        last = solve(replace(p, disturbance=float(np.exp(2 * log)) * unit), last.state)
-        return last.chi2 - target
+    def solution(log: float) -> Solution:
+        return solve(replace(p, disturbance=float(np.exp(2 * log)) * unit), plain.state)
 
-    low, high = np.log(_LEAST_TAU), np.log(0.01)
-    while excess(high) > 0:
-        low, high = high, high + 1.5
-        if high > np.log(_MOST_TAU):
-            return np.inf, last
-    if excess(low) <= 0:
-        return _LEAST_TAU, last
-    log = float(scipy.optimize.brentq(excess, low, high, xtol=1e-4))
-    excess(log)
-    return float(np.exp(log)), last
+    if solution(_MOST).chi2 > target:
+        return np.inf, plain
+    if solution(_LEAST).chi2 <= target:
+        return float(np.exp(_LEAST)), plain
+    log = float(
+        scipy.optimize.brentq(lambda x: solution(x).chi2 - target, _LEAST, _MOST, xtol=1e-3)
+    )
+    return float(np.exp(log)), solution(log)
 
 
 def _singular_values(solution: Solution) -> Array:
@@ -227,9 +215,8 @@ def _information(solution: Solution) -> Array:
 
 def _require_determined(solution: Solution, problem: FieldProblem) -> float:
     """Return the standard deviation of the dip; raise if a direction is not determined."""
-    p, names = len(problem.model.names), (*problem.model.names, "dip", "strength")
-    free = problem.free[problem.free < p + 2]
-    chosen = [names[k] for k in free]
+    p = len(problem.model.names)
+    chosen = [*problem.model.names, *(["dip"] if p in problem.free else [])]
     information = _information(solution)
     if problem.dip is not None:
         at = chosen.index("dip")
@@ -255,22 +242,14 @@ def _null_directions(information: Array) -> Array:
 def _not_observed(names: list[str], null: Array) -> NotObserved:
     """Return the error that names the directions `null` (k, f), in typical sizes."""
     null = np.where(np.abs(null) > _NEGLIGIBLE, null, 0.0)
-    words = [
-        " ".join(
-            f"{'+−'[int(weight < 0)]} {abs(weight):.2g} {name}"
-            for name, weight in zip(names, row, strict=True)
-            if weight
-        )
-        for row in null
-    ]
-    words = tuple(one.removeprefix("+ ").replace(" 1 ", " ").removeprefix("1 ") for one in words)
-    combinations = format_count(len(words), "combination")
+    directions = [named_direction(names, row) for row in null]
+    words = tuple(direction.words for direction in directions)
     return NotObserved(
-        f"the attitudes do not determine {combinations} of the magnetometer's coefficients:"
-        f" {'; '.join(words)}; add rests at other attitudes, with at least two azimuths for each"
-        " face and some upside down",
+        f"the attitudes do not determine {format_count(len(words), 'combination')} of the"
+        f" magnetometer's coefficients: {'; '.join(words)}; add rests at other attitudes, with at"
+        " least two azimuths for each face and some upside down",
         words,
-        names=tuple(name for name, hit in zip(names, null.any(axis=0), strict=True) if hit),
+        names=tuple(name for name in names if any(name in one.weights for one in directions)),
     )
 
 
@@ -283,43 +262,48 @@ def _require_homogeneous(tau: float) -> None:
         )
 
 
-def _require_unit(problem: FieldProblem, state: FieldState, conditions: FieldConditions) -> None:
-    if conditions.strength is None:
+def _require_change(nodes: FieldNodes) -> None:
+    constant = np.flatnonzero(np.ptp(nodes.reading, axis=0) == 0)
+    if constant.size:
+        axes = ", ".join("xyz"[k] for k in constant)
+        raise InputError(
+            f"the magnetometer's reading is the same at all attitudes (axis {axes}); check its"
+            " columns and its range"
+        )
+
+
+def _require_unit(problem: FieldProblem, start: FieldState) -> None:
+    if problem.strength is None:
         return
     model = problem.model
-    axes = model.matrices(state.coefficients, np.zeros(1))[0, :, :3]
+    axes = model.matrices(start.coefficients, np.zeros(1))[0, :, :3]
     gain = float(np.linalg.norm(axes) / np.linalg.norm(model.nominal[:, :3]))
     if not 1 / _UNIT_ERROR < gain < _UNIT_ERROR:
         raise InputError(
-            f"the readings are {gain:.3g} times as large as the stated field; check the unit and"
-            " the scale of the magnetometer, and the unit of the field",
+            f"the readings are about {gain:.2g} times as large as the stated field; check the unit"
+            " and the scale of the magnetometer, and the unit of the field",
             key="unit",
         )
 
 
-def _reported(solution: Solution, conditions: FieldConditions) -> tuple[Array, Array, Array, bool]:
-    """Return (c, δ, B), its covariance and that with the known coefficients.
-
-    The last value tells whether the mean of the scale coefficients was set to zero.
-    """
+def _reported(solution: Solution, conditions: FieldConditions) -> tuple[Array, Array, Array]:
+    """Return (c, δ, B), its covariance and that with the known coefficients."""
     problem, state = solution.problem, solution.state
     model, p, free = problem.model, len(problem.model.names), problem.free
-    count = p + 2 + problem.root.shape[1]
-    whole = np.zeros((count, count))
+    whole = np.zeros((problem.count, problem.count))
     size = typical_sizes(problem, state.strength)
     scaled = np.linalg.inv(solution.elimination.information * np.outer(size, size))
     whole[np.ix_(free, free)] = scaled * np.outer(size, size)
+    whole = np.insert(np.insert(whole, p + 1, 0.0, axis=0), p + 1, 0.0, axis=1)
     value = np.concatenate([state.coefficients, [state.dip, state.strength]])
     own, cross = whole[: p + 2, : p + 2], whole[: p + 2, p + 2 :] @ problem.root.T
+    # D (1 + ε) and B / (1 + ε) fit equally well.
     e = model.scale_direction
-    if e is None:
-        return value, own, cross, False
-    # D B is determined: D (1 + ε) and B / (1 + ε) fit equally well.
     gains = np.where(model.acts_on_field, state.coefficients + e, 0.0)
     if conditions.strength is not None:
         by_strength = np.concatenate([-gains / state.strength, [0.0, 1.0]])
         own = own + conditions.strength.sd**2 * np.outer(by_strength, by_strength)
-        return value, own, cross, False
+        return value, own, cross
     mean = float(e @ gains / (e @ e))
     move = np.eye(p + 2)
     move[:p, :p] = np.diag(np.where(model.acts_on_field, 1 / mean, 1.0))
@@ -327,4 +311,4 @@ def _reported(solution: Solution, conditions: FieldConditions) -> tuple[Array, A
     move[p + 1, :p] = state.strength * e / (e @ e)
     value[:p] = np.where(model.acts_on_field, gains / mean - e, state.coefficients)
     value[p + 1] *= mean
-    return value, move @ own @ move.T, move @ cross, True
+    return value, move @ own @ move.T, move @ cross

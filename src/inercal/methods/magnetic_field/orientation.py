@@ -42,10 +42,9 @@ def oriented(
     right = state.dip * conditions.sign > 0 if by_dip else _determinant(model, state) > 0
     if not right:
         state = _mirrored(model, state)
-    down = conditions.sign > 0 if by_dip else state.dip > 0
-    hemisphere = "northern" if down else "southern"
+    hemisphere = "northern" if state.dip > 0 else "southern"
     axes = nearest_axes(model, state)
-    if _determinant(model, state) < 0 or (by_dip and state.dip * conditions.sign < 0):
+    if _determinant(model, state) < 0:
         raise InputError(
             f"in the {hemisphere} hemisphere, these data need a magnetometer that is left-handed"
             " relative to its stated axes: an axis is reversed, two axes are exchanged, or the"
@@ -89,10 +88,8 @@ def _principal(state: FieldState) -> FieldState:
 
 
 def _mirrored(model: LinearModel, state: FieldState) -> FieldState:
-    """Return the state with the reversed field, if the model contains it."""
+    """Return the state with the reversed field."""
     e = model.scale_direction
-    if e is None:
-        return state
     coefficients = np.where(model.acts_on_field, -state.coefficients - 2 * e, state.coefficients)
     # −h has the same height with the opposite sign, and its azimuth is turned by 180°.
     return state._replace(

@@ -44,7 +44,8 @@ class LinearModel:
     Raises
     ------
     InputError
-        A shape is wrong, a value is not finite, or the stated axes lie in a plane.
+        A shape is wrong, a value is not finite, the stated axes lie in a plane, or a scale is not
+        among the coefficients.
     """
 
     names: tuple[str, ...]
@@ -56,11 +57,10 @@ class LinearModel:
         p = len(self.names)
         if not self.powers.size:
             object.__setattr__(self, "powers", np.zeros(p, dtype=np.int64))
-        _require_shape("the nominal matrix", self.nominal, (3, 4))
-        _require_shape("the coefficients' directions", self.directions, (p, 3, 4))
-        _require_shape("the powers of temperature", self.powers, (p,))
+        _require_shapes(self, nominal=(3, 4), directions=(p, 3, 4), powers=(p,))
         if abs(np.linalg.det(self.nominal[:, :3])) < _RELATIVE:
             raise InputError("the three stated axes of the magnetometer lie in a plane", key="axis")
+        _ = self.scale_direction
 
     @cached_property
     def acts_on_field(self) -> Bools:
@@ -68,23 +68,20 @@ class LinearModel:
         return np.any(self.directions[:, :, :3] != 0, axis=(1, 2))
 
     @cached_property
-    def scale_direction(self) -> Array | None:
-        """Coefficients e with Σ e_j A_j = (the stated axes, 0), (p,), or None if there are none.
+    def scale_direction(self) -> Array:
+        """Coefficients e with Σ e_j A_j = (the stated axes, 0), (p,).
 
-        If e exists, a common scale of all axes is the same as another strength of the field, and D
-        can change its sign.
+        A common scale of all axes is the same as another strength of the field, and D can change
+        its sign.
         """
         usable = self.acts_on_field & (self.powers == 0)
         axes = self.nominal[:, :3].ravel()
         columns = self.directions[usable, :, :3].reshape(-1, 9).T
-        if not columns.size:
-            return None
-        found = np.linalg.lstsq(columns, axes, rcond=None)[0]
-        if np.linalg.norm(columns @ found - axes) > _RELATIVE * np.linalg.norm(axes):
-            return None
         e = np.zeros(len(self.names))
-        e[usable] = np.where(np.abs(found) > _RELATIVE, found, 0.0)
-        return e
+        e[usable] = np.linalg.lstsq(columns, axes)[0]
+        if np.linalg.norm(columns @ e[usable] - axes) > _RELATIVE * np.linalg.norm(axes):
+            raise InputError("all scale coefficients of the magnetometer must be estimated")
+        return np.where(np.abs(e) > _RELATIVE, e, 0.0)
 
     def matrices(self, coefficients: Array, temperature: Array) -> Array:
         """Return (D, o) of each node, (n, 3, 4), at temperature deviations (n,)."""
@@ -123,13 +120,7 @@ class FieldNodes:
 
     def __post_init__(self) -> None:
         n = len(self.labels)
-        for what, values, shape in (
-            ("the magnetometer's readings", self.reading, (n, 3)),
-            ("the covariance of the magnetometer's readings", self.covariance, (n, 3, 3)),
-            ("the times of the nodes", self.time, (n,)),
-            ("the temperatures of the nodes", self.temperature, (n,)),
-        ):
-            _require_shape(what, values, shape)
+        _require_shapes(self, reading=(n, 3), covariance=(n, 3, 3), time=(n,), temperature=(n,))
         _require_positive("the covariance of the magnetometer's readings", self.covariance)
 
 
@@ -156,12 +147,6 @@ class Directions:
     up: Array
     covariance: Array
     derivative: Array
-
-    @classmethod
-    def none(cls, q: int = 0) -> "Directions":
-        """Return no direction, for q known coefficients."""
-        empty = np.zeros(0, dtype=np.int64)
-        return cls(empty, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3, q)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,17 +247,16 @@ def check_records(nodes: FieldNodes, directions: Directions, links: Links, known
         Covariance of the known coefficients.
     """
     n, d, count, q = len(nodes.labels), len(directions.node), len(links.before), len(known)
-    for what, values, shape in (
-        ("the covariance of the known coefficients", known, (q, q)),
-        ("the upward directions", directions.up, (d, 3)),
-        ("the covariance of the upward directions", directions.covariance, (d, 3, 3)),
-        ("the derivatives of the upward directions", directions.derivative, (d, 3, q)),
-        ("the rotations between nodes", links.rotation, (count, 3, 3)),
-        ("the covariance of the rotations", links.covariance, (count, 3, 3)),
-        ("the derivatives of the rotations", links.derivative, (count, 3, q)),
-        ("the choice of turns about the vertical", links.about_up, (count,)),
-    ):
-        _require_shape(what, values, shape)
+    if known.shape != (q, q) or not np.all(np.isfinite(known)):
+        raise InputError("the covariance of the known coefficients must be square and finite")
+    _require_shapes(directions, up=(d, 3), covariance=(d, 3, 3), derivative=(d, 3, q))
+    _require_shapes(
+        links,
+        rotation=(count, 3, 3),
+        covariance=(count, 3, 3),
+        derivative=(count, 3, q),
+        about_up=(count,),
+    )
     for what, index, most in (
         ("an upward direction", directions.node, n - 1),
         ("a rotation", links.before, n - 2),
@@ -289,11 +273,14 @@ def check_records(nodes: FieldNodes, directions: Directions, links: Links, known
         raise InputError("a turn about the vertical needs an upward direction at both of its nodes")
 
 
-def _require_shape(what: str, values: Array | Indices | Bools, shape: tuple[int, ...]) -> None:
-    if values.shape != shape:
-        raise InputError(f"{what} have shape {values.shape}; expected {shape}")
-    if not np.all(np.isfinite(values)):
-        raise InputError(f"{what} contain a value that is not finite")
+def _require_shapes(record: object, **shapes: tuple[int, ...]) -> None:
+    for name, shape in shapes.items():
+        values = getattr(record, name)
+        what = f"{type(record).__name__}.{name}"
+        if values.shape != shape:
+            raise InputError(f"{what} has shape {values.shape}; expected {shape}")
+        if not np.all(np.isfinite(values)):
+            raise InputError(f"{what} contains a value that is not finite")
 
 
 def _require_positive(what: str, covariance: Array) -> None:

@@ -42,7 +42,7 @@ class FieldState(NamedTuple):
 
     coefficients: Array  # (p,)
     dip: float  # δ, rad; 0 if no node has an upward direction
-    strength: float  # B
+    strength: float  # B, which is fixed: only D B is determined
     known: Array  # (r,), the correction s in units of its prior
     attitude: Array  # (n, 3, 3), R_k
 
@@ -55,14 +55,14 @@ class FieldState(NamedTuple):
         """Return the field in each node's body frame, (n, 3)."""
         return self.field @ self.attitude
 
-    def moved(self, globals_: Array, turns: Array) -> "FieldState":
-        """Return the state after steps of (c, δ, B, s) and after turns (n, 3)."""
+    def moved(self, step: Array, turns: Array) -> "FieldState":
+        """Return the state after a step of (c, δ, s) and after turns (n, 3)."""
         p = len(self.coefficients)
         return FieldState(
-            self.coefficients + globals_[:p],
-            self.dip + float(globals_[p]),
-            self.strength + float(globals_[p + 1]),
-            self.known + globals_[p + 2 :],
+            self.coefficients + step[:p],
+            self.dip + float(step[p]),
+            self.strength,
+            self.known + step[p + 1 :],
             self.attitude @ exp_so3(turns),
         )
 
@@ -76,8 +76,10 @@ class FieldProblem:
     nodes, model, directions, links
     known : (q, q) array
         Covariance P of the known coefficients; it may be singular.
-    dip, strength : Stated, optional
-        Priors.
+    dip : Stated, optional
+        Prior of the dip.
+    strength : float, optional
+        B, if it is stated.
     disturbance : (3, 3) array
         Covariance of each reading that is added for an inhomogeneous field.
     """
@@ -88,7 +90,7 @@ class FieldProblem:
     links: Links
     known: Array
     dip: Stated | None = None
-    strength: Stated | None = None
+    strength: float | None = None
     disturbance: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     @cached_property
@@ -102,14 +104,15 @@ class FieldProblem:
 
     @cached_property
     def free(self) -> Indices:
-        """Indices of the unknowns in (c, δ, B, s).
-
-        If the model has a common scale, the strength is fixed during the fit.
-        """
+        """Indices of the unknowns in (c, δ, s); δ only if a node has an upward direction."""
         p = len(self.model.names)
         fixed = [] if len(self.directions.node) else [p]
-        fixed += [p + 1] if self.model.scale_direction is not None else []
-        return np.setdiff1d(np.arange(p + 2 + self.root.shape[1]), fixed)
+        return np.setdiff1d(np.arange(self.count), fixed)
+
+    @property
+    def count(self) -> int:
+        """Number of elements P of (c, δ, s)."""
+        return len(self.model.names) + 1 + self.root.shape[1]
 
     @cached_property
     def gauges(self) -> Indices:
@@ -125,11 +128,9 @@ class FieldProblem:
     def dof(self) -> int:
         """Degrees of freedom of χ²; prior rows and the quantities with a prior cancel."""
         turns = np.where(self.links.about_up, 1, 3)
-        rows = 2 * len(self.directions.node) + int(turns.sum()) + len(self.gauges)
-        p = len(self.model.names)
-        stated = [self.dip, self.strength]
-        loose = [k for k in (0, 1) if stated[k] is None and p + k in self.free]
-        return rows - p - len(loose)
+        d = len(self.directions.node)
+        rows = 2 * d + int(turns.sum()) + len(self.gauges)
+        return rows - len(self.model.names) - (d > 0 and self.dip is None)
 
     @cached_property
     def reading_whitener(self) -> Array:
@@ -162,7 +163,7 @@ class FieldProblem:
 
 
 class FieldRows(NamedTuple):
-    """Whitened residuals, and their derivatives in (c, δ, B, s) and in the turns."""
+    """Whitened residuals, and their derivatives in (c, δ, s) and in the turns."""
 
     reading: Array  # (n, 3)
     reading_jacobian: Array  # (n, 3, P)
@@ -186,8 +187,7 @@ class FieldRows(NamedTuple):
 
 def field_rows(problem: FieldProblem, state: FieldState) -> FieldRows:
     """Return the whitened rows at a state."""
-    nodes, model, p = problem.nodes, problem.model, len(problem.model.names)
-    count = p + 2 + problem.root.shape[1]
+    nodes, model, p, count = problem.nodes, problem.model, len(problem.model.names), problem.count
     h = state.body_fields()
     matrices = model.matrices(state.coefficients, nodes.temperature)
     white = problem.reading_whitener
@@ -197,27 +197,23 @@ def field_rows(problem: FieldProblem, state: FieldState) -> FieldRows:
     jacobian = np.zeros((len(h), 3, count))
     jacobian[:, :, :p] = white @ model.derivatives(h, nodes.temperature)
     by_dip = state.strength * np.array([-np.sin(state.dip), 0.0, -np.cos(state.dip)])
-    both = np.stack([by_dip @ state.attitude, h / state.strength], axis=2)
-    jacobian[:, :, p : p + 2] = gain @ both
+    jacobian[:, :, p] = (gain @ (by_dip @ state.attitude)[..., None])[..., 0]
 
     directions, across = problem.directions, problem.across
     up = state.attitude[directions.node, 2]
     by_known = directions.derivative @ problem.root
     direction = directions.up - up + by_known @ state.known
     direction_jacobian = np.zeros((len(up), 2, count))
-    direction_jacobian[:, :, p + 2 :] = -across @ by_known
+    direction_jacobian[:, :, p + 1 :] = -across @ by_known
 
     link, link_jacobian, turn, turn_before = _link_rows(problem, state)
 
     weight = np.zeros(count)
     prior = np.zeros(count)
-    for k, (stated, value) in enumerate(
-        ((problem.dip, state.dip), (problem.strength, state.strength))
-    ):
-        if stated is not None and p + k in problem.free and stated.sd > 0:
-            weight[p + k] = 1 / stated.sd
-            prior[p + k] = (stated.value - value) / stated.sd
-    weight[p + 2 :], prior[p + 2 :] = 1.0, -state.known
+    if problem.dip is not None:
+        weight[p] = 1 / problem.dip.sd
+        prior[p] = weight[p] * (problem.dip.value - state.dip)
+    weight[p + 1 :], prior[p + 1 :] = 1.0, -state.known
     return FieldRows(
         reading,
         jacobian,
@@ -236,8 +232,7 @@ def field_rows(problem: FieldProblem, state: FieldState) -> FieldRows:
 
 def _link_rows(problem: FieldProblem, state: FieldState) -> tuple[Array, Array, Array, Array]:
     """Return the rows of the links, their derivatives, and those in the turns of both nodes."""
-    links, p = problem.links, len(problem.model.names)
-    count = p + 2 + problem.root.shape[1]
+    links, p, count = problem.links, len(problem.model.names), problem.count
     if not len(links.before):
         none = np.zeros((0, 3, 3))
         return np.zeros((0, 3)), np.zeros((0, 3, count)), none, none
@@ -246,7 +241,7 @@ def _link_rows(problem: FieldProblem, state: FieldState) -> tuple[Array, Array, 
     error = log_so3(links.rotation.mT @ before.mT @ after)
     by_known = links.derivative @ problem.root
     jacobian = np.zeros((len(error), 3, count))
-    jacobian[:, :, p + 2 :] = -white @ by_known
+    jacobian[:, :, p + 1 :] = -white @ by_known
     turn = white @ (np.eye(3) + 0.5 * skew(error))
     rows = (white @ (by_known @ state.known - error)[..., None])[..., 0]
     return rows, jacobian, turn, -turn @ after.mT @ before
@@ -256,7 +251,6 @@ class Elimination(NamedTuple):
     """Normal equations without the turns: `information` x = `gradient` for the free unknowns."""
 
     factor: Array  # (6, 3 n), banded Cholesky factor of the turns
-    coupling: Array  # (3 n, f)
     solved: Array  # (3 n, f), turns per unit of each free unknown
     information: Array  # (f, f)
     gradient: Array  # (f,)
@@ -276,9 +270,12 @@ def eliminate(problem: FieldProblem, state: FieldState, rows: FieldRows) -> Elim
     block = reading_turn @ rows.reading_turn
     coupling = reading_turn @ rows.reading_jacobian
     gradient = (reading_turn @ rows.reading[..., None])[..., 0]
-    reading_jacobian = rows.reading_jacobian.reshape(3 * n, -1)
-    whole = reading_jacobian.T @ reading_jacobian + np.diag(rows.prior_weight**2)
-    right = reading_jacobian.T @ rows.reading.ravel() + rows.prior_weight * rows.prior
+    parts = (rows.reading_jacobian, rows.direction_jacobian, rows.link_jacobian)
+    whole = np.concatenate([part.reshape(-1, problem.count) for part in parts])
+    residuals = (rows.reading, rows.direction, rows.link)
+    right = whole.T @ np.concatenate([part.ravel() for part in residuals])
+    right += rows.prior_weight * rows.prior
+    whole = whole.T @ whole + np.diag(rows.prior_weight**2)
     for at, turn, jacobian, residual in (
         (one, rows.direction_turn, rows.direction_jacobian, rows.direction),
         (two, rows.link_turn_before, rows.link_jacobian, rows.link),
@@ -287,13 +284,6 @@ def eliminate(problem: FieldProblem, state: FieldState, rows: FieldRows) -> Elim
         block[at] += turn.mT @ turn
         coupling[at] += turn.mT @ jacobian
         gradient[at] += (turn.mT @ residual[..., None])[..., 0]
-    for jacobian, residual in (
-        (rows.direction_jacobian, rows.direction),
-        (rows.link_jacobian, rows.link),
-    ):
-        flat = jacobian.reshape(-1, jacobian.shape[-1])
-        whole += flat.T @ flat
-        right += flat.T @ residual.ravel()
     size = np.trace(block, axis1=1, axis2=2)
     block += (_TINY * size)[:, None, None] * np.eye(3)
     about = state.body_fields()[problem.gauges] / state.strength
@@ -302,11 +292,9 @@ def eliminate(problem: FieldProblem, state: FieldState, rows: FieldRows) -> Elim
     band = np.zeros((6, n, 3))
     beside = np.zeros((n, 3, 3))
     beside[two] = rows.link_turn.mT @ rows.link_turn_before
+    below = np.concatenate([block, beside], axis=1)
     for column in range(3):
-        for row in range(3):
-            if row >= column:
-                band[row - column, :, column] = block[:, row, column]
-            band[3 + row - column, :, column] = beside[:, row, column]
+        band[: 6 - column, :, column] = below[:, column:, column].T
     factor = scipy.linalg.cholesky_banded(band.reshape(6, 3 * n), lower=True)
     flat = coupling.reshape(3 * n, -1)[:, free]
     both = np.column_stack([flat, gradient.ravel()])
@@ -314,7 +302,6 @@ def eliminate(problem: FieldProblem, state: FieldState, rows: FieldRows) -> Elim
     information = whole[np.ix_(free, free)] - flat.T @ solved[:, :-1]
     return Elimination(
         np.asarray(factor),
-        flat,
         solved[:, :-1],
         (information + information.T) / 2,
         right[free] - flat.T @ solved[:, -1],

@@ -45,7 +45,7 @@ def typical_sizes(problem: FieldProblem, strength: float) -> Array:
     warm = np.maximum(np.max(np.abs(problem.nodes.temperature), initial=0.0), 1e-9)
     of_coefficients = np.where(model.acts_on_field, 1.0, strength) / effect / warm**model.powers
     rest = np.ones(problem.root.shape[1])
-    return np.concatenate([of_coefficients, [1.0, strength], rest])[problem.free]
+    return np.concatenate([of_coefficients, [1.0], rest])[problem.free]
 
 
 def solve(problem: FieldProblem, state: FieldState, most: int = _MOST_ITERATIONS) -> Solution:
@@ -59,7 +59,7 @@ def solve(problem: FieldProblem, state: FieldState, most: int = _MOST_ITERATIONS
         converged = float(step @ found.gradient) + found.decrease < _SMALL_STEP
         if converged or count == most:
             return Solution(problem, state, rows, found, converged, count)
-        whole = np.zeros(len(problem.model.names) + 2 + problem.root.shape[1])
+        whole = np.zeros(problem.count)
         whole[problem.free] = step
         turns = (found.turns - found.solved @ step).reshape(-1, 3)
         for share in 0.5 ** np.arange(_MOST_HALVINGS):

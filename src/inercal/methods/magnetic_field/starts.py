@@ -2,9 +2,9 @@
 
 With T = D⁻¹/B and a centred reading m, the unit vector along the field in the body is T m − c:
 
-* ellipsoid: |T m − c| = 1 is linear in Tᵀ T, which leaves a rotation Q of T. The angle between
-  Q (T m − c) and the upward direction is constant, which is linear in Q and the cosine.
-* sphere: the same with T = I/radius. With few nodes, Q is one of the 24 turns of a cube.
+* ellipsoid: |T m − c| = 1 is linear in Tᵀ T, which leaves a rotation of T. It is taken from the 24
+  turns of a cube: the angle to the upward direction must be the same at all nodes.
+* sphere: the same with T = I/radius.
 * constant dip: f̂ᵀ(T m − c) + sin δ = 0 is linear in all unknowns.
 * rotations: T m_{k+s} − c = Cᵀ (T m_k − c) over s nodes is linear in T and c.
 
@@ -23,7 +23,8 @@ from inercal.methods.magnetic_field.rows import FieldProblem, FieldState
 from inercal.physics.frames import exp_so3
 
 _FEW = 12  # upward directions, with which several turns must be tried
-_STRIDES = (1, 4, 16, 64)  # nodes between which rotations are compared
+_FLAT = 1e-9  # volume of axes that lie in a plane, relative to their cubed size
+_MOST_STRIDE = 100  # nodes between which rotations are compared
 _TURNS_OF_CUBE = np.array(
     [
         mat
@@ -55,13 +56,10 @@ def _inverses(problem: FieldProblem, m: Array) -> Iterator[tuple[Array, Array]]:
         shapes.append(found)
     for inverse, c in shapes:
         unit = m[node] @ inverse.T - c
-        turns = [*_TURNS_OF_CUBE]
-        if len(node) > 9:
-            turns.append(_turn(unit, up))
-        heights = np.einsum("ki,tij,kj->tk", up, np.array(turns), unit)
+        heights = np.einsum("ki,tij,kj->tk", up, _TURNS_OF_CUBE, unit)
         best = np.argsort(np.var(heights, axis=1))
         for k in best[: 6 if len(node) <= _FEW else 1]:
-            yield turns[k] @ inverse, turns[k] @ c
+            yield _TURNS_OF_CUBE[k] @ inverse, _TURNS_OF_CUBE[k] @ c
     if len(node) > 12:
         yield _constant_dip(m, m[node], up)
     if np.sum(~problem.links.about_up) > 4:
@@ -93,14 +91,6 @@ def _ellipsoid(m: Array) -> tuple[Array, Array] | None:
     return inverse, inverse @ centre
 
 
-def _turn(unit: Array, up: Array) -> Array:
-    """Return the orthogonal Q for which upᵀ Q unit is the same at all nodes (d, 3)."""
-    products = (up[:, :, None] * unit[:, None, :]).reshape(-1, 9)
-    null = np.linalg.svd(np.column_stack([products, -np.ones(len(up))]))[2][-1]
-    left, _, right = np.linalg.svd(null[:9].reshape(3, 3))
-    return left @ right
-
-
 def _constant_dip(m: Array, own: Array, up: Array) -> tuple[Array, Array]:
     """Return T and c from the nodes with upward directions; `m` (n, 3) sets the scale."""
     products = (up[:, :, None] * own[:, None, :]).reshape(-1, 9)
@@ -118,22 +108,18 @@ def _rotations(problem: FieldProblem, m: Array) -> tuple[Array, Array]:
     one = np.tile(np.eye(3), (n, 1, 1))
     one[before] = step
     rows: list[Array] = []
-    over, done, stride = one, linked, 1
-    for wanted in _STRIDES:
-        while stride < wanted and stride < n:  # doubles the stride
-            over = over[:-stride] @ over[stride:]
-            done = done[:-stride] & done[stride:]
-            stride *= 2
-        if stride != wanted:
-            break
-        at = np.flatnonzero(done[: n - stride])
-        back = over[at].mT
+    stride = 1
+    while stride < min(n, _MOST_STRIDE):
+        at = np.flatnonzero(linked[: n - stride])
+        back = one[at].mT
         # T (m_after) − Cᵀ T m_before − (1 − Cᵀ) c = 0
-        by_inverse = np.einsum("ij,kl->kijl", np.eye(3), m[at + stride]) - np.einsum(
-            "kij,kl->kijl", back, m[at]
-        )
+        by_inverse = np.einsum("ij,kl->kijl", np.eye(3), m[at + stride])
+        by_inverse -= np.einsum("kij,kl->kijl", back, m[at])
         by_c = back - np.eye(3)
         rows.append(np.concatenate([by_inverse.reshape(-1, 3, 9), by_c], axis=2).reshape(-1, 12))
+        one = one[:-stride] @ one[stride:]
+        linked = linked[:-stride] & linked[stride:]
+        stride *= 2
     triangle = np.linalg.qr(np.concatenate(rows), mode="r")
     null = np.linalg.svd(triangle)[2][-1]
     return _scaled(null[:9].reshape(3, 3), null[9:], m)
@@ -146,10 +132,9 @@ def _scaled(inverse: Array, c: Array, m: Array) -> tuple[Array, Array]:
 
 def _start(problem: FieldProblem, axes: Array, offset: Array) -> FieldState:
     """Return the state for D B (3, 3) and o (3,)."""
-    model, stated = problem.model, problem.strength
-    strength = float(np.linalg.norm(axes) / np.linalg.norm(model.nominal[:, :3]))
-    if stated is not None:
-        strength = stated.value
+    model, strength = problem.model, problem.strength
+    if strength is None:
+        strength = float(np.linalg.norm(axes) / np.linalg.norm(model.nominal[:, :3]))
     size = np.array([1.0, 1.0, 1.0, 1 / strength])
     usable = model.powers == 0
     wanted = np.column_stack([axes / strength, offset]) - model.nominal
@@ -157,6 +142,8 @@ def _start(problem: FieldProblem, axes: Array, offset: Array) -> FieldState:
     coefficients = np.zeros(len(model.names))
     coefficients[usable] = np.linalg.lstsq(columns, (wanted * size).ravel())[0]
     matrix = model.matrices(coefficients, np.zeros(1))[0]
+    if abs(np.linalg.det(matrix[:, :3])) < _FLAT * np.linalg.norm(matrix[:, :3]) ** 3:
+        matrix = model.nominal
     unit = np.linalg.solve(matrix[:, :3], (problem.nodes.reading - matrix[:, 3]).T).T
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     dip = 0.0
