@@ -58,6 +58,10 @@ class FieldFit:
         The dip is in rad. The covariance includes the inhomogeneity of the field.
     cross : (t, q) array
         Covariance of the errors of these values with those of the known coefficients.
+    correction : (q,) array
+        Correction of the known coefficients, true minus used.
+    known_covariance : (q, q) array
+        Its covariance.
     chi2, dof : float and int
         χ² for the stated noise, and its degrees of freedom.
     inhomogeneity : float
@@ -82,6 +86,8 @@ class FieldFit:
     value: Array
     covariance: Array
     cross: Array
+    correction: Array
+    known_covariance: Array
     chi2: float
     dof: int
     inhomogeneity: float
@@ -143,7 +149,7 @@ def fit_field(
     if plain.chi2 > scipy.special.chdtri(problem.dof, 1 - _LEVEL):
         tau, last = _inhomogeneity(plain, float(problem.dof))
     _require_homogeneous(tau)
-    value, covariance, cross = _reported(last, conditions)
+    value, covariance, cross, of_known = _reported(last, conditions)
     names = (*model.names, "dip", "strength")
     kept = [k for k in range(len(names)) if names[k] != "dip" or len(directions.node)]
     if strength is None:
@@ -156,6 +162,8 @@ def fit_field(
         value[kept],
         covariance[np.ix_(kept, kept)],
         cross[kept],
+        last.problem.root @ last.state.known,
+        of_known,
         plain.chi2,
         problem.dof,
         tau,
@@ -286,8 +294,8 @@ def _require_unit(problem: FieldProblem, start: FieldState) -> None:
         )
 
 
-def _reported(solution: Solution, conditions: FieldConditions) -> tuple[Array, Array, Array]:
-    """Return (c, δ, B), its covariance and that with the known coefficients."""
+def _reported(solution: Solution, conditions: FieldConditions) -> tuple[Array, Array, Array, Array]:
+    """Return (c, δ, B), its covariance, that with the known coefficients, and that of these."""
     problem, state = solution.problem, solution.state
     model, p, free = problem.model, len(problem.model.names), problem.free
     whole = np.zeros((problem.count, problem.count))
@@ -297,13 +305,14 @@ def _reported(solution: Solution, conditions: FieldConditions) -> tuple[Array, A
     whole = np.insert(np.insert(whole, p + 1, 0.0, axis=0), p + 1, 0.0, axis=1)
     value = np.concatenate([state.coefficients, [state.dip, state.strength]])
     own, cross = whole[: p + 2, : p + 2], whole[: p + 2, p + 2 :] @ problem.root.T
+    of_known = problem.root @ whole[p + 2 :, p + 2 :] @ problem.root.T
     # D (1 + ε) and B / (1 + ε) fit equally well.
     e = model.scale_direction
     gains = np.where(model.acts_on_field, state.coefficients + e, 0.0)
     if conditions.strength is not None:
         by_strength = np.concatenate([-gains / state.strength, [0.0, 1.0]])
         own = own + conditions.strength.sd**2 * np.outer(by_strength, by_strength)
-        return value, own, cross
+        return value, own, cross, of_known
     mean = float(e @ gains / (e @ e))
     move = np.eye(p + 2)
     move[:p, :p] = np.diag(np.where(model.acts_on_field, 1 / mean, 1.0))
@@ -311,4 +320,4 @@ def _reported(solution: Solution, conditions: FieldConditions) -> tuple[Array, A
     move[p + 1, :p] = state.strength * e / (e @ e)
     value[:p] = np.where(model.acts_on_field, gains / mean - e, state.coefficients)
     value[p + 1] *= mean
-    return value, move @ own @ move.T, move @ cross
+    return value, move @ own @ move.T, move @ cross, of_known

@@ -41,6 +41,11 @@ from inercal.recordings import Observations
 INERTIAL = ("f", "w")
 _GROUP = "magnetic field"
 _OWN = ("dip", "strength")
+_CONDITIONS = (
+    ("dip", "dip of the field", "°"),
+    ("strength", "strength of the field", "µT"),
+    ("delay", "delay of the magnetometers", "ms"),
+)
 LinkMaker = Callable[[Observations, Sensor, Any, Estimate], Links | None]
 RemarkMaker = Callable[[Fit[Hand, Any]], Remarks]
 
@@ -91,13 +96,21 @@ def field_remarks(inner: RemarkMaker) -> RemarkMaker:
         if "strength" not in estimate.names:
             return said
         conditions = dict(said.conditions)
-        for name, what, unit in (("dip", "dip of the field", "°"), ("strength", "field", "µT")):
+        for name, what, unit in _CONDITIONS:
+            if name not in estimate.names:
+                continue
             k = estimate.names.index(name)
             sd = float(np.sqrt(estimate.covariance[k, k]))
             conditions[what] = f"{format_quantity(float(estimate.value[k]), 2 * sd, unit)} (k = 2)"
         return said._replace(conditions=conditions)
 
     return remarks
+
+
+def stated_field(bench: Hand) -> tuple[Stated | None, Stated | None]:
+    """Return the stated strength and dip of the field."""
+    first, second = (None if one is None else Stated(*one) for one in (bench.field, bench.dip))
+    return first, second
 
 
 def linear_model(field: Sensor) -> LinearModel:
@@ -136,13 +149,12 @@ def _fit(
     p, count = len(inertial.coefficients), len(observations.labels)
     warmth = np.broadcast_to(temperature.row_offsets(observations, field), (count,))
     nodes = FieldNodes(observations.labels, seen.mean, seen.covariance, observations.time, warmth)
-    stated = [None if one is None else Stated(*one) for one in (bench.field, bench.dip)]
     return fit_field(
         nodes,
         linear_model(field),
         _directions(observations, inertial, bench, first),
         links,
-        FieldConditions(*stated, bench.hemisphere),
+        FieldConditions(*stated_field(bench), bench.hemisphere),
         first.covariance[:p, :p],
     )
 
@@ -229,7 +241,7 @@ def _joined(first: Estimate, found: FieldFit, observations: Observations, p: int
         _GROUP,
         "T",
         observations.labels,
-        found.reading * deviation,
+        found.plain.rows.reading * deviation,
         deviation,
         found.chi2,
         found.dof,
