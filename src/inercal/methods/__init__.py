@@ -230,6 +230,9 @@ class Method(MethodBase, Generic[Bench, Step]):
         share.
     final_by_recording : bool
         Whether the final result of a recording comes from a different estimator than the live one.
+    add_magnetometers : callable or None
+        Maps a `Fit` of accelerometers and gyros, the magnetometers and the priors on them to the
+        estimate with the magnetometers; None if the method cannot calibrate them in this way.
     triads_because : str
         Why the method needs three axes of each kind, as a clause; empty if it takes any number.
     """
@@ -251,6 +254,7 @@ class Method(MethodBase, Generic[Bench, Step]):
     weighs_common_errors: bool = False
     sequential: SequentialEstimator[Bench, Step] | None = None
     final_by_recording: bool = False
+    add_magnetometers: "Callable[[Fit[Bench, Step], Sensor, Priors], Estimate] | None" = None
     triads_because: str = ""
 
     def prepare(

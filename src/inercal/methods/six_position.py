@@ -12,7 +12,7 @@ from inercal.benches import Hand
 from inercal.methods import Method
 from inercal.methods.ferraris import classical
 from inercal.methods.hand_likelihood import ml
-from inercal.methods.magnetic_field.stage import field_remarks, with_magnetometers
+from inercal.methods.magnetic_field.stage import add_magnetometers
 from inercal.methods.order_effects import order_remarks
 from inercal.physics.plan import six_positions
 
@@ -31,9 +31,10 @@ METHOD = Method(
     },
     needs=("f",),
     plan=six_positions,
-    estimators={"ml": with_magnetometers(ml), "classical": with_magnetometers(classical)},
+    estimators={"ml": ml, "classical": classical},
     closed_formulas=("classical",),
     weighs_common_errors=True,
-    remarks=field_remarks(order_remarks),
+    remarks=order_remarks,
+    add_magnetometers=add_magnetometers,
     source="IEEE Std 1293, static multipoint test; Ferraris et al. 1995",
 )

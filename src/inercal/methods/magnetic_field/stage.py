@@ -10,7 +10,6 @@ and P the covariance of the known coefficients.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,8 @@ from inercal.benches import Hand
 from inercal.estimation import Estimate, Gaussian, ResidualGroup, ScoreTestSet
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.residual_scatter import ScatterModel
-from inercal.methods import Estimator, Fit, Priors, Remarks, temperature
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.methods import Fit, Priors, temperature
 from inercal.methods.magnetic_field.disturbances import field_tests
 from inercal.methods.magnetic_field.fitting import FieldFit, fit_field, inhomogeneity_interval
 from inercal.methods.magnetic_field.records import (
@@ -38,7 +38,6 @@ from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 from inercal.recordings import Observations
 
-INERTIAL = ("f", "w")
 _GROUP = "magnetic field"
 _OWN = ("dip", "strength")
 _CONDITIONS = (
@@ -46,65 +45,49 @@ _CONDITIONS = (
     ("strength", "strength of the field", "µT"),
     ("delay", "delay of the magnetometers", "ms"),
 )
-LinkMaker = Callable[[Observations, Sensor, Any, Estimate], Links | None]
-RemarkMaker = Callable[[Fit[Hand, Any]], Remarks]
+LinkMaker = Callable[[Fit[Hand, Any]], Links | None]
 
 
-def with_magnetometers(
-    estimator: Estimator[Hand, Any], links: LinkMaker | None = None
-) -> Estimator[Hand, Any]:
-    """Return an estimator that also estimates the magnetometers, if the sensor has them.
+def add_magnetometers(
+    fit: Fit[Hand, Any], field: Sensor, priors: Priors, links: LinkMaker | None = None
+) -> Estimate:
+    """Return the estimate of a fit with the magnetometers added.
 
     Parameters
     ----------
-    estimator : Estimator
-        An estimator of accelerometers and gyros.
+    fit : Fit
+        The fit of accelerometers and gyros, whose observations include `magnetic`.
+    field : Sensor
+        The magnetometers with their coefficients.
+    priors : sequence of Gaussian
+        Priors on these coefficients.
     links : callable, optional
-        Function that returns the rotations between the rests from observations, sensor, bench and
-        estimate.
+        Function that returns the rotations between the rests.
+
+    Raises
+    ------
+    InputError
+        There are no readings, not enough axes, or the axes or the field are not as stated.
+    NotObserved
+        The attitudes do not determine all coefficients.
     """
-
-    @wraps(estimator)
-    def estimate(
-        observations: Observations,
-        sensor: Sensor,
-        bench: Hand,
-        steps: Sequence[Any],
-        priors: Priors = (),
-    ) -> Estimate:
-        field = sensor.select_axes("m")
-        if not field.axes:
-            return estimator(observations, sensor, bench, steps, priors)
-        inertial = sensor.select_axes(*INERTIAL)
-        own, known = _split(priors, field)
-        first = _grouped(estimator(observations, inertial, bench, steps, known), observations)
-        between = None if links is None else links(observations, inertial, bench, first)
-        found = _fit(observations, sensor, bench, first, between)
-        return _updated(_joined(first, found, observations, len(inertial.coefficients)), own)
-
-    return estimate
+    first = _grouped(fit.estimate, fit.observations)
+    fit = replace(fit, estimate=first)
+    found = _fit(fit, field, None if links is None else links(fit))
+    whole = _joined(first, found, fit.observations, len(fit.sensor.coefficients))
+    return _updated(whole, priors)
 
 
-def field_remarks(inner: RemarkMaker) -> RemarkMaker:
-    """Return remarks that add the dip, the strength and the inhomogeneity of the field."""
-
-    @wraps(inner)
-    def remarks(fit: Fit[Hand, Any]) -> Remarks:
-        inertial = fit.sensor.select_axes(*INERTIAL)
-        said = inner(replace(fit, sensor=inertial))
-        estimate = fit.estimate
-        if "strength" not in estimate.names:
-            return said
-        conditions = dict(said.conditions)
-        for name, what, unit in _CONDITIONS:
-            if name not in estimate.names:
-                continue
+def field_conditions(estimate: Estimate) -> dict[str, str]:
+    """Return the dip and the strength of the field and the magnetometers' delay, in words."""
+    found: dict[str, str] = {}
+    for name, what, unit in _CONDITIONS:
+        if name in estimate.names:
             k = estimate.names.index(name)
             sd = float(np.sqrt(estimate.covariance[k, k]))
-            conditions[what] = f"{format_quantity(float(estimate.value[k]), 2 * sd, unit)} (k = 2)"
-        return said._replace(conditions=conditions)
-
-    return remarks
+            size = format_quantity(float(estimate.value[k]), COVERAGE * sd, unit)
+            found[what] = f"{size} (k = {COVERAGE:g})"
+    return found
 
 
 def stated_field(bench: Hand) -> tuple[Stated | None, Stated | None]:
@@ -136,34 +119,36 @@ def linear_model(field: Sensor) -> LinearModel:
     return LinearModel(field.coefficients, nominal, directions, powers)
 
 
-def _fit(
-    observations: Observations, sensor: Sensor, bench: Hand, first: Estimate, links: Links | None
-) -> FieldFit:
-    seen, field = observations.magnetic, sensor.select_axes("m")
+def _fit(fit: Fit[Hand, Any], field: Sensor, links: Links | None) -> FieldFit:
+    observations, p = fit.observations, len(fit.sensor.coefficients)
+    seen = observations.magnetic
     if seen is None:
         raise InputError(
             "the data have no readings of the magnetometers; name their columns",
             key="[data] magnetometer",
         )
-    inertial = sensor.select_axes(*INERTIAL)
-    p, count = len(inertial.coefficients), len(observations.labels)
-    warmth = np.broadcast_to(temperature.row_offsets(observations, field), (count,))
-    nodes = FieldNodes(observations.labels, seen.mean, seen.covariance, observations.time, warmth)
+    warmth = temperature.row_offsets(observations, field)
+    nodes = FieldNodes(
+        observations.labels,
+        seen.mean,
+        seen.covariance,
+        observations.time,
+        np.broadcast_to(warmth, (len(observations.labels),)),
+    )
     return fit_field(
         nodes,
         linear_model(field),
-        _directions(observations, inertial, bench, first),
+        _directions(fit),
         links,
-        FieldConditions(*stated_field(bench), bench.hemisphere),
-        first.covariance[:p, :p],
+        FieldConditions(*stated_field(fit.bench), fit.bench.hemisphere),
+        fit.estimate.covariance[:p, :p],
     )
 
 
-def _directions(
-    observations: Observations, inertial: Sensor, bench: Hand, first: Estimate
-) -> Directions:
+def _directions(fit: Fit[Hand, Any]) -> Directions:
     """Return the upward directions at the rests, with the derivatives by all known coefficients."""
-    force = inertial.select_axes("f")
+    observations, first = fit.observations, fit.estimate
+    force = fit.sensor.select_axes("f")
     if force.rank("f") < len("xyz"):
         raise InputError(
             "magnetometers need three accelerometers, which give the upward direction at each rest",
@@ -171,33 +156,17 @@ def _directions(
         )
     a, m = len(force.coefficients), len(force.axes)
     warmth = temperature.row_offsets(observations, force)
-    gravity = np.array([bench.gravity.value])
+    gravity = np.array([fit.bench.gravity.value])
     at = norm_residuals(force, observations.mean[:, :m], first.value[:a], gravity, dT=warmth)
     length = np.linalg.norm(at.specific_force, axis=-1)
     across = (np.eye(3) - at.up[:, :, None] * at.up[:, None, :]) / length[:, None, None]
-    derivative = np.zeros((len(length), 3, len(inertial.coefficients)))
+    derivative = np.zeros((len(length), 3, len(fit.sensor.coefficients)))
     derivative[..., :a] = across @ at.by_coefficient
     scatter = next((g.spread for g in first.groups if g.name == "norms"), ScatterModel())
     back = np.linalg.pinv(force.input_axes("f"))
     noise = back @ scatter.of(observations.covariance[:, :m, :m]) @ back.T
     covariance = noise / length[:, None, None] ** 2
     return Directions(np.arange(len(length)), at.up, covariance, derivative)
-
-
-def _split(priors: Priors, field: Sensor) -> tuple[list[Gaussian], list[Gaussian]]:
-    """Return the priors on magnetometers and those on other axes."""
-    own: list[Gaussian] = []
-    others: list[Gaussian] = []
-    for prior in priors:
-        mixed = np.isin(prior.names, field.coefficients)
-        if mixed.any() and not mixed.all():
-            raise InputError(
-                f"the prior on {', '.join(prior.names)} combines magnetometers with other axes; "
-                "give one prior for each",
-                names=prior.names,
-            )
-        (own if mixed.all() else others).append(prior)
-    return own, others
 
 
 def _grouped(first: Estimate, observations: Observations) -> Estimate:

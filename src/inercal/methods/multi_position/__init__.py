@@ -26,6 +26,7 @@ Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rota
 
 # pyright: reportMissingTypeStubs=false
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,7 @@ from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
-from inercal.methods.magnetic_field.stage import field_remarks, with_magnetometers
+from inercal.methods.magnetic_field.stage import add_magnetometers
 from inercal.methods.multi_position import stages
 from inercal.methods.multi_position.attitude_coverage import (
     GeometryErrors,
@@ -317,12 +318,13 @@ METHOD = Method(
     needs=("f",),
     plan=hand_held_plan,
     estimators={
-        "joint": with_magnetometers(joint, rest_links),
-        "sequential": with_magnetometers(sequential, rest_links),
+        "joint": joint,
+        "sequential": sequential,
     },
     source="Skog and Händel, IMEKO 2006; Tedaldi, Pretto, Menegatti, ICRA 2014",
     unknown_attitudes=True,
     frame=triangular_frame,  # the accelerometers' own frame, because there is no mounting
-    remarks=field_remarks(_remarks),
+    remarks=_remarks,
+    add_magnetometers=partial(add_magnetometers, links=rest_links),
     triads_because="the attitudes are unknown, and only the norm of gravity is known",
 )

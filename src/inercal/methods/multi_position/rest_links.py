@@ -4,36 +4,26 @@ Only the turn about the vertical is used, because the fit of the gyros used the 
 rotation is relative to the earth, whose rate about the vertical is removed.
 """
 
+from typing import Any
+
 import numpy as np
 
 from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.estimation.residual_scatter import ScatterModel
+from inercal.methods import Fit
 from inercal.methods.magnetic_field import Links
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import transition_rotations
 from inercal.physics.frames import exp_so3
-from inercal.physics.sensors import Sensor
-from inercal.recordings import Observations
 
 _RAMP = 2 / 3  # mean of the squared weights along a ramp, times two for its two halves
 
 
-def rest_links(
-    observations: Observations, sensor: Sensor, bench: Hand, estimate: Estimate
-) -> Links | None:
-    """Return the rotations between neighbouring rests, or None for a sensor without gyros.
-
-    Parameters
-    ----------
-    observations : Observations
-    sensor : Sensor
-        Accelerometers and gyros.
-    bench : Hand
-    estimate : Estimate
-        Estimate of accelerometers and gyros.
-    """
-    rests = Rests(observations, sensor, bench)
+def rest_links(fit: Fit[Hand, Any]) -> Links | None:
+    """Return the rotations between neighbouring rests, or None for a sensor without gyros."""
+    observations, sensor, estimate = fit.observations, fit.sensor, fit.estimate
+    rests = Rests(observations, sensor, fit.bench)
     transitions, p = rests.transitions, len(sensor.coefficients)
     if transitions is None:
         return None
