@@ -123,25 +123,27 @@ def test_wrong_accelerometers_that_are_taken_as_exact_raise_chi_squared(seed):
         conditions = FieldConditions(Stated(50e-6, 0.0), hemisphere="north")
         found = fit_field(nodes, linear_model(), directions, links, conditions)
         chi2, dof = chi2 + found.chi2, dof + found.dof
-    assert chi2 / dof > 10
+    assert chi2 / dof > 1 + 2 * band(dof, 1)
 
 
 def test_cross_covariance_predicts_the_effect_of_the_accelerometers_error(seed):
     """What the known error does not explain has the remaining covariance."""
-    errors, share = [], []
+    errors, along, length = [], 0.0, 0.0
     for k in range(60):
         data = with_prior(np.random.default_rng([seed, k]), POOR_ACCELEROMETER)
         found = fit(data)
-        true = true_values(linear_model(), data.device)
         by_known = found.cross @ np.linalg.inv(data.known)
-        left = (found.value - true - by_known @ data.known_error)[:13]
         covariance = (found.covariance - by_known @ found.cross.T)[:13, :13]
         size = np.sqrt(np.diagonal(covariance))
-        scaled = covariance / np.outer(size, size)
-        errors.append(left / size @ np.linalg.solve(scaled, left / size) / 13)
-        share.append(np.max(1 - np.diagonal(covariance) / np.diagonal(found.covariance)[:13]))
+        weight = np.linalg.inv(covariance / np.outer(size, size))
+        predicted = (by_known @ data.known_error)[:13] / size
+        error = (found.value - true_values(linear_model(), data.device))[:13] / size
+        errors.append((error - predicted) @ weight @ (error - predicted) / 13)
+        along += error @ weight @ predicted
+        length += predicted @ weight @ predicted
     assert np.mean(errors) == pytest.approx(1, abs=band(13, 60))
-    assert np.mean(share) > 0.9  # of the variance: the test can fail
+    assert along / length == pytest.approx(1, abs=4 / np.sqrt(length))
+    assert length > 100  # without an effect, the slope would say nothing
 
 
 def test_strength_with_an_uncertainty_and_free_strength_agree_with_their_covariance(seed):
@@ -171,7 +173,7 @@ def test_stated_dip_agrees_with_its_covariance_and_reduces_the_uncertainty(seed)
         data = rests(12, 30)(rng)
         dip = Stated(data.device.dip + 5e-4 * rng.standard_normal(), 5e-4)
         found, without = fit(data, dip=dip), fit(data)
-        assert np.all(np.diagonal(found.covariance) <= np.diagonal(without.covariance) + 1e-20)
+        assert found.covariance[12, 12] < 0.3 * without.covariance[12, 12]
         errors.append(normalised_error(found, data.device))
     assert np.mean(errors) == pytest.approx(1, abs=band(13, count))
 

@@ -8,14 +8,11 @@ example, nodes without links show only two of the three components of a step.
 The products of all columns after the elimination of the turns are sufficient for the tests, so
 their cost grows in proportion to the number of nodes.
 """
-# SciPy has no stubs.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
 
 from inercal.basics.arrays import Array, Indices
 from inercal.estimation.candidate_scores import rows_from_products, score_tests
@@ -42,7 +39,8 @@ def field_tests(fit: FieldFit) -> ScoreTestSet:
     f = len(known)
     product = np.concatenate([np.zeros(f), flat.T @ one.rows.reading.ravel()])
     spread = np.eye(len(gram))
-    whole_gram = scipy.linalg.block_diag(np.zeros((f, f)), flat.T @ flat)
+    whole_gram = np.zeros_like(gram)
+    whole_gram[f:, f:] = flat.T @ flat
     candidates = [_visible(one, gram, whole_gram) for one in _candidates(fit, edges, spread[f:])]
     whole = np.column_stack([spread[:, :f], *(candidate.rows.T for candidate in candidates)])
     residual, rows = rows_from_products(whole.T @ gram @ whole, whole.T @ product)
@@ -91,8 +89,9 @@ def _candidates(fit: FieldFit, edges: Indices, spread: Array) -> Iterator[Candid
     offsets = ("mx", "my", "mz")
     yield _candidate("drift of the offset", "time", offsets, drift[:3])
     yield Candidate("drift of the strength", "time", ("drift of the strength",), ("1",), drift[3:])
+    bounds: list[int] = edges.tolist()
     for k in range(count):
-        first, last = labels[edges[k]], labels[edges[k + 1] - 1]
+        first, last = labels[bounds[k]], labels[bounds[k + 1] - 1]
         at = first if first == last else f"{first}–{last}"
         yield _candidate(f"field at {at}", "row", ways, stretch[k])
 

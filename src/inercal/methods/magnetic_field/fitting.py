@@ -13,6 +13,7 @@ in Medicine 26, 37–52).
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false
 
 from dataclasses import dataclass, replace
 
@@ -197,13 +198,14 @@ def _inhomogeneity(plain: Solution, target: float) -> tuple[float, Solution]:
     def solution(log: float) -> Solution:
         return solve(replace(p, disturbance=float(np.exp(2 * log)) * unit), plain.state)
 
-    if solution(_MOST).chi2 > target:
+    def excess(log: float) -> float:
+        return solution(log).chi2 - target
+
+    if excess(_MOST) > 0:
         return np.inf, plain
-    if solution(_LEAST).chi2 <= target:
+    if excess(_LEAST) <= 0:
         return float(np.exp(_LEAST)), plain
-    log = float(
-        scipy.optimize.brentq(lambda x: solution(x).chi2 - target, _LEAST, _MOST, xtol=1e-3)
-    )
+    log = float(scipy.optimize.brentq(excess, _LEAST, _MOST, xtol=1e-3))
     return float(np.exp(log)), solution(log)
 
 

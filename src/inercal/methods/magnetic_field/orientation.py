@@ -7,6 +7,7 @@ accelerometers has the same effect as a reversed field.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false
 
 import numpy as np
 import scipy.optimize

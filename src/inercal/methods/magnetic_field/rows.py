@@ -14,6 +14,7 @@ nodes.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -144,8 +145,8 @@ class FieldProblem:
         least = np.eye(3)[np.argmin(np.abs(up), axis=1)]
         first = np.cross(up, least)
         first /= np.linalg.norm(first, axis=1, keepdims=True)
-        both = np.stack([first, np.cross(up, first)], axis=1)
-        return _whitener(both @ self.directions.covariance @ both.mT) @ both
+        both = np.stack([first, np.cross(up, first)], axis=1).astype(np.float64)
+        return np.asarray(_whitener(both @ self.directions.covariance @ both.mT) @ both)
 
     @cached_property
     def link_whitener(self) -> Array:
@@ -312,4 +313,4 @@ def eliminate(problem: FieldProblem, state: FieldState, rows: FieldRows) -> Elim
 
 def _whitener(covariance: Array) -> Array:
     """Return W with Wᵀ W = covariance⁻¹, (k, m, m)."""
-    return np.linalg.inv(np.linalg.cholesky(covariance))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)

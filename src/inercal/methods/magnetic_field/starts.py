@@ -12,6 +12,8 @@ Each finds exchanged or reversed axes without a guess. Readings are centred, bec
 be many times as large as the field. Sources: Li and Griffiths 2004 (ellipsoid, without their
 constraint); Liu, Liu and Li 2014 (constant dip).
 """
+# NumPy types the results of `lstsq` and `inv` too widely.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 
 from collections.abc import Iterator
 from itertools import permutations, product
@@ -43,7 +45,7 @@ def starts(problem: FieldProblem) -> list[FieldState]:
     result: list[FieldState] = []
     for inverse, c in _inverses(problem, m / size):
         if np.all(np.isfinite(inverse)) and abs(np.linalg.det(inverse)) > 1e-6:
-            mat = np.linalg.inv(inverse) * size
+            mat = np.asarray(np.linalg.inv(inverse) * size, dtype=np.float64)
             result.append(_start(problem, mat, centre + mat @ c))
     return result
 
@@ -88,7 +90,7 @@ def _ellipsoid(m: Array) -> tuple[Array, Array] | None:
     centre = -np.linalg.solve(shape, v[6:])
     values = values / (1 + centre @ shape @ centre)
     inverse = vectors * np.sqrt(values) @ vectors.T
-    return inverse, inverse @ centre
+    return np.asarray(inverse), np.asarray(inverse @ centre, dtype=np.float64)
 
 
 def _constant_dip(m: Array, own: Array, up: Array) -> tuple[Array, Array]:
