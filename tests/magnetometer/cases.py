@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from inercal.basics.units import Measured
 from inercal.methods.magnetic_field import (
     Directions,
     FieldConditions,
     FieldNodes,
     LinearModel,
     Links,
-    Stated,
     fit_field,
 )
 
@@ -66,7 +66,7 @@ def records(data):
 def fit(data, model=None, strength_sd=0.0, **conditions):
     """Fit with a known strength (unless `strength_sd` is None), in the northern hemisphere."""
     nodes, directions, links, known = records(data)
-    strength = None if strength_sd is None else Stated(data.device.strength, strength_sd)
+    strength = None if strength_sd is None else Measured(data.device.strength, strength_sd)
     stated = FieldConditions(strength, **{"hemisphere": "north", **conditions})
     model = linear_model() if model is None else model
     return fit_field(nodes, model, directions, links, stated, known)

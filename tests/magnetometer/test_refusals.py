@@ -8,11 +8,11 @@ from tests.magnetometer import generator as sim
 from tests.magnetometer.cases import fit, linear_model, records
 
 from inercal.basics.errors import InputError, NotObserved
+from inercal.basics.units import Measured
 from inercal.methods.magnetic_field import (
     Directions,
     FieldConditions,
     LinearModel,
-    Stated,
     fit_field,
 )
 
@@ -76,12 +76,12 @@ def test_a_wrong_unit_is_refused(factor):
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"strength": Stated(-1.0, 0.0)}, "must be positive"),
-        ({"strength": Stated(5e-5, 6e-5)}, "must be positive"),
-        ({"strength": Stated(np.nan, 0.0)}, "must be positive"),
-        ({"dip": Stated(2.0, 0.1)}, "between"),
-        ({"dip": Stated(1.0, 0.0)}, "positive uncertainty"),
-        ({"dip": Stated(-1.0, 0.01), "hemisphere": "north"}, "contradicts the northern"),
+        ({"strength": Measured(-1.0, 0.0)}, "must be positive"),
+        ({"strength": Measured(5e-5, 6e-5)}, "must be positive"),
+        ({"strength": Measured(np.nan, 0.0)}, "must be positive"),
+        ({"dip": Measured(2.0, 0.1)}, "between"),
+        ({"dip": Measured(1.0, 0.0)}, "positive uncertainty"),
+        ({"dip": Measured(-1.0, 0.01), "hemisphere": "north"}, "contradicts the northern"),
     ],
 )
 def test_impossible_conditions_are_refused(changed, words):
@@ -93,7 +93,7 @@ def test_a_dip_of_the_wrong_sign_is_refused_like_a_wrong_hemisphere():
     rng = np.random.default_rng(1)
     data = rests(rng, sim.scattered(rng, 24))
     with pytest.raises(InputError, match="left-handed"):
-        fit(data, hemisphere=None, dip=Stated(-1.0, 0.01))
+        fit(data, hemisphere=None, dip=Measured(-1.0, 0.01))
 
 
 def test_stated_axes_in_a_plane_are_refused():

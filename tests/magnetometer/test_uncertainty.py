@@ -5,7 +5,8 @@ import pytest
 from tests.magnetometer import generator as sim
 from tests.magnetometer.cases import band, fit, linear_model, normalised_error, records, true_values
 
-from inercal.methods.magnetic_field import FieldConditions, LinearModel, Stated, fit_field
+from inercal.basics.units import Measured
+from inercal.methods.magnetic_field import FieldConditions, LinearModel, fit_field
 
 GOOD_ACCELEROMETER = np.full(9, 300e-6)  # 300 ppm and 0.3 mg
 POOR_ACCELEROMETER = np.full(9, 5e-3)
@@ -120,7 +121,7 @@ def test_wrong_accelerometers_that_are_taken_as_exact_raise_chi_squared(seed):
         data = with_prior(rng, POOR_ACCELEROMETER)
         data.known, data.up_by_known = np.zeros((0, 0)), np.zeros((24, 3, 0))
         nodes, directions, links, _ = records(data)
-        conditions = FieldConditions(Stated(50e-6, 0.0), hemisphere="north")
+        conditions = FieldConditions(Measured(50e-6, 0.0), hemisphere="north")
         found = fit_field(nodes, linear_model(), directions, links, conditions)
         chi2, dof = chi2 + found.chi2, dof + found.dof
     assert chi2 / dof > 1 + 2 * band(dof, 1)
@@ -152,7 +153,7 @@ def test_strength_with_an_uncertainty_and_free_strength_agree_with_their_covaria
         rng = np.random.default_rng([seed, k])
         data = rests(24)(rng)
         nodes, directions, links, _ = records(data)
-        strength = Stated(50e-6 + 0.3e-6 * rng.standard_normal(), 0.3e-6)
+        strength = Measured(50e-6 + 0.3e-6 * rng.standard_normal(), 0.3e-6)
         conditions = FieldConditions(strength, hemisphere="north")
         found = fit_field(nodes, linear_model(), directions, links, conditions)
         stated.append(normalised_error(found, data.device))
@@ -171,7 +172,7 @@ def test_stated_dip_agrees_with_its_covariance_and_reduces_the_uncertainty(seed)
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         data = rests(12, 30)(rng)
-        dip = Stated(data.device.dip + 5e-4 * rng.standard_normal(), 5e-4)
+        dip = Measured(data.device.dip + 5e-4 * rng.standard_normal(), 5e-4)
         found, without = fit(data, dip=dip), fit(data)
         assert found.covariance[12, 12] < 0.3 * without.covariance[12, 12]
         errors.append(normalised_error(found, data.device))
@@ -192,7 +193,7 @@ def test_temperature_coefficients_of_the_offset_are_estimated(seed):
         data.reading = data.reading + temperature[:, None] * true
         nodes, directions, links, _ = records(data)
         nodes.temperature[:] = temperature
-        conditions = FieldConditions(Stated(50e-6, 0.0), hemisphere="north")
+        conditions = FieldConditions(Measured(50e-6, 0.0), hemisphere="north")
         found = fit_field(nodes, model, directions, links, conditions)
         error = (found.value[12:15] - true) / np.sqrt(np.diagonal(found.covariance)[12:15])
         errors.append(np.mean(error**2))

@@ -37,7 +37,7 @@ from inercal.methods.magnetic_field import (
     field_tests,
     fit_field,
 )
-from inercal.methods.magnetic_field.stage import linear_model, stated_field
+from inercal.methods.magnetic_field.stage import linear_model
 from inercal.physics.frames import exp_so3
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor, inverse
@@ -122,7 +122,7 @@ def gls(
         samples.time[at],
         samples.warmth[at],
     )
-    conditions = FieldConditions(*stated_field(bench), bench.hemisphere)
+    conditions = FieldConditions(bench.field, None, bench.hemisphere)
     change, found = np.zeros(len(start)), None
     for _ in range(_ROUNDS):
         way = _rotations(samples, gyros, start + change, at)
@@ -240,7 +240,7 @@ def _links(way: _Rotations, noise: Array, change: Array) -> Links:
 
 
 def _estimate(sensor: Sensor, found: FieldFit, start: Array, nodes: FieldNodes) -> Estimate:
-    g, t = len(start), len(found.names)
+    g = len(start)
     value = np.concatenate([start + found.correction[:g], found.value, found.correction[g:]])
     joint = np.block(
         [
@@ -262,7 +262,6 @@ def _estimate(sensor: Sensor, found: FieldFit, start: Array, nodes: FieldNodes) 
     )
     names = (*sensor.coefficients[:g], *found.names, _DELAY)
     p = len(sensor.coefficients)
-    assert names[:p] == sensor.coefficients and t == p - g + 1
     return Estimate(
         names=names,
         value=value,

@@ -15,7 +15,6 @@ from inercal.methods.magnetic_field.records import (
     FieldNodes,
     LinearModel,
     Links,
-    Stated,
 )
 
 __all__ = [
@@ -25,7 +24,6 @@ __all__ = [
     "FieldNodes",
     "LinearModel",
     "Links",
-    "Stated",
     "field_tests",
     "fit_field",
     "inhomogeneity_interval",

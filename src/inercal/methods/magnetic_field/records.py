@@ -7,22 +7,16 @@ the strength of the field share one unit, usually T.
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from inercal.basics.arrays import Array, Bools, Indices
 from inercal.basics.errors import InputError
+from inercal.basics.units import Measured
 
 Hemisphere = Literal["north", "south"]
 _RELATIVE = 1e-9  # tolerance for the scale direction
-
-
-class Stated(NamedTuple):
-    """A stated value and its standard uncertainty, both in SI."""
-
-    value: float
-    sd: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,10 +181,10 @@ class FieldConditions:
 
     Parameters
     ----------
-    strength : Stated, optional
+    strength : Measured, optional
         In the unit of the readings. If it is not stated, the common scale of the axes is set so
         that the mean of the scale coefficients is zero.
-    dip : Stated, optional
+    dip : Measured, optional
         Angle of the field below the horizontal plane, rad; positive in the northern hemisphere.
     hemisphere : "north" or "south", optional
         Sign of the dip. If neither is stated, the magnetometer is assumed to be right-handed
@@ -202,8 +196,8 @@ class FieldConditions:
         A value is impossible, or the dip contradicts the hemisphere.
     """
 
-    strength: Stated | None = None
-    dip: Stated | None = None
+    strength: Measured | None = None
+    dip: Measured | None = None
     hemisphere: Hemisphere | None = None
 
     def __post_init__(self) -> None:

@@ -24,12 +24,12 @@ import numpy as np
 import scipy.linalg
 
 from inercal.basics.arrays import Array, Indices
+from inercal.basics.units import Measured
 from inercal.methods.magnetic_field.records import (
     Directions,
     FieldNodes,
     LinearModel,
     Links,
-    Stated,
 )
 from inercal.physics.frames import exp_so3, log_so3, skew
 
@@ -77,7 +77,7 @@ class FieldProblem:
     nodes, model, directions, links
     known : (q, q) array
         Covariance P of the known coefficients; it may be singular.
-    dip : Stated, optional
+    dip : Measured, optional
         Prior of the dip.
     strength : float, optional
         B, if it is stated.
@@ -90,7 +90,7 @@ class FieldProblem:
     directions: Directions
     links: Links
     known: Array
-    dip: Stated | None = None
+    dip: Measured | None = None
     strength: float | None = None
     disturbance: Array = field(default_factory=lambda: np.zeros((3, 3)))
 

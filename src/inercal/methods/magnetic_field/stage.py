@@ -31,7 +31,6 @@ from inercal.methods.magnetic_field.records import (
     FieldNodes,
     LinearModel,
     Links,
-    Stated,
 )
 from inercal.methods.residuals import norm_residuals
 from inercal.physics.sensors import Sensor
@@ -90,12 +89,6 @@ def field_conditions(estimate: Estimate) -> dict[str, str]:
     return found
 
 
-def stated_field(bench: Hand) -> tuple[Stated | None, Stated | None]:
-    """Return the stated strength and dip of the field."""
-    first, second = (None if one is None else Stated(*one) for one in (bench.field, bench.dip))
-    return first, second
-
-
 def linear_model(field: Sensor) -> LinearModel:
     """Return the model of three magnetometers, whose names are the sensor's coefficients."""
     axes = {axis.name: (k, axis.frame) for k, axis in enumerate(field.axes)}
@@ -140,7 +133,7 @@ def _fit(fit: Fit[Hand, Any], field: Sensor, links: Links | None) -> FieldFit:
         linear_model(field),
         _directions(fit),
         links,
-        FieldConditions(*stated_field(fit.bench), fit.bench.hemisphere),
+        FieldConditions(fit.bench.field, fit.bench.dip, fit.bench.hemisphere),
         fit.estimate.covariance[:p, :p],
     )
 
