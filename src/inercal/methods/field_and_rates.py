@@ -24,9 +24,8 @@ import numpy as np
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
-from inercal.estimation import Estimate, ResidualGroup
+from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
-from inercal.estimation.residual_scatter import ScatterModel
 from inercal.methods import Priors, temperature
 from inercal.methods.magnetic_field import (
     Directions,
@@ -34,10 +33,14 @@ from inercal.methods.magnetic_field import (
     FieldFit,
     FieldNodes,
     Links,
-    field_tests,
     fit_field,
 )
-from inercal.methods.magnetic_field.stage import linear_model
+from inercal.methods.magnetic_field.stage import (
+    field_group,
+    inhomogeneity_note,
+    linear_model,
+    tests_of_field,
+)
 from inercal.physics.frames import exp_so3
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor, inverse
@@ -123,14 +126,18 @@ def gls(
         samples.warmth[at],
     )
     conditions = FieldConditions(bench.field, None, bench.hemisphere)
+    q = len(wide)
+    unknown = Directions(
+        np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3, q))
+    )
     change, found = np.zeros(len(start)), None
     for _ in range(_ROUNDS):
         way = _rotations(samples, gyros, start + change, at)
         links = _links(way, of_rate, change)
-        found = fit_field(nodes, model, Directions.none(len(wide)), links, conditions, wide)
+        found = fit_field(nodes, model, unknown, links, conditions, wide)
         change = found.correction[: len(start)]
     assert found is not None
-    return _estimate(sensor, found, start, nodes)
+    return _estimate(sensor, found, start)
 
 
 def _samples(observations: Observations, gyros: Sensor, field: Sensor) -> _Samples:
@@ -239,7 +246,7 @@ def _links(way: _Rotations, noise: Array, change: Array) -> Links:
     )
 
 
-def _estimate(sensor: Sensor, found: FieldFit, start: Array, nodes: FieldNodes) -> Estimate:
+def _estimate(sensor: Sensor, found: FieldFit, start: Array) -> Estimate:
     g = len(start)
     value = np.concatenate([start + found.correction[:g], found.value, found.correction[g:]])
     joint = np.block(
@@ -248,17 +255,6 @@ def _estimate(sensor: Sensor, found: FieldFit, start: Array, nodes: FieldNodes) 
             [found.cross[:, :g], found.covariance, found.cross[:, g:]],
             [found.known_covariance[g:, :g], found.cross[:, g:].T, found.known_covariance[g:, g:]],
         ]
-    )
-    deviation = np.sqrt(np.diagonal(nodes.covariance, axis1=1, axis2=2))
-    group = ResidualGroup(
-        "magnetic field",
-        "T",
-        nodes.labels,
-        found.plain.rows.reading * deviation,
-        deviation,
-        found.chi2,
-        found.dof,
-        ScatterModel(excess=found.inhomogeneity * float(found.value[-1])),
     )
     names = (*sensor.coefficients[:g], *found.names, _DELAY)
     p = len(sensor.coefficients)
@@ -273,7 +269,7 @@ def _estimate(sensor: Sensor, found: FieldFit, start: Array, nodes: FieldNodes) 
         singular_values=found.singular_values,
         converged=np.array(found.converged),
         iterations=np.array(found.iterations),
-        groups=(group,),
-        notes=found.notes,
-        scoring=LazyValue(lambda: field_tests(found)),
+        groups=(field_group(found),),
+        notes=(*found.notes, *inhomogeneity_note(found)),
+        scoring=LazyValue(lambda: tests_of_field(found, g, len(names))),
     )

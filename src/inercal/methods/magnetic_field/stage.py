@@ -37,7 +37,6 @@ from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 from inercal.recordings import Observations
 
-_GROUP = "magnetic field"
 _OWN = ("dip", "strength")
 _CONDITIONS = (
     ("dip", "dip of the field", "°"),
@@ -73,7 +72,7 @@ def add_magnetometers(
     first = _grouped(fit.estimate, fit.observations)
     fit = replace(fit, estimate=first)
     found = _fit(fit, field, None if links is None else links(fit))
-    whole = _joined(first, found, fit.observations, len(fit.sensor.coefficients))
+    whole = _joined(first, found, len(fit.sensor.coefficients))
     return _updated(whole, priors)
 
 
@@ -184,7 +183,7 @@ def _grouped(first: Estimate, observations: Observations) -> Estimate:
     return replace(first, covariance=first.stated_covariance, groups=(group,))
 
 
-def _joined(first: Estimate, found: FieldFit, observations: Observations, p: int) -> Estimate:
+def _joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
     """Return both estimates as one; the first `p` parameters of `first` are the coefficients."""
     q, own = len(first.names), len(found.names) - sum(name in found.names for name in _OWN)
     known = first.covariance[:p, :p]
@@ -197,18 +196,6 @@ def _joined(first: Estimate, found: FieldFit, observations: Observations, p: int
     order = [*range(p), *range(q, q + own), *range(p, q), *range(q + own, len(joint))]
     names = (*first.names, *found.names)
     value = np.concatenate([first.value, found.value])
-    deviation = np.sqrt(np.diagonal(observations_covariance(found), axis1=1, axis2=2))
-    strength = float(found.value[-1])
-    group = ResidualGroup(
-        _GROUP,
-        "T",
-        observations.labels,
-        found.plain.rows.reading * deviation,
-        deviation,
-        found.chi2,
-        found.dof,
-        ScatterModel(excess=found.inhomogeneity * strength),
-    )
     wanted = tuple(names[k] for k in order[: p + own])
     chi2 = first.chi2 + found.chi2
     return replace(
@@ -224,9 +211,9 @@ def _joined(first: Estimate, found: FieldFit, observations: Observations, p: int
             ::-1
         ],
         converged=first.converged & found.converged,
-        groups=(*first.groups, group),
-        notes=(*first.notes, *found.notes, *_inhomogeneity_note(found)),
-        scoring=LazyValue(lambda: _joined_tests(first.score_tests, found, order, q)),
+        groups=(*first.groups, field_group(found)),
+        notes=(*first.notes, *found.notes, *inhomogeneity_note(found)),
+        scoring=LazyValue(lambda: _joined_tests(first.score_tests, found, p, own, len(order))),
         sensitivities={
             name: np.concatenate([by, gain @ by[:p]])[order]
             for name, by in first.sensitivities.items()
@@ -234,12 +221,24 @@ def _joined(first: Estimate, found: FieldFit, observations: Observations, p: int
     )
 
 
-def observations_covariance(found: FieldFit) -> Array:
-    """Return the covariance of each node's reading, (n, 3, 3)."""
-    return found.plain.problem.nodes.covariance
+def field_group(found: FieldFit) -> ResidualGroup:
+    """Return the readings of the magnetometers as a group with its own χ²."""
+    nodes = found.plain.problem.nodes
+    deviation = np.sqrt(np.diagonal(nodes.covariance, axis1=1, axis2=2))
+    return ResidualGroup(
+        "magnetic field",
+        "T",
+        nodes.labels,
+        found.plain.rows.reading * deviation,
+        deviation,
+        found.chi2,
+        found.dof,
+        ScatterModel(excess=found.inhomogeneity * float(found.value[-1])),
+    )
 
 
-def _inhomogeneity_note(found: FieldFit) -> tuple[str, ...]:
+def inhomogeneity_note(found: FieldFit) -> tuple[str, ...]:
+    """Return a sentence on the inhomogeneity of the field, if there is any."""
     if not found.inhomogeneity:
         return ()
     low, high = inhomogeneity_interval(found)
@@ -250,54 +249,44 @@ def _inhomogeneity_note(found: FieldFit) -> tuple[str, ...]:
     )
 
 
-def _joined_tests(
-    one: ScoreTestSet, found: FieldFit, order: Sequence[int], count: int
-) -> ScoreTestSet:
+def tests_of_field(found: FieldFit, first: int, count: int) -> ScoreTestSet:
+    """Return the tests of a fit, with shifts of `count` values; its own begin at `first`."""
+    free = found.plain.problem.free
+    own = np.flatnonzero(free < len(found.plain.problem.model.names))
+
+    def shift(by: Array) -> Array:
+        whole = np.zeros(count)
+        whole[first + free[own]] = by[own]
+        return whole
+
+    return field_tests(found).with_shifts(shift)
+
+
+def _joined_tests(one: ScoreTestSet, found: FieldFit, p: int, own: int, count: int) -> ScoreTestSet:
     """Return the score tests of both fits; those of one do not explain residuals of the other."""
-    other = field_tests(found)
-    of_fit = found.plain.problem.free
-    p = len(found.plain.problem.model.names)
-    width = len(order)
-    place = np.argsort(order)
+    other = tests_of_field(found, p, count)
     rows = 1 + max((int(s.explained.indices.max(initial=0)) for s in one.scores), default=0)
-    depth = max((len(s.explained.projection) for s in one.scores), default=0)
-
-    def of_first(shift: Array) -> Array:
-        full = np.zeros(width)
-        full[place[: len(shift)]] = shift
-        return full
-
-    def of_field(shift: Array) -> Array:
-        full, kept = np.zeros(width), of_fit[: len(shift)] < p
-        full[place[count + of_fit[: len(shift)][kept]]] = shift[kept]
-        return full
-
-    first = [
+    depth, more = (
+        max((s.explained.projection.size for s in part.scores), default=0) for part in (one, other)
+    )
+    first = one.with_shifts(
+        lambda by: np.concatenate([by[:p], np.zeros(own), by[p:], np.zeros(count)])[:count]
+    )
+    scores = [
         replace(
             s,
-            shift=of_first(s.shift),
             explained=replace(
                 s.explained,
-                projection=np.concatenate([s.explained.projection, np.zeros(len(of_fit))]),
+                indices=s.explained.indices + below,
+                projection=np.pad(s.explained.projection, pad),
             ),
         )
-        for s in one.scores
-    ]
-    second = [
-        replace(
-            s,
-            shift=of_field(s.shift),
-            explained=replace(
-                s.explained,
-                indices=s.explained.indices + rows,
-                projection=np.concatenate([np.zeros(depth), s.explained.projection]),
-            ),
-        )
-        for s in other.scores
+        for part, below, pad in ((first, 0, (0, more)), (other, rows, (depth, 0)))
+        for s in part.scores
     ]
     return replace(
         one,
-        scores=(*first, *second),
+        scores=tuple(scores),
         span=one.span + other.span,
         chi2=one.chi2 + other.chi2,
         dof=one.dof + other.dof,
