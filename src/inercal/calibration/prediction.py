@@ -1,8 +1,8 @@
 """Predict the error of the readings and the uncertainty of their correction at operating points.
 
-At the operating point x = (f, ω, m, T) the sensor reads y = h(x, c). With the estimated coefficients
-ĉ, the correction returns the x̂ that solves h(x̂, ĉ) = y. To first order, its error is linear in the
-error of the coefficients, so their covariance C gives the uncertainty::
+At the operating point x = (f, ω, m, T) the sensor reads y = h(x, c). With the estimated
+coefficients ĉ, the correction returns the x̂ that solves h(x̂, ĉ) = y. To first order, its error is
+linear in the error of the coefficients, so their covariance C gives the uncertainty::
 
     x̂ − x = J (ĉ − c),    J = −(∂h/∂x)⁺ ∂h/∂c,    cov(x̂) = J C Jᵀ,    U = 2 u
 
@@ -200,7 +200,7 @@ def predict(
 
 
 def _heading_std(calibration: Calibration, f: Array, m: Array, by: Array) -> Array | None:
-    """Return u of the heading, (n,); `by` are the derivatives of the corrected values, (n, q, p)."""
+    """Return u of the heading, (n,), from the derivatives of the corrected values, (n, q, p)."""
     sensor = calibration.sensor
     if sensor.rank("f") < len("xyz") or sensor.rank("m") < len("xyz"):
         return None

@@ -26,10 +26,12 @@ _LEAST_SHARE = 0.005  # smallest share that is printed
 def run(
     calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
     at: list[str] = typer.Option(
-        [], help='A point, such as "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"; m is the field.'
+        [],
+        help='A point, such as "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"; m is the field.',
     ),
     points: Path | None = typer.Option(
-        None, help="A table of points; its columns are fx \\[g], …, wx \\[°/s], …, mx \\[µT], …, T \\[°C]."
+        None,
+        help="A table of points: columns fx \\[g], …, wx \\[°/s], …, mx \\[µT], …, T \\[°C].",
     ),
     sweep: str = typer.Option(
         "", help='A part that varies, such as "fx = -1 g … 1 g"; --at states the other parts.'

@@ -39,7 +39,9 @@ def heading_gradient(f: Array, m: Array) -> Array:
     return np.concatenate([by_f, by_m], axis=-1)
 
 
-def level_attitudes(tilt: float, dip: float, strength: float, gravity: float) -> tuple[Array, Array]:
+def level_attitudes(
+    tilt: float, dip: float, strength: float, gravity: float
+) -> tuple[Array, Array]:
     """Return f and m at headings all around, with z of the sensor within `tilt` of the vertical.
 
     Parameters

@@ -37,7 +37,7 @@ class SoftIron(NamedTuple):
 
 
 def field_matrix(sensor: Sensor, c: Array) -> Array:
-    """Return D of the magnetometers at the reference temperature, (m, 3), from coefficients (p,)."""
+    """Return D at the reference temperature, (m, 3), from coefficients (p,)."""
     own = [k for k, axis in enumerate(sensor.axes) if axis.measures == "m"]
     return sensor.slope(Motion(np.zeros((1, 3))), c)[0][own, 6:]
 
