@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,9 @@ from inercal.calibration.suspect_text import format_component, p_value_text
 from inercal.estimation import Estimate, ScoreTest
 from inercal.estimation.uncertainty import value_and_jacobian
 from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.magnetic_heading import level_attitudes
 from inercal.physics.quantities import QUANTITIES
+from inercal.physics.sensors import G0
 from inercal.physics.soft_iron import field_matrix, split_matrix
 from inercal.pipeline import Outcome
 from inercal.pipeline.outcome import true_coefficients
@@ -26,6 +28,7 @@ _MINUS_PATTERN = re.compile(r"(?<![^\s(\[e=,;:|])-(?=[\d.])")
 _MIN_CORRELATION = 0.5  # smallest correlation that is listed
 _MAX_PAIRS = 8
 _MAX_LISTED = 10  # number of candidates shown
+_TILT = 15.0  # °, of the attitudes whose heading is stated
 _KIND_TEXTS = {
     "coefficient": "coefficient, not estimated",
     "bench": "bench error, larger than stated",
@@ -168,8 +171,25 @@ def _field_groups(outcome: Outcome) -> list[AxisGroup]:
             names, values.tolist(), sd.tolist(), strict=True
         )
     ]
-    return [AxisGroup("Magnetometers: D = P Q, the field to the readings",
-                      (tuple(rows[:9]), tuple(rows[9:15]), tuple(rows[15:])))]  # fmt: skip
+    parts_of_d = (tuple(rows[:9]), tuple(rows[9:15]), tuple(rows[15:]), _heading_rows(outcome))
+    return [AxisGroup("Magnetometers: D = P Q and heading", tuple(filter(None, parts_of_d)))]
+
+
+def _heading_rows(outcome: Outcome) -> tuple[CoefficientRow, ...]:
+    """Return U of the heading with z vertical and with z tilted, in the field of the data."""
+    estimate, rows = outcome.estimate, list[CoefficientRow]()
+    if not {"dip", "strength"} <= {*estimate.names}:
+        return ()
+    dip, strength = (float(estimate.value[estimate.names.index(n)]) for n in ("dip", "strength"))
+    for tilt in (0.0, _TILT):
+        f, m = level_attitudes(np.radians(tilt), dip, strength, G0)
+        std = outcome.calibration.predict(f, m=m, extrapolate=True).heading_std
+        if std is not None:
+            at = f"{tilt:g}° tilt"
+            u = float(np.degrees(np.sqrt(np.mean(std**2))))
+            row = _row(f"heading, {at}", "ψ", "magnetic heading at rest, z up", 0.0, u, "°")
+            rows.append(replace(row, value="", significant=True))
+    return tuple(rows)
 
 
 def bench_tables(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float]]]]:
