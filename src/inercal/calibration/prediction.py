@@ -206,7 +206,8 @@ def _heading_std(calibration: Calibration, f: Array, m: Array, by: Array) -> Arr
         return None
     own = [k for k, kind in enumerate(sensor.sensed.measures) if kind in ("f", "m")]
     g = np.einsum("nq,nqp->np", heading_gradient(f, m), by[:, own])
-    return np.sqrt(np.einsum("ni,ij,nj->n", g, calibration.covariance, g))
+    variance = np.einsum("ni,ij,nj->n", g, calibration.covariance, g)
+    return np.sqrt(np.maximum(variance, 0.0))  # rounding may make it negative
 
 
 def calibration_temperature(calibration: Calibration) -> float:
