@@ -65,14 +65,14 @@ def test_heading_grows_as_one_over_the_cosine_of_the_dip_and_ignores_a_common_sc
     alone = replace(calibration, covariance=1e-14 * np.diag(np.array(bias, dtype=float)))
     for dip in np.radians([0, 60, 80]):
         f, m = level_attitudes(0.0, float(dip), 50e-6, G0)
-        found = alone.predict(f, m=m).heading_std
+        found = np.array(alone.predict(f, m=m).heading_std)
         np.testing.assert_allclose(found, 1e-7 / 50e-6 / np.cos(dip), rtol=1e-9)
     scale = np.array([name.endswith(".scale") and name[0] == "m" for name in names])
     common = replace(calibration, covariance=1e-4 * np.outer(scale, scale).astype(float))
     f, m = level_attitudes(np.radians(15), np.radians(65), 50e-6, G0)
     np.testing.assert_allclose(np.linalg.norm(m, axis=1), 50e-6)
     # The terms of the variance, 1e-4, cancel up to their rounding.
-    found = common.predict(f, m=m).heading_std
+    found = np.array(common.predict(f, m=m).heading_std)
     np.testing.assert_allclose(found, 0, atol=1e-2 * np.sqrt(np.finfo(float).eps))
 
 

@@ -11,6 +11,7 @@ from tests.noise.generator import Truth, draw
 from tests.program import run_program
 
 from inercal.calibration.files import save
+from inercal.laboratory.certificate.dcc import dsi_unit
 from inercal.laboratory.certificate.results import make_results
 from inercal.laboratory.store import Register
 from inercal.noise import analyse_noise
@@ -27,7 +28,7 @@ NOISE = Truth(32768, 0.1, 20.0, 8.0, 0.3, unit=1e-9)  # nT
 def at_rest(seed: int = 2) -> Recording:
     y = draw(NOISE, seed, 3) * 1e9
     names, units = ("mx", "my", "mz"), ("nT",) * 3
-    return Recording(NOISE.dt * np.arange(NOISE.n), y.T + 4e4, names, units, source="rest.csv",
+    return Recording(NOISE.dt * np.arange(float(NOISE.n)), y.T + 4e4, names, units, source="rest.csv",
                      sha256=f"{seed:064d}")  # fmt: skip
 
 
@@ -58,6 +59,7 @@ def test_a_certificate_states_every_coefficient_in_the_unit_of_the_table():
     assert float(found["mx.bias"].value) == pytest.approx(12.0, abs=0.1)
     assert found["mx.bias"].value_si == pytest.approx(12e-6, abs=1e-7)
     assert (found["mx.bias"].si_unit, found["my.scale"].si_unit) == ("T", "1")
+    assert dsi_unit("T", "T/K") == r"\kelvin\tothe{-1}\tesla\tothe{2}"
     assert (found["mx.delta_o"].term, found["mx.delta_p"].term) == ("m_P", "−m_O")
 
 
@@ -65,7 +67,7 @@ def test_the_report_states_d_its_parts_and_the_heading():
     calibration = calibrated(nine_axes(("y", "x", "-z")), D[[1, 0, 2]] * [[1], [1], [-1]], OFFSET)
 
     class Estimated:
-        names = ("dip", "strength")
+        names: tuple[str, ...] = ("dip", "strength")
         value = np.array([np.radians(65), 50e-6])
 
     class Outcome:
