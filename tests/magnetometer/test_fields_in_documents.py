@@ -20,6 +20,7 @@ from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import SI_UNITS, TABLES
 from inercal.recordings import Recording
 from inercal.report.report_tables import coefficients
+from inercal.runfile.noise_data_sheet import read_noise_data_sheet
 
 DATE = "2026-01-02"
 NOISE = Truth(32768, 0.1, 20.0, 8.0, 0.3, unit=1e-9)  # nT
@@ -28,8 +29,8 @@ NOISE = Truth(32768, 0.1, 20.0, 8.0, 0.3, unit=1e-9)  # nT
 def at_rest(seed: int = 2) -> Recording:
     y = draw(NOISE, seed, 3) * 1e9
     names, units = ("mx", "my", "mz"), ("nT",) * 3
-    return Recording(NOISE.dt * np.arange(float(NOISE.n)), y.T + 4e4, names, units, source="rest.csv",
-                     sha256=f"{seed:064d}")  # fmt: skip
+    time = NOISE.dt * np.arange(float(NOISE.n))
+    return Recording(time, y.T + 4e4, names, units, source="rest.csv", sha256=f"{seed:064d}")
 
 
 def test_noise_of_a_magnetometer_is_found_in_nanotesla(tmp_path: Path):
@@ -46,6 +47,18 @@ def test_noise_of_a_magnetometer_is_found_in_nanotesla(tmp_path: Path):
     assert list(sensor_noise(analysis).triads) == ["magnetometer"]
     with Register(str(tmp_path / "register.db"), "A. Tester") as register:
         assert register.enter_noise(analysis, "nine", "2026-01-01") == 1
+
+
+def test_a_data_sheet_states_the_noise_of_a_magnetometer(tmp_path: Path):
+    sheet = tmp_path / "sheet.toml"
+    sheet.write_text(
+        '[datasheet]\nrate = "100 Hz"\n[datasheet.magnetometer]\nrms = "0.4 µT"\n'
+        'bandwidth = "50 Hz"\nbandwidth_kind = "noise"\nrandom_walk = "1 nT/√s"\n',
+        encoding="utf-8",
+    )
+    triad = read_noise_data_sheet(sheet).sensor_noise.triads["magnetometer"]
+    assert triad.values["N"][0] == pytest.approx(0.4e-6 / 10)
+    assert triad.values["K"][0] == pytest.approx(1e-9)
 
 
 @pytest.mark.parametrize("kind", QUANTITIES)
