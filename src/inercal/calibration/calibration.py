@@ -191,20 +191,21 @@ class Calibration:
         *,
         f: Array | None = None,
         w: Array | None = None,
+        m: Array | None = None,
         dw: Array | None = None,
         dT: Array | float | None = None,
         dTdt: Array | float | None = None,
         extrapolate: bool = False,
     ) -> CorrectedMotion:
-        """Compute the specific force and the angular rate from readings.
+        """Compute the specific force, the angular rate and the magnetic field from readings.
 
         Parameters
         ----------
         recording : Recording or (..., n, m) array
             Readings in output units; the columns of an array are the sensor's axes in order.
-        f, w : (..., n, 3) arrays, optional
-            Specific force or rate, if the sensor does not measure it, or measures only components
-            (`inercal.physics.sensors.inverse`). By default zero.
+        f, w, m : (..., n, 3) arrays, optional
+            Specific force, rate or magnetic flux density, if the sensor does not measure it, or
+            measures only components (`inercal.physics.sensors.inverse`). By default zero.
         dw : (..., n, 3) array, optional
             Angular acceleration in rad/s², needed if the model includes lever arms. For a
             Recording, it is computed.
@@ -220,8 +221,8 @@ class Calibration:
         Returns
         -------
         CorrectedMotion
-            f in m/s² and ω in rad/s, in the frame of the calibration; zero if there is no such
-            sensor. If the axes of a kind measure only one or two components and the others are not
+            f in m/s², ω in rad/s and the magnetic flux density m in T, in the frame of the
+            calibration; zero if there is no such sensor. If the axes of a kind measure only one or two components and the others are not
             passed, the result has one column for each of these axes, the component along it:
             (..., n, 1) for one axis. If there are redundant axes, it has their parity residual.
 
@@ -238,7 +239,9 @@ class Calibration:
             self.sensor, self.validity, recording, dT, dTdt, extrapolate=extrapolate
         )
         time = recording.time if isinstance(recording, Recording) else None
-        return corrected_motion(self.sensor, y, self.values, {"f": f, "w": w}, dw, dT, dTdt, time)
+        return corrected_motion(
+            self.sensor, y, self.values, {"f": f, "w": w, "m": m}, dw, dT, dTdt, time
+        )
 
     def predict(
         self,

@@ -48,4 +48,4 @@ def _render(request: Request) -> Rendering:
 
 
 TARGET = Target("csv", "CSV of the correction and of the coefficients", ".csv",
-                {"f": shared.MATRIX, "w": shared.MATRIX_AND_G}, _render)  # fmt: skip
+                {"f": shared.MATRIX, "w": shared.MATRIX_AND_G, "m": shared.MATRIX}, _render)  # fmt: skip
