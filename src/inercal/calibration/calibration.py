@@ -222,9 +222,10 @@ class Calibration:
         -------
         CorrectedMotion
             f in m/s², ω in rad/s and the magnetic flux density m in T, in the frame of the
-            calibration; zero if there is no such sensor. If the axes of a kind measure only one or two components and the others are not
-            passed, the result has one column for each of these axes, the component along it:
-            (..., n, 1) for one axis. If there are redundant axes, it has their parity residual.
+            calibration; zero if there is no such sensor. If the axes of a kind measure only one or
+            two components and the others are not passed, the result has one column for each of
+            these axes, the component along it: (..., n, 1) for one axis. If there are redundant
+            axes, it has their parity residual.
 
         Raises
         ------
