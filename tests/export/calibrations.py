@@ -99,13 +99,14 @@ def make_magnetometer(
     """
     sensor = triad("mag", "m", "m", readout)
     names = tuple(f"m{a}.{name}" for name in ("bias", "scale", "delta_o", "delta_p") for a in "xyz")
+    stated: dict[str, float] = {}
     if inertial:
         own = make_calibration()
         sensor = replace(sensor, axes=own.sensor.axes + sensor.axes)
         names = (*names, *own.sensor.coefficients)
+        stated = dict(zip(own.sensor.coefficients, own.values.tolist(), strict=True))
     sensor = sensor.with_coefficients(*names, *(f"m{a}.{name}" for name in more for a in "xyz"))
     matrix = DISTORTION if turn is None else DISTORTION @ turn
-    stated = {} if not inertial else dict(zip(own.sensor.coefficients, own.values, strict=True))
     for k, a in enumerate("xyz"):
         stated |= {
             f"m{a}.bias": HARD_IRON[k],

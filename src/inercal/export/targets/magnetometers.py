@@ -146,7 +146,7 @@ def _stated(matrix: Array, bias: Array, note: str, unit: str | None = None) -> S
         output=unit is not None,
         units=None if unit is None else ("", "", unit),
         notes=(note,),
-        magnetometer=StatedTriad(matrix=np.linalg.inv(matrix), bias=bias),
+        magnetometer=StatedTriad(matrix=shared.inverse(matrix), bias=bias),
     )
 
 

@@ -68,6 +68,11 @@ def single(values: Array | float) -> Array:
     return np.asarray(values, dtype=np.float32).astype(float)
 
 
+def inverse(matrix: Array) -> Array:
+    """Return the inverse of a matrix."""
+    return np.asarray(np.linalg.inv(matrix), dtype=float)
+
+
 def comments(lines: Sequence[str], mark: str) -> str:
     """Return comment lines."""
     return "".join(f"{mark} {line}\n" for line in lines)
@@ -167,7 +172,7 @@ def symmetric_part(triad: Triad, largest: float, target: str) -> tuple[Array, Ar
             key="--set",
             names=("max_rotation",),
         )
-    return np.linalg.inv(symmetric), rotation if angle > _NO_ROTATION else None
+    return inverse(symmetric), rotation if angle > _NO_ROTATION else None
 
 
 def symmetric_elements(matrix: Array) -> list[tuple[str, float, float]]:
@@ -206,7 +211,7 @@ def stated_magnetometer(
             f"the matrix of the magnetometers of {autopilot} is not positive definite, so it is no "
             "calibration; give parameters of a compass that was calibrated"
         )
-    return StatedTriad(matrix=np.linalg.inv(matrix), bias=bias)
+    return StatedTriad(matrix=inverse(matrix), bias=bias)
 
 
 def parameter_correction(
