@@ -261,7 +261,7 @@ def test_parameters_beyond_what_a_target_accepts_are_refused():
     # [0.51 0.44; 0.44 0.51] in x and y has an inverse with 7.7 on its diagonal.
     narrow = dict.fromkeys((f"m{a}_{d}" for a in "xyz" for d in ("delta_o", "delta_p")), 0.0)
     narrow |= {"mx_scale": -0.49, "my_scale": -0.49, "mx_delta_o": 0.44, "my_delta_p": -0.44}
-    for to, name in (("px4", "XSCALE"), ("ardupilot", "COMPASS_DIA_X")):
+    for to, name in (("px4", "CAL_MAG0_XSCALE"), ("ardupilot", "COMPASS_DIA_X")):
         with refused(names=(name,)):
             export(with_values(**narrow), to)
 

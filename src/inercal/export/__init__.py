@@ -23,7 +23,7 @@ from inercal.export.header import feed_text, header_lines
 from inercal.export.model import export_model
 from inercal.export.ranges import Range, calibrated_ranges
 from inercal.export.target_definition import Request, Target, resolve_options
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import QUANTITIES, Measures
 
 TARGETS: Registry[Target] = Registry(
     "inercal.exports",
@@ -193,9 +193,9 @@ def _for_target(calibration: Calibration, target: Target) -> tuple[Calibration, 
     the readings of an accelerometer or a gyro unchanged if they cannot correct it.
     """
     sensor = calibration.sensor
-    kinds = dict.fromkeys(axis.measures for axis in sensor.axes)
-    only_field = set(target.holds) == {"m"}
-    kept = [k for k in kinds if k in target.holds or not (only_field or k == "m")]
+    kinds: list[Measures] = list(dict.fromkeys(axis.measures for axis in sensor.axes))
+    left = ({"f", "w"} if set(target.holds) == {"m"} else {"m"}).difference(target.holds)
+    kept = [kind for kind in kinds if kind not in left]
     if len(kept) == len(kinds):
         return calibration, ""
     if not kept:

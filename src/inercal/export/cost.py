@@ -221,14 +221,8 @@ def _lost_rotation(model: ExportModel, samples: Samples, rotation: Array) -> Los
         f"rotation between magnetometers and body by the vector ({vector}) deg, up to "
         f"{heading:.1f} deg of heading of a level sensor at a dip of {np.degrees(_DIP):.0f} deg"
     )
-    names = tuple(
-        name
-        for name, (measures, kind, _) in zip(
-            model.sensor.coefficients, kinds_of(model.sensor), strict=True
-        )
-        if (measures, kind) == ("m", "misalignment")
-    )
-    return Loss("m", word, names, effect)
+    names = model.sensor.select_axes("m").coefficients
+    return Loss("m", word, tuple(name for name in names if ".delta_" in name), effect)
 
 
 def _unmeasured(sensor: Sensor, basis: Basis) -> str:

@@ -32,7 +32,7 @@ from inercal.export.targets import shared
 _WORDS = {"f": "ACC", "w": "GYR"}
 _MILLIGAUSS = 1e-7  # T
 # Limits that ArduPilot's own calibration applies (CompassCalibrator.cpp).
-_DIAGONALS, _OFF_DIAGONAL, _OFFSETS = (0.2, 5.0), 1.0, 1800.0
+_DIAGONALS, _OFF_DIAGONALS, _LARGEST_OFFSET = (0.2, 5.0), (-1.0, 1.0), 1800.0
 _CENTRE = 35.0  # °C
 _UNIT = 1e-6
 _ORDERS = 3
@@ -46,7 +46,7 @@ OPTIONS = (
     TargetOption("acc_id", "INS_ACC_ID of this board", kind=int),
     TargetOption("gyro_id", "INS_GYR_ID of this board", kind=int),
     TargetOption("mag_id", "COMPASS_DEV_ID of this board", kind=int),
-    TargetOption("offset_max", "COMPASS_OFFS_MAX of this board, milligauss", _OFFSETS),
+    TargetOption("offset_max", "COMPASS_OFFS_MAX of this board, milligauss", _LARGEST_OFFSET),
     shared.MAX_ROTATION,
     TargetOption("lowest", "INS_TCALn_TMIN, where temperature is corrected, degC"),
     TargetOption("highest", "INS_TCALn_TMAX, where temperature is corrected, degC"),
@@ -213,7 +213,7 @@ def _compass_lines(
     """
     compass = options["compass"]
     ofs, dia, odi, scale = _compass_names(compass)
-    (low, high), largest = _DIAGONALS, options["offset_max"]
+    largest = options["offset_max"]
     lines: list[tuple[str, float]] = []
     if options["mag_id"] is not None:
         lines.append((f"COMPASS_DEV_ID{'' if compass == 1 else compass}", options["mag_id"]))
@@ -221,17 +221,12 @@ def _compass_lines(
         shared.symmetric_elements(matrix), offsets.tolist(), strict=True
     ):
         accepted = {
-            f"{ofs}{a}": (offset, abs(offset) <= largest, f"at most {largest:g} mG (offset_max)"),
-            f"{dia}{a}": (diagonal, low < diagonal < high, f"{low:g} to {high:g}"),
-            f"{odi}{a}": (off, abs(off) < _OFF_DIAGONAL, f"less than {_OFF_DIAGONAL:g}"),
+            f"{ofs}{a}": (offset, (-largest, largest)),
+            f"{dia}{a}": (diagonal, _DIAGONALS),
+            f"{odi}{a}": (off, _OFF_DIAGONALS),
         }
-        for name, (value, is_accepted, limits) in accepted.items():
-            if not is_accepted:
-                raise InputError(
-                    f"ardupilot: {name} would be {value:.4g}, but ArduPilot accepts {limits}; "
-                    "check the nominal readout of the magnetometers in [sensor]",
-                    names=(name,),
-                )
+        for name, (value, limits) in accepted.items():
+            shared.require_accepted("ardupilot", name, value, limits)
             lines.append((name, value))
     return [*lines, (scale, 1.0)]
 

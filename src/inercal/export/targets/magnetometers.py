@@ -68,7 +68,7 @@ def _render_magcal(request: Request) -> Rendering:
     matrix, offset = _in_output_units(request.model.require("m", "magcal"))
 
     def write(header: Sequence[str]) -> str:
-        content = {"comment": list(header), "A": matrix.T.tolist(), "b": offset.tolist()}
+        content = {"comment": "\n".join(header), "A": matrix.T.tolist(), "b": offset.tolist()}
         return json.dumps(content, indent=1) + "\n"
 
     return _rendering(

@@ -77,8 +77,8 @@ def _render(request: Request) -> Rendering:
         if kind == "m":
             matrix, lost = shared.symmetric_part(triad, options["max_rotation"], "px4")
             offset = triad.bias / _GAUSS
-            _require_accepted(matrix)
             for (a, scale, off), x in zip(shared.symmetric_elements(matrix), offset, strict=True):
+                shared.require_accepted("px4", f"{prefix}{a}SCALE", scale, _MAG_SCALES)
                 values = {"OFF": x, "SCALE": scale, "ODIAG": off}
                 lines += [(f"{prefix}{a}{word}", value, _REAL) for word, value in values.items()]
             corrections[kind] = shared.matrix_correction(
@@ -145,18 +145,6 @@ def _render(request: Request) -> Rendering:
         ),
         rotation=lost,
     )
-
-
-def _require_accepted(matrix: Array) -> None:
-    """Raise an error if PX4 does not accept the diagonal of a magnetometer's matrix."""
-    low, high = _MAG_SCALES
-    for name, scale, _ in shared.symmetric_elements(matrix):
-        if not low <= scale <= high:
-            raise InputError(
-                f"px4: CAL_MAGn_{name}SCALE would be {scale:.4g}, but PX4 accepts {low:g} to "
-                f"{high:g}; check the nominal readout of the magnetometers in [sensor]",
-                names=(f"{name}SCALE",),
-            )
 
 
 def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCalibration:

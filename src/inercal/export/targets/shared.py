@@ -68,6 +68,23 @@ def single(values: Array | float) -> Array:
     return np.asarray(values, dtype=np.float32).astype(float)
 
 
+def require_accepted(target: str, name: str, value: float, limits: tuple[float, float]) -> None:
+    """Raise an error if an autopilot would not accept a parameter of a magnetometer.
+
+    Raises
+    ------
+    InputError
+        The value is not between the limits.
+    """
+    low, high = limits
+    if not low < value < high:
+        raise InputError(
+            f"{target}: {name} would be {value:.4g}, but it must be between {low:g} and {high:g}; "
+            "check the nominal readout of the magnetometers in [sensor]",
+            names=(name,),
+        )
+
+
 def inverse(matrix: Array) -> Array:
     """Return the inverse of a matrix."""
     return np.asarray(np.linalg.inv(matrix), dtype=float)
