@@ -23,7 +23,7 @@ from inercal.benches.report_data import (
     describe_row,
     specific_force_directions,
 )
-from inercal.benches.stated_axes import StatedAxes, three_axes
+from inercal.benches.stated_axes import three_axes
 from inercal.physics.plan import Step
 from inercal.physics.section_settings import BenchSection
 from inercal.physics.sensors import Sensor
@@ -211,7 +211,8 @@ class Kind(Generic[B, D]):
     spins : bool
         Whether the bench rotates the sensor on an arm, so that it senses more than gravity.
     sensor : callable
-        Returns the sensor on the bench, given its name and the stated accelerometers and gyros.
+        Returns the sensor on the bench, given its name and the `StatedAxes` of each kind that the
+        run file states: accelerometers, gyros, magnetometers.
     plan : callable
         Returns the plan of a run, given the keys of [method] that concern the plan, the bench, the
         run file's folder and the method's plan.
@@ -252,7 +253,7 @@ class Kind(Generic[B, D]):
     rows_of_table: bool = False
     sampled: bool = False
     spins: bool = False
-    sensor: Callable[[str, StatedAxes | None, StatedAxes | None], Sensor] = three_axes
+    sensor: Callable[..., Sensor] = three_axes
     plan: Callable[[Mapping[str, Any], B, Path, PlanFunction], PlanFunction] = keep_plan
     audit: Callable[[Recording, Sensor, B], Recording] = keep_recording
     files: Callable[[RunBase[D], SimulatedMotion, np.random.Generator], dict[str, Recording]] = (

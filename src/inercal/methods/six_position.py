@@ -18,8 +18,16 @@ from inercal.physics.plan import six_positions
 METHOD = Method(
     name="six_position",
     bench=Hand,
-    default_coefficients={"f": ("bias", "scale", "misalignment"), "w": ("bias", "g")},
-    also={"f": ("temperature", "temperature_order"), "w": ("bias_dT", "bias_dT2", "bias_dT3")},
+    default_coefficients={
+        "f": ("bias", "scale", "misalignment"),
+        "w": ("bias", "g"),
+        "m": ("bias", "scale", "misalignment"),
+    },
+    also={
+        "f": ("temperature", "temperature_order"),
+        "w": ("bias_dT", "bias_dT2", "bias_dT3"),
+        "m": ("temperature",),
+    },
     needs=("f",),
     plan=six_positions,
     estimators={"ml": ml, "classical": classical},

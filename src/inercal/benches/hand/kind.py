@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from inercal.benches.hand.bench import Hand
+from inercal.benches.hand.magnetic_field import stated_dip, stated_field
 from inercal.benches.hand.sheet import sheet
 from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.benches.key_declarations import add_bench_keys, build_bench
@@ -14,7 +15,12 @@ from inercal.benches.kind_definition import Effect, Kind, simulate_without_senso
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.stated_axes import any_axes
 from inercal.physics.plan import Hold, Turn
-from inercal.physics.section_settings import BenchSection, BenchUsage, section_constant
+from inercal.physics.section_settings import (
+    BenchSection,
+    BenchUsage,
+    optional,
+    section_constant,
+)
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording
 from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
@@ -28,6 +34,15 @@ class HandSection(BenchSection):
     """Section [bench] for a sensor turned by hand; gravity is stated or computed from the site."""
 
     kind: Literal["hand"] = "hand"
+    field: str | None = optional(
+        "48.6 µT ± 0.3 µT", about="strength of the magnetic field, if it is known at the bench"
+    )
+    dip: str | None = optional(
+        "65° ± 0.5°", about="angle of the magnetic field below the horizontal plane"
+    )
+    hemisphere: Literal["north", "south"] | None = optional(
+        "north", about="'north' if the magnetic field points downwards, 'south' if upwards"
+    )
 
     @property
     def without_gravity(self) -> bool:
@@ -40,6 +55,8 @@ class HandSection(BenchSection):
             reason = f"{use.method} compares a rest with itself, whatever its attitude"
             return dict.fromkeys(type(self).model_fields.keys() - {"kind", "name"}, reason)
         found: dict[str, str] = {}
+        if not use.magnetometers:
+            found = dict.fromkeys(("field", "dip", "hemisphere"), "the sensor has no magnetometers")
         if not use.attitudes:
             found["tilt"] = f"{use.method} estimates the attitudes"
             found["placement"] = f"{use.method} estimates the attitudes"
@@ -58,7 +75,12 @@ def build(section: HandSection, folder: Path) -> Hand:
     """Build the bench in SI from its section; the files that it names are in `folder`."""
     known = section.latitude is not None
     return build_bench(
-        Hand, section, latitude=section_constant(section, "latitude", "°") if known else None
+        Hand,
+        section,
+        latitude=section_constant(section, "latitude", "°") if known else None,
+        field=stated_field(section.field),
+        dip=stated_dip(section.dip, section.hemisphere),
+        hemisphere=section.hemisphere,
     )
 
 

@@ -305,10 +305,12 @@ METHOD = Method(
     default_coefficients={
         "f": ("bias", "scale", "nonorthogonality"),
         "w": ("bias", "scale", "misalignment"),
+        "m": ("bias", "scale", "misalignment"),
     },
     also={
         "f": ("k2", "k3", "temperature", "k0_dT3", "k1_dT2"),
         "w": ("g", "temperature", "temperature_order"),
+        "m": ("temperature",),
     },
     needs=("f",),
     plan=hand_held_plan,

@@ -274,7 +274,9 @@ class Sensor:
         for k, part in enumerate(parts):
             sensed[..., 3 * k : 3 * k + 3] = part
         m, p = len(self.axes), len(self.coefficients)
-        maps = nominal + (c @ change.reshape(p, -1)).reshape(*c.shape[:-1], m, width + 1)
+        maps = nominal + (c @ change.reshape(p, m * (width + 1))).reshape(
+            *c.shape[:-1], m, width + 1
+        )
         reading = sensed @ np.swapaxes(maps, -1, -2)
         design = sensed @ np.moveaxis(change, -1, 0).swapaxes(-1, -2).reshape(width + 1, m * p)
         return Linearisation(

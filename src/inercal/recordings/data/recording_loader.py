@@ -9,6 +9,7 @@ from typing import cast
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import is_file
 from inercal.basics.units import parse_quantity
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import key_error, si_value
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Recording, ahead_of_lag
@@ -88,9 +89,13 @@ def unsigned_column(column: str | int) -> str:
     return str(column).removeprefix("-")
 
 
+def _columns_by_kind(data: DataSection) -> dict[str, tuple[str | int, ...]]:
+    return {kind: getattr(data, one.sensor) for kind, one in QUANTITIES.items()}
+
+
 def reversed_axes(run: RunBase[DataSection]) -> frozenset[str]:
     """Return the sensor's axes whose columns are stated with a leading "-"."""
-    given = {"f": run.data.accelerometer, "w": run.data.gyro}
+    given = _columns_by_kind(run.data)
     return frozenset(
         axis.name
         for kind, columns in given.items()
@@ -136,7 +141,7 @@ def range_limits(sensor: Sensor) -> dict[str, tuple[float, float]]:
 def reader_columns(run: RunBase[DataSection]) -> Columns:
     """Return the content of each column of the run's data."""
     data = run.data
-    names = {"f": data.accelerometer, "w": data.gyro}
+    names = _columns_by_kind(data)
     channels: dict[str, tuple[tuple[str, str, str], ...]] = {}
     for kind, given in names.items():
         axes = [axis for axis in run.sensor.axes if axis.measures == kind]
@@ -147,7 +152,7 @@ def reader_columns(run: RunBase[DataSection]) -> Columns:
     apart = gyro_file(run) is not None
     label = data.row
     return Columns(
-        channels=channels["f"] if apart else channels["f"] + channels["w"],
+        channels=channels["f"] + channels["w"] * (not apart) + channels["m"],
         second=channels["w"] if apart else (),
         time=None if data.time is None or data.kind == "means" else str(data.time),
         time_unit=data.time_unit if "time_unit" in data.model_fields_set else None,
@@ -234,7 +239,7 @@ def require_distinct_columns(run: RunBase[DataSection], *further: str) -> None:
     """
     kinds = {axis.measures for axis in run.sensor.axes}
     data, readback = run.data, list(readback_columns(run).values())
-    used = [unsigned_column(column) for column in data.accelerometer]
+    used = [unsigned_column(c) for c in (*data.accelerometer, *data.magnetometer * ("m" in kinds))]
     if data.kind == "recording":
         single = (data.time, data.row, data.temperature)
         used += [str(column) for column in single if column is not None]
@@ -297,7 +302,7 @@ def stated_deviations(run: RunBase[DataSection]) -> dict[str, float]:
     InputError
         A value is not positive, or its unit is neither that of the quantity nor that of the output.
     """
-    likes = {"accelerometer": ("f", "m/s²"), "gyro": ("w", "rad/s")}
+    likes = {one.sensor: (one.symbol, one.unit) for one in QUANTITIES.values()}
     deviations: dict[str, float] = {}
     for name, text in run.data.sd.items():
         measures, like = likes[name]
