@@ -104,20 +104,15 @@ def total_step_duration(bench: Any, steps: Sequence[Step]) -> float:
     return sum(step.seconds for step in steps)
 
 
-def simulate_without_sensor(
-    perform: Callable[..., SimulatedMotion], *, in_hand: bool = False
-) -> Simulate[Any]:
+def simulate_without_sensor(perform: Callable[..., SimulatedMotion]) -> Simulate[Any]:
     """Return a `Kind.simulate` function for a bench whose simulation does not need the sensor.
 
     Parameters
     ----------
     perform : callable
         Returns the motion, given bench, steps, samples per second, generator and number of trials.
-    in_hand : bool
-        Whether `perform` also takes the keyword `carried`, which says that the sensor stays in a
-        hand between steps.
     """
-    return _SimulationWithoutSensor(perform, in_hand)
+    return _SimulationWithoutSensor(perform)
 
 
 @dataclass(frozen=True)
@@ -125,7 +120,6 @@ class _SimulationWithoutSensor:
     """The simulation as a picklable object: a nested function cannot be sent to a process."""
 
     perform: Callable[..., SimulatedMotion]
-    in_hand: bool
 
     def __call__(
         self,
@@ -137,8 +131,7 @@ class _SimulationWithoutSensor:
         sensor: Sensor,
         carried: bool,
     ) -> SensorSimulation:
-        more = {"carried": carried} if self.in_hand else {}
-        return SensorSimulation(self.perform(bench, steps, rate_hz, rng, trials, **more), sensor)
+        return SensorSimulation(self.perform(bench, steps, rate_hz, rng, trials), sensor)
 
 
 def keep_plan(

@@ -109,8 +109,10 @@ def assumed_units(sensor: SensorSection) -> tuple[Finding, ...]:
 
 def _readouts(sensor: SensorSection) -> dict[SensorKind, ReadoutSection]:
     """Return the stated sections of the axes, by the word for their kind."""
-    every = ((one.sensor, getattr(sensor, one.sensor)) for one in QUANTITIES.values())
-    return {kind: section for kind, section in every if section is not None}
+    every: dict[SensorKind, ReadoutSection | None] = {
+        one.sensor: getattr(sensor, one.sensor) for one in QUANTITIES.values()
+    }
+    return {kind: section for kind, section in every.items() if section is not None}
 
 
 def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:

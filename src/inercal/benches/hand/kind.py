@@ -1,20 +1,22 @@
 """Calibration by hand, as a kind of bench: its section of the run file and its directions."""
 
+from collections.abc import Sequence
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from inercal.benches.contract import SensorSimulation
 from inercal.benches.hand.bench import Hand
 from inercal.benches.hand.magnetic_field import stated_dip, stated_field
 from inercal.benches.hand.sheet import sheet
 from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.benches.key_declarations import add_bench_keys, build_bench
-from inercal.benches.kind_definition import Effect, Kind, simulate_without_sensor
+from inercal.benches.kind_definition import Effect, Kind
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.stated_axes import any_axes
-from inercal.physics.plan import Hold, Turn
+from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import (
     BenchSection,
     BenchUsage,
@@ -123,6 +125,23 @@ def _rests(run: RunBase[RestsSection], recording: Recording) -> "RestDetection":
     return refused_recording_rests(run, recording)
 
 
+def simulate(
+    bench: Hand,
+    steps: Sequence[HandStep],
+    rate_hz: float,
+    rng: np.random.Generator,
+    trials: int,
+    sensor: Sensor,
+    carried: bool,
+) -> SensorSimulation:
+    """Simulate the motion, and the magnetic field if the sensor has magnetometers."""
+    magnetic = bool(sensor.select_axes("m").axes)
+    done = simulate_hand_motion(
+        bench, steps, rate_hz, rng, trials, carried=carried, magnetic=magnetic
+    )
+    return SensorSimulation(done, sensor)
+
+
 KIND = Kind(
     "hand",
     Hand,
@@ -131,7 +150,7 @@ KIND = Kind(
     build,
     (Hold, Turn),
     _observe,
-    simulate_without_sensor(simulate_hand_motion, in_hand=True),
+    simulate,
     # At the equator the vertical component of the earth's rate is zero.
     effects=(
         Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),

@@ -1,8 +1,9 @@
 """Load the recording of a run file: columns, limits and deviations from its [data] section."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import cast
 
@@ -22,15 +23,40 @@ READBACK = "readback"  # key in `DataSection.further_files` for the file with th
 
 
 def load_recording(run: RunBase[DataSection]) -> Recording:
-    """Read and audit the run's recording.
+    """Read and audit the run's recording of accelerometers and gyros.
 
     Raises
     ------
     InputError
         The file cannot be read, or the audit refuses it.
     """
+    return _load(run, range_limits(run.sensor))
+
+
+def load_magnetometers(run: RunBase[DataSection]) -> Recording:
+    """Read and audit the run's recording of the magnetometers, as a recording of its own.
+
+    The audit then treats the other axes as if there were no magnetometers. Without a stated full
+    scale, no range is looked for, because repeated values look like the end of a range.
+
+    Raises
+    ------
+    InputError
+        See `load_recording`.
+    """
+    run = of_magnetometers(run)
+    return _load(run, dict.fromkeys(run.sensor.channels, (-inf, inf)) | range_limits(run.sensor))
+
+
+def of_magnetometers(run: RunBase[DataSection]) -> RunBase[DataSection]:
+    """Return a run whose only axes are its magnetometers."""
+    assert run.magnetometer is not None
+    return replace(run, sensor=run.magnetometer, magnetometer=None)
+
+
+def _load(run: RunBase[DataSection], limits: Mapping[str, tuple[float, float]]) -> Recording:
     require_distinct_columns(run)
-    path, limits = run.file(run.data.file), range_limits(run.sensor)
+    path = run.file(run.data.file)
     try:
         columns = reader_columns(run)
         if is_pattern(path):
@@ -237,7 +263,7 @@ def require_distinct_columns(run: RunBase[DataSection], *further: str) -> None:
     InputError
         A column is used twice; the message names it.
     """
-    kinds = {axis.measures for axis in run.sensor.axes}
+    kinds = {axis.measures for axis in run.whole_sensor.axes}
     data, readback = run.data, list(readback_columns(run).values())
     used = [unsigned_column(c) for c in (*data.accelerometer, *data.magnetometer * ("m" in kinds))]
     if data.kind == "recording":
@@ -308,7 +334,7 @@ def stated_deviations(run: RunBase[DataSection]) -> dict[str, float]:
         measures, like = likes[name]
         key = f"[data.sd] {name}"
         where = f"{run.path}: {key}"
-        readouts = [axis.readout for axis in run.sensor.axes if axis.measures == measures]
+        readouts = [a.readout for a in run.whole_sensor.axes if a.measures == measures]
         if not readouts:
             raise InputError(
                 f"{where}: the sensor has no {name}; add [sensor.{name}], or remove the key",
