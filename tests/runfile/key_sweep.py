@@ -112,7 +112,7 @@ def keys(
     ]
     sections += [
         (("sensor", kind), ReadoutSection, content["sensor"][kind])
-        for kind in ("accelerometer", "gyro")
+        for kind in ("accelerometer", "gyro", "magnetometer")
         if kind in content["sensor"]
     ]
     stated_filter = content["method"].get("filter", {})
@@ -128,7 +128,9 @@ def keys(
         sections.append((("environment",), EnvironmentSection, content["environment"]))
     for section, schema, values in sections:
         for name, field in schema.model_fields.items():
-            if name in ("accelerometer", "gyro", "kind", "initial") or not kept(field):
+            if name in ("accelerometer", "gyro", "magnetometer", "kind", "initial") or not kept(
+                field
+            ):
                 continue
             stated = values.get(name, None if field.is_required() else field.default)
             for part in (" value", " ±") if _with_deviation(stated) else ("",):

@@ -23,7 +23,7 @@ from inercal.benches.report_data import (
     describe_row,
     specific_force_directions,
 )
-from inercal.benches.stated_axes import StatedAxes, three_axes
+from inercal.benches.stated_axes import three_axes
 from inercal.physics.plan import Step
 from inercal.physics.section_settings import BenchSection
 from inercal.physics.sensors import Sensor
@@ -104,20 +104,15 @@ def total_step_duration(bench: Any, steps: Sequence[Step]) -> float:
     return sum(step.seconds for step in steps)
 
 
-def simulate_without_sensor(
-    perform: Callable[..., SimulatedMotion], *, in_hand: bool = False
-) -> Simulate[Any]:
+def simulate_without_sensor(perform: Callable[..., SimulatedMotion]) -> Simulate[Any]:
     """Return a `Kind.simulate` function for a bench whose simulation does not need the sensor.
 
     Parameters
     ----------
     perform : callable
         Returns the motion, given bench, steps, samples per second, generator and number of trials.
-    in_hand : bool
-        Whether `perform` also takes the keyword `carried`, which says that the sensor stays in a
-        hand between steps.
     """
-    return _SimulationWithoutSensor(perform, in_hand)
+    return _SimulationWithoutSensor(perform)
 
 
 @dataclass(frozen=True)
@@ -125,7 +120,6 @@ class _SimulationWithoutSensor:
     """The simulation as a picklable object: a nested function cannot be sent to a process."""
 
     perform: Callable[..., SimulatedMotion]
-    in_hand: bool
 
     def __call__(
         self,
@@ -137,8 +131,7 @@ class _SimulationWithoutSensor:
         sensor: Sensor,
         carried: bool,
     ) -> SensorSimulation:
-        more = {"carried": carried} if self.in_hand else {}
-        return SensorSimulation(self.perform(bench, steps, rate_hz, rng, trials, **more), sensor)
+        return SensorSimulation(self.perform(bench, steps, rate_hz, rng, trials), sensor)
 
 
 def keep_plan(
@@ -211,7 +204,8 @@ class Kind(Generic[B, D]):
     spins : bool
         Whether the bench rotates the sensor on an arm, so that it senses more than gravity.
     sensor : callable
-        Returns the sensor on the bench, given its name and the stated accelerometers and gyros.
+        Returns the sensor on the bench, given its name and the `StatedAxes` of each kind that the
+        run file states: accelerometers, gyros, magnetometers.
     plan : callable
         Returns the plan of a run, given the keys of [method] that concern the plan, the bench, the
         run file's folder and the method's plan.
@@ -252,7 +246,7 @@ class Kind(Generic[B, D]):
     rows_of_table: bool = False
     sampled: bool = False
     spins: bool = False
-    sensor: Callable[[str, StatedAxes | None, StatedAxes | None], Sensor] = three_axes
+    sensor: Callable[..., Sensor] = three_axes
     plan: Callable[[Mapping[str, Any], B, Path, PlanFunction], PlanFunction] = keep_plan
     audit: Callable[[Recording, Sensor, B], Recording] = keep_recording
     files: Callable[[RunBase[D], SimulatedMotion, np.random.Generator], dict[str, Recording]] = (

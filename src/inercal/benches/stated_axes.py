@@ -10,17 +10,17 @@ from inercal.physics.quantities import QUANTITIES, Measures
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Axis, Direction, Noise, Readout, Sensor, axes_along
 
-_PREFIXES = {"f": "a", "w": "g"}
+_PREFIXES = {"f": "a", "w": "g", "m": "m"}
 _UNIT = re.compile(r"\s*[(\[].*")
 _THREE = ("x", "y", "z")
 
 
 class StatedAxes(NamedTuple):
-    """Accelerometers or gyros as stated in [sensor] and [data].
+    """Axes of one kind as stated in [sensor] and [data].
 
     Parameters
     ----------
-    measures : "f" or "w"
+    measures : "f", "w" or "m"
     columns : tuple of str or int
         One column for each axis.
     directions : tuple of Direction
@@ -95,7 +95,7 @@ def axis_letters(columns: Sequence[str | int]) -> tuple[str, ...]:
     return ends if set(ends) <= {*_THREE} and len(set(ends)) == len(ends) else ()
 
 
-def any_axes(name: str, accelerometers: StatedAxes | None, gyros: StatedAxes | None) -> Sensor:
+def any_axes(name: str, *stated: StatedAxes) -> Sensor:
     """Return the sensor with any number of axes, without coefficients.
 
     Raises
@@ -103,33 +103,32 @@ def any_axes(name: str, accelerometers: StatedAxes | None, gyros: StatedAxes | N
     InputError
         There are no axes, or their directions are unknown or not possible.
     """
-    given = [one for one in (accelerometers, gyros) if one is not None]
-    if not given:
+    if not stated:
         raise key_error(
             "[sensor]", "has neither accelerometers nor gyros; state [sensor.gyro], or both"
         )
-    return Sensor(name, tuple(axis for one in given for axis in one.axes()))
+    return Sensor(name, tuple(axis for one in stated for axis in one.axes()))
 
 
-def three_axes(name: str, accelerometers: StatedAxes | None, gyros: StatedAxes | None) -> Sensor:
-    """Return a triad of accelerometers, with or without gyros, without coefficients.
+def three_axes(name: str, *stated: StatedAxes) -> Sensor:
+    """Return a triad of accelerometers, with or without other triads, without coefficients.
 
     Raises
     ------
     InputError
         There are no accelerometers, or a kind of axes is not a triad along x, y and z.
     """
-    if accelerometers is None:
+    if "f" not in {one.measures for one in stated}:
         raise key_error("[data] accelerometer", "names no columns; name three, of x, y, z")
-    for one in (accelerometers, gyros):
-        if one is not None and tuple(one.directions or _THREE) != _THREE:
+    for one in stated:
+        if tuple(one.directions or _THREE) != _THREE:
             raise key_error(
                 f"{one.section} axis",
                 "this bench needs axes along x, y and z; remove the key, and name three columns",
             )
-        if one is not None and len(one.columns) != len(_THREE):
+        if len(one.columns) != len(_THREE):
             raise key_error(
                 f"[data] {QUANTITIES[one.measures].sensor}",
                 f"{format_count(len(one.columns), 'column')}; this bench needs three, of x, y, z",
             )
-    return any_axes(name, accelerometers, gyros)
+    return any_axes(name, *stated)

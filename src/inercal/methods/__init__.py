@@ -14,7 +14,7 @@ from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.registry import Registry
 from inercal.benches.report_data import Plot
-from inercal.physics.quantities import QUANTITIES, Measures
+from inercal.physics.quantities import ANGULAR_RATE, QUANTITIES, SPECIFIC_FORCE, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Observations, Track
 from inercal.recordings.data import MethodBase
@@ -198,9 +198,9 @@ class Method(MethodBase, Generic[Bench, Step]):
     ----------
     bench : type
         The kind of bench that the method needs.
-    default_coefficients : mapping of "f" or "w" to tuple of str
-        The groups of coefficients that the method estimates by default, for accelerometers ("f")
-        and gyros ("w"). Axes whose kind is missing here are not calibrated.
+    default_coefficients : mapping of "f", "w" or "m" to tuple of str
+        The groups of coefficients that the method estimates by default, for accelerometers ("f"),
+        gyros ("w") and magnetometers ("m"). Axes whose kind is missing here are not calibrated.
     also : mapping of "f" or "w" to tuple of str
         The groups that the method estimates only if the user selects them.
     needs : tuple of "f" or "w"
@@ -306,7 +306,7 @@ class Method(MethodBase, Generic[Bench, Step]):
         return replace(part, coefficients=tuple(n for n in possible if n in (*chosen, *more)))
 
     def _require_triads(self, sensor: Sensor) -> None:
-        for quantity in QUANTITIES.values():
+        for quantity in (SPECIFIC_FORCE, ANGULAR_RATE):
             kind, channels = quantity.symbol, sensor.select_axes(quantity.symbol).channels
             directions = sensor.input_axes(kind)
             # The directions of magnetometers are only a start of their estimation.

@@ -4,7 +4,7 @@ Each step's label is the name of the corresponding section in the recording.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import acos, cos, degrees, inf, isfinite, pi, sin, sqrt
 from typing import Literal, Protocol
 
@@ -318,6 +318,13 @@ def small_loop(changes: Iterable[float]) -> list[float]:
     rising = sorted(changes)
     half = [0.0, *rising, *rising[-2::-1], 0.0]
     return [*half, *(0.0 - change for change in half[1:])]
+
+
+def with_second_azimuths(steps: Iterable[HandStep]) -> list[HandStep]:
+    """Return the steps, and each hold again at another azimuth, as magnetometers need it."""
+    first = list(steps)
+    again = (replace(step, label=f"{step.label} (2)") for step in first if isinstance(step, Hold))
+    return [*first, *again]
 
 
 def six_positions(seconds: float = 10.0) -> tuple[Hold, ...]:

@@ -52,6 +52,8 @@ class BenchUsage:
         Whether the whole recording is one rest.
     angles : bool
         Whether the angles of a table are used.
+    magnetometers : bool
+        Whether the sensor has magnetometers.
     qualified : tuple of str
         Keys of [bench] whose values come from a qualification.
     """
@@ -63,6 +65,7 @@ class BenchUsage:
     means: bool
     rest: bool = False
     angles: bool = True
+    magnetometers: bool = False
     qualified: tuple[str, ...] = ()
 
 

@@ -11,6 +11,7 @@ from inercal.basics.units import si_factor
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.hand.bench import face_label
 from inercal.physics.motion import Motion
+from inercal.physics.plan import with_second_azimuths
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Axis, Sensor
 from inercal.pipeline.chamber_simulation import (
@@ -53,7 +54,7 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
     InputError
         If the sampling rate is missing, or [sensor.truth] contains an unknown coefficient.
     """
-    run = run if isinstance(run, Run) else read(run)
+    run = _with_all_axes(run if isinstance(run, Run) else read(run))
     return _simulate_run(run, np.random.default_rng(seed), seed, trials)[0]
 
 
@@ -76,7 +77,7 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
     InputError
         See `simulate`.
     """
-    run = run if isinstance(run, Run) else read(run)
+    run = _with_all_axes(run if isinstance(run, Run) else read(run))
     if run.data.file in run.data.further_files().values():
         raise InputError(
             f"{run.path}: [data] names {run.data.file} twice, but a simulation needs two separate "
@@ -90,6 +91,15 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
     for name, further in run.kind.files(run, done, rng).items():
         files[name] = replace(further, source=recording.source, simulation=recording.simulation)
     return files
+
+
+def _with_all_axes(run: Run) -> Run:
+    """Return the run with the magnetometers among the other axes."""
+    if run.magnetometer is not None and run.environment is not None:
+        raise key_error(
+            "[environment]", "a simulation of magnetometers has no chamber; remove it", run.path
+        )
+    return replace(run, sensor=run.whole_sensor, magnetometer=None)
 
 
 def _simulate_run(
@@ -113,6 +123,8 @@ def _simulate_run(
     sensor = run.sensor.with_coefficients(*run.truth)
     bench, rate, several = run.bench, run.rate_hz, trials or 1
     steps = [step for step in run.steps if isinstance(step, run.kind.steps)]
+    if not run.method.unknown_attitudes and sensor.rank("m"):
+        steps = with_second_azimuths(steps)
     environment = run.environment
     if environment is not None:
         _require_chamber(run)

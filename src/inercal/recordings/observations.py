@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
+from inercal.recordings.magnetic import MagneticReadings
 from inercal.recordings.rounding_errors import (
     RoundingErrors,
     join_covariances,
@@ -152,6 +153,8 @@ class Observations:
     common : (..., r, m, k) array or None
         Effects of k independent errors of unit variance, shared by the rows, on each reading;
         `full_covariance` includes them.
+    magnetic : MagneticReadings or None
+        Readings of the magnetometers in the same rests; None without magnetometers.
 
     Raises
     ------
@@ -179,6 +182,7 @@ class Observations:
     timed: bool = True
     temperature: Array | None = None
     common: Array | None = None
+    magnetic: MagneticReadings | None = None
 
     def __post_init__(self) -> None:
         r, m = len(self.labels), len(self.channels)
@@ -316,6 +320,7 @@ class Observations:
             track=None,
             temperature=None if t is None else t[..., kept],
             common=None if self.common is None else self.common[..., kept, :, :],
+            magnetic=None if self.magnetic is None else self.magnetic.rows(kept),
         )
 
 

@@ -29,6 +29,11 @@ from inercal.runfile.environment_section import (
 )
 from inercal.runfile.filter_keys import with_filter_keys
 from inercal.runfile.job import job_texts
+from inercal.runfile.magnetometer_checks import (
+    require_magnetometer_method,
+    require_no_field_priors,
+    split_magnetometer,
+)
 from inercal.runfile.method_section import (
     nominal_plan,
     require_frame,
@@ -147,16 +152,16 @@ def _build_run(
 
     chosen = method(schema.method.name)
     bench = qualified_bench(kind.build(schema.bench, path.parent), used)
-    full_sensor = build_sensor(
-        schema.sensor, schema.data.accelerometer, schema.data.gyro, kind.sensor
-    )
-    ordered = terms_of_order(
-        schema.method.temperature_order, full_sensor, chosen.possible(full_sensor)
-    )
+    require_magnetometer_method(schema.sensor, chosen)
+    full_sensor = build_sensor(schema.sensor, schema.data, kind.sensor)
+    inertial, _ = split_magnetometer(full_sensor)
+    ordered = terms_of_order(schema.method.temperature_order, inertial, chosen.possible(inertial))
     stated_terms = stated_also(schema.method, chosen)
     require_free_order(schema.method.temperature_order, stated_terms, ordered)
     also = (*stated_terms, *ordered)
-    sensor = chosen.prepare(full_sensor, schema.method.coefficients, also)
+    whole = chosen.prepare(full_sensor, schema.method.coefficients, also)
+    sensor, magnetometer = split_magnetometer(whole)
+    require_no_field_priors(schema.method, magnetometer)
     if not isinstance(bench, chosen.bench):
         needed = kind_name_for_class(chosen.bench)
         raise InputError(
@@ -178,7 +183,7 @@ def _build_run(
         name: _true_value(full_sensor, name, text) for name, text in schema.sensor.truth.items()
     }
     # A run file may state true values for gyros even if its method does not calibrate them.
-    truth = {name: c for name, c in truth.items() if CoefficientName(name).axis in sensor.channels}
+    truth = {name: c for name, c in truth.items() if CoefficientName(name).axis in whole.channels}
     require_time_offset(schema.method, chosen, sensor)
     rate = sampling_rate(schema.data)
     job, overdue = job_texts(schema.job, path.parent)
@@ -209,11 +214,12 @@ def _build_run(
         + check_validity(used, schema.job)
         + doubts,
         job=job,
-        specification=stated_specification(schema.specification, sensor, frame, path.parent),
+        specification=stated_specification(schema.specification, whole, frame, path.parent),
         environment=stated_environment(schema, sensor, chosen),
         temperature_order=schema.method.temperature_order,
         qualified=used,
         check_standard=check,
+        magnetometer=magnetometer,
     )
 
 

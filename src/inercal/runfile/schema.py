@@ -26,7 +26,7 @@ from inercal.runfile.job import JobSection
 
 
 class ReadoutSection(Section):
-    """Keys of [sensor.accelerometer] and [sensor.gyro]: output and noise of the axes."""
+    """Keys of [sensor.accelerometer], [sensor.gyro] and [sensor.magnetometer]: output and noise."""
 
     unit: str = Field(description="output unit, such as 'LSB' or 'V'", examples=["m/s²"])
     unit_assumed: bool = optional(
@@ -81,6 +81,7 @@ class SensorSection(Section):
     frame: Literal["mount", "symmetric"] = "mount"
     accelerometer: ReadoutSection | None = None
     gyro: ReadoutSection | None = None
+    magnetometer: ReadoutSection | None = None
     truth: dict[str, str | float] = Field(
         default_factory=dict, examples=[{"ax.k0": "32 mg"}], json_schema_extra=DESCRIPTION
     )

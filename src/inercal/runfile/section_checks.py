@@ -13,6 +13,7 @@ from inercal.basics.errors import InputError
 from inercal.methods import Method
 from inercal.physics.earth import COMPUTED_GRAVITY_SD, UNKNOWN_HEIGHT, normal_gravity
 from inercal.physics.plan import Step, Turn
+from inercal.physics.quantities import QUANTITIES, SensorKind
 from inercal.physics.section_settings import (
     MISSING_GRAVITY,
     BenchSection,
@@ -69,6 +70,7 @@ def require_used_keys(
         turns=any(isinstance(step, Turn) for step in steps),
         attitudes=not chosen.unknown_attitudes,
         gyros="w" in chosen.default_coefficients and schema.sensor.gyro is not None,
+        magnetometers=schema.sensor.magnetometer is not None,
         means=schema.data.kind == "means",
         rest=chosen.follows_rest,
         angles=not chosen.without_angles,
@@ -80,8 +82,7 @@ def require_used_keys(
     sections: dict[str, BenchSection | DataSection | ReadoutSection | None] = {
         "bench": schema.bench,
         "data": schema.data,
-        "sensor.accelerometer": schema.sensor.accelerometer,
-        "sensor.gyro": schema.sensor.gyro,
+        **{f"sensor.{kind}": section for kind, section in _readouts(schema.sensor).items()},
     }
     for name, section in sections.items():
         if section is None:
@@ -94,7 +95,6 @@ def require_used_keys(
 
 def assumed_units(sensor: SensorSection) -> tuple[Finding, ...]:
     """Return a warning for each unit that neither the user nor the data confirm."""
-    sections = {"accelerometer": sensor.accelerometer, "gyro": sensor.gyro}
     return tuple(
         Finding(
             "warning",
@@ -102,9 +102,17 @@ def assumed_units(sensor: SensorSection) -> tuple[Finding, ...]:
             f"the unit {section.unit} of the {kind}s was assumed; check the unit in the data "
             f"sheet, and then remove unit_assumed from [sensor.{kind}]",
         )
-        for kind, section in sections.items()
-        if section is not None and section.unit_assumed
+        for kind, section in _readouts(sensor).items()
+        if section.unit_assumed
     )
+
+
+def _readouts(sensor: SensorSection) -> dict[SensorKind, ReadoutSection]:
+    """Return the stated sections of the axes, by the word for their kind."""
+    every: dict[SensorKind, ReadoutSection | None] = {
+        one.sensor: getattr(sensor, one.sensor) for one in QUANTITIES.values()
+    }
+    return {kind: section for kind, section in every.items() if section is not None}
 
 
 def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:

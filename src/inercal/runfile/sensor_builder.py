@@ -5,26 +5,26 @@ from collections.abc import Callable
 from inercal.basics.errors import InputError
 from inercal.basics.units import Measured, parse_quantity, si_factor
 from inercal.benches.stated_axes import StatedAxes
-from inercal.physics.quantities import ANGULAR_RATE, SPECIFIC_FORCE
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import key_error, positive_value, si_value
 from inercal.physics.sensors import Noise, Readout, Sensor
+from inercal.recordings.data import DataSection
 from inercal.runfile.schema import ReadoutSection, SensorSection
 
-READING_UNITS = {"accelerometer": "m/s²", "gyro": "rad/s"}
-_EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
-_COUNTS = ("LSB", "V")  # these outputs are neither acceleration nor rate: they need a scale
-Columns = tuple[str | int, ...]
-Parts = Callable[[str, StatedAxes | None, StatedAxes | None], Sensor]
+READING_UNITS = {one.sensor: one.unit for one in QUANTITIES.values()}
+_EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)", "magnetometer": "6.67 {}/µT"}
+_COUNTS = ("LSB", "V")  # these outputs are no measured quantity: they need a scale
+Parts = Callable[..., Sensor]
 
 
-def build_sensor(section: SensorSection, columns: Columns, gyros: Columns, parts: Parts) -> Sensor:
+def build_sensor(section: SensorSection, data: DataSection, parts: Parts) -> Sensor:
     """Return the sensor with its readouts and noise, but without coefficients.
 
     Parameters
     ----------
     section : SensorSection
-    columns, gyros : tuple of str or int
-        Columns stated in [data] accelerometer and gyro.
+    data : DataSection
+        Section with the columns of the axes.
     parts : callable
         Function that builds the sensor for this kind of bench
         (`inercal.benches.kind_definition.Kind.sensor`).
@@ -34,32 +34,34 @@ def build_sensor(section: SensorSection, columns: Columns, gyros: Columns, parts
     InputError
         A unit is unknown, a scale is not possible, or this bench does not support the axes.
     """
-    _require_same_axes(section, columns)
+    _require_same_axes(section, data)
     stated = [
-        None
-        if one is None
-        else StatedAxes(kind.symbol, names, one.directions, *build_readout(kind.sensor, one))
-        for kind, names, one in (
-            (SPECIFIC_FORCE, columns, section.accelerometer),
-            (ANGULAR_RATE, gyros, section.gyro),
+        StatedAxes(
+            kind.symbol,
+            getattr(data, kind.sensor),
+            one.directions,
+            *build_readout(kind.sensor, one),
         )
+        for kind in QUANTITIES.values()
+        if (one := getattr(section, kind.sensor)) is not None
     ]
     sensor = parts(section.name, *stated)
     form = section.form or sensor.form
     return Sensor(sensor.name, sensor.axes, (), form, frame=section.frame)
 
 
-def _require_same_axes(section: SensorSection, columns: tuple[str | int, ...]) -> None:
-    """Raise an error if only [sensor] or only [data] states accelerometers."""
-    key = "[sensor.accelerometer]"
-    if columns and section.accelerometer is None:
-        raise InputError(f"{key} is missing", key=key)
-    if section.accelerometer is not None and not columns:
-        raise InputError(
-            "[data] accelerometer names no columns; name those of the accelerometers, or remove "
-            f"{key}",
-            key="[data] accelerometer",
-        )
+def _require_same_axes(section: SensorSection, data: DataSection) -> None:
+    """Raise an error if only [sensor] or only [data] states accelerometers or magnetometers."""
+    for kind in ("accelerometer", "magnetometer"):
+        key, columns, stated = f"[sensor.{kind}]", getattr(data, kind), getattr(section, kind)
+        named = columns and (kind == "accelerometer" or kind in data.model_fields_set)
+        if named and stated is None:
+            raise InputError(f"{key} is missing", key=key)
+        if stated is not None and not columns:
+            raise InputError(
+                f"[data] {kind} names no columns; name those of the {kind}s, or remove {key}",
+                key=f"[data] {kind}",
+            )
 
 
 def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
@@ -67,7 +69,7 @@ def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
 
     Parameters
     ----------
-    kind : "accelerometer" or "gyro"
+    kind : "accelerometer", "gyro" or "magnetometer"
     section : ReadoutSection
 
     Raises

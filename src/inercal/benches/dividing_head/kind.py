@@ -20,12 +20,13 @@ if TYPE_CHECKING:
     from inercal.recordings.segments import RestDetection
 
 
-def _sensor(name: str, accelerometers: StatedAxes | None, gyros: StatedAxes | None) -> Sensor:
+def _sensor(name: str, *stated: StatedAxes) -> Sensor:
     """Return the accelerometers on the head; without the key `axis` there are one or two."""
+    accelerometers = next((one for one in stated if one.measures == "f"), None)
     columns = () if accelerometers is None else accelerometers.columns
-    if gyros is not None:
+    if others := [one.section for one in stated if one.measures != "f"]:
         raise key_error(
-            "[sensor.gyro]", "a dividing head is at rest during a reading; remove the section"
+            others[0], "a dividing head is at rest during a reading; remove the section"
         )
     if accelerometers is not None and accelerometers.directions:
         return sensor_in_plane(name, accelerometers.axes())

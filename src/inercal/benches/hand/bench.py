@@ -21,7 +21,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from math import pi, sqrt
+from math import pi, radians, sqrt
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +42,8 @@ DEGREE = pi / 180
 _TURN_ON = tuple(f"turn_on_{a}" for a in "xyz")
 _PLACEMENT = ("placement1", "placement2")
 _VISIT = re.compile(r" \((\d+)\)$")  # end of a label for a repeated visit, "x_p (2)"
+_NEAR_EQUATOR = radians(20)  # the magnetic equator is up to 15° away from the equator
+_CLEAR = 3.0  # standard uncertainties
 _SKEW = Limit(20 * DEGREE, "a face or an axis can err, 20°")
 
 
@@ -71,6 +74,12 @@ class Hand(NoReadingOffsets):
         Relative standard deviation of the recording's clock.
     turn_on : float
         Standard deviation of each component of β, rad/s; 0 if the gyros stay switched on.
+    field : Measured or None
+        Strength of the magnetic field at the bench, T; None if it is unknown.
+    dip : Measured or None
+        Angle of the field below the horizontal plane, rad; None if it is unknown.
+    hemisphere : "north", "south" or None
+        "north" if the field points downwards, "south" if it points upwards.
     qualified : QualifiedParameters
         Results of qualifications, which replace stated values.
     """
@@ -112,7 +121,24 @@ class Hand(NoReadingOffsets):
         scope="position",
         example="60 °/h",
     )
+    field: Measured | None = None
+    dip: Measured | None = None
+    hemisphere: Literal["north", "south"] | None = None
     qualified: QualifiedParameters = NOT_QUALIFIED
+
+    @property
+    def dip_sign(self) -> int:
+        """1 if the magnetic field points downwards, −1 if it points upwards, 0 if unknown.
+
+        It follows from the hemisphere, from the dip, or from a latitude far from the equator.
+        """
+        if self.hemisphere is not None:
+            return 1 if self.hemisphere == "north" else -1
+        known = self.dip, self.place
+        for one, nearest in zip(known, (0.0, _NEAR_EQUATOR), strict=True):
+            if one is not None and abs(one.value) > max(nearest, _CLEAR * one.sd):
+                return 1 if one.value > 0 else -1
+        return 0
 
     @property
     def place(self) -> Measured | None:

@@ -1,20 +1,28 @@
 """Calibration by hand, as a kind of bench: its section of the run file and its directions."""
 
+from collections.abc import Sequence
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from inercal.benches.contract import SensorSimulation
 from inercal.benches.hand.bench import Hand
+from inercal.benches.hand.magnetic_field import stated_dip, stated_field
 from inercal.benches.hand.sheet import sheet
 from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.benches.key_declarations import add_bench_keys, build_bench
-from inercal.benches.kind_definition import Effect, Kind, simulate_without_sensor
+from inercal.benches.kind_definition import Effect, Kind
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.stated_axes import any_axes
-from inercal.physics.plan import Hold, Turn
-from inercal.physics.section_settings import BenchSection, BenchUsage, section_constant
+from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.section_settings import (
+    BenchSection,
+    BenchUsage,
+    optional,
+    section_constant,
+)
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording
 from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
@@ -28,6 +36,15 @@ class HandSection(BenchSection):
     """Section [bench] for a sensor turned by hand; gravity is stated or computed from the site."""
 
     kind: Literal["hand"] = "hand"
+    field: str | None = optional(
+        "48.6 µT ± 0.3 µT", about="strength of the magnetic field, if it is known at the bench"
+    )
+    dip: str | None = optional(
+        "65° ± 0.5°", about="angle of the magnetic field below the horizontal plane"
+    )
+    hemisphere: Literal["north", "south"] | None = optional(
+        "north", about="'north' if the magnetic field points downwards, 'south' if upwards"
+    )
 
     @property
     def without_gravity(self) -> bool:
@@ -40,6 +57,8 @@ class HandSection(BenchSection):
             reason = f"{use.method} compares a rest with itself, whatever its attitude"
             return dict.fromkeys(type(self).model_fields.keys() - {"kind", "name"}, reason)
         found: dict[str, str] = {}
+        if not use.magnetometers:
+            found = dict.fromkeys(("field", "dip", "hemisphere"), "the sensor has no magnetometers")
         if not use.attitudes:
             found["tilt"] = f"{use.method} estimates the attitudes"
             found["placement"] = f"{use.method} estimates the attitudes"
@@ -58,7 +77,12 @@ def build(section: HandSection, folder: Path) -> Hand:
     """Build the bench in SI from its section; the files that it names are in `folder`."""
     known = section.latitude is not None
     return build_bench(
-        Hand, section, latitude=section_constant(section, "latitude", "°") if known else None
+        Hand,
+        section,
+        latitude=section_constant(section, "latitude", "°") if known else None,
+        field=stated_field(section.field),
+        dip=stated_dip(section.dip, section.hemisphere),
+        hemisphere=section.hemisphere,
     )
 
 
@@ -101,6 +125,23 @@ def _rests(run: RunBase[RestsSection], recording: Recording) -> "RestDetection":
     return refused_recording_rests(run, recording)
 
 
+def simulate(
+    bench: Hand,
+    steps: Sequence[HandStep],
+    rate_hz: float,
+    rng: np.random.Generator,
+    trials: int,
+    sensor: Sensor,
+    carried: bool,
+) -> SensorSimulation:
+    """Simulate the motion, and the magnetic field if the sensor has magnetometers."""
+    magnetic = bool(sensor.select_axes("m").axes)
+    done = simulate_hand_motion(
+        bench, steps, rate_hz, rng, trials, carried=carried, magnetic=magnetic
+    )
+    return SensorSimulation(done, sensor)
+
+
 KIND = Kind(
     "hand",
     Hand,
@@ -109,7 +150,7 @@ KIND = Kind(
     build,
     (Hold, Turn),
     _observe,
-    simulate_without_sensor(simulate_hand_motion, in_hand=True),
+    simulate,
     # At the equator the vertical component of the earth's rate is zero.
     effects=(
         Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),

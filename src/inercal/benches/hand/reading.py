@@ -10,6 +10,7 @@ from inercal.basics.errors import InputError
 from inercal.basics.units import format_quantity
 from inercal.benches.hand.axes_check import check_axes, explain_norm, positions_note
 from inercal.benches.hand.bench import Hand
+from inercal.benches.hand.magnetic_reading import with_magnetometers
 from inercal.physics.plan import HandStep, Hold, Turn
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Sensor
@@ -131,6 +132,7 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
             marks, observations, findings = _free_rests(run, recording, rests)
         else:
             marks, observations, findings = _planned_sections(run, recording)
+    rows = {label: k for k, label in enumerate(observations.labels)}
     if run.method.unknown_attitudes:
         plan = steps = holds_from_observations(observations, sensor)
     else:
@@ -148,6 +150,11 @@ def observe(run: RunBase[RestsSection]) -> EstimatorInput:
         means = observations.mean[at_rest]
         findings = explain_norm(findings, means, sensor, bench.gravity.value)
     _require_recordings(run, bench)
+    if run.magnetometer is not None:
+        ordered = sorted(marks, key=lambda mark: mark.start)
+        rests_of = [(rows[m.label], m) for m in ordered if isinstance(steps[rows[m.label]], Hold)]
+        observations, odd = with_magnetometers(run, observations, steps, recording, rests_of)
+        findings += odd
     conditions = _conditions(run, bench)
     return EstimatorInput(recording, marks, observations, plan, steps, findings, conditions, rests)
 
@@ -182,12 +189,13 @@ def nominal_plan(run: RunBase[RestsSection]) -> tuple[HandStep, ...]:
 
 
 def _numbers_visits(run: RunBase[RestsSection]) -> bool:
-    """Return whether a label may be repeated when a position is visited at another temperature.
+    """Return whether a label may be repeated, at another temperature or azimuth.
 
     Otherwise a repeated label is a mistake, and a second visit needs its own label, such as
     "x_p (2)".
     """
-    return run.data.temperature is not None and not run.method.unknown_attitudes
+    again = run.data.temperature is not None or run.magnetometer is not None
+    return again and not run.method.unknown_attitudes
 
 
 def _steps_by_visit(run: RunBase[RestsSection], count: int) -> dict[str, HandStep]:
@@ -243,7 +251,8 @@ def _planned_sections(
             run.path,
         )
     if run.data.marks == "found":
-        found = find_sections(recording, run.sensor, steps, _files(run, recording))
+        parts, every = _files(run, recording), run.magnetometer is not None
+        found = find_sections(recording, run.sensor, steps, parts, every=every)
         axes, odd = check_axes(run, recording, found.rests)
         marks, missing, note = found.marks, found.findings + odd, positions_note(axes)
         if not marks:
@@ -284,7 +293,7 @@ def _files(run: RunBase[RestsSection], recording: Recording) -> tuple[tuple[int,
     labels = recording.labels
     if labels is not None and is_pattern(run.file(run.data.file)):
         change = labels[1:] != labels[:-1]
-    elif _numbers_visits(run):
+    elif run.data.temperature is not None:
         change = np.diff(recording.time) > _CHAMBER_PAUSE
     else:
         return ()

@@ -7,7 +7,7 @@ planned duration.
 
 from inercal.basics.errors import InputError
 from inercal.benches.operator_sheet import DURATION, ROW, Heading, Sheet, SheetRow
-from inercal.physics.plan import HandStep, Hold, Turn
+from inercal.physics.plan import HandStep, Hold, Turn, with_second_azimuths
 from inercal.physics.section_settings import key_error
 from inercal.recordings.data import RestsSection, RunBase
 
@@ -16,6 +16,8 @@ def sheet(run: RunBase[RestsSection]) -> Sheet:
     """Return the worksheet with the holds and turns of a run's plan."""
     data = run.data
     steps: list[HandStep] = [step for step in run.steps if isinstance(step, Hold | Turn)]
+    if run.magnetometer is not None and not run.method.unknown_attitudes:
+        steps = with_second_azimuths(steps)
     rows = tuple(
         SheetRow(
             step.label,
@@ -30,12 +32,13 @@ def sheet(run: RunBase[RestsSection]) -> Sheet:
     turns = sum(isinstance(step, Turn) for step in steps)
     kinds = f"{len(steps) - turns} positions" + f" and {turns} turns" * bool(turns)
     gyro = data.gyro if run.sensor.select_axes("w").axes else ()
+    field = data.magnetometer if run.magnetometer is not None else ()
     return Sheet(
         f"{kinds}, {sum(step.seconds for step in steps):.0f} s in all",
         (ROW, Heading("label"), Heading("set to"), DURATION),
         rows,
         _operator_notes(run, turns=bool(turns)),
-        (data.label, data.seconds, *data.accelerometer, *gyro),
+        (data.label, data.seconds, *data.accelerometer, *gyro, *field),
         units={} if data.seconds is None else {str(data.seconds): "s"},
         table_error=_table_error(run, turns=bool(turns)),
     )
@@ -61,6 +64,10 @@ def _operator_notes(run: RunBase[RestsSection], *, turns: bool) -> tuple[str, ..
             "A turn begins and ends at rest, with its axis up; note its duration and the means of "
             "all readings from rest to rest. A positive angle is counter-clockwise seen from above."
         )
+    if run.magnetometer is not None:
+        found.append("Keep the sensor at one place, away from iron and currents.")
+        if not run.method.unknown_attitudes:
+            found.append('For "(2)", turn the sensor on its face by about 180° about the vertical.')
     if run.method.unknown_attitudes:
         found.append("The attitudes may differ from those in the plan.")
     return (*found, "The steps may be done in any order.")

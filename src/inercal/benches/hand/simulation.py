@@ -5,6 +5,7 @@ a hold or a turn have its label; samples during a move have an empty label.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from inercal.benches.hand.bench import (
     tangent_vectors,
     tilted_direction,
 )
+from inercal.benches.hand.field_simulation import FieldSimulation
+from inercal.benches.hand.rotations import rotate_vectors, shortest_rotation
 from inercal.physics.motion import Motion
 from inercal.physics.plan import HandStep, Hold, Turn
 
@@ -33,6 +36,7 @@ def simulate_hand_motion(
     trials: int = 1,
     *,
     carried: bool = False,
+    magnetic: bool = False,
 ) -> SimulatedMotion:
     """Simulate the motion in each trial; all trials share times and labels.
 
@@ -50,16 +54,22 @@ def simulate_hand_motion(
     carried : bool
         Whether the sensor stays in the hand between holds. Its azimuth, and with it the horizontal
         earth rate, then follows its motion. Otherwise each position has an independent azimuth.
+    magnetic : bool
+        Whether to simulate the magnetic field: that of the bench, or 50 µT with a dip of 65°.
     """
     drawn = bench.qualified.draw(bench.acting_parameters(steps, rates=True), rng, trials)
     if carried:
         drawn |= _earth_rates_at_holds([step for step in steps if isinstance(step, Hold)], drawn)
     parts: list[tuple[Array, Array, str]] = []
+    field = FieldSimulation(bench, rng, trials, carried=carried) if magnetic else None
+    fields: list[Array] = []
     up = None
     for step in steps:
         q = drawn | _up_and_force(step, drawn)
         if up is not None:
             parts.append((*_transfer_motion(up, q["up"], drawn["g"], rate_hz), ""))
+            if field is not None:
+                fields.append(field.during_move(up, q["up"], _travelled(rate_hz)))
         up = q["up"]
         n = max(round(step.seconds * rate_hz), 1)
         mean, steady = sensed_motion(step, n / rate_hz, q), _constant_rate(step, q)
@@ -69,8 +79,17 @@ def simulate_hand_motion(
         pause = round(PAUSE_SECONDS * rate_hz) if isinstance(step, Turn) else 0
         still = (f[:, :1].repeat(pause, axis=1), steady[:, None].repeat(pause, axis=1), "")
         parts += [still, (f, w, step.label), still]
+        if field is not None:
+            angles = np.zeros((trials, n + 2 * pause))
+            if isinstance(step, Turn):
+                angle = step.angle + drawn[f"angle[{step.label}]"]
+                angles[:, pause : pause + n] = angle[:, None] * np.cumsum(profile) / n
+                angles[:, pause + n :] = angle[:, None]
+            fields.append(field.at_step(step, up, angles))
     labels = np.concatenate([np.full(f.shape[1], label) for f, _, label in parts])
     motion = concatenate_motions([Motion(f, w) for f, w, _ in parts])
+    if fields:
+        motion = replace(motion, m=np.concatenate(fields, axis=-2))
     return SimulatedMotion(np.arange(labels.size) / rate_hz, motion, labels, drawn)
 
 
@@ -84,8 +103,8 @@ def _earth_rates_at_holds(holds: Sequence[Hold], drawn: dict[str, Array]) -> dic
         if not found:
             level = np.stack([drawn[name] for name in names], axis=-1) @ d
         else:
-            axis, angle = _shortest_rotation(before, up)
-            level = _rotate_vectors(axis, angle[:, None], level)[:, 0]
+            axis, angle = shortest_rotation(before, up)
+            level = rotate_vectors(axis, angle[:, None], level)[:, 0]
         found |= {name: level @ row for name, row in zip(names, d, strict=True)}
         before = up
     return found
@@ -114,26 +133,16 @@ def _constant_rate(step: HandStep, q: dict[str, Array]) -> Array:
     return q["earth_up"][:, None] * q["up"] + np.stack(own, axis=-1)
 
 
-def _shortest_rotation(start: Array, end: Array) -> tuple[Array, Array]:
-    """Return the rotation from start to end: its axis, (trials, 3), and angle, (trials,)."""
-    axis = np.cross(start, end)
-    size = np.linalg.norm(axis, axis=-1, keepdims=True)
-    aside = np.cross(start, np.eye(3)[np.argmin(np.abs(start[0]))])
-    axis = np.where(size > 1e-12, axis, aside)  # to the opposite face about any level axis
-    axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
-    return axis, np.arctan2((np.cross(start, end) * axis).sum(-1), (start * end).sum(-1))
-
-
-def _rotate_vectors(axis: Array, angles: Array, vector: Array) -> Array:
-    """Rotate a vector about an axis by angles, (trials, n), and return (trials, n, 3)."""
-    cos, sin = np.cos(angles)[..., None], np.sin(angles)[..., None]
-    along = axis * (axis * vector).sum(-1, keepdims=True)
-    return along[:, None] + (vector - along)[:, None] * cos + np.cross(axis, vector)[:, None] * sin
-
-
 def _minimum_jerk(s: Array) -> Array:
     """Return the rate at times 0 ≤ s ≤ 1 during a minimum-jerk move of unit length and duration."""
     return 30 * s**2 * (1 - s) ** 2
+
+
+def _travelled(rate_hz: float) -> Array:
+    """Return the part of a move that is completed at each sample, (n,)."""
+    n = round(MOVE_SECONDS * rate_hz)
+    s = (np.arange(n) + 0.5) / n
+    return 10 * s**3 - 15 * s**4 + 6 * s**5
 
 
 def _turn_profile(n: int, rate_hz: float) -> Array:
@@ -152,9 +161,7 @@ def _transfer_motion(start: Array, end: Array, g: Array, rate_hz: float) -> tupl
     about an axis, the upward direction turns by +θ about it in the body frame.
     """
     n = round(MOVE_SECONDS * rate_hz)
-    axis, angle = _shortest_rotation(start, end)
-    s = (np.arange(n) + 0.5) / n
-    travelled = angle[:, None] * (10 * s**3 - 15 * s**4 + 6 * s**5)
-    ups = _rotate_vectors(axis, travelled, start)
-    rate = -angle[:, None] * _minimum_jerk(s) * rate_hz / n
+    axis, angle = shortest_rotation(start, end)
+    ups = rotate_vectors(axis, angle[:, None] * _travelled(rate_hz), start)
+    rate = -angle[:, None] * _minimum_jerk((np.arange(n) + 0.5) / n) * rate_hz / n
     return g[:, None, None] * ups, rate[..., None] * axis[:, None]

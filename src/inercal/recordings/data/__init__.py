@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from inercal.basics.errors import InputError
 from inercal.basics.units import parse_quantity, si_factor
 from inercal.physics.plan import Step
+from inercal.physics.quantities import SensorKind
 from inercal.physics.section_settings import BenchUsage, Section, optional
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Mark, Observations, Recording
@@ -43,6 +44,7 @@ class DataSection(Section):
     kind: Literal["recording", "means"] = "recording"
     accelerometer: tuple[str | int, ...] = ("acc_x", "acc_y", "acc_z")
     gyro: tuple[str | int, ...] = ("gyr_x", "gyr_y", "gyr_z")
+    magnetometer: tuple[str | int, ...] = ("mag_x", "mag_y", "mag_z")
     gyro_file: str | None = optional(
         "gyro.mat", about="the gyros' file, with the same rows, if it is not [data] file"
     )
@@ -73,8 +75,8 @@ class DataSection(Section):
     )
     marks: str = optional(default="found", about="'found', 'labels', or a file of marks")
     nonfinite: Literal["refuse", "drop"] = "refuse"
-    sd: dict[Literal["accelerometer", "gyro"], str] = Field(
-        default_factory=dict[Literal["accelerometer", "gyro"], str],
+    sd: dict[SensorKind, str] = Field(
+        default_factory=dict[SensorKind, str],
         description="for tables of means: standard deviation of each mean",
         examples=[{"accelerometer": "30 µg", "gyro": "5 °/h"}],
     )
@@ -96,7 +98,7 @@ class DataSection(Section):
                 "gyro_file is only for recordings: write the means of all axes in a single "
                 "table and remove gyro_file"
             )
-        signed = [c for c in (*self.accelerometer, *self.gyro) if str(c).startswith("-")]
+        signed = [c for c in self._columns if str(c).startswith("-")]
         if self.kind == "means" and signed:
             raise ValueError(
                 f'"{signed[0]}" reverses a column of a recording; in a table of means write the '
@@ -109,6 +111,10 @@ class DataSection(Section):
                 "temperature: name it in the key `temperature`, or remove these keys"
             )
         return self
+
+    @property
+    def _columns(self) -> tuple[str | int, ...]:
+        return (*self.accelerometer, *self.gyro, *self.magnetometer)
 
     @property
     def thermometer(self) -> TemperatureReadout:
@@ -229,8 +235,8 @@ class RunBase(Generic[D]):
     path : Path
         Path of the run file; other file names are relative to its folder.
     sensor : Sensor
-        The sensor with readouts, noise and the coefficients to estimate; includes the axes that are
-        not calibrated.
+        The accelerometers and gyros with readouts, noise and the coefficients to estimate; includes
+        the axes that are not calibrated.
     bench : Bench
     data : DataSection
         The [data] section for this kind of bench.
@@ -247,6 +253,9 @@ class RunBase(Generic[D]):
         Temperatures around the bench.
     held_files : mapping of str to Path
         Files with data that a caller passed in memory, by the names that [data] uses for them.
+    magnetometer : Sensor or None
+        The magnetometers, with the coefficients to estimate. They are kept apart, because the other
+        axes are read and calibrated first, as if there were no magnetometers.
     """
 
     path: Path
@@ -260,6 +269,19 @@ class RunBase(Generic[D]):
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
     environment: Environment | None = None
     held_files: Mapping[str, Path] = field(default_factory=dict[str, Path])
+    magnetometer: Sensor | None = None
+
+    @property
+    def whole_sensor(self) -> Sensor:
+        """The sensor with all of its axes and coefficients, magnetometers last."""
+        one, other = self.sensor, self.magnetometer
+        if other is None:
+            return one
+        return replace(
+            one,
+            axes=one.axes + other.axes,
+            coefficients=one.coefficients + other.coefficients,
+        )
 
     @property
     def steps(self) -> tuple[Step, ...]:

@@ -1,14 +1,16 @@
 """Load the recording of a run file: columns, limits and deviations from its [data] section."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import cast
 
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import is_file
 from inercal.basics.units import parse_quantity
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import key_error, si_value
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Recording, ahead_of_lag
@@ -21,15 +23,40 @@ READBACK = "readback"  # key in `DataSection.further_files` for the file with th
 
 
 def load_recording(run: RunBase[DataSection]) -> Recording:
-    """Read and audit the run's recording.
+    """Read and audit the run's recording of accelerometers and gyros.
 
     Raises
     ------
     InputError
         The file cannot be read, or the audit refuses it.
     """
+    return _load(run, range_limits(run.sensor))
+
+
+def load_magnetometers(run: RunBase[DataSection]) -> Recording:
+    """Read and audit the run's recording of the magnetometers, as a recording of its own.
+
+    The audit then treats the other axes as if there were no magnetometers. Without a stated full
+    scale, no range is looked for, because repeated values look like the end of a range.
+
+    Raises
+    ------
+    InputError
+        See `load_recording`.
+    """
+    run = of_magnetometers(run)
+    return _load(run, dict.fromkeys(run.sensor.channels, (-inf, inf)) | range_limits(run.sensor))
+
+
+def of_magnetometers(run: RunBase[DataSection]) -> RunBase[DataSection]:
+    """Return a run whose only axes are its magnetometers."""
+    assert run.magnetometer is not None
+    return replace(run, sensor=run.magnetometer, magnetometer=None)
+
+
+def _load(run: RunBase[DataSection], limits: Mapping[str, tuple[float, float]]) -> Recording:
     require_distinct_columns(run)
-    path, limits = run.file(run.data.file), range_limits(run.sensor)
+    path = run.file(run.data.file)
     try:
         columns = reader_columns(run)
         if is_pattern(path):
@@ -88,9 +115,13 @@ def unsigned_column(column: str | int) -> str:
     return str(column).removeprefix("-")
 
 
+def _columns_by_kind(data: DataSection) -> dict[str, tuple[str | int, ...]]:
+    return {kind: getattr(data, one.sensor) for kind, one in QUANTITIES.items()}
+
+
 def reversed_axes(run: RunBase[DataSection]) -> frozenset[str]:
     """Return the sensor's axes whose columns are stated with a leading "-"."""
-    given = {"f": run.data.accelerometer, "w": run.data.gyro}
+    given = _columns_by_kind(run.data)
     return frozenset(
         axis.name
         for kind, columns in given.items()
@@ -136,7 +167,7 @@ def range_limits(sensor: Sensor) -> dict[str, tuple[float, float]]:
 def reader_columns(run: RunBase[DataSection]) -> Columns:
     """Return the content of each column of the run's data."""
     data = run.data
-    names = {"f": data.accelerometer, "w": data.gyro}
+    names = _columns_by_kind(data)
     channels: dict[str, tuple[tuple[str, str, str], ...]] = {}
     for kind, given in names.items():
         axes = [axis for axis in run.sensor.axes if axis.measures == kind]
@@ -147,7 +178,7 @@ def reader_columns(run: RunBase[DataSection]) -> Columns:
     apart = gyro_file(run) is not None
     label = data.row
     return Columns(
-        channels=channels["f"] if apart else channels["f"] + channels["w"],
+        channels=channels["f"] + channels["w"] * (not apart) + channels["m"],
         second=channels["w"] if apart else (),
         time=None if data.time is None or data.kind == "means" else str(data.time),
         time_unit=data.time_unit if "time_unit" in data.model_fields_set else None,
@@ -232,9 +263,9 @@ def require_distinct_columns(run: RunBase[DataSection], *further: str) -> None:
     InputError
         A column is used twice; the message names it.
     """
-    kinds = {axis.measures for axis in run.sensor.axes}
+    kinds = {axis.measures for axis in run.whole_sensor.axes}
     data, readback = run.data, list(readback_columns(run).values())
-    used = [unsigned_column(column) for column in data.accelerometer]
+    used = [unsigned_column(c) for c in (*data.accelerometer, *data.magnetometer * ("m" in kinds))]
     if data.kind == "recording":
         single = (data.time, data.row, data.temperature)
         used += [str(column) for column in single if column is not None]
@@ -297,13 +328,13 @@ def stated_deviations(run: RunBase[DataSection]) -> dict[str, float]:
     InputError
         A value is not positive, or its unit is neither that of the quantity nor that of the output.
     """
-    likes = {"accelerometer": ("f", "m/s²"), "gyro": ("w", "rad/s")}
+    likes = {one.sensor: (one.symbol, one.unit) for one in QUANTITIES.values()}
     deviations: dict[str, float] = {}
     for name, text in run.data.sd.items():
         measures, like = likes[name]
         key = f"[data.sd] {name}"
         where = f"{run.path}: {key}"
-        readouts = [axis.readout for axis in run.sensor.axes if axis.measures == measures]
+        readouts = [a.readout for a in run.whole_sensor.axes if a.measures == measures]
         if not readouts:
             raise InputError(
                 f"{where}: the sensor has no {name}; add [sensor.{name}], or remove the key",

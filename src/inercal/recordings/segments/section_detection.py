@@ -9,6 +9,7 @@ axis and angle of its integrated rate.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,8 @@ def find_sections(
     sensor: Sensor,
     steps: Sequence[HandStep],
     parts: Sequence[tuple[int, int]] = (),
+    *,
+    every: bool = False,
 ) -> SectionDetection:
     """Detect the sections of a plan as `search_sections` does, but require at least one rest.
 
@@ -93,7 +96,7 @@ def find_sections(
     InputError
         There is no rest, or the sensor is not a triad.
     """
-    found = search_sections(recording, sensor, steps, parts)
+    found = search_sections(recording, sensor, steps, parts, every=every)
     if not found.rests:
         raise InputError(
             f"{recording.source}: no rest of {SHORTEST + 2 * MARGIN:g} s was detected ("
@@ -109,6 +112,8 @@ def search_sections(
     sensor: Sensor,
     steps: Sequence[HandStep],
     parts: Sequence[tuple[int, int]] = (),
+    *,
+    every: bool = False,
 ) -> SectionDetection:
     """Detect the sections of a plan; there may be none.
 
@@ -123,6 +128,9 @@ def search_sections(
     parts : sequence of (start, stop), optional
         Samples of each file, if the plan was carried out once in each; the holds of the second file
         are named "x_p (2)".
+    every : bool
+        Whether all rests in a position are returned, as "x_p", "x_p (2)", …, and not only the
+        longest one.
 
     Raises
     ------
@@ -148,14 +156,15 @@ def search_sections(
         )
     channels = [_Channel(y[:, k], window) for k in range(y.shape[1])]
     quietest = [channel.limit for channel in channels]
-    found = _sections(recording, sensor, steps, y, channels, quietest, parts)
+    search = partial(_sections, recording, sensor, steps, y, channels)
+    found = search(quietest, parts, every=every)
     thresholds = _class_thresholds(recording, sensor, window)
     wider = [
         max(limit, thresholds.get(axis.measures, 0.0))
         for limit, axis in zip(quietest, sensor.axes, strict=True)
     ]
     if wider != quietest:
-        other = _sections(recording, sensor, steps, y, channels, wider, parts)
+        other = search(wider, parts, every=every)
         found = other if _finds_more(other, found) else found
     return found
 
@@ -228,6 +237,8 @@ def _sections(
     channels: Sequence["_Channel"],
     limits: Sequence[float],
     parts: Sequence[tuple[int, int]],
+    *,
+    every: bool,
 ) -> SectionDetection:
     """Return the detected sections of a plan; at rest, each channel scatters below its limit."""
     force = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
@@ -252,7 +263,7 @@ def _sections(
     marks: list[Mark] = []
     for visit, (a, b) in enumerate(parts or [(0, len(y))], 1):
         own = [rest for rest in rests if a <= rest[0] < b]
-        holds = _holds(y[:, force], own, steps) if own else []
+        holds = _holds(y[:, force], own, steps, every=every and not parts) if own else []
         number = f" ({visit})" if visit > 1 else ""
         marks += [replace(mark, label=mark.label + number) for mark in holds]
     if rests and rate:
@@ -287,7 +298,9 @@ def _level(
     )
 
 
-def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]) -> list[Mark]:
+def _holds(
+    f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep], *, every: bool
+) -> list[Mark]:
     means = np.array([f[a:b].mean(axis=0) for a, b in rests])
     ups = np.array([step.up for step in steps if isinstance(step, Hold)]).reshape(-1, 3)
     means = means - _offset(means, ups)
@@ -296,9 +309,11 @@ def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]
     for step in steps:
         if isinstance(step, Hold):
             fitting: list[int] = np.flatnonzero(directions @ np.array(step.up) > _ALIGNED).tolist()
-            if fitting:
-                a, b = max((rests[k] for k in fitting), key=lambda rest: rest[1] - rest[0])
-                marks.append(Mark(step.label, a, b))
+            found = [rests[k] for k in fitting]
+            if found and not every:
+                found = [max(found, key=lambda rest: rest[1] - rest[0])]
+            for visit, (a, b) in enumerate(found, 1):
+                marks.append(Mark(step.label + f" ({visit})" * (visit > 1), a, b))
     return marks
 
 

@@ -1,0 +1,186 @@
+"""Average the readings of magnetometers over rests and over short pieces of motion.
+
+A magnetometer is often slower than the other sensors, and its column repeats each value until the
+next one arrives. The mean over a rest is that of all samples. Its covariance is that of n values,
+with n = (Σ L)² / Σ L² for values that are repeated L times. A row counts as a repetition if no axis
+changes, so that the noise of a coarse magnetometer is not underestimated.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array, Indices
+from inercal.basics.errors import InputError
+from inercal.physics.sensors import Sensor
+from inercal.recordings import Finding, Recording, Transitions
+from inercal.recordings.magnetic import MagneticPieces, MagneticReadings
+from inercal.recordings.segments.attitudes import range_findings
+
+PIECE = 0.2  # s
+_TURNED = np.radians(2.5)  # the mean over a larger angle is shorter than the field, by 3e-4
+_FRESH = 2  # fewest values in a rest
+_COARSE = 0.6  # of a step; less noise does not average the rounding out
+
+
+def average_magnetometers(
+    recording: Recording,
+    sensor: Sensor,
+    spans: Sequence[tuple[float, float]],
+    labels: Sequence[str],
+) -> tuple[MagneticReadings, tuple[Finding, ...]]:
+    """Return the means over rests, with findings about the rests that are left out.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording of the magnetometers, which may have other samples than that of the other axes.
+    sensor : Sensor
+        The magnetometers.
+    spans : sequence of r (start, stop)
+        Time of the first and of the last sample of each rest, s.
+    labels : sequence of r str
+
+    Raises
+    ------
+    InputError
+        The magnetometers can be used in no rest.
+    """
+    y = sensor.to_si(recording.data[:, [recording.channels.index(n) for n in sensor.channels]])
+    fresh = fresh_rows(y)
+    flawed = range_findings(recording, sensor, [_rows(recording.time, span) for span in spans])
+    parts = [_values(recording.time, fresh, span) for span in spans]
+    railed = _railed_rests(y, parts)
+    means, kept, counts, times, squares = [], list[int](), list[float](), list[float](), []
+    lost: list[Finding] = []
+    for k, (rows, new) in enumerate(parts):
+        why = ""
+        if new.size < _FRESH:
+            many = "no new value" if not new.size else "only one new value"
+            why = f"the magnetometers have {many} there"
+        elif railed[k]:
+            why = f"{railed[k]} stays at the end of its range"
+        elif (flaw := flawed[k]) is not None:
+            why = flaw.message
+        if why:
+            text = f"the magnetometers are not used at {labels[k]}: {why}"
+            lost.append(Finding("warning", "magnetometer", text))
+            continue
+        length = np.diff(np.append(new, rows[-1] + 1))
+        kept.append(k)
+        counts.append(float(length.sum() ** 2 / (length**2).sum()))
+        means.append(y[rows].mean(axis=0))
+        times.append(float(recording.time[rows].mean()))
+        squares.append(y[new] - y[new].mean(axis=0))
+    if not kept:
+        raise InputError(
+            f"{recording.source}: the magnetometers can be used in no rest: {lost[0].message}",
+            file=recording.source,
+            names=sensor.channels,
+        )
+    every = np.concatenate(squares)
+    noise = every.T @ every / (len(every) - len(kept))
+    rounding = np.diag(_rounding(y[fresh], np.sqrt(np.diag(noise))))
+    kelvin = recording.temperature
+    return MagneticReadings(
+        channels=sensor.channels,
+        rest=np.array(kept),
+        mean=np.array(means),
+        covariance=noise / np.array(counts)[:, None, None] + rounding,
+        time=np.array(times),
+        samples=np.array(counts),
+        noise=noise + rounding,
+        temperature=None
+        if kelvin is None
+        else np.array([kelvin[parts[k][0]].mean() for k in kept]),
+    ), tuple(lost)
+
+
+def average_pieces(
+    recording: Recording, sensor: Sensor, moves: Transitions, others: Sensor
+) -> MagneticPieces:
+    """Return the means over pieces of 0.2 s of the motion between rests.
+
+    If the sensor turns fast, a piece contains only the values within 2.5° of its middle.
+
+    Parameters
+    ----------
+    recording, sensor
+        As for `average_magnetometers`.
+    moves : Transitions
+        Motion between rests, with the readings of the axes of `others`.
+    others : Sensor
+        Accelerometers and gyros.
+    """
+    y = sensor.to_si(recording.data[:, [recording.channels.index(n) for n in sensor.channels]])
+    new = np.flatnonzero(fresh_rows(y))
+    time = recording.time[new]
+    gyros = [k for k, axis in enumerate(others.axes) if axis.measures == "w"]
+    rate = np.linalg.norm(others.to_si(moves.output)[:, gyros], axis=1)
+    step = 0.5 * (rate[1:] + rate[:-1]) * np.diff(moves.time)
+    turned = np.interp(time, moves.time, np.concatenate([[0.0], np.cumsum(step)]))
+    found: list[tuple[int, Indices]] = []
+    for k, (left, reached) in enumerate(zip(moves.left, moves.reached, strict=True)):
+        start, stop = moves.time[left], moves.time[reached]
+        own = np.flatnonzero((time > start) & (time < stop))
+        piece = ((time[own] - start) / PIECE).astype(np.int64)
+        for one in np.split(own, np.flatnonzero(np.diff(piece)) + 1) if own.size else ():
+            near = np.abs(turned[one] - turned[one[one.size // 2]]) <= _TURNED
+            found.append((k, new[one[near]]))
+    kelvin = recording.temperature
+    return MagneticPieces(
+        transition=np.array([k for k, _ in found], dtype=np.int64),
+        time=np.array([recording.time[rows].mean() for _, rows in found]),
+        mean=np.array([y[rows].mean(axis=0) for _, rows in found]).reshape(-1, y.shape[1]),
+        samples=np.array([rows.size for _, rows in found], dtype=np.int64),
+        temperature=None if kelvin is None else np.array([kelvin[r].mean() for _, r in found]),
+    )
+
+
+def fresh_rows(y: Array) -> NDArray[np.bool_]:
+    """Return which samples, (n, m), are new values, and neither repeated nor all zero."""
+    changed = np.concatenate([[True], (y[1:] != y[:-1]).any(axis=1)])
+    return changed & (y != 0).any(axis=1)
+
+
+def _rows(time: Array, span: tuple[float, float]) -> tuple[int, int]:
+    """Return the half-open range of the samples in a span of time."""
+    start = int(np.searchsorted(time, span[0], "left"))
+    return start, int(np.searchsorted(time, span[1], "right"))
+
+
+def _values(
+    time: Array, fresh: NDArray[np.bool_], span: tuple[float, float]
+) -> tuple[Indices, Indices]:
+    """Return the samples in a span from the first new value on, and the new values among them."""
+    start, stop = _rows(time, span)
+    new = start + np.flatnonzero(fresh[start:stop])
+    return np.arange(new[0] if new.size else stop, stop), new
+
+
+def _railed_rests(y: Array, parts: Sequence[tuple[Indices, Indices]]) -> list[str]:
+    """Return the axis that stays at the end of its range in each rest, by number; "" for none.
+
+    The extreme reading of an axis is the end of its range if it is constant in several rests, while
+    other axes change there.
+    """
+    found = [""] * len(parts)
+    for axis in range(y.shape[1]):
+        for end in (y[:, axis].min(), y[:, axis].max()):
+            at = [
+                k
+                for k, (_, n) in enumerate(parts)
+                if n.size >= _FRESH and (y[n, axis] == end).all()
+            ]
+            if len(at) > 1:
+                for k in at:
+                    found[k] = f"axis {axis + 1} of the magnetometers"
+    return found
+
+
+def _rounding(y: Array, sd: Array) -> Array:
+    """Return the variance of the rounding that a mean keeps, (m,), for axes with little noise."""
+    steps = np.abs(np.diff(y, axis=0))
+    step = np.min(steps, axis=0, initial=np.inf, where=steps > 0)
+    return np.where(np.isfinite(step) & (sd < _COARSE * step), step**2 / 12, 0.0)
