@@ -156,6 +156,16 @@ class Fit(Generic[Bench, Step]):
     environment: Environment | None = None
 
 
+class AddMagnetometers(Protocol[BenchIn, StepIn]):
+    """Adds magnetometers to a fit of accelerometers and gyros."""
+
+    def __call__(
+        self, fit: "Fit[BenchIn, StepIn]", field: Sensor, /
+    ) -> "tuple[Estimate, Mapping[str, str]]":
+        """Return the estimate of all axes, and conditions of the calibration as text."""
+        ...
+
+
 class Remarks(NamedTuple):
     """The findings, notes and conditions that a method adds to an estimate.
 
@@ -231,8 +241,8 @@ class Method(MethodBase, Generic[Bench, Step]):
     final_by_recording : bool
         Whether the final result of a recording comes from a different estimator than the live one.
     add_magnetometers : callable or None
-        Maps a `Fit` of accelerometers and gyros, the magnetometers and the priors on them to the
-        estimate with the magnetometers; None if the method cannot calibrate them in this way.
+        Maps a `Fit` of accelerometers and gyros, and the magnetometers, to the estimate of all axes
+        and conditions of the calibration; None if the method cannot calibrate magnetometers.
     triads_because : str
         Why the method needs three axes of each kind, as a clause; empty if it takes any number.
     """
@@ -254,7 +264,7 @@ class Method(MethodBase, Generic[Bench, Step]):
     weighs_common_errors: bool = False
     sequential: SequentialEstimator[Bench, Step] | None = None
     final_by_recording: bool = False
-    add_magnetometers: "Callable[[Fit[Bench, Step], Sensor, Priors], Estimate] | None" = None
+    add_magnetometers: "AddMagnetometers[Bench, Step] | None" = None
     triads_because: str = ""
 
     def prepare(
@@ -309,8 +319,7 @@ class Method(MethodBase, Generic[Bench, Step]):
         for quantity in (SPECIFIC_FORCE, ANGULAR_RATE):
             kind, channels = quantity.symbol, sensor.select_axes(quantity.symbol).channels
             directions = sensor.input_axes(kind)
-            # The directions of magnetometers are only a start of their estimation.
-            if kind != "m" and channels and not np.array_equal(directions, np.eye(3)):
+            if channels and not np.array_equal(directions, np.eye(3)):
                 raise InputError(
                     f"method {self.name} needs three {quantity.sensors} along x, y and z, because "
                     f"{self.triads_because}; sensor {sensor.name} has {', '.join(channels)}: "

@@ -8,27 +8,28 @@ coefficients adds C P⁻¹ ε to those of the magnetometers, where C is the cros
 and P the covariance of the known coefficients.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_number, format_quantity
 from inercal.benches import Hand
-from inercal.estimation import Estimate, Gaussian, ResidualGroup, ScoreTestSet
+from inercal.estimation import Estimate, ResidualGroup, ScoreTestSet
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import Fit, Priors, temperature
+from inercal.methods import Fit, temperature
 from inercal.methods.magnetic_field.disturbances import field_tests
 from inercal.methods.magnetic_field.fitting import FieldFit, fit_field, inhomogeneity_interval
 from inercal.methods.magnetic_field.records import (
     Directions,
     FieldConditions,
     FieldNodes,
+    Hemisphere,
     LinearModel,
     Links,
 )
@@ -36,8 +37,10 @@ from inercal.methods.residuals import norm_residuals
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
 from inercal.recordings import Observations
+from inercal.recordings.magnetic import MagneticReadings
 
 _OWN = ("dip", "strength")
+_HEMISPHERES: dict[int, Hemisphere | None] = {1: "north", -1: "south", 0: None}
 _CONDITIONS = (
     ("dip", "dip of the field", "°"),
     ("strength", "strength of the field", "µT"),
@@ -47,9 +50,9 @@ LinkMaker = Callable[[Fit[Hand, Any]], Links | None]
 
 
 def add_magnetometers(
-    fit: Fit[Hand, Any], field: Sensor, priors: Priors, links: LinkMaker | None = None
-) -> Estimate:
-    """Return the estimate of a fit with the magnetometers added.
+    fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None = None
+) -> tuple[Estimate, dict[str, str]]:
+    """Return the estimate of a fit with the magnetometers added, and conditions in words.
 
     Parameters
     ----------
@@ -57,8 +60,6 @@ def add_magnetometers(
         The fit of accelerometers and gyros, whose observations include `magnetic`.
     field : Sensor
         The magnetometers with their coefficients.
-    priors : sequence of Gaussian
-        Priors on these coefficients.
     links : callable, optional
         Function that returns the rotations between the rests.
 
@@ -73,7 +74,7 @@ def add_magnetometers(
     fit = replace(fit, estimate=first)
     found = _fit(fit, field, None if links is None else links(fit))
     whole = _joined(first, found, len(fit.sensor.coefficients))
-    return _updated(whole, priors)
+    return whole, field_conditions(whole)
 
 
 def field_conditions(estimate: Estimate) -> dict[str, str]:
@@ -112,32 +113,53 @@ def linear_model(field: Sensor) -> LinearModel:
 
 
 def _fit(fit: Fit[Hand, Any], field: Sensor, links: Links | None) -> FieldFit:
-    observations, p = fit.observations, len(fit.sensor.coefficients)
-    seen = observations.magnetic
-    if seen is None:
-        raise InputError(
-            "the data have no readings of the magnetometers; name their columns",
-            key="[data] magnetometer",
-        )
-    warmth = temperature.row_offsets(observations, field)
+    seen, p = _readings(fit), len(fit.sensor.coefficients)
     nodes = FieldNodes(
-        observations.labels,
+        tuple(fit.observations.labels[k] for k in seen.rest.tolist()),
         seen.mean,
         seen.covariance,
-        observations.time,
-        np.broadcast_to(warmth, (len(observations.labels),)),
+        seen.time,
+        temperature_offsets(seen.temperature, field, len(seen.rest)),
     )
     return fit_field(
         nodes,
         linear_model(field),
-        _directions(fit),
+        _directions(fit, seen.rest),
         links,
-        FieldConditions(fit.bench.field, fit.bench.dip, fit.bench.hemisphere),
+        FieldConditions(fit.bench.field, fit.bench.dip, _HEMISPHERES[fit.bench.dip_sign]),
         fit.estimate.covariance[:p, :p],
     )
 
 
-def _directions(fit: Fit[Hand, Any]) -> Directions:
+def temperature_offsets(kelvin: Array | None, field: Sensor, count: int) -> Array:
+    """Return ΔT of each reading, (count,) K; zeros if the sensor does not depend on it.
+
+    Raises
+    ------
+    InputError
+        The sensor has temperature coefficients, but no temperature was recorded.
+    """
+    if not field.uses("dT"):
+        return np.zeros(count)
+    if kelvin is None:
+        raise InputError(
+            "coefficients of the magnetometers depend on the temperature, but none was recorded; "
+            "name its column, or leave them out",
+            key="[data] temperature",
+        )
+    return kelvin - field.reference_temperature
+
+
+def _readings(fit: Fit[Hand, Any]) -> MagneticReadings:
+    if fit.observations.magnetic is None:
+        raise InputError(
+            "the data have no readings of the magnetometers; name their columns",
+            key="[data] magnetometer",
+        )
+    return fit.observations.magnetic
+
+
+def _directions(fit: Fit[Hand, Any], rests: Indices) -> Directions:
     """Return the upward directions at the rests, with the derivatives by all known coefficients."""
     observations, first = fit.observations, fit.estimate
     force = fit.sensor.select_axes("f")
@@ -158,7 +180,7 @@ def _directions(fit: Fit[Hand, Any]) -> Directions:
     back = np.linalg.pinv(force.input_axes("f"))
     noise = back @ scatter.of(observations.covariance[:, :m, :m]) @ back.T
     covariance = noise / length[:, None, None] ** 2
-    return Directions(np.arange(len(length)), at.up, covariance, derivative)
+    return Directions(np.arange(len(rests)), at.up[rests], covariance[rests], derivative[rests])
 
 
 def _grouped(first: Estimate, observations: Observations) -> Estimate:
@@ -291,18 +313,3 @@ def _joined_tests(one: ScoreTestSet, found: FieldFit, p: int, own: int, count: i
         chi2=one.chi2 + other.chi2,
         dof=one.dof + other.dof,
     )
-
-
-def _updated(estimate: Estimate, priors: Sequence[Gaussian]) -> Estimate:
-    """Return the estimate with priors on coefficients of the magnetometers (Kalman update)."""
-    for prior in priors:
-        at = [estimate.names.index(name) for name in prior.names]
-        gain = np.linalg.solve(
-            estimate.covariance[np.ix_(at, at)] + prior.covariance, estimate.covariance[at]
-        ).T
-        estimate = replace(
-            estimate,
-            value=estimate.value + gain @ (prior.mean - estimate.value[at]),
-            covariance=estimate.covariance - gain @ estimate.covariance[at],
-        )
-    return estimate

@@ -49,8 +49,17 @@ def rest_links(fit: Fit[Hand, Any]) -> Links | None:
         + wander[:, None, None] ** 2 * np.eye(3)
         + clock[:, :, None] * clock[:, None, :]
     )
-    every = np.ones(len(before), dtype=bool)
-    return Links(before, turned.mT, covariance, way.coefficient_derivatives, every)
+    # Nodes are the rests with readings of the magnetometers.
+    seen = () if observations.magnetic is None else observations.magnetic.rest
+    node = np.searchsorted(seen, before)
+    both = np.flatnonzero(np.isin(before, seen) & np.isin(after, seen))
+    return Links(
+        node[both],
+        turned.mT[both],
+        covariance[both],
+        way.coefficient_derivatives[both],
+        np.ones(len(both), dtype=bool),
+    )
 
 
 def _sd(estimate: Estimate, name: str) -> float:
