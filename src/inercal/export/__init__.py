@@ -23,7 +23,7 @@ from inercal.export.header import feed_text, header_lines
 from inercal.export.model import export_model
 from inercal.export.ranges import Range, calibrated_ranges
 from inercal.export.target_definition import Request, Target, resolve_options
-from inercal.physics.quantities import QUANTITIES, Measures
+from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 
 TARGETS: Registry[Target] = Registry(
     "inercal.exports",
@@ -193,9 +193,9 @@ def _for_target(calibration: Calibration, target: Target) -> tuple[Calibration, 
     the readings of an accelerometer or a gyro unchanged if they cannot correct it.
     """
     sensor = calibration.sensor
-    kinds: list[Measures] = list(dict.fromkeys(axis.measures for axis in sensor.axes))
+    kinds = {axis.measures for axis in sensor.axes}
     left = ({"f", "w"} if set(target.holds) == {"m"} else {"m"}).difference(target.holds)
-    kept = [kind for kind in kinds if kind not in left]
+    kept: list[Measures] = [kind for kind in KINDS if kind in kinds and kind not in left]
     if len(kept) == len(kinds):
         return calibration, ""
     if not kept:

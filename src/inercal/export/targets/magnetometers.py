@@ -31,7 +31,6 @@ _HOLDS = {"m": shared.MATRIX}
 _DIGITS = 12
 _BIAS = "initial_mag_bias_"
 _MATRICES = ("initial_mag_scaling_matrix", "initial_scaling_matrix")
-_NUMBER = r"[-+.\deE]+"
 _ROS = TargetOption("ros", "version of ROS: 1 or 2", "2", kind=str, choices=("1", "2"))
 _UNIT = TargetOption("unit", "unit of the readings: uT, or LSB if field is stated", "uT", kind=str)
 _EXPMFS = TargetOption("expmfs", "expected field strength of magcal, in the unit of the readings")
@@ -181,7 +180,7 @@ def _read_magcal(text: str, options: Mapping[str, Any]) -> StatedCalibration:
 def _read_ros(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     plain = re.sub(r"#.*", "", text)
     try:
-        found = [re.search(rf"\b{_BIAS}{a}\s*:\s*({_NUMBER})", plain) for a in "xyz"]
+        found = [re.search(rf"\b{_BIAS}{a}\s*:\s*([-+.\deE]+)", plain) for a in "xyz"]
         bias = np.array([float(one[1]) if one else 0.0 for one in found])
         rows = re.search(rf"\b(?:{'|'.join(_MATRICES)})\s*:\s*\[([^\]]*)\]", plain)
         matrix = np.eye(3) if rows is None else np.array([float(x) for x in rows[1].split(",")])
@@ -192,8 +191,7 @@ def _read_ros(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"these are no parameters of magnetometer_bias_remover: give {_BIAS}x, _y and _z, and "
             f"{_MATRICES[0]} with 9 numbers"
         ) from None
-    note = "readings are those of sensor_msgs/MagneticField, in T"
-    return _stated(matrix.reshape(3, 3), bias, note)
+    return _stated(matrix.reshape(3, 3), bias, "readings of sensor_msgs/MagneticField, in T")
 
 
 MAGCAL = Target("magcal", "A and b of magcal (MATLAB), JSON", ".json", _HOLDS, _render_magcal)
