@@ -383,6 +383,7 @@ METHODS: Registry[Method[Any, Any]] = Registry(
             "six_position",
             "ferraris",
             "multi_position",
+            "field_and_rates",
             "centrifuge_norm",
             "dual_orthogonal",
             "tumble",

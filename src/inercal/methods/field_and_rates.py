@@ -26,7 +26,7 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
-from inercal.methods import Priors, temperature
+from inercal.methods import Fit, Method, Priors, temperature, triangular_frame
 from inercal.methods.magnetic_field import (
     Directions,
     FieldConditions,
@@ -36,18 +36,20 @@ from inercal.methods.magnetic_field import (
     fit_field,
 )
 from inercal.methods.magnetic_field.stage import (
+    field_conditions,
     field_group,
     inhomogeneity_note,
     linear_model,
+    temperature_offsets,
     tests_of_field,
 )
+from inercal.methods.multi_position.attitude_coverage import hand_held_plan
 from inercal.physics.frames import exp_so3
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor, inverse
-from inercal.recordings import Observations
+from inercal.recordings import Observations, Track
 
 _MOST_NODES = 1500
-_LEAST_SPACING = 0.1  # s; the noise of closer samples averages out less than it costs
 _WIDE_BIAS = np.radians(20.0)  # rad/s
 _WIDE_DELAY = 0.05  # s
 _ROUNDS = 3
@@ -56,118 +58,94 @@ _NORMAL = 1.4826  # sd divided by the median of |x| of a normal distribution
 _DELAY = "delay"
 
 
-class _Samples(NamedTuple):
-    """The samples of one recording."""
-
-    time: Array  # (n,), s
-    rate: Array  # (n, g), readings of the gyros, rad/s
-    field: Array  # (n, 3), readings of the magnetometers, T
-    warmth: Array  # (n,), deviation from the reference temperature, K
-    fresh: Indices  # samples at which the magnetometers have new readings
-
-
 class _Rotations(NamedTuple):
     """The rotation from each node to the next."""
 
     matrix: Array  # (l, 3, 3), from the frame of the later node to that of the earlier one
     by_coefficient: Array  # (l, 3, q), in the frame of the later node
-    seconds: Array  # (l,), sum of the squared steps over one step, s
+    seconds: Array  # (l,), sum of the squared steps, s²
     rate: Array  # (nodes, 3), corrected, rad/s
 
 
-def gls(
+def prior(
     observations: Observations,
     sensor: Sensor,
     bench: Hand,
     steps: Sequence[Any],
     priors: Priors = (),
 ) -> Estimate:
-    """Return the magnetometers' coefficients, the gyros' biases and the magnetometers' delay.
+    """Return what is known of the gyros before the recording, which `add_magnetometers` refines.
 
-    Parameters
-    ----------
-    observations : Observations
-        One row with its track.
-    sensor : Sensor
-        Three gyros or more, and three magnetometers.
-    bench : Hand
-        With the strength of the field, if it is stated.
-    steps : sequence
-        Unused.
-    priors : sequence of Gaussian
-        Priors on coefficients of the gyros.
+    A bias is assumed to be within 40 °/s, a scale-factor error within 20 %, unless priors state
+    more.
+    """
+    names = sensor.coefficients
+    mean = np.zeros(len(names))
+    covariance = np.diag(
+        [
+            _WIDE_BIAS**2 if n.endswith(".bias") else sensor.coefficient(n).largest ** 2
+            for n in names
+        ]
+    )
+    for one in priors:
+        at = [names.index(name) for name in one.names]
+        mean[at], covariance[np.ix_(at, at)] = one.mean, one.covariance
+    return Estimate.from_closed_form(names, mean, covariance, 1 / np.sqrt(np.diag(covariance)))
+
+
+def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, dict[str, str]]:
+    """Return the magnetometers' coefficients, the gyros' and the delay, and conditions in words.
 
     Raises
     ------
     InputError
-        There are no samples or not enough axes, or a prior is on other coefficients.
+        There are fewer than three gyros or magnetometers, or the field is not the same everywhere.
     NotObserved
         The motion does not determine all coefficients.
     """
-    gyros, field = sensor.select_axes("w"), sensor.select_axes("m")
+    gyros, track = fit.sensor, fit.observations.track
+    seen = None if fit.observations.magnetic is None else fit.observations.magnetic.pieces
     if gyros.rank("w") < len("xyz"):
         raise InputError(
             "field_and_rates needs three gyros, which give the rotation between samples",
             key="[sensor.gyro]",
         )
-    model, samples = linear_model(field), _samples(observations, gyros, field)
-    start, wide = _known(gyros, priors)
-    at = _node_samples(samples)
-    steps_per_s = (len(samples.time) - 1) / float(np.ptp(samples.time))
-    of_field = _noise(
-        samples.field[samples.fresh], field, len(samples.fresh) / np.ptp(samples.time)
-    )
-    of_rate = _noise(samples.rate, gyros, steps_per_s)
+    assert track is not None
+    assert seen is not None
+    model, start, q = linear_model(field), fit.estimate.value, len(gyros.coefficients) + 1
+    wide = np.zeros((q, q))
+    wide[:-1, :-1], wide[-1, -1] = fit.estimate.covariance, _WIDE_DELAY**2
+    at = _even_samples(seen.time)
+    span = float(np.ptp(seen.time))
+    of_field = _noise(seen.mean, field, (len(seen.time) - 1) / span)
+    of_rate = _noise(track.reading, gyros, (len(track.time) - 1) / float(np.ptp(track.time)))
+    warmth = temperature_offsets(seen.temperature, field, len(seen.time))
     nodes = FieldNodes(
-        tuple(f"{t:.2f} s" for t in samples.time[at].tolist()),
-        samples.field[at],
+        tuple(f"{t:.2f} s" for t in seen.time[at].tolist()),
+        seen.mean[at],
         np.tile(np.diag(of_field**2), (len(at), 1, 1)),
-        samples.time[at],
-        samples.warmth[at],
+        seen.time[at],
+        warmth[at],
     )
-    conditions = FieldConditions(bench.field, None, bench.hemisphere)
-    q = len(wide)
     unknown = Directions(
         np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3, q))
     )
-    change, found = np.zeros(len(start)), None
+    conditions = FieldConditions(fit.bench.field)
+    change, found = np.zeros(q - 1), None
     for _ in range(_ROUNDS):
-        way = _rotations(samples, gyros, start + change, at)
+        way = _rotations(track, gyros, start + change, nodes.time)
         links = _links(way, of_rate, change)
         found = fit_field(nodes, model, unknown, links, conditions, wide)
-        change = found.correction[: len(start)]
+        change = found.correction[:-1]
     assert found is not None
-    return _estimate(sensor, found, start)
+    estimate = _estimate(gyros, field, found, start)
+    return estimate, field_conditions(estimate)
 
 
-def _samples(observations: Observations, gyros: Sensor, field: Sensor) -> _Samples:
-    track = observations.track
-    if track is None:
-        raise InputError(
-            "field_and_rates needs the samples of a recording, not means of rests", key="track"
-        )
-    reading = [
-        track.reading[:, [observations.channels.index(name) for name in part.channels]]
-        for part in (gyros, field)
-    ]
-    warmth = temperature.sample_offsets(track, field)
-    fresh = np.flatnonzero(np.any(np.diff(reading[1], axis=0, prepend=np.inf) != 0, axis=1))
-    return _Samples(
-        track.time,
-        *reading,
-        warmth if warmth.size else np.zeros(len(track.time)),
-        fresh,
-    )
-
-
-def _node_samples(samples: _Samples) -> Indices:
-    """Return the fresh samples that are nodes, at even intervals."""
-    time = samples.time[samples.fresh]
-    count = min(len(time), _MOST_NODES)
-    if count < 2:
-        raise NotObserved("the magnetometers have the same reading in all samples")
-    grid = np.linspace(time[0], time[-1], count)
-    return samples.fresh[np.unique(np.searchsorted(time, grid).clip(0, len(time) - 1))]
+def _even_samples(time: Array) -> Indices:
+    """Return samples of the magnetometers at even intervals, no more than can be fitted."""
+    grid = np.linspace(time[0], time[-1], min(len(time), _MOST_NODES))
+    return np.unique(np.searchsorted(time, grid).clip(0, len(time) - 1))
 
 
 def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> Array:
@@ -175,57 +153,42 @@ def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> Array:
 
     Third differences remove all but fast motion, and the median removes its rare moments.
     """
-    seen = np.median(np.abs(np.diff(reading, 3, axis=0)), axis=0) * _NORMAL / _DIFFERENCE
+    changes = np.median(np.abs(np.diff(reading, 3, axis=0)), axis=0) * _NORMAL / _DIFFERENCE
     stated = np.array([axis.noise.white for axis in sensor.axes]) * np.sqrt(rate_hz)
     steps = np.array([axis.noise.quantisation for axis in sensor.axes]) / np.sqrt(12)
-    result = np.maximum(np.where(stated > 0, stated, seen), steps)
+    result = np.maximum(np.where(stated > 0, stated, changes), steps)
     if not np.all(result > 0):
         raise NotObserved("an axis has the same reading in most samples")
     return result
 
 
-def _known(gyros: Sensor, priors: Priors) -> tuple[Array, Array]:
-    """Return the prior mean of the gyros' coefficients, and the covariance with the delay."""
-    names = gyros.coefficients
-    count = len(names)
-    mean, covariance = np.zeros(count), np.zeros((count + 1, count + 1))
-    for k, name in enumerate(names):
-        wide = _WIDE_BIAS if name.endswith(".bias") else gyros.coefficient(name).largest
-        covariance[k, k] = wide**2
-    covariance[-1, -1] = _WIDE_DELAY**2
-    for prior in priors:
-        if not set(prior.names) <= set(names):
-            raise InputError(
-                f"the prior on {', '.join(prior.names)} is not on coefficients of the gyros; "
-                f"field_and_rates accepts priors on {', '.join(names)}",
-                names=prior.names,
-            )
-        at = [names.index(name) for name in prior.names]
-        mean[at], covariance[np.ix_(at, at)] = prior.mean, prior.covariance
-    return mean, covariance
-
-
-def _rotations(samples: _Samples, gyros: Sensor, c: Array, at: Indices) -> _Rotations:
-    """Integrate the rate between nodes, for all nodes at once (Magnus series, two samples)."""
-    rate = inverse(gyros, samples.rate, c, dT=samples.warmth).w
-    motion = Motion(np.zeros((1, 3)), rate, dT=samples.warmth)
-    _, design, slope = gyros.linearise(motion, c)
+def _rotations(track: Track, gyros: Sensor, c: Array, time: Array) -> _Rotations:
+    """Integrate the rate between the nodes' times, for all links at once (Magnus series)."""
+    offsets = temperature.sample_offsets(track, gyros)
+    dT = offsets if offsets.size else 0.0
+    rate = inverse(gyros, track.reading, c, dT=dT).w
+    _, design, slope = gyros.linearise(Motion(np.zeros((1, 3)), rate, dT=dT), c)
     by_coefficient = -np.linalg.pinv(slope[..., 3:6]) @ design
+    by_coefficient = np.broadcast_to(by_coefficient, (len(rate), *by_coefficient.shape[1:]))
+    # Samples nearest to the nodes, and the small rotation from each sample to its node.
+    middle = 0.5 * (track.time[1:] + track.time[:-1])
+    at = np.searchsorted(middle, time)
+    aside = (time - track.time[at])[:, None] * rate[at]
     first, last = at[:-1], at[1:]
-    count = len(first)
-    turn = np.tile(np.eye(3), (count, 1, 1))
-    sensitivity, seconds = np.zeros((count, 3, len(c))), np.zeros(count)
+    turn = exp_so3(-aside[:-1])
+    sensitivity, seconds = np.zeros((len(first), 3, len(c))), np.zeros(len(first))
     for step in range(int((last - first).max())):
         k = np.flatnonzero(first + step < last)
         i = first[k] + step
-        dt = (samples.time[i + 1] - samples.time[i])[:, None]
+        dt = (track.time[i + 1] - track.time[i])[:, None]
         one, two = rate[i], rate[i + 1]
         back = exp_so3(0.5 * dt * (one + two) + dt**2 / 12 * np.cross(one, two))
         half = 0.5 * dt[..., None] * by_coefficient[i], 0.5 * dt[..., None] * by_coefficient[i + 1]
         turn[k] = turn[k] @ back
         sensitivity[k] = back.mT @ (sensitivity[k] + half[0]) + half[1]
         seconds[k] += dt[:, 0] ** 2
-    return _Rotations(turn, sensitivity, seconds, rate[at])
+    end = exp_so3(aside[1:])
+    return _Rotations(turn @ end, end.mT @ sensitivity, seconds, rate[at])
 
 
 def _links(way: _Rotations, noise: Array, change: Array) -> Links:
@@ -246,26 +209,22 @@ def _links(way: _Rotations, noise: Array, change: Array) -> Links:
     )
 
 
-def _estimate(sensor: Sensor, found: FieldFit, start: Array) -> Estimate:
-    g = len(start)
+def _estimate(gyros: Sensor, field: Sensor, found: FieldFit, start: Array) -> Estimate:
+    """Return gyros, magnetometers, strength of the field and delay as one estimate."""
+    g, q = len(start), len(start) + 1
     value = np.concatenate([start + found.correction[:g], found.value, found.correction[g:]])
-    joint = np.block(
-        [
-            [found.known_covariance[:g, :g], found.cross[:, :g].T, found.known_covariance[:g, g:]],
-            [found.cross[:, :g], found.covariance, found.cross[:, g:]],
-            [found.known_covariance[g:, :g], found.cross[:, g:].T, found.known_covariance[g:, g:]],
-        ]
-    )
-    names = (*sensor.coefficients[:g], *found.names, _DELAY)
-    p = len(sensor.coefficients)
+    joint = np.block([[found.known_covariance, found.cross.T], [found.cross, found.covariance]])
+    order = [*range(g), *range(q, len(joint)), g]
+    names = (*gyros.coefficients, *found.names, _DELAY)
+    wanted = (*gyros.coefficients, *field.coefficients)
     return Estimate(
         names=names,
         value=value,
-        covariance=joint,
+        covariance=joint[np.ix_(order, order)],
         chi2=np.array(found.chi2),
         dof=found.dof,
-        wanted=sensor.coefficients,
-        rank=p,
+        wanted=wanted,
+        rank=len(wanted),
         singular_values=found.singular_values,
         converged=np.array(found.converged),
         iterations=np.array(found.iterations),
@@ -273,3 +232,21 @@ def _estimate(sensor: Sensor, found: FieldFit, start: Array) -> Estimate:
         notes=(*found.notes, *inhomogeneity_note(found)),
         scoring=LazyValue(lambda: tests_of_field(found, g, len(names))),
     )
+
+
+METHOD = Method(
+    name="field_and_rates",
+    bench=Hand,
+    default_coefficients={"w": ("bias",), "m": ("bias", "scale", "misalignment")},
+    also={"w": ("scale",), "m": ("temperature",)},
+    needs=("w", "m"),
+    plan=hand_held_plan,
+    estimators={"gls": prior},
+    closed_formulas=("gls",),
+    source="Wu et al., IEEE Trans. Control Systems Technology 26 (2018) 716",
+    unknown_attitudes=True,
+    follows_rest=True,
+    frame=triangular_frame,
+    add_magnetometers=add_magnetometers,
+    triads_because="the rotation between two samples needs all three rates",
+)

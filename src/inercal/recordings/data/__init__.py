@@ -212,7 +212,7 @@ class MethodBase:
     unknown_attitudes : bool
         Whether the attitudes are free, so that rests are detected and labelled without a plan.
     follows_rest : bool
-        Whether the whole recording is a single rest that the estimator follows sample by sample.
+        Whether the estimator follows the whole recording sample by sample, as a single section.
     without_angles : bool
         Whether the method uses no turntable angles; rests and turns are then found from the gyros.
     sequential : callable or None
