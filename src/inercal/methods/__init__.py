@@ -159,10 +159,8 @@ class Fit(Generic[Bench, Step]):
 class AddMagnetometers(Protocol[BenchIn, StepIn]):
     """Adds magnetometers to a fit of accelerometers and gyros."""
 
-    def __call__(
-        self, fit: "Fit[BenchIn, StepIn]", field: Sensor, /
-    ) -> "tuple[Estimate, Mapping[str, str]]":
-        """Return the estimate of all axes, and conditions of the calibration as text."""
+    def __call__(self, fit: "Fit[BenchIn, StepIn]", field: Sensor, /) -> "tuple[Estimate, Remarks]":
+        """Return the estimate of all axes, and remarks on the field."""
         ...
 
 
@@ -242,7 +240,7 @@ class Method(MethodBase, Generic[Bench, Step]):
         Whether the final result of a recording comes from a different estimator than the live one.
     add_magnetometers : callable or None
         Maps a `Fit` of accelerometers and gyros, and the magnetometers, to the estimate of all axes
-        and conditions of the calibration; None if the method cannot calibrate magnetometers.
+        and remarks on the field; None if the method cannot calibrate magnetometers.
     triads_because : str
         Why the method needs three axes of each kind, as a clause; empty if it takes any number.
     """

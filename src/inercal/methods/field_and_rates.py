@@ -26,7 +26,7 @@ from inercal.basics.errors import InputError, NotObserved
 from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
-from inercal.methods import Fit, Method, Priors, temperature, triangular_frame
+from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
 from inercal.methods.magnetic_field import (
     Directions,
     FieldConditions,
@@ -36,8 +36,8 @@ from inercal.methods.magnetic_field import (
     fit_field,
 )
 from inercal.methods.magnetic_field.stage import (
-    field_conditions,
     field_group,
+    field_remarks,
     inhomogeneity_note,
     linear_model,
     temperature_offsets,
@@ -93,8 +93,8 @@ def prior(
     return Estimate.from_closed_form(names, mean, covariance, 1 / np.sqrt(np.diag(covariance)))
 
 
-def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, dict[str, str]]:
-    """Return the magnetometers' coefficients, the gyros' and the delay, and conditions in words.
+def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Remarks]:
+    """Return the magnetometers' coefficients, the gyros' and the delay, and remarks on the field.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, dic
         change = found.correction[:-1]
     assert found is not None
     estimate = _estimate(gyros, field, found, start)
-    return estimate, field_conditions(estimate)
+    return estimate, field_remarks(estimate, found)
 
 
 def _even_samples(time: Array) -> Indices:

@@ -149,12 +149,14 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
     )
     if run.magnetometer is not None and run.method.add_magnetometers is not None:
         try:
-            estimate, field = run.method.add_magnetometers(
+            estimate, of_field = run.method.add_magnetometers(
                 replace(fit, estimate=estimate), run.magnetometer
             )
-            remarks = remarks._replace(conditions={**remarks.conditions, **field})
         except (InputError, NotObserved) as error:
             raise error.located(run.path) from None
+        findings += of_field.findings
+        conditions = {**remarks.conditions, **of_field.conditions}
+        remarks = remarks._replace(conditions=conditions)
     return FittedRun(
         stated,
         run,

@@ -18,11 +18,12 @@ from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_number, format_quantity
 from inercal.benches import Hand
+from inercal.calibration.verdict import UNSEEN
 from inercal.estimation import Estimate, ResidualGroup, ScoreTestSet
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.uncertainty.coverage import COVERAGE
-from inercal.methods import Fit, temperature
+from inercal.methods import Fit, Remarks, temperature
 from inercal.methods.magnetic_field.disturbances import field_tests
 from inercal.methods.magnetic_field.fitting import FieldFit, fit_field, inhomogeneity_interval
 from inercal.methods.magnetic_field.records import (
@@ -36,11 +37,17 @@ from inercal.methods.magnetic_field.records import (
 from inercal.methods.residuals import norm_residuals
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.coefficient_tables import ErrorTerm
-from inercal.recordings import Observations
+from inercal.recordings import Finding, Observations
 from inercal.recordings.magnetic import MagneticReadings
 
 _OWN = ("dip", "strength")
 _HEMISPHERES: dict[int, Hemisphere | None] = {1: "north", -1: "south", 0: None}
+_UNSEEN = (
+    "iron or magnets that turn with the sensor and are absent in use, because they look like hard "
+    "and soft iron",
+    "a constant disturbance of the field in the room, which only changes its strength and dip",
+)
+_SCALE_UNSEEN = "a common scale factor of the magnetometers, because no strength is stated"
 _CONDITIONS = (
     ("dip", "dip of the field", "°"),
     ("strength", "strength of the field", "µT"),
@@ -51,8 +58,8 @@ LinkMaker = Callable[[Fit[Hand, Any]], Links | None]
 
 def add_magnetometers(
     fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None = None
-) -> tuple[Estimate, dict[str, str]]:
-    """Return the estimate of a fit with the magnetometers added, and conditions in words.
+) -> tuple[Estimate, Remarks]:
+    """Return the estimate of a fit with the magnetometers added, and remarks on the field.
 
     Parameters
     ----------
@@ -74,19 +81,31 @@ def add_magnetometers(
     fit = replace(fit, estimate=first)
     found = _fit(fit, field, None if links is None else links(fit))
     whole = _joined(first, found, len(fit.sensor.coefficients))
-    return whole, field_conditions(whole)
+    return whole, field_remarks(whole, found)
 
 
-def field_conditions(estimate: Estimate) -> dict[str, str]:
-    """Return the dip and the strength of the field and the magnetometers' delay, in words."""
-    found: dict[str, str] = {}
+def field_remarks(estimate: Estimate, found: FieldFit) -> Remarks:
+    """Return what no test can detect, with the field and the magnetometers' delay as conditions.
+
+    Raises
+    ------
+    InputError
+        The fit did not converge.
+    """
+    if not found.converged:
+        raise InputError(
+            "the fit of the magnetometers did not converge; check their columns, axes and times",
+            key="[data] magnetometer",
+        )
+    unseen = (*_UNSEEN, *(_SCALE_UNSEEN for _ in range(found.per_field)))
+    conditions: dict[str, str] = {}
     for name, what, unit in _CONDITIONS:
         if name in estimate.names:
             k = estimate.names.index(name)
             sd = float(np.sqrt(estimate.covariance[k, k]))
             size = format_quantity(float(estimate.value[k]), COVERAGE * sd, unit)
-            found[what] = f"{size} (k = {COVERAGE:g})"
-    return found
+            conditions[what] = f"{size} (k = {COVERAGE:g})"
+    return Remarks(tuple(Finding("note", UNSEEN, text) for text in unseen), conditions=conditions)
 
 
 def linear_model(field: Sensor) -> LinearModel:
