@@ -1,6 +1,5 @@
 """Check that a method can use the magnetometers of a run file, and what it states about them."""
 
-from collections.abc import Iterable
 from typing import Any
 
 from inercal.basics.errors import InputError
@@ -60,16 +59,12 @@ def require_no_field_priors(section: MethodSection, magnetometer: Sensor | None)
     ------
     InputError
     """
-    names: Iterable[str] = (
-        *section.prior,
-        *(n for one in section.prior_from.values() for n in one),
-    )
-    for name in names if magnetometer is not None else ():
-        if magnetometer is not None and CoefficientName(name).axis in magnetometer.channels:
-            key = f"[method.prior{'_from' * (name not in section.prior)}] {name}"
-            raise InputError(
-                f"{key}: hard and soft iron change with the mounting, so magnetometers are "
-                "estimated without priors; remove the key",
-                key=key,
+    channels = () if magnetometer is None else magnetometer.channels
+    for name in (*section.prior, *(n for one in section.prior_from.values() for n in one)):
+        if CoefficientName(name).axis in channels:
+            raise key_error(
+                f"[method.prior{'_from' * (name not in section.prior)}] {name}",
+                "hard and soft iron change with the mounting, so magnetometers are estimated "
+                "without priors; remove the key",
                 names=(name,),
             )

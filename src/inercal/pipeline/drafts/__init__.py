@@ -52,6 +52,7 @@ from inercal.pipeline.drafts.draft_sections import (
 )
 from inercal.pipeline.drafts.file_parts import recording_name
 from inercal.pipeline.drafts.log_files import read_logs
+from inercal.pipeline.drafts.magnetometer_keys import NO_FIELD, magnetometer_keys
 from inercal.pipeline.drafts.mean_scatter import GUESS, with_scatter
 from inercal.pipeline.drafts.method_trials import (
     RAMP,
@@ -79,7 +80,8 @@ _REASONS = {
     "share only if [environment] states them",
 }
 _HEATED = 10.0  # K, at which biases of MEMS change by more than their uncertainty
-_LEFT_OUT = (NO_GYROS, NO_LABEL, NO_MARKS, NO_SENSOR)
+_LEFT_OUT = (NO_GYROS, NO_LABEL, NO_MARKS, NO_SENSOR, NO_FIELD)
+_WITH_FIELD = ("multi_position", "six_position")
 _WORST = "unreliable"
 
 
@@ -222,6 +224,11 @@ def draft_run_file(
     if found.method is None and guessed:
         other = draft(without_sections(roles))
         found = other if other.method is not None else found
+    magnetic = any(one.section == "sensor.magnetometer" for one in found.entries)
+    if found.method is None and magnetic and "data.magnetometer" not in stated:
+        why = next(trial.reason for trial in found.trials if trial.name in _WITH_FIELD)
+        other = draft(roles.because({NO_FIELD: f"the magnetometers are not used: {why}"}))
+        found = other if other.method is not None else found
     if found.method is None:
         _require_possible_keys(found.trials, stated)
         by_reason: dict[str, list[str]] = {}
@@ -308,6 +315,11 @@ def _draft(
         ),
         *(rate_bench_keys(roles) if at_rates else bench_keys(bench, candidates[0][1], radius)),
         *data_keys(logs, path, table, roles, bench, values),
+        *(
+            magnetometer_keys(table, roles, rests, values)
+            if candidates[0][1] in _WITH_FIELD
+            else ()
+        ),
         *signs,
         *suggest_rate(clock, readouts.get("gyro")),
         *(gyro_deviation_keys(table, roles, readouts["gyro"]) if at_rates else ()),

@@ -139,8 +139,14 @@ def accelerometers_by_values(table: Table, names: Sequence[str]) -> tuple[str, .
             found.append((misfit, triple, off_sphere(means, data) - misfit))
     best = min((misfit for misfit, _, _ in found), default=0.0)
     found = [one for one in found if one[0] <= max(_AS_GOOD * best, _GOOD)]
+    found = [one for one in found if _reads_gravity(table.stack(one[1]))] or found
     moved = max((off for _, _, off in found), default=0.0)
     return next((triple for _, triple, off in found if _AS_GOOD * off >= moved), None)
+
+
+def _reads_gravity(data: Array) -> bool:
+    """Return whether the typical norm of readings is that of gravity in a usual unit."""
+    return gravity_unit(float(np.nanmedian(np.linalg.norm(data, axis=1)))) is not None
 
 
 def gyros_by_values(

@@ -98,7 +98,8 @@ class DataSection(Section):
                 "gyro_file is only for recordings: write the means of all axes in a single "
                 "table and remove gyro_file"
             )
-        signed = [c for c in self._columns if str(c).startswith("-")]
+        columns = (*self.accelerometer, *self.gyro, *self.magnetometer)
+        signed = [c for c in columns if str(c).startswith("-")]
         if self.kind == "means" and signed:
             raise ValueError(
                 f'"{signed[0]}" reverses a column of a recording; in a table of means write the '
@@ -111,10 +112,6 @@ class DataSection(Section):
                 "temperature: name it in the key `temperature`, or remove these keys"
             )
         return self
-
-    @property
-    def _columns(self) -> tuple[str | int, ...]:
-        return (*self.accelerometer, *self.gyro, *self.magnetometer)
 
     @property
     def thermometer(self) -> TemperatureReadout:

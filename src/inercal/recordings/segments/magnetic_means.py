@@ -54,48 +54,41 @@ def average_magnetometers(
     flawed = range_findings(recording, sensor, [_rows(recording.time, span) for span in spans])
     parts = [_values(recording.time, fresh, span) for span in spans]
     railed = _railed_rests(y, parts)
-    means, kept, counts, times, squares = [], list[int](), list[float](), list[float](), []
+    kept: list[int] = []
     lost: list[Finding] = []
-    for k, (rows, new) in enumerate(parts):
-        why = ""
+    for k, (_, new) in enumerate(parts):
+        why = railed[k]
         if new.size < _FRESH:
-            many = "no new value" if not new.size else "only one new value"
-            why = f"the magnetometers have {many} there"
-        elif railed[k]:
-            why = f"{railed[k]} stays at the end of its range"
+            why = f"the magnetometers have {'only one' if new.size else 'no'} new value there"
         elif (flaw := flawed[k]) is not None:
             why = flaw.message
         if why:
             text = f"the magnetometers are not used at {labels[k]}: {why}"
             lost.append(Finding("warning", "magnetometer", text))
-            continue
-        length = np.diff(np.append(new, rows[-1] + 1))
-        kept.append(k)
-        counts.append(float(length.sum() ** 2 / (length**2).sum()))
-        means.append(y[rows].mean(axis=0))
-        times.append(float(recording.time[rows].mean()))
-        squares.append(y[new] - y[new].mean(axis=0))
+        else:
+            kept.append(k)
     if not kept:
         raise InputError(
             f"{recording.source}: the magnetometers can be used in no rest: {lost[0].message}",
             file=recording.source,
             names=sensor.channels,
         )
-    every = np.concatenate(squares)
-    noise = every.T @ every / (len(every) - len(kept))
+    used = [parts[k] for k in kept]
+    lengths = [np.diff(np.append(new, rows[-1] + 1)) for rows, new in used]
+    count = np.array([length.sum() ** 2 / (length**2).sum() for length in lengths])
+    scatter = np.concatenate([y[new] - y[new].mean(axis=0) for _, new in used])
+    noise: Array = scatter.T @ scatter / (len(scatter) - len(used))
     rounding = np.diag(_rounding(y[fresh], np.sqrt(np.diag(noise))))
     kelvin = recording.temperature
     return MagneticReadings(
         channels=sensor.channels,
         rest=np.array(kept),
-        mean=np.array(means),
-        covariance=noise / np.array(counts)[:, None, None] + rounding,
-        time=np.array(times),
-        samples=np.array(counts),
+        mean=np.array([y[rows].mean(axis=0) for rows, _ in used]),
+        covariance=noise / count[:, None, None] + rounding,
+        time=np.array([recording.time[rows].mean() for rows, _ in used]),
+        samples=count,
         noise=noise + rounding,
-        temperature=None
-        if kelvin is None
-        else np.array([kelvin[parts[k][0]].mean() for k in kept]),
+        temperature=None if kelvin is None else np.array([kelvin[r].mean() for r, _ in used]),
     ), tuple(lost)
 
 
@@ -193,7 +186,7 @@ def _values(
 
 
 def _railed_rests(y: Array, parts: Sequence[tuple[Indices, Indices]]) -> list[str]:
-    """Return the axis that stays at the end of its range in each rest, by number; "" for none.
+    """Return for each rest which axis stays at the end of its range; "" for none.
 
     The extreme reading of an axis is the end of its range if it is constant in several rests, while
     other axes change there.
@@ -208,7 +201,7 @@ def _railed_rests(y: Array, parts: Sequence[tuple[Indices, Indices]]) -> list[st
             ]
             if len(at) > 1:
                 for k in at:
-                    found[k] = f"axis {axis + 1} of the magnetometers"
+                    found[k] = f"axis {axis + 1} stays at the end of its range"
     return found
 
 
