@@ -36,6 +36,8 @@ from inercal.methods.magnetic_field import (
     fit_field,
 )
 from inercal.methods.magnetic_field.stage import (
+    DELAY,
+    DELAY_SD,
     field_group,
     field_remarks,
     inhomogeneity_note,
@@ -51,11 +53,9 @@ from inercal.recordings import Observations, Track
 
 _MOST_NODES = 1500
 _WIDE_BIAS = np.radians(20.0)  # rad/s
-_WIDE_DELAY = 0.05  # s
 _ROUNDS = 3
 _DIFFERENCE = np.sqrt(20.0)  # sd of a third difference of white noise with sd 1
 _NORMAL = 1.4826  # sd divided by the median of |x| of a normal distribution
-_DELAY = "delay"
 
 
 class _Rotations(NamedTuple):
@@ -114,7 +114,7 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
     assert seen is not None
     model, start, q = linear_model(field), fit.estimate.value, len(gyros.coefficients) + 1
     wide = np.zeros((q, q))
-    wide[:-1, :-1], wide[-1, -1] = fit.estimate.covariance, _WIDE_DELAY**2
+    wide[:-1, :-1], wide[-1, -1] = fit.estimate.covariance, DELAY_SD**2
     at = _even_samples(seen.time)
     span = float(np.ptp(seen.time))
     of_field = _noise(seen.mean, field, (len(seen.time) - 1) / span)
@@ -215,7 +215,7 @@ def _estimate(gyros: Sensor, field: Sensor, found: FieldFit, start: Array) -> Es
     value = np.concatenate([start + found.correction[:g], found.value, found.correction[g:]])
     joint = np.block([[found.known_covariance, found.cross.T], [found.cross, found.covariance]])
     order = [*range(g), *range(q, len(joint)), g]
-    names = (*gyros.coefficients, *found.names, _DELAY)
+    names = (*gyros.coefficients, *found.names, DELAY)
     wanted = (*gyros.coefficients, *field.coefficients)
     return Estimate(
         names=names,

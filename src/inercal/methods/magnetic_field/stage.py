@@ -10,7 +10,7 @@ and P the covariance of the known coefficients.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from inercal.physics.sensors.coefficient_tables import ErrorTerm
 from inercal.recordings import Finding, Observations
 from inercal.recordings.magnetic import MagneticReadings
 
+DELAY = "delay"
 _OWN = ("dip", "strength")
 _HEMISPHERES: dict[int, Hemisphere | None] = {1: "north", -1: "south", 0: None}
 _UNSEEN = (
@@ -51,9 +52,20 @@ _SCALE_UNSEEN = "a common scale factor of the magnetometers, because no strength
 _CONDITIONS = (
     ("dip", "dip of the field", "°"),
     ("strength", "strength of the field", "µT"),
-    ("delay", "delay of the magnetometers", "ms"),
+    (DELAY, "delay of the magnetometers", "ms"),
 )
-LinkMaker = Callable[[Fit[Hand, Any]], Links | None]
+
+
+class NodeTimes(NamedTuple):
+    """When and where the magnetometers were read: at rests, and in pieces of motion between."""
+
+    time: Array  # (n,), s
+    rest: Indices  # (n,), row of the observations; −1 for a piece of motion
+    transition: Indices  # (n,), index of the transition of a piece; −1 for a rest
+
+
+LinkMaker = Callable[[Fit[Hand, Any], NodeTimes], Links | None]
+DELAY_SD = 0.03  # s, of the magnetometers, before their readings in motion show it
 
 
 def add_magnetometers(
@@ -68,7 +80,7 @@ def add_magnetometers(
     field : Sensor
         The magnetometers with their coefficients.
     links : callable, optional
-        Function that returns the rotations between the rests.
+        Function that returns the rotations between nodes.
 
     Raises
     ------
@@ -79,7 +91,7 @@ def add_magnetometers(
     """
     first = _grouped(fit.estimate, fit.observations)
     fit = replace(fit, estimate=first)
-    found = _fit(fit, field, None if links is None else links(fit))
+    found = _fit(fit, field, links)
     whole = _joined(first, found, len(fit.sensor.coefficients))
     return whole, field_remarks(whole, found)
 
@@ -131,22 +143,43 @@ def linear_model(field: Sensor) -> LinearModel:
     return LinearModel(field.coefficients, nominal, directions, powers)
 
 
-def _fit(fit: Fit[Hand, Any], field: Sensor, links: Links | None) -> FieldFit:
-    seen, p = _readings(fit), len(fit.sensor.coefficients)
+def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFit:
+    seen, labels = _readings(fit), fit.observations.labels
+    pieces = seen.pieces if links is not None else None
+    count, more = len(seen.rest), 0 if pieces is None else len(pieces.time)
+    none = np.full(count + more, -1)
+    time, rest, transition = np.zeros(count + more), none.copy(), none
+    time[:count], rest[:count] = seen.time, seen.rest
+    reading, covariance, kelvin = seen.mean, seen.covariance, seen.temperature
+    if pieces is not None:
+        time[count:], transition[count:] = pieces.time, pieces.transition
+        reading = np.concatenate([reading, pieces.mean])
+        covariance = np.concatenate([covariance, seen.noise / pieces.samples[:, None, None]])
+        if kelvin is not None and pieces.temperature is not None:
+            kelvin = np.concatenate([kelvin, pieces.temperature])
+    order = np.argsort(time, kind="stable")
+    at = NodeTimes(time[order], rest[order], transition[order])
     nodes = FieldNodes(
-        tuple(fit.observations.labels[k] for k in seen.rest.tolist()),
-        seen.mean,
-        seen.covariance,
-        seen.time,
-        temperature_offsets(seen.temperature, field, len(seen.rest)),
+        tuple(
+            labels[row] if row >= 0 else f"{t:.2f} s"
+            for row, t in zip(at.rest.tolist(), at.time.tolist(), strict=True)
+        ),
+        reading[order],
+        covariance[order],
+        at.time,
+        temperature_offsets(kelvin, field, count + more)[order],
     )
+    p, delayed = len(fit.sensor.coefficients), int(more > 0)
+    known = np.zeros((p + delayed, p + delayed))
+    known[:p, :p] = fit.estimate.covariance[:p, :p]
+    known[p:, p:] = DELAY_SD**2
     return fit_field(
         nodes,
         linear_model(field),
-        _directions(fit, seen.rest),
-        links,
+        _directions(fit, at.rest, p + delayed),
+        None if links is None else links(fit, at),
         FieldConditions(fit.bench.field, fit.bench.dip, _HEMISPHERES[fit.bench.dip_sign]),
-        fit.estimate.covariance[:p, :p],
+        known,
     )
 
 
@@ -178,7 +211,7 @@ def _readings(fit: Fit[Hand, Any]) -> MagneticReadings:
     return fit.observations.magnetic
 
 
-def _directions(fit: Fit[Hand, Any], rests: Indices) -> Directions:
+def _directions(fit: Fit[Hand, Any], rest: Indices, known: int) -> Directions:
     """Return the upward directions at the rests, with the derivatives by all known coefficients."""
     observations, first = fit.observations, fit.estimate
     force = fit.sensor.select_axes("f")
@@ -193,13 +226,15 @@ def _directions(fit: Fit[Hand, Any], rests: Indices) -> Directions:
     at = norm_residuals(force, observations.mean[:, :m], first.value[:a], gravity, dT=warmth)
     length = np.linalg.norm(at.specific_force, axis=-1)
     across = (np.eye(3) - at.up[:, :, None] * at.up[:, None, :]) / length[:, None, None]
-    derivative = np.zeros((len(length), 3, len(fit.sensor.coefficients)))
+    derivative = np.zeros((len(length), 3, known))
     derivative[..., :a] = across @ at.by_coefficient
     scatter = next((g.spread for g in first.groups if g.name == "norms"), ScatterModel())
     back = np.linalg.pinv(force.input_axes("f"))
     noise = back @ scatter.of(observations.covariance[:, :m, :m]) @ back.T
     covariance = noise / length[:, None, None] ** 2
-    return Directions(np.arange(len(rests)), at.up[rests], covariance[rests], derivative[rests])
+    node = np.flatnonzero(rest >= 0)
+    row = rest[node]
+    return Directions(node, at.up[row], covariance[row], derivative[row])
 
 
 def _grouped(first: Estimate, observations: Observations) -> Estimate:
@@ -230,13 +265,22 @@ def _joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
     known = first.covariance[:p, :p]
     size = np.sqrt(np.diagonal(known))
     size = np.where(size > 0, size, 1.0)
-    gain = found.cross / size @ np.linalg.pinv(known / np.outer(size, size)) / size
+    # The delay, if there is one, is the last of the known coefficients of the field's fit.
+    d = len(found.correction) - p
+    below = np.block(
+        [
+            [found.covariance, found.cross[:, p:]],
+            [found.cross[:, p:].T, found.known_covariance[p:, p:]],
+        ]
+    )
+    with_known = np.concatenate([found.cross[:, :p], found.known_covariance[p:, :p]])
+    gain = with_known / size @ np.linalg.pinv(known / np.outer(size, size)) / size
     cross = gain @ first.covariance[:p]
-    joint = np.block([[first.covariance, cross.T], [cross, found.covariance]])
+    joint = np.block([[first.covariance, cross.T], [cross, below]])
     # Coefficients come first, then the quantities of the bench and of the field.
     order = [*range(p), *range(q, q + own), *range(p, q), *range(q + own, len(joint))]
-    names = (*first.names, *found.names)
-    value = np.concatenate([first.value, found.value])
+    names = (*first.names, *found.names, *(DELAY,) * d)
+    value = np.concatenate([first.value, found.value, found.correction[p:]])
     wanted = tuple(names[k] for k in order[: p + own])
     chi2 = first.chi2 + found.chi2
     return replace(

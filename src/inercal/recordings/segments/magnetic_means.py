@@ -97,7 +97,8 @@ def average_pieces(
 ) -> MagneticPieces:
     """Return the means over pieces of 0.2 s of the motion between rests.
 
-    If the sensor turns fast, a piece contains only the values within 2.5° of its middle.
+    If the sensor turns fast, a piece contains only the values within 2.5° of its middle. Its time
+    is that of its mean attitude, which is not the mean time if the rate changes.
 
     Parameters
     ----------
@@ -116,17 +117,20 @@ def average_pieces(
     step = 0.5 * (rate[1:] + rate[:-1]) * np.diff(moves.time)
     turned = np.interp(time, moves.time, np.concatenate([[0.0], np.cumsum(step)]))
     found: list[tuple[int, Indices]] = []
+    times: list[float] = []
     for k, (left, reached) in enumerate(zip(moves.left, moves.reached, strict=True)):
         start, stop = moves.time[left], moves.time[reached]
         own = np.flatnonzero((time > start) & (time < stop))
         piece = ((time[own] - start) / PIECE).astype(np.int64)
         for one in np.split(own, np.flatnonzero(np.diff(piece)) + 1) if own.size else ():
             near = np.abs(turned[one] - turned[one[one.size // 2]]) <= _TURNED
-            found.append((k, new[one[near]]))
+            used = one[near]
+            found.append((k, new[used]))
+            times.append(float(np.interp(turned[used].mean(), turned[used], time[used])))
     kelvin = recording.temperature
     return MagneticPieces(
         transition=np.array([k for k, _ in found], dtype=np.int64),
-        time=np.array([recording.time[rows].mean() for _, rows in found]),
+        time=np.array(times),
         mean=np.array([y[rows].mean(axis=0) for _, rows in found]).reshape(-1, y.shape[1]),
         samples=np.array([rows.size for _, rows in found], dtype=np.int64),
         temperature=None if kelvin is None else np.array([kelvin[r].mean() for _, r in found]),
