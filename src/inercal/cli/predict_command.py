@@ -101,7 +101,7 @@ def run(
 
 def _print_point(found: "Prediction", j: int) -> None:
     """Print the quantities of a point, the shares of all causes, and the validity."""
-    from math import degrees, isfinite
+    from math import isfinite
 
     from inercal.basics.units import format_quantity
     from inercal.estimation.uncertainty.coverage import COVERAGE
@@ -121,7 +121,7 @@ def _print_point(found: "Prediction", j: int) -> None:
         shares.append(())
     print_table(("share of u²", *(f">{name}" for name in found.names)), shares)
     if found.heading_std is not None and isfinite(found.heading_std[j]):
-        heading = format_quantity(COVERAGE * degrees(found.heading_std[j]), 0.0, "°", 2)
+        heading = format_quantity(COVERAGE * float(found.heading_std[j]), 0.0, "°", 2)
         print_line(f"Magnetic heading from the corrected f and m: U = {heading} (k = 2).")
     print_lines(f"Outside the validity: {one.text}." for one in found.outside[j])
     if not found.outside[j]:
