@@ -242,8 +242,8 @@ def _grouped(first: Estimate, observations: Observations) -> Estimate:
     if first.groups:
         return first
     rows = len(observations.labels)
-    residual = first.residual[: observations.mean.size].reshape(rows, -1)
-    deviation = np.sqrt(np.diagonal(observations.covariance, axis1=1, axis2=2))
+    residual = first.residual[: observations.mean.size].reshape(rows, -1)[:, : len("xyz")]
+    deviation = np.sqrt(np.diagonal(observations.covariance, axis1=1, axis2=2))[:, : len("xyz")]
     birge = float(first.birge)
     group = ResidualGroup(
         "readings",

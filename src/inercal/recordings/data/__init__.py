@@ -271,14 +271,7 @@ class RunBase(Generic[D]):
     @property
     def whole_sensor(self) -> Sensor:
         """The sensor with all of its axes and coefficients, magnetometers last."""
-        one, other = self.sensor, self.magnetometer
-        if other is None:
-            return one
-        return replace(
-            one,
-            axes=one.axes + other.axes,
-            coefficients=one.coefficients + other.coefficients,
-        )
+        return self.sensor if self.magnetometer is None else self.sensor.beside(self.magnetometer)
 
     @property
     def steps(self) -> tuple[Step, ...]:
