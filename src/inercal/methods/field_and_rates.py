@@ -8,9 +8,10 @@ The samples of the magnetometer at nodes along the motion are compared (`magneti
 gyros' rate is integrated from node to node. The rotation of a link changes with the gyros'
 coefficients c and with the delay τ of the magnetometer (ψ in the frame of the later node)::
 
-    ψ = Σ C ∂ω̂/∂c Δt,        ψ = (Cᵀ ω_before − ω_after) τ
+    ψ = Σ C ∂ω̂/∂c Δt,        ψ = (Cᵀ ω_before − ω_after) τ,        ψ = −R_afterᵀ ω_e T
 
-A coefficient without a prior has a wide one. The links are integrated again with the estimate.
+A coefficient without a prior has a wide one. The direction of the earth's rate ω_e is unknown, and
+so is the attitude R at first. The links are therefore integrated again with the estimate.
 
 Source: Wu et al., "Dynamic magnetometer calibration and alignment to inertial sensors by Kalman
 filtering", IEEE Trans. Control Systems Technology 26 (2018) 716.
@@ -46,6 +47,7 @@ from inercal.methods.magnetic_field.stage import (
     tests_of_field,
 )
 from inercal.methods.multi_position.attitude_coverage import hand_held_plan
+from inercal.physics.earth import EARTH_RATE
 from inercal.physics.frames import exp_so3
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import Sensor, inverse
@@ -112,9 +114,11 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
         )
     assert track is not None
     assert seen is not None
-    model, start, q = linear_model(field), fit.estimate.value, len(gyros.coefficients) + 1
-    wide = np.zeros((q, q))
-    wide[:-1, :-1], wide[-1, -1] = fit.estimate.covariance, DELAY_SD**2
+    model, start, g = linear_model(field), fit.estimate.value, len(gyros.coefficients)
+    earth = np.full(3, EARTH_RATE / np.sqrt(3))
+    q = g + 1 + len(earth)
+    wide = np.diag([*np.zeros(g), DELAY_SD, *earth]) ** 2
+    wide[:g, :g] = fit.estimate.covariance
     at = _even_samples(seen.time)
     span = float(np.ptp(seen.time))
     of_field = _noise(seen.mean, field, (len(seen.time) - 1) / span)
@@ -131,12 +135,15 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
         np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3, q))
     )
     conditions = FieldConditions(fit.bench.field)
-    change, found = np.zeros(q - 1), None
+    change, found = np.zeros(g), None
     for _ in range(_ROUNDS):
         way = _rotations(track, gyros, start + change, nodes.time)
-        links = _links(way, of_rate, change)
+        by_earth = np.zeros((len(at) - 1, 3, 3))
+        if found is not None:
+            by_earth = -found.attitude[1:].mT * np.diff(nodes.time)[:, None, None]
+        links = _links(way, of_rate, change, by_earth)
         found = fit_field(nodes, model, unknown, links, conditions, wide)
-        change = found.correction[:-1]
+        change = found.correction[:g]
     assert found is not None
     estimate = _estimate(gyros, field, found, start)
     return estimate, field_remarks(estimate, found)
@@ -191,14 +198,14 @@ def _rotations(track: Track, gyros: Sensor, c: Array, time: Array) -> _Rotations
     return _Rotations(turn @ end, end.mT @ sensitivity, seconds, rate[at])
 
 
-def _links(way: _Rotations, noise: Array, change: Array) -> Links:
-    """Return the links, with derivatives with respect to the coefficients and the delay.
+def _links(way: _Rotations, noise: Array, change: Array, by_earth: Array) -> Links:
+    """Return the links, with derivatives by the coefficients, the delay and the earth's rate.
 
     The rotations contain the `change` of the coefficients; the links refer to their start.
     """
     count = len(way.matrix)
     by_delay = (way.matrix.mT @ way.rate[:-1, :, None])[..., 0] - way.rate[1:]
-    derivative = np.concatenate([way.by_coefficient, by_delay[..., None]], axis=2)
+    derivative = np.concatenate([way.by_coefficient, by_delay[..., None], by_earth], axis=2)
     covariance = np.mean(noise**2) * way.seconds[:, None, None] * np.eye(3)
     return Links(
         np.arange(count),
@@ -211,8 +218,8 @@ def _links(way: _Rotations, noise: Array, change: Array) -> Links:
 
 def _estimate(gyros: Sensor, field: Sensor, found: FieldFit, start: Array) -> Estimate:
     """Return gyros, magnetometers, strength of the field and delay as one estimate."""
-    g, q = len(start), len(start) + 1
-    value = np.concatenate([start + found.correction[:g], found.value, found.correction[g:]])
+    g, q = len(start), len(found.correction)
+    value = np.concatenate([start + found.correction[:g], found.value, found.correction[g : g + 1]])
     joint = np.block([[found.known_covariance, found.cross.T], [found.cross, found.covariance]])
     order = [*range(g), *range(q, len(joint)), g]
     names = (*gyros.coefficients, *found.names, DELAY)

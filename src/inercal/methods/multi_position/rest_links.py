@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools, Indices
 from inercal.benches import Hand
 from inercal.estimation import Estimate
 from inercal.estimation.residual_scatter import ScatterModel
@@ -72,9 +72,8 @@ def rest_links(fit: Fit[Hand, Any], nodes: NodeTimes) -> Links | None:
     matrix = exp_so3(-aside[before]) @ turns.rotation.mT @ exp_so3(aside[before + 1])
     back = exp_so3(-aside[before + 1])
     direct = first & last
-    up = rests.norms(x).up[np.where(direct, nodes.rest[before + 1], 0)]
     earth = found.get("earth_up", rests.known_quantities[3].value) * parts.duration
-    matrix[direct] = matrix[direct] @ exp_so3(-earth[direct, None] * up[direct])
+    matrix = _without_earth(matrix, earth, before, nodes.rest, rests.norms(x).up)
     by_coefficient = back @ turns.coefficient_derivatives
     delayed = (matrix.mT @ rate[before][..., None])[..., 0] - rate[before + 1]
     derivative = np.concatenate([by_coefficient, delayed[..., None]], axis=2)
@@ -87,7 +86,16 @@ def rest_links(fit: Fit[Hand, Any], nodes: NodeTimes) -> Links | None:
     )
 
 
-def _index(starts: Array, rows: Array) -> Array:
+def _without_earth(matrix: Array, earth: Array, before: Indices, rest: Indices, up: Array) -> Array:
+    """Return rotations (l, 3, 3) relative to the earth, which turned about up by `earth` (l,)."""
+    result, here = matrix.copy(), up[0]
+    for k, j in enumerate(before.tolist()):
+        here = matrix[k].T @ (up[rest[j]] if rest[j] >= 0 else here)
+        result[k] = matrix[k] @ exp_so3(-earth[k] * here)
+    return result
+
+
+def _index(starts: Indices, rows: Indices) -> Indices:
     """Return the transition that starts at each row; −1 if there is none."""
     at = np.searchsorted(starts, rows).clip(0, max(len(starts) - 1, 0))
     return np.where(starts[at] == rows, at, -1)
@@ -99,7 +107,7 @@ def _covariance(
     parts: Transitions,
     noise: Array,
     to_timebase: Array,
-    at_rest: tuple[Array, Array],
+    at_rest: tuple[Bools, Bools],
 ) -> Array:
     """Return the covariance of each rotation, (l, 3, 3) rad², without the coefficients' part."""
     step = fit.observations.duration / fit.observations.samples
