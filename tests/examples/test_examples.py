@@ -132,7 +132,6 @@ def test_six_positions_from_a_table_of_means_agree_with_its_half_sums(examples: 
         "turntable/filter_keys",
         "systematic/imu",
         "magnetometer/nine_axes",
-        "magnetometer/motion",
     ],
 )
 def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: str):

@@ -117,6 +117,12 @@ SLOW = {
     "multi_position": recording(
         "hand_held/simulated.toml", "50 Hz", ("method", "positions", 14), seconds("2 s")
     ),
+    "multi_position with magnetometers": recording(
+        "magnetometer/nine_axes.toml", "50 Hz", ("method", "positions", 14), seconds("2 s")
+    ),
+    "field_and_rates": recording(
+        "magnetometer/motion.toml", "50 Hz", ("method", "positions", 14), seconds("2 s")
+    ),
     "centrifuge_norm": recording("centrifuge/arm_run.toml", "50 Hz", SPINS),
     "dual_orthogonal": recording("dividing_head/pair.toml", "10 Hz", seconds("5 s")),
     "ship_planar": recording(

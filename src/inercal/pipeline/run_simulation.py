@@ -191,6 +191,7 @@ def _stated_labels(run: Run, labels: NDArray[np.str_]) -> NDArray[np.str_]:
 
 def apply_data_columns(run: Run, recording: Recording) -> Recording:
     """Convert a recording to the columns and times that [data] states, for writing to a file."""
+    run = _with_all_axes(run)
     if is_pattern(run.file(run.data.file)):
         raise key_error(
             "[data] file", "a simulation writes one file; give its name without a star", run.path
