@@ -1,5 +1,6 @@
 """Run files for recordings of the generator."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ SECTIONS: dict[str, dict[str, str]] = {
 }
 
 
-def run_file(folder: Path, changes: dict[str, str | None] | None = None) -> Path:
+def run_file(folder: Path, changes: Mapping[str, str | None] | None = None) -> Path:
     """Write a run file with keys changed, such as "bench.field"; None takes a key out.
 
     A section without keys, such as "sensor.magnetometer", is left out as a whole.
@@ -45,12 +46,12 @@ def run_file(folder: Path, changes: dict[str, str | None] | None = None) -> Path
     return path
 
 
-def observed(folder: Path, changes: dict[str, str | None] | None = None) -> Observations:
+def observed(folder: Path, changes: Mapping[str, str | None] | None = None) -> Observations:
     """Return the observations of a run."""
     return inputs(folder, changes).observations
 
 
-def inputs(folder: Path, changes: dict[str, str | None] | None = None) -> Any:
+def inputs(folder: Path, changes: Mapping[str, str | None] | None = None) -> Any:
     """Return the input of the estimator of a run."""
     run = read(run_file(folder, changes))
     return run.kind.observe(run)
