@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.magnetometer.generator import Made, recording, scattered
+from tests.magnetometer.hand_recordings import Made, recording, scattered
 
 from inercal.pipeline.drafts import Draft, draft_run_file
 

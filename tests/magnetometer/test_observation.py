@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from tests.magnetometer.generator import Made, faces, recording, scattered
-from tests.magnetometer.run_files import inputs, observed
+from tests.magnetometer.hand_recordings import Made, faces, recording, scattered
+from tests.magnetometer.hand_run_files import inputs, observed
 
 NO_FIELD = {"sensor.magnetometer": None, "data.magnetometer": None}
 NO_GYROS = {"sensor.gyro": None, "data.gyro": None}

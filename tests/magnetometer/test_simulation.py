@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from tests.magnetometer.run_files import run_file
+from tests.magnetometer.hand_run_files import run_file
 
 from inercal.pipeline import simulate, simulate_files
 from inercal.runfile import read

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.magnetometer.generator import Made, faces, recording, scattered
-from tests.magnetometer.run_files import inputs, run_file
+from tests.magnetometer.hand_recordings import Made, faces, recording, scattered
+from tests.magnetometer.hand_run_files import inputs, run_file
 from tests.refusals import refused
 
 from inercal.benches import Hand
