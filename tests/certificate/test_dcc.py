@@ -26,7 +26,7 @@ from inercal.laboratory.certificate.dcc import dsi_unit, write_dcc
 from inercal.laboratory.certificate.dcc_reading import read_dcc
 from inercal.laboratory.certificate.job import read_job
 from inercal.laboratory.certificate.schema import schema_defects
-from inercal.physics.sensors import SI_UNITS, imu
+from inercal.physics.sensors import SI_UNITS, Sensor, imu, triad
 from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.runfile.job import JobSection
 from inercal.runfile.laboratory_file import LaboratoryFile, read_laboratory
@@ -52,7 +52,7 @@ def job(example: Path) -> JobSection:
 def whole_imu(seed: int = 3) -> Calibration:
     """Return a calibration with every coefficient of the tables, of one axis each, correlated."""
     rng = np.random.default_rng(seed)
-    sensor = imu()
+    sensor = Sensor("nine", (*imu().axes, *triad("field", "m", "m").axes))
     first = {axis.measures: axis.name for axis in reversed(sensor.axes)}
     sensor = sensor.with_coefficients(
         *(f"{first[kind]}.{term.name}" for kind, table in TABLES.items() for term in table)

@@ -103,6 +103,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"systematic/imu.toml"}
     run |= {"bench/packets.toml"}  # by tests/host/packets/test_how_to_page.py
     run |= {"bench/plan.toml", "verdict/left_out.toml"}
+    run |= {"magnetometer/nine_axes.toml", "magnetometer/motion.toml"}
     run |= {"verdict/auto.toml"}  # by tests/runs/test_added_coefficients.py
     run |= {"own_bench/tilt.toml"}  # by tests/benches/test_external_kind.py
     # by tests/runs/test_log_runs.py
@@ -130,6 +131,8 @@ def test_six_positions_from_a_table_of_means_agree_with_its_half_sums(examples: 
         "turntable/two_clocks",
         "turntable/filter_keys",
         "systematic/imu",
+        "magnetometer/nine_axes",
+        "magnetometer/motion",
     ],
 )
 def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: str):

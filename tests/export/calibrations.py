@@ -8,7 +8,7 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.calibration import Calibration, Validity
-from inercal.physics.sensors import G0, Form, Noise, Readout, imu
+from inercal.physics.sensors import G0, Form, Noise, Readout, imu, triad
 
 RANGES = Validity(rate=(-2.0, 2.0), force=(-20.0, 20.0), temperature=(263.15, 333.15))
 COUNTS = (Readout(16384 / G0, 120.0, "LSB"), Readout(131 * 180 / np.pi, -40.0, "LSB"))
@@ -81,3 +81,55 @@ def random_readings(calibration: Calibration, n: int = 10_000, seed: int = 7) ->
     dT = celsius + ZERO_CELSIUS - sensor.reference_temperature
     motion = calibration.correct(output, dT=dT)
     return Readings(output, np.concatenate([motion.f, motion.w], axis=1), celsius)
+
+
+# D, o in T, a field, and what targets without the rotation see: a worked example by hand.
+DISTORTION = np.array([[1.02, 0.03, -0.02], [-0.01, 0.97, 0.04], [0.02, -0.03, 1.05]])
+HARD_IRON = np.array([12e-6, -8e-6, 20e-6])
+FIELD = (-60e-6, 60e-6)
+MICROTESLA = Readout(1e6, 0.0, "uT")
+
+
+def make_magnetometer(
+    *more: str, readout: Readout = MICROTESLA, inertial: bool = False, turn: Array | None = None
+) -> Calibration:
+    """Return magnetometers with D and o, with an IMU if `inertial`, and with D = D turn.
+
+    `more` names temperature terms, with values of 1 % over the range.
+    """
+    sensor = triad("mag", "m", "m", readout)
+    names = tuple(f"m{a}.{name}" for name in ("bias", "scale", "delta_o", "delta_p") for a in "xyz")
+    stated: dict[str, float] = {}
+    if inertial:
+        own = make_calibration()
+        sensor = replace(sensor, axes=own.sensor.axes + sensor.axes)
+        names = (*names, *own.sensor.coefficients)
+        stated = dict(zip(own.sensor.coefficients, own.values.tolist(), strict=True))
+    sensor = sensor.with_coefficients(*names, *(f"m{a}.{name}" for name in more for a in "xyz"))
+    matrix = DISTORTION if turn is None else DISTORTION @ turn
+    for k, a in enumerate("xyz"):
+        stated |= {
+            f"m{a}.bias": HARD_IRON[k],
+            f"m{a}.scale": matrix[k, k] - 1,
+            f"m{a}.delta_o": matrix[k, (k + 1) % 3],
+            f"m{a}.delta_p": -matrix[k, (k + 2) % 3],
+            f"m{a}.bias_dT": (k - 1) * 12e-9,
+            f"m{a}.scale_dT": (k + 1) * 1e-4,
+        }
+    c = np.array([stated[name] for name in sensor.coefficients])
+    u = 1e-6 * sensor.unit_scale
+    return Calibration(sensor, c, np.diag(u**2), validity=RANGES)
+
+
+def magnetometer_readings(calibration: Calibration, n: int = 10_000) -> Readings:
+    """Return random output of all axes and the correction, f, ω and m of the axes that exist."""
+    rng = np.random.default_rng(11)
+    span = {"f": (-20.0, 20.0), "w": (-2.0, 2.0), "m": FIELD}
+    axes = calibration.sensor.axes
+    sensed = np.stack([rng.uniform(*span[axis.measures], n) for axis in axes], axis=1)
+    output = calibration.sensor.to_output(sensed)
+    celsius = rng.uniform(-10.0, 60.0, n)
+    dT = celsius + ZERO_CELSIUS - calibration.sensor.reference_temperature
+    motion = calibration.correct(output, dT=dT)
+    kinds = dict.fromkeys(axis.measures for axis in axes)
+    return Readings(output, np.hstack([getattr(motion, kind) for kind in kinds]), celsius)

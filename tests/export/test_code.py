@@ -12,7 +12,9 @@ from tests.export.calibrations import (
     LINEAR,
     SI,
     Readings,
+    magnetometer_readings,
     make_calibration,
+    make_magnetometer,
     random_readings,
 )
 from tests.export.test_formulas import SETS, SINGLE, stated
@@ -29,7 +31,7 @@ C_MAIN = """#include "{file}"
 #include <stdio.h>
 int main(void)
 {{
-    float reading[6], motion[6], t;
+    float reading[{n}], motion[{n}], t;
     if ({name}_self_test() != 0) return 3;
     while (fread(reading, sizeof reading, 1, stdin) == 1 && fread(&t, sizeof t, 1, stdin) == 1) {{
         {name}_correct(reading, {given} motion);
@@ -42,7 +44,7 @@ FIXED_MAIN = """#include "{file}"
 #include <stdio.h>
 int main(void)
 {{
-    int32_t reading[6], motion[6];
+    int32_t reading[{n}], motion[{n}];
     if ({name}_self_test_fixed() != 0) return 3;
     while (fread(reading, sizeof reading, 1, stdin) == 1) {{
         {name}_correct_fixed(reading, motion);
@@ -64,7 +66,7 @@ CPP_MAIN = """#include "{file}"
 #include <cstdio>
 int main()
 {{
-    double reading[6], motion[6], t;
+    double reading[{n}], motion[{n}], t;
     if ({name}::self_test<double>() != 0 || {name}::self_test<float>() != 0) return 3;
     while (std::fread(reading, sizeof reading, 1, stdin) == 1
            && std::fread(&t, sizeof t, 1, stdin) == 1) {{
@@ -78,7 +80,7 @@ int main()
 
 def built(folder: Path, calibration: Calibration, to: str) -> Path:
     """Return the program that corrects what it reads by the header."""
-    made = export_calibration(calibration, to)
+    made = export_calibration(calibration, to, name="IMU-7")
     header = folder / f"imu{made.target.suffix}"
     header.write_text(made.text, encoding="ascii")
     no_library(made.text)
@@ -93,7 +95,9 @@ def built(folder: Path, calibration: Calibration, to: str) -> Path:
             main.replace("motion);\n", "motion);\n        (void)t;\n") if to != "c_fixed" else main
         )
     source = folder / ("main.c" if compiler == "gcc" else "main.cpp")
-    source.write_text(main.format(file=header.name, name="imu_7", given=given), encoding="ascii")
+    words = {"file": header.name, "name": "imu_7", "given": given}
+    n = len(calibration.sensor.axes)
+    source.write_text(main.format(n=n, **words), encoding="ascii")
     program = folder / "correct"
     command = [compiler, standard, *FLAGS, "-O2", str(source), "-o", str(program)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -110,10 +114,10 @@ def no_library(text: str) -> None:
                      "imu_7_self_test_fixed", "correct", "self_test"}  # fmt: skip
 
 
-def run(program: Path, data: bytes, kind: str) -> Array:
+def run(program: Path, data: bytes, kind: str, n: int = 6) -> Array:
     done = subprocess.run([program], input=data, capture_output=True, check=False)
     assert done.returncode == 0
-    return np.frombuffer(done.stdout, dtype=kind).reshape(-1, 6).astype(float)
+    return np.frombuffer(done.stdout, dtype=kind).reshape(-1, n).astype(float)
 
 
 def rows(seen: Readings, kind: str) -> bytes:
@@ -145,6 +149,29 @@ def test_the_cpp_header_is_exact(tmp_path: Path, terms: str):
     seen = random_readings(calibration)
     found = run(built(tmp_path, calibration, "cpp"), rows(seen, "f8"), "f8")
     np.testing.assert_allclose(found, seen.corrected, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("inertial", [False, True])
+@pytest.mark.parametrize("to", ["c", "cpp"])
+def test_headers_correct_magnetometers(tmp_path: Path, to: str, inertial: bool):
+    calibration = make_magnetometer("bias_dT", "scale_dT", inertial=inertial)
+    seen = magnetometer_readings(calibration)
+    kind = {"c": "f4", "cpp": "f8"}[to]
+    found = run(built(tmp_path, calibration, to), rows(seen, kind), kind, 9 if inertial else 3)
+    limit = {"c": 2 * SINGLE, "cpp": 1e-9}[to] * np.abs(seen.corrected[:, -3:]).max()
+    np.testing.assert_allclose(found[:, -3:], seen.corrected[:, -3:], rtol=0, atol=limit)
+
+
+def test_a_wrong_field_fails_the_self_test(tmp_path: Path):
+    calibration = make_magnetometer()
+    program = built(tmp_path, calibration, "c")
+    header, main = tmp_path / "imu.h", tmp_path / "main.c"
+    offset = re.search(r"offset\[3\] = \{(\S+)f,", header.read_text(encoding="ascii"))
+    assert offset is not None
+    wrong = f"{float(offset[1]) + 0.01}"  # 0.01 µT, the limit is 1 nT
+    header.write_text(header.read_text(encoding="ascii").replace(offset[1], wrong))
+    subprocess.run(["gcc", "-std=c99", str(main), "-o", str(program)], check=True)
+    assert subprocess.run([program], stdin=subprocess.DEVNULL, check=False).returncode == 3
 
 
 def test_integers_err_by_half_a_step_of_the_result(tmp_path: Path):

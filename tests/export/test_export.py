@@ -15,6 +15,7 @@ from tests.export.calibrations import (
     RANGES,
     TEMPERATURE,
     make_calibration,
+    make_magnetometer,
 )
 from tests.program import run_program
 from tests.refusals import refused
@@ -34,7 +35,12 @@ FULL = (*LINEAR, *TEMPERATURE, *NONLINEAR)
 
 @pytest.mark.parametrize("to", list(TARGETS))
 def test_every_file_states_formula_frame_units_source_and_losses(to: str):
-    calibration = make_calibration(*FULL, readouts=COUNTS)
+    inertial = set(TARGETS.find(to).holds) != {"m"}
+    calibration = (
+        make_calibration(*FULL, readouts=COUNTS)
+        if inertial
+        else make_magnetometer("bias_dT", "scale_dT")
+    )
     made = export_calibration(
         calibration, to, options=OPTIONS.get(to), source="a/x.calibration.json"
     )
@@ -45,12 +51,12 @@ def test_every_file_states_formula_frame_units_source_and_losses(to: str):
         "x.calibration.json",
         "formula: ",
         "frame: mount",
-        "m/s^2",
+        "m/s^2" if inertial else "in T",
         "error of this",
     ):
         assert word in header
     assert all(line.isascii() for line in made.header)
-    inside = json.loads(made.text)["comment"] if to == "imucal" else made.text
+    inside = json.loads(made.text)["comment"] if to in ("imucal", "magcal") else made.text
     assert all(line in inside for line in made.header)
     for one in made.losses:
         assert set(one.names) <= set(calibration.sensor.coefficients)

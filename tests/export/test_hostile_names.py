@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from tests.export.calibrations import COUNTS, OPTIONS, make_calibration
+from tests.export.calibrations import COUNTS, OPTIONS, make_calibration, make_magnetometer
 
 from inercal.basics.errors import InputError
 from inercal.basics.visible_text import spreadsheet_cell
@@ -14,7 +14,8 @@ HOSTILE = "\x1b]0;owned\x07\u202e=cmd()"
 
 @pytest.mark.parametrize("to", list(TARGETS))
 def test_no_control_character_of_a_name_is_exported(to: str):
-    calibration = make_calibration(readouts=COUNTS)
+    magnetic = set(TARGETS.find(to).holds) == {"m"}
+    calibration = make_magnetometer() if magnetic else make_calibration(readouts=COUNTS)
     calibration = replace(calibration, sensor=replace(calibration.sensor, name=HOSTILE))
     try:
         text = export_calibration(

@@ -24,6 +24,7 @@ from inercal.calibration.shared_errors import SharedErrors, transform_shared
 from inercal.calibration.temperature_range import checked_temperatures
 from inercal.calibration.validity import Validity
 from inercal.physics.motion import Motion
+from inercal.physics.quantities import Measures
 from inercal.physics.sensors import Form, Sensor
 from inercal.recordings import Recording
 
@@ -191,20 +192,21 @@ class Calibration:
         *,
         f: Array | None = None,
         w: Array | None = None,
+        m: Array | None = None,
         dw: Array | None = None,
         dT: Array | float | None = None,
         dTdt: Array | float | None = None,
         extrapolate: bool = False,
     ) -> CorrectedMotion:
-        """Compute the specific force and the angular rate from readings.
+        """Compute the specific force, the angular rate and the magnetic field from readings.
 
         Parameters
         ----------
         recording : Recording or (..., n, m) array
             Readings in output units; the columns of an array are the sensor's axes in order.
-        f, w : (..., n, 3) arrays, optional
-            Specific force or rate, if the sensor does not measure it, or measures only components
-            (`inercal.physics.sensors.inverse`). By default zero.
+        f, w, m : (..., n, 3) arrays, optional
+            Specific force, rate or magnetic flux density, if the sensor does not measure it, or
+            measures only components (`inercal.physics.sensors.inverse`). By default zero.
         dw : (..., n, 3) array, optional
             Angular acceleration in rad/s², needed if the model includes lever arms. For a
             Recording, it is computed.
@@ -220,9 +222,9 @@ class Calibration:
         Returns
         -------
         CorrectedMotion
-            f in m/s² and ω in rad/s, in the frame of the calibration; zero if there is no such
-            sensor. If the axes of a kind measure only one or two components and the others are not
-            passed, the result has one column for each of these axes, the component along it:
+            f in m/s², ω in rad/s and m in T, in the frame of the calibration; zero if there is no
+            such sensor. If the axes of a kind measure only one or two components and the others are
+            not passed, the result has one column for each of these axes, the component along it:
             (..., n, 1) for one axis. If there are redundant axes, it has their parity residual.
 
         Raises
@@ -238,13 +240,15 @@ class Calibration:
             self.sensor, self.validity, recording, dT, dTdt, extrapolate=extrapolate
         )
         time = recording.time if isinstance(recording, Recording) else None
-        return corrected_motion(self.sensor, y, self.values, {"f": f, "w": w}, dw, dT, dTdt, time)
+        passed: dict[Measures, Array | None] = {"f": f, "w": w, "m": m}
+        return corrected_motion(self.sensor, y, self.values, passed, dw, dT, dTdt, time)
 
     def predict(
         self,
         f: ArrayLike | None = None,
         w: ArrayLike | None = None,
         T: ArrayLike | None = None,
+        m: ArrayLike | None = None,
         *,
         extrapolate: bool = False,
     ) -> "Prediction":
@@ -258,6 +262,8 @@ class Calibration:
             Angular rate in rad/s; zero by default.
         T : (n,) array or float, optional
             Temperature in K; by default the temperature of the calibration.
+        m : (3,) or (n, 3) array, optional
+            Magnetic flux density in T; zero by default.
         extrapolate : bool
             Whether points outside the validity are accepted. U then includes the effects that the
             data cannot show (`inercal.calibration.prediction`).
@@ -277,12 +283,12 @@ class Calibration:
         """
         from inercal.calibration.prediction import predict
 
-        return predict(self, f, w, T, extrapolate=extrapolate)
+        return predict(self, f, w, T, m, extrapolate=extrapolate)
 
     def affine_correction(self) -> tuple[Array, Array]:
         """Return C, (k, m), and o, (m,), in motion = C (output − o) for an affine model.
 
-        `motion` contains f (m/s²) and then ω (rad/s), but only what the sensor measures, as
+        `motion` contains f (m/s²), ω (rad/s) and then m (T), but only what the sensor measures, as
         `correct` returns it.
 
         Raises

@@ -26,8 +26,8 @@ class CorrectedMotion(Motion):
 
     Parameters
     ----------
-    parity : mapping of "f" or "w" to (..., n) array
-        Norm of the parity residual, m/s² or rad/s, only for kinds with redundant axes.
+    parity : mapping of "f", "w" or "m" to (..., n) array
+        Norm of the parity residual, m/s², rad/s or T, only for kinds with redundant axes.
     """
 
     parity: dict[Measures, Array] = field(default_factory=dict["Measures", Array])
@@ -109,7 +109,7 @@ def corrected_motion(
         Readings in SI.
     c : (p,) array
         Coefficients.
-    passed : mapping of "f" and "w" to (..., n, 3) array or None
+    passed : mapping of "f", "w" and "m" to (..., n, 3) array or None
         Motion that the sensor does not measure. If nothing is passed for a kind whose axes measure
         only one or two components, the result has one column per axis, along its input axis.
     dw, dT, dTdt
@@ -120,7 +120,7 @@ def corrected_motion(
     in_part: list[Measures] = [
         kind for kind in KINDS if passed[kind] is None and 0 < sensor.rank(kind) < len("xyz")
     ]
-    f, w = (np.zeros((1, 3)) if kind in in_part else passed[kind] for kind in KINDS)
+    f, w, m = (np.zeros((1, 3)) if kind in in_part else passed[kind] for kind in KINDS)
     if dw is None and sensor.uses("ai", "ap", "ao"):
         if time is None:
             raise InputError(
@@ -128,9 +128,9 @@ def corrected_motion(
                 "Recording, from which it can be computed",
                 key="dw",
             )
-        rough = inverse(sensor, y, c, f=f, w=w, dT=dT, dTdt=dTdt)
+        rough = inverse(sensor, y, c, f=f, w=w, m=m, dT=dT, dTdt=dTdt)
         dw = np.gradient(rough.w, time, axis=-2)
-    motion = inverse(sensor, y, c, f=f, w=w, dw=dw, dT=dT, dTdt=dTdt)
+    motion = inverse(sensor, y, c, f=f, w=w, m=m, dw=dw, dT=dT, dTdt=dTdt)
     parity: dict[Measures, Array] = {}
     rest: Array | None = None
     for kind in KINDS:

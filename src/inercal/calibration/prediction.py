@@ -1,8 +1,8 @@
 """Predict the error of the readings and the uncertainty of their correction at operating points.
 
-At the operating point x = (f, ω, T) the sensor reads y = h(x, c). With the estimated coefficients
-ĉ, the correction returns the x̂ that solves h(x̂, ĉ) = y. To first order, its error is linear in the
-error of the coefficients, so their covariance C gives the uncertainty::
+At the operating point x = (f, ω, m, T) the sensor reads y = h(x, c). With the estimated
+coefficients ĉ, the correction returns the x̂ that solves h(x̂, ĉ) = y. To first order, its error is
+linear in the error of the coefficients, so their covariance C gives the uncertainty::
 
     x̂ − x = J (ĉ − c),    J = −(∂h/∂x)⁺ ∂h/∂c,    cov(x̂) = J C Jᵀ,    U = 2 u
 
@@ -31,23 +31,31 @@ from numpy.typing import ArrayLike
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
-from inercal.basics.units import ZERO_CELSIUS
+from inercal.basics.units import ZERO_CELSIUS, si_factor
 from inercal.calibration import Calibration
 from inercal.calibration.detectability import UndetectableCause, coefficient_definition
 from inercal.calibration.temperature_range import TEMPERATURE_MARGIN
 from inercal.calibration.validity import READING_MARGIN, distance_outside
 from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.magnetic_heading import heading_gradient
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS, QUANTITIES, Measures
-from inercal.physics.sensors import G0, TABLES, Sensor, inverse
+from inercal.physics.sensors import TABLES, Sensor, inverse
 from inercal.physics.sensors.coefficient_words import GROUP_WORDS, coefficient_words
 
 OWN_ERRORS = "noise and errors of this run only"
-SHOWN: Mapping[str, tuple[str, float]] = {"f": ("g", G0), "w": ("°/s", np.pi / 180)}
+SHOWN: Mapping[str, tuple[str, float]] = {
+    kind: (one.reading_unit, si_factor(one.reading_unit)) for kind, one in QUANTITIES.items()
+}
 """Unit in which each quantity is printed, and its size in SI units."""
 # The components of the motion on which terms depend, by the part of an operating point.
-_COMPONENTS = {"f": ("fi", "fp", "fo", "si"), "w": ("wi", "wp", "wo", "swi"), "T": ("dT",)}
-_RANGES = {"f": "force", "w": "rate", "T": "temperature"}  # fields of the validity
+_COMPONENTS = {
+    "f": ("fi", "fp", "fo", "si"),
+    "w": ("wi", "wp", "wo", "swi"),
+    "m": ("mi", "mp", "mo"),
+    "T": ("dT",),
+}
+_RANGES = {"f": "force", "w": "rate", "m": "field", "T": "temperature"}  # fields of the validity
 
 
 class Excess(NamedTuple):
@@ -55,7 +63,7 @@ class Excess(NamedTuple):
 
     Parameters
     ----------
-    part : "f", "w" or "T"
+    part : "f", "w", "m" or "T"
     amount : float
         How far it is outside the range, SI.
     text : str
@@ -73,8 +81,9 @@ class Prediction:
     Parameters
     ----------
     names : tuple of q str
-        "fx", "fy", "fz" and "wx", "wy", "wz", or fewer components (`Sensor.sensed`).
-    measures : tuple of q "f" or "w"
+        "fx", "fy", "fz", "wx", "wy", "wz" and "mx", "my", "mz", or fewer components
+        (`Sensor.sensed`).
+    measures : tuple of q "f", "w" or "m"
     f, w : (n, 3) arrays
         Specific force in m/s² and angular rate in rad/s of each point.
     temperature : (n,) array
@@ -94,6 +103,11 @@ class Prediction:
         The parts of each point that are outside the validity.
     remarks : tuple of str
         What could not be checked, or is not included in U.
+    m : (n, 3) array or None
+        Magnetic flux density of each point, T; None if there are no magnetometers.
+    heading_std : (n,) array or None
+        Standard uncertainty of the magnetic heading at rest, from the corrected f and m, rad; NaN
+        if the point states no f or no horizontal m, and None if the sensor does not measure both.
     """
 
     names: tuple[str, ...]
@@ -109,6 +123,8 @@ class Prediction:
     effects: Mapping[str, Array]
     outside: tuple[tuple[Excess, ...], ...]
     remarks: tuple[str, ...]
+    m: Array | None = None
+    heading_std: Array | None = None
 
     @property
     def expanded(self) -> Array:
@@ -121,6 +137,7 @@ def predict(
     f: ArrayLike | None = None,
     w: ArrayLike | None = None,
     temperature: ArrayLike | None = None,
+    m: ArrayLike | None = None,
     *,
     extrapolate: bool = False,
 ) -> Prediction:
@@ -131,8 +148,8 @@ def predict(
             f"calibration of {sensor.name}: it states no uncertainties, so none can be predicted; "
             "use a calibration that inercal made"
         )
-    force, rate, kelvin = _points(calibration, f, w, temperature)
-    motion = Motion(force, rate, dT=kelvin - sensor.reference_temperature)
+    force, rate, field, kelvin = _points(calibration, f, w, m, temperature)
+    motion = Motion(force, rate, dT=kelvin - sensor.reference_temperature, m=field)
     line = sensor.linearise(motion, c)
     outside = _excesses(calibration, line.reading, kelvin)
     beyond = next((j for j, one in enumerate(outside) if one), None)
@@ -144,10 +161,11 @@ def predict(
             key=outside[beyond][0].part,
         )
     # The result is the point itself, but beyond a fold of the model the correction is refused.
-    inverse(sensor, line.reading, c, f=force, w=rate, dT=motion.dT)
+    inverse(sensor, line.reading, c, f=force, w=rate, m=field, dT=motion.dT)
     names, measures, rows, basis = sensor.sensed
-    true, back = np.concatenate([force, rate], axis=-1), rows @ basis
-    nominal = np.array([np.kron([a.measures == kind for kind in KINDS], a.i) for a in sensor.axes])
+    kinds = KINDS[: sensor.width // 3]
+    true, back = np.concatenate([force, rate, field][: len(kinds)], axis=-1), rows @ basis
+    nominal = np.array([np.kron([a.measures == kind for kind in kinds], a.i) for a in sensor.axes])
     raw = (line.reading - true @ nominal.T) @ (back @ np.linalg.pinv(nominal @ basis)).T
     gain = back @ np.linalg.pinv(line.slope @ basis)
     by = -gain @ line.design
@@ -158,6 +176,7 @@ def predict(
     stated = {
         "force": bool(force.any()),
         "rate": bool(rate.any()),
+        "field": bool(field.any()),
         "temperature": temperature is not None or sensor.uses("dT"),
     }
     is_known = calibration.validity is not None and calibration.validity.temperature is not None
@@ -175,7 +194,20 @@ def predict(
         {name: part * weight for name, part in effects.items()},
         outside,
         (*_unchecked(calibration, stated), *remarks),
+        field if "m" in kinds else None,
+        _heading_std(calibration, force, field, by),
     )
+
+
+def _heading_std(calibration: Calibration, f: Array, m: Array, by: Array) -> Array | None:
+    """Return u of the heading, (n,), from the derivatives of the corrected values, (n, q, p)."""
+    sensor = calibration.sensor
+    if sensor.rank("f") < len("xyz") or sensor.rank("m") < len("xyz"):
+        return None
+    own = [k for k, kind in enumerate(sensor.sensed.measures) if kind in ("f", "m")]
+    g = np.einsum("nq,nqp->np", heading_gradient(f, m), by[:, own])
+    variance = np.einsum("ni,ij,nj->n", g, calibration.covariance, g)
+    return np.sqrt(np.maximum(variance, 0.0))  # rounding may make it negative
 
 
 def calibration_temperature(calibration: Calibration) -> float:
@@ -196,13 +228,17 @@ def _points(
     calibration: Calibration,
     f: ArrayLike | None,
     w: ArrayLike | None,
+    m: ArrayLike | None,
     temperature: ArrayLike | None,
-) -> tuple[Array, Array, Array]:
-    """Return specific force and rate, (n, 3), and temperatures, (n,), of all points."""
+) -> tuple[Array, Array, Array, Array]:
+    """Return force, rate and field, (n, 3), and temperatures, (n,), of all points."""
     sensor = calibration.sensor
     default = calibration_temperature(calibration) if temperature is None else temperature
-    given = {part: np.zeros(3) if one is None else one for part, one in (("f", f), ("w", w))}
-    vectors = {part: np.atleast_2d(np.asarray(one, float)) for part, one in given.items()}
+    given = zip(KINDS, (f, w, m), strict=True)
+    vectors: dict[str, Array] = {
+        part: np.atleast_2d(np.asarray(np.zeros(3) if one is None else one, float))
+        for part, one in given
+    }
     vectors["T"] = np.atleast_1d(np.asarray(default, float))
     count = max(map(len, vectors.values()))
     for part, one in vectors.items():
@@ -217,10 +253,10 @@ def _points(
                 f"coefficients depends on the {QUANTITIES[part].name}; leave out {part}",
                 key=part,
             )
-    force, rate, kelvin = (
+    force, rate, field, kelvin = (
         np.broadcast_to(one, (count, *one.shape[1:])) for one in vectors.values()
     )
-    return force, rate, kelvin
+    return force, rate, field, kelvin
 
 
 def _excesses(
@@ -255,6 +291,7 @@ def _unchecked(calibration: Calibration, stated: Mapping[str, bool]) -> Iterator
     """Yield a sentence for each part of the points that is stated and cannot be checked."""
     ranges = {} if calibration.validity is None else calibration.validity.ranges
     words = {"force": "specific forces", "rate": "rates", "temperature": "temperatures"}
+    words["field"] = "magnetic fields"
     for field, used in stated.items():
         if used and field not in ranges:
             yield f"The calibration does not state the {words[field]} of its data."

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 OPTION_FORM = "OPTION=VALUE"
-_LEAST = 1e-3  # µg and °/h; smaller errors are rounding errors
+_LEAST = 1e-3  # µg, °/h and µT; smaller errors are rounding errors
 SET = typer.Option(
     [],
     "--set",
@@ -49,6 +49,9 @@ FORCE_RANGE = typer.Option(
     help="Range of each accelerometer, such as '-2 2 g' (default: that of the data).",
 )
 RATE_RANGE = typer.Option(None, "--over-rate", help="Range of each gyro, such as '-200 200 deg/s'.")
+FIELD_RANGE = typer.Option(
+    None, "--over-field", help="Range of each magnetometer, such as '-60 60 µT'."
+)
 TEMPERATURE_RANGE = typer.Option(
     None, "--over-temperature", help="Temperature range, such as '-10 60 °C'."
 )
@@ -59,7 +62,8 @@ def run(
     to: str = typer.Option(
         ...,
         help="Target: kalibr, openvins, imu_calib, px4, ardupilot, vectornav, adis, imu_tk, "
-        "imucal, c, c_fixed, cpp, matlab, python, csv, or a target from another package.",
+        "imucal, c, c_fixed, cpp, matlab, python, csv, magcal, ros_magnetometer, fusion, or a "
+        "target from another package.",
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="The file to write (default: RUN.TARGET.SUFFIX or NAME_correct)."
@@ -71,6 +75,7 @@ def run(
     over_force: str | None = FORCE_RANGE,
     over_rate: str | None = RATE_RANGE,
     over_temperature: str | None = TEMPERATURE_RANGE,
+    over_field: str | None = FIELD_RANGE,
     name: str | None = typer.Option(
         None, help="Name in the code and of the file (default: names of the sensor and the run)."
     ),
@@ -96,6 +101,7 @@ def run(
         force=parse_range(over_force, "m/s^2", "--over-force"),
         rate=parse_range(over_rate, "rad/s", "--over-rate"),
         temperature=parse_range(over_temperature, "K", "--over-temperature"),
+        field=parse_range(over_field, "T", "--over-field"),
         source=str(calibration_file),
         name=name or "",
     )
@@ -105,7 +111,8 @@ def run(
     if json:
         print_json({"file": str(path), "target": to, **costs_object(made)})
         return
-    for line in filter(None, (made.unmeasured, *cost_lines(made))):
+    left_out = f"not in this file: {made.left_out}" if made.left_out else ""
+    for line in filter(None, (left_out, made.unmeasured, *cost_lines(made))):
         print(line)
     print(f"wrote {path}")
 
@@ -166,6 +173,7 @@ def costs_object(made: "Export") -> dict[str, Any]:
     """Return the accuracy lost by an export for JSON, in SI units."""
     return {
         "unmeasured": made.unmeasured,
+        "left_out": made.left_out,
         "errors": {
             one.measures: {
                 "max": one.largest,

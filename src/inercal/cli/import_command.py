@@ -15,7 +15,8 @@ def run(
     of: str = typer.Option(
         ...,
         "--from",
-        help="Format: imu_tk, imucal, kalibr, px4, ardupilot, or a format from another package.",
+        help="Format: imu_tk, imucal, kalibr, px4, ardupilot, magcal, ros_magnetometer, or a "
+        "format from another package.",
     ),
     out: Path | None = typer.Option(None, "--out", "-o", help="The calibration file to write."),
     like: Path | None = typer.Option(

@@ -26,10 +26,12 @@ _LEAST_SHARE = 0.005  # smallest share that is printed
 def run(
     calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
     at: list[str] = typer.Option(
-        [], help='A point, such as "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C".'
+        [],
+        help='A point, such as "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"; m is the field.',
     ),
     points: Path | None = typer.Option(
-        None, help="A table of points; its columns are fx \\[g], …, wx \\[°/s], …, T \\[°C]."
+        None,
+        help="A table of points: columns fx \\[g], …, wx \\[°/s], …, mx \\[µT], …, T \\[°C].",
     ),
     sweep: str = typer.Option(
         "", help='A part that varies, such as "fx = -1 g … 1 g"; --at states the other parts.'
@@ -87,7 +89,8 @@ def run(
         report_line(f"warning: {calibration_file} is {verdict.word}")
     if json:
         more = {"expanded": found.expanded.tolist(), "file": None if out is None else str(out)}
-        print_json(record_object(found) | more)
+        parts = {name: one for name, one in record_object(found).items() if one is not None}
+        print_json(parts | more)
         return
     for j in range(len(found.outside) if out is None else 0):
         _print_point(found, j)
@@ -98,6 +101,10 @@ def run(
 
 def _print_point(found: "Prediction", j: int) -> None:
     """Print the quantities of a point, the shares of all causes, and the validity."""
+    from math import isfinite
+
+    from inercal.basics.units import format_quantity
+    from inercal.estimation.uncertainty.coverage import COVERAGE
     from inercal.pipeline.operating_points import point_text, quantity_cells
 
     print_line(point_text(found, j), "bold")
@@ -113,6 +120,9 @@ def _print_point(found: "Prediction", j: int) -> None:
                 shares.append((name, *(cell.replace("-", "−") for cell in percent)))
         shares.append(())
     print_table(("share of u²", *(f">{name}" for name in found.names)), shares)
+    if found.heading_std is not None and isfinite(found.heading_std[j]):
+        heading = format_quantity(COVERAGE * float(found.heading_std[j]), 0.0, "°", 2)
+        print_line(f"Magnetic heading from the corrected f and m: U = {heading} (k = 2).")
     print_lines(f"Outside the validity: {one.text}." for one in found.outside[j])
     if not found.outside[j]:
         print_line("Inside the ranges that the calibration states.")

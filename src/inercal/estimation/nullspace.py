@@ -112,13 +112,13 @@ def _observability(
     null = v[rank:] @ left.T
     directions = _name_null_directions(problem, point.x[0], null)
     directions += [
-        _direction(problem.names, w) for w in row_echelon_form(loose @ (moves @ beside).T)
+        named_direction(problem.names, w) for w in row_echelon_form(loose @ (moves @ beside).T)
     ]
     weakest = None
     if rank:
         weights = v[rank - 1] @ left.T
         weights = weights / weights[np.argmax(np.abs(weights))]
-        weakest = _direction(problem.wanted, np.where(np.abs(weights) > 0.05, weights, 0.0))
+        weakest = named_direction(problem.wanted, np.where(np.abs(weights) > 0.05, weights, 0.0))
     return Observability(rank, singular, tuple(directions), weakest)
 
 
@@ -134,12 +134,12 @@ def _name_null_directions(problem: Problem, x: Array, null: Array) -> list[NullD
         _, cosine, turn = svd(null @ span.T)
         common = turn[: len(cosine)][cosine > 1 - 1e-9] @ span
         if len(common):
-            found = [_direction(problem.wanted, w) for w in row_echelon_form(common)]
+            found = [named_direction(problem.wanted, w) for w in row_echelon_form(common)]
             directions += [NullDirection(d.weights, f"{words}: {d.words}") for d in found]
             # Keep the part of the null space that is orthogonal to the directions named so far.
             null = svd(null - (null @ common.T) @ common, full_matrices=False)[2]
             null = null[: len(null) - len(common)]
-    return directions + [_direction(problem.wanted, w) for w in row_echelon_form(null)]
+    return directions + [named_direction(problem.wanted, w) for w in row_echelon_form(null)]
 
 
 def row_echelon_form(rows: Array) -> Array:
@@ -162,7 +162,7 @@ def row_echelon_form(rows: Array) -> Array:
     return rows[np.argsort([np.flatnonzero(row)[0] for row in rows], kind="stable")]
 
 
-def _direction(names: Sequence[str], weights: Array) -> NullDirection:
+def named_direction(names: Sequence[str], weights: Array) -> NullDirection:
     """Describe a direction in words, using only its largest parameters."""
     chosen = {name: float(w) for name, w in zip(names, weights, strict=True) if w != 0}
     largest = sorted(chosen, key=lambda name: -abs(round(chosen[name], 9)))[:_TERMS]

@@ -8,9 +8,11 @@ lists the targets. A target is a module with `TARGET = Target(...)`
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from inercal.basics.errors import InputError
 from inercal.basics.registry import Registry
@@ -21,7 +23,7 @@ from inercal.export.header import feed_text, header_lines
 from inercal.export.model import export_model
 from inercal.export.ranges import Range, calibrated_ranges
 from inercal.export.target_definition import Request, Target, resolve_options
-from inercal.physics.quantities import QUANTITIES
+from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 
 TARGETS: Registry[Target] = Registry(
     "inercal.exports",
@@ -44,6 +46,9 @@ TARGETS: Registry[Target] = Registry(
             "matlab": "scripts:MATLAB",
             "python": "scripts:PYTHON",
             "csv": "table:TARGET",
+            "magcal": "magnetometers:MAGCAL",
+            "ros_magnetometer": "magnetometers:ROS",
+            "fusion": "magnetometers:FUSION",
         }.items()
     },
 )
@@ -66,6 +71,8 @@ class Export:
         Lines of the explanation in the file.
     unmeasured : str
         Which components the sensor does not measure, and what to feed; "" if there are none.
+    left_out : str
+        Which axes the target has no place for, so that the file leaves them out; "" if none.
     """
 
     target: Target
@@ -74,6 +81,7 @@ class Export:
     losses: tuple[Loss, ...]
     header: tuple[str, ...]
     unmeasured: str
+    left_out: str = ""
 
 
 def export_calibration(
@@ -87,6 +95,7 @@ def export_calibration(
     force: Range | None = None,
     rate: Range | None = None,
     temperature: Range | None = None,
+    field: Range | None = None,
     source: str = "",
     name: str = "",
 ) -> Export:
@@ -104,12 +113,13 @@ def export_calibration(
         front-right-down. The sensor's channels are rotated together with the axes.
     lossless : bool
         Whether to reject an export whose error exceeds U (k = 2) of the calibration, or whose error
-        is unknown because a quantity is not measured or its range is not stated.
+        is unknown because a quantity is not measured or its range is not stated, or which leaves
+        out sensors.
     refit : bool
         Whether scale factors, misalignments and biases are fitted over the range, for a target
         without nonlinear terms. Without `refit` the nonlinear terms are omitted.
-    force, rate, temperature : (float, float), optional
-        Ranges of each axis, m/s², rad/s and K; by default, the ranges of the calibration's data.
+    force, rate, temperature, field : (float, float), optional
+        Ranges of each axis, m/s², rad/s, K and T; by default, the ranges of the calibration's data.
     source : str
         Name of the calibration file, for the explanation in the exported file.
     name : str
@@ -123,7 +133,13 @@ def export_calibration(
     """
     target = TARGETS.find(to)
     resolved = resolve_options(target.name, target.options, options or {})
-    ranges = calibrated_ranges(calibration, force=force, rate=rate, temperature=temperature)
+    whole = calibration
+    calibration, left_out = _for_target(whole, target)
+    if lossless and left_out:
+        raise InputError(f"--lossless: {left_out}; choose another target", key="--lossless")
+    ranges = calibrated_ranges(
+        calibration, force=force, rate=rate, temperature=temperature, field=field
+    )
     model = export_model(calibration, axes)
     samples = sample(model, ranges)
     if refit:
@@ -163,8 +179,45 @@ def export_calibration(
         with_bias=() if biased is None else costs(model, samples, biased),
         source=Path(source).name,
         refitted=refit,
+        left_out=left_out,
+        whole=whole if left_out else None,
     )
-    return Export(target, rendering.write(header), cost, lost, header, feed_text(model, rendering))
+    text, unmeasured = rendering.write(header), feed_text(model, rendering)
+    return Export(target, text, cost, lost, header, unmeasured, left_out)
+
+
+def _for_target(calibration: Calibration, target: Target) -> tuple[Calibration, str]:
+    """Return the part of a calibration that a target has a place for, and say what is left out.
+
+    Accelerometers and gyros are only left out by targets for magnetometers. Other targets return
+    the readings of an accelerometer or a gyro unchanged if they cannot correct it.
+    """
+    sensor = calibration.sensor
+    kinds = {axis.measures for axis in sensor.axes}
+    left = ({"f", "w"} if set(target.holds) == {"m"} else {"m"}).difference(target.holds)
+    kept: list[Measures] = [kind for kind in KINDS if kind in kinds and kind not in left]
+    if len(kept) == len(kinds):
+        return calibration, ""
+    if not kept:
+        fitting = " and ".join(QUANTITIES[kind].sensors for kind in target.holds)
+        raise InputError(
+            f"target {target.name} is for {fitting}, but sensor {sensor.name} has none; choose "
+            "another target",
+            key="--to",
+            names=sensor.channels,
+        )
+    part = sensor.select_axes(*kept)
+    rows = [sensor.coefficients.index(name) for name in part.coefficients]
+    without = ", ".join(axis.name for axis in sensor.axes if axis.measures not in kept)
+    reduced = replace(
+        calibration,
+        sensor=part,
+        values=calibration.values[rows],
+        covariance=calibration.covariance[np.ix_(rows, rows)],
+        shared=None,
+        conformity=None,
+    )
+    return reduced, f"target {target.name} has no place for {without}"
 
 
 def identifier(text: str) -> str:

@@ -22,11 +22,13 @@ from inercal.export.model import ExportModel
 from inercal.export.ranges import Ranges, sample_motions
 from inercal.export.target_definition import Rendering, Target
 from inercal.export.term_kinds import DERIVATIVES, WORDS, kinds_of
+from inercal.physics.frames import exp_so3
 from inercal.physics.motion import Motion
-from inercal.physics.quantities import QUANTITIES, Measures
+from inercal.physics.quantities import KINDS, QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.physics.sensors.basis_functions import Basis
 
+_DIP = np.radians(65.0)  # dip of the field in middle latitudes
 _FLOAT32 = 2.0**-24
 _ROUNDINGS = 16  # rounding errors of a single-precision target, which adds a few products
 
@@ -37,9 +39,9 @@ class Cost:
 
     Parameters
     ----------
-    measures : "f" or "w"
+    measures : "f", "w" or "m"
     largest, rms : float
-        Largest and rms error of a component over the range, m/s² or rad/s.
+        Largest and rms error of a component over the range, m/s², rad/s or T.
     expanded : float
         U (k = 2) of the correction at the point where the error is largest.
     exceeds : bool
@@ -60,13 +62,14 @@ class Loss:
 
     Parameters
     ----------
-    measures : "f" or "w"
+    measures : "f", "w" or "m"
     word : str
         Word for the terms, such as "misalignment".
     names : tuple of str
         Names of the coefficients.
     effect : float
-        Largest effect of the terms on a reading over the range, m/s² or rad/s; NaN if unknown.
+        Largest effect of the terms on a reading over the range, m/s², rad/s or T; NaN if
+        unknown.
     unknown : str
         Reason why the effect is unknown; otherwise empty.
     """
@@ -203,7 +206,23 @@ def losses(
         less[members] = 0.0
         change = complete - sensor.forward(samples.motion, less)
         found.append(Loss(measures, word, names, float(np.abs(change).max())))
+    if rendering.rotation is not None:
+        found.append(_lost_rotation(model, samples, rendering.rotation))
     return tuple(found)
+
+
+def _lost_rotation(model: ExportModel, samples: Samples, rotation: Array) -> Loss:
+    """Return the loss of the rotation Q in D = P Q, as a rotation vector in the target's axes."""
+    lost = np.eye(3) - exp_so3(rotation)
+    effect = float(np.abs(samples.motion.m @ model.turn.T @ lost.T).max())
+    heading = np.degrees(abs(rotation[2]) + np.tan(_DIP) * np.hypot(*rotation[:2]))
+    vector = ", ".join(f"{x:.2f}" for x in np.degrees(rotation))
+    word = (
+        f"rotation between magnetometers and body by the vector ({vector}) deg, up to "
+        f"{heading:.1f} deg of heading of a level sensor at a dip of {np.degrees(_DIP):.0f} deg"
+    )
+    names = model.sensor.select_axes("m").coefficients
+    return Loss("m", word, tuple(name for name in names if ".delta_" in name), effect)
 
 
 def _unmeasured(sensor: Sensor, basis: Basis) -> str:
@@ -220,8 +239,8 @@ def _expanded(model: ExportModel, samples: Samples) -> Array:
     """Return U (k = 2) of the result of `correct` in the target's axes, (n, k)."""
     calibration: Calibration = model.calibration
     kinds = [kind for kind, _ in model.triads]
-    columns = [k for k in range(6) if ("f" if k < 3 else "w") in kinds]
     sensor = calibration.sensor
+    columns = [k for k in range(sensor.width) if KINDS[k // 3] in kinds]
     lines = sensor.linearise(samples.motion, calibration.values)
     n = samples.dT.size
     slope = np.broadcast_to(lines.slope, (n, *lines.slope.shape[-2:]))[..., columns]

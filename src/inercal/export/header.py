@@ -9,11 +9,12 @@ import numpy as np
 
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.basics.visible_text import visible_text
+from inercal.calibration import Calibration
 from inercal.calibration.files import calibration_object
 from inercal.calibration.outdated import OUTDATED
 from inercal.export.cost import Cost, Loss, Samples
 from inercal.export.model import UNMEASURED, ExportModel
-from inercal.export.ranges import Ranges
+from inercal.export.ranges import NAMES, Ranges
 from inercal.export.target_definition import Rendering, Target
 from inercal.physics.quantities import QUANTITIES
 
@@ -48,6 +49,8 @@ def header_lines(
     with_bias: Sequence[Cost] = (),
     source: str = "",
     refitted: bool = False,
+    left_out: str = "",
+    whole: Calibration | None = None,
 ) -> tuple[str, ...]:
     """Return the lines of explanation for a file.
 
@@ -61,9 +64,13 @@ def header_lines(
         Name of the calibration file; empty if there is none.
     refitted : bool
         Whether the linear terms were fitted over the range.
+    left_out : str
+        Which axes this file leaves out.
+    whole : Calibration, optional
+        The calibration with these axes, if it is not that of the model.
     """
     lines = [f"{target.meaning}, by inercal {version('inercal')}"]
-    lines += _source_lines(model, source)
+    lines += _source_lines(whole or model.calibration, source)
     kinds = " and ".join(
         f"{QUANTITIES[k].name} in {QUANTITIES[k].ascii_unit}" for k, _ in model.triads
     )
@@ -73,8 +80,10 @@ def header_lines(
     lines += [f"formula: {text}" for text in rendering.formula]
     if refitted:
         lines.append("the linear terms are a least-squares fit over the range below (refit)")
+    lines += [f"NOT in this file: {left_out}"] if left_out else []
     lines += [_loss_text(one) for one in losses] or [
         "the target includes every coefficient of the calibration"
+        + " of these axes" * bool(left_out)
     ]
     lines.append(_range_text(ranges, model))
     lines += [_cost_text("error of this file", one) for one in costs]
@@ -100,8 +109,7 @@ def header_lines(
     )
 
 
-def _source_lines(model: ExportModel, source: str) -> list[str]:
-    calibration = model.calibration
+def _source_lines(calibration: Calibration, source: str) -> list[str]:
     sha256 = calibration_object(calibration)["sha256"]
     parts = [source or "not saved", f"sha256 {sha256}", f"sensor {calibration.sensor.name}"]
     if calibration.method:
@@ -150,8 +158,9 @@ def _loss_text(one: Loss) -> str:
 def _range_text(ranges: Ranges, model: ExportModel) -> str:
     kinds = {kind for kind, _ in model.triads}
     parts: list[str] = []
-    for kind, name, (low, high) in (("f", "force", ranges.force), ("w", "rate", ranges.rate)):
+    for kind, name in NAMES.items():
         if kind in kinds:
+            low, high = ranges.of(kind)
             word = " (assumed)" if name in ranges.assumed else ""
             parts.append(f"{low:.4g} to {high:.4g} {QUANTITIES[kind].ascii_unit} per axis{word}")
     if ranges.temperature is not None and model.sensor.uses("dT"):

@@ -2,10 +2,11 @@
 
     y = M f + b + Σ b_k ΔT^k              accelerometers, m/s²
     y = G ω + A f + b + Σ b_k ΔT^k        gyros, rad/s
+    y = D m + b + Σ b_k ΔT^k              magnetometers, T
 
 y is a reading in SI, converted with the nominal readout: y = (output − offset)/scale. If a signed
 permutation S converts the body's axes to the target's axes, vectors and channels are rotated
-together: M′ = S M Sᵀ and b′ = S b; G and A transform like M.
+together: M′ = S M Sᵀ and b′ = S b; G, A and D transform like M.
 """
 
 from collections.abc import Sequence
@@ -42,7 +43,7 @@ class Triad:
     matrix : (3, 3) array
         Matrix from the motion to readings.
     bias : (3,) array
-        Bias at the reference temperature, m/s² or rad/s.
+        Bias at the reference temperature, m/s², rad/s or T.
     bias_powers : (k, 3) array
         Coefficients of ΔT, ΔT², …, SI.
     scale, offset : (3,) arrays
@@ -82,7 +83,8 @@ class ExportModel:
     calibration : Calibration
     turn : (3, 3) array
         S, the rotation from body axes to the target's axes.
-    accelerometer, gyro : Triad or None
+    triads : tuple of (Measures, Triad)
+        The available triads: accelerometers, gyros, magnetometers.
     g_sensitivity : (3, 3) array
         A, (rad/s)/(m/s²).
     inputs : list of int
@@ -92,8 +94,7 @@ class ExportModel:
 
     calibration: Calibration
     turn: Array
-    accelerometer: Triad | None
-    gyro: Triad | None
+    triads: tuple[tuple[Measures, Triad], ...]
     g_sensitivity: Array
     inputs: list[int]
 
@@ -102,23 +103,30 @@ class ExportModel:
         """The sensor of the calibration."""
         return self.calibration.sensor
 
-    @cached_property
-    def triads(self) -> tuple[tuple[Measures, Triad], ...]:
-        """The available triads, accelerometers first."""
-        found: list[tuple[Measures, Triad]] = []
-        if self.accelerometer is not None:
-            found.append(("f", self.accelerometer))
-        if self.gyro is not None:
-            found.append(("w", self.gyro))
-        return tuple(found)
+    @property
+    def accelerometer(self) -> Triad | None:
+        """The triad of accelerometers."""
+        return dict(self.triads).get("f")
+
+    @property
+    def gyro(self) -> Triad | None:
+        """The triad of gyros."""
+        return dict(self.triads).get("w")
+
+    @property
+    def magnetometer(self) -> Triad | None:
+        """The triad of magnetometers."""
+        return dict(self.triads).get("m")
 
     @cached_property
     def matrix(self) -> Array:
-        """The matrix [M 0; A G], (n, n), or only M or G if there is one triad."""
-        if self.accelerometer is None or self.gyro is None:
-            return self.triads[0][1].matrix
-        force, rate = self.accelerometer.matrix, self.gyro.matrix
-        return np.block([[force, np.zeros((3, 3))], [self.g_sensitivity, rate]])
+        """The matrix [M 0 0; A G 0; 0 0 D], (n, n), with only the triads that exist."""
+        matrix = np.zeros((3 * len(self.triads), 3 * len(self.triads)))
+        for k, (_, triad) in enumerate(self.triads):
+            matrix[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = triad.matrix
+        if self.accelerometer is not None and self.gyro is not None:
+            matrix[3:6, :3] = self.g_sensitivity
+        return matrix
 
     @cached_property
     def correction(self) -> Array:
@@ -154,9 +162,9 @@ class ExportModel:
         return self.joined("offset") + self.joined("scale") * readings
 
     def motion(self, motion: Motion) -> Array:
-        """Return f and ω in the target's axes, (n, k), but only what the sensor measures."""
-        parts = {"f": motion.f, "w": motion.w}
-        return np.concatenate([parts[kind] @ self.turn.T for kind, _ in self.triads], axis=-1)
+        """Return f, ω and m in the target's axes, (n, k), but only what the sensor measures."""
+        parts = [getattr(motion, kind) @ self.turn.T for kind, _ in self.triads]
+        return np.concatenate(parts, axis=-1)
 
     def require(self, kind: Measures, target: str) -> Triad:
         """Return a triad that the target needs.
@@ -203,9 +211,9 @@ def export_model(
     turn = parse_axes(axes)
     slope, bias = _linear_part(calibration) if refit is None else _fitted(calibration, *refit)
     powers = _bias_powers(calibration)
-    triads: dict[str, Triad] = {}
+    triads: dict[Measures, Triad] = {}
     sensitivity = np.zeros((3, 3))
-    for kind, start in (("f", 0), ("w", 3)):
+    for start, kind in zip((0, 3, 6), KINDS, strict=True):
         rows = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if not rows:
             continue
@@ -225,7 +233,7 @@ def export_model(
             sensitivity = turn @ slope[rows, :3] @ turn.T
     if not triads:
         raise InputError(f"sensor {sensor.name} has no axes", names=sensor.channels)
-    model = ExportModel(calibration, turn, triads.get("f"), triads.get("w"), sensitivity, [])
+    model = ExportModel(calibration, turn, tuple(triads.items()), sensitivity, [])
     inputs = [k for k, name in enumerate(model.channels) if name in own]
     is_turned = not np.array_equal(turn, np.eye(3))
     inputs.sort(key=lambda k: k if is_turned else own.index(model.channels[k]))
@@ -308,30 +316,31 @@ def _kinds(sensor: Sensor) -> Sequence[str]:
 
 
 def _linear_part(calibration: Calibration) -> tuple[Array, Array]:
-    """Return slope (m, 6) and bias (m,) from the linear terms, at the reference temperature."""
+    """Return slope (m, width) and bias (m,) of the linear terms, at the reference temperature."""
     sensor = calibration.sensor
     kept = [kind in LINEAR for kind in _kinds(sensor)]
     c = np.where(kept, calibration.values, 0.0)
     # A linear model has no sign or temperature terms, so differences between the outputs of unit
     # motions are exact.
     sensor = replace(sensor, coefficients=tuple(np.array(sensor.coefficients)[kept].tolist()))
-    sensed = np.concatenate([np.zeros((1, 6)), np.eye(6)])
-    y = sensor.forward(Motion(sensed[:, :3], sensed[:, 3:]), c[kept])
+    sensed = np.eye(sensor.width + 1, 3 * len(KINDS), -1)
+    y = sensor.forward(Motion(sensed[:, :3], sensed[:, 3:6], m=sensed[:, 6:]), c[kept])
     return (y[1:] - y[0]).T, y[0]
 
 
 def _fitted(calibration: Calibration, motion: Motion, readings: Array) -> tuple[Array, Array]:
-    """Return slope (m, 6) and bias (m,) from a least-squares fit that is linear in f and ω."""
-    n = readings.shape[0]
-    sensed = [np.broadcast_to(v, (n, 3)) for v in (motion.f, motion.w)]
+    """Return slope (m, width) and bias (m,) from a least-squares fit that is linear in f, ω, m."""
+    n, width = readings.shape[0], calibration.sensor.width
+    parts = (motion.f, motion.w, motion.m)[: width // 3]
+    sensed = [np.broadcast_to(v, (n, 3)) for v in parts]
     columns = np.concatenate([*sensed, np.ones((n, 1))], axis=1)
-    used = [*np.flatnonzero(np.ptp(columns, axis=0) > 0).tolist(), 6]
-    solution = np.zeros((7, readings.shape[1]))
+    used = [*np.flatnonzero(np.ptp(columns, axis=0) > 0).tolist(), width]
+    solution = np.zeros((width + 1, readings.shape[1]))
     known = _bias_powers(calibration)
     dT = np.broadcast_to(motion.dT, (n,))
     rest = readings - sum((dT[:, None] ** k * line for k, line in enumerate(known, 1)), np.zeros(1))
     solution[used] = np.linalg.lstsq(columns[:, used], rest, rcond=None)[0]
-    return solution[:6].T, solution[6]
+    return solution[:width].T, solution[width]
 
 
 def _bias_powers(calibration: Calibration) -> Array:

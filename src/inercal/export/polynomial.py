@@ -24,12 +24,13 @@ from inercal.export.ranges import sample_motions
 from inercal.export.target_definition import Request
 from inercal.export.term_kinds import DERIVATIVES, LINEAR, kinds_of
 from inercal.physics.motion import Motion
+from inercal.physics.quantities import KINDS
 from inercal.physics.sensors import Sensor
 
 _SETTLED = 1e-10  # largest change between two passes, relative to the range
 _MAX_PASSES = 30
 _PARALLEL = 1e-12
-_COMPONENTS = {"fi": 0, "fp": 1, "fo": 2, "wi": 0, "wp": 1, "wo": 2}
+_COMPONENTS = {kind + axis: k for kind in KINDS for k, axis in enumerate("ipo")}
 
 
 @dataclass(frozen=True)
@@ -124,12 +125,14 @@ def code_model(request: Request) -> CodeModel:
     x = model.motion(motion)
     dT = np.broadcast_to(motion.dT, x.shape[:1])
     y = x @ model.matrix.T + model.joined("bias") + nonlinear(model, x, dT)
-    size = np.abs(x).max()
+    # A field in T is a much smaller number than a force or a rate.
+    field = np.repeat([kind == "m" for kind, _ in model.triads], 3)
+    size = np.array([np.abs(x[:, field == own]).max(initial=0.0) for own in field])
     estimate = (y - model.joined("bias")) @ model.correction.T
     for passes in range(1, _MAX_PASSES + 1):
         extra = nonlinear(model, estimate, dT)
         estimate = (y - model.joined("bias") - extra) @ model.correction.T
-        if np.abs(estimate - x).max() <= _SETTLED * size:
+        if (np.abs(estimate - x) <= _SETTLED * size).all():
             return replace(one, passes=passes)
     raise InputError(
         f"the nonlinear terms of {model.sensor.name} are too large for code with {_MAX_PASSES} "
@@ -142,7 +145,7 @@ def nonlinear(model: ExportModel, x: Array, dT: Array) -> Array:
     """Return n(x, ΔT) for the target's channels at a motion (n, k), in SI, (n, k)."""
     parts = {kind: x[:, 3 * k : 3 * k + 3] @ model.turn for k, (kind, _) in enumerate(model.triads)}
     zero = np.zeros((1, 3))
-    motion = Motion(parts.get("f", zero), parts.get("w", zero), zero, dT)
+    motion = Motion(parts.get("f", zero), parts.get("w", zero), zero, dT, m=parts.get("m", zero))
     sensor, names = model.sensor, _nonlinear_names(model)
     values = np.array(model.calibration.values)
     kinds = [kind for _, kind, _ in kinds_of(sensor)]
@@ -225,7 +228,7 @@ def _directions(model: ExportModel, row: int) -> Array:
     axis = sensor.axes[row]
     frame = axis.frame
     along = frame[0]
-    if sensor.form == "tilted":
+    if sensor.form == "tilted" and axis.measures != "m":
         values = dict(zip(sensor.coefficients, model.calibration.values.tolist(), strict=True))
         tangents = [np.tan(values.get(f"{axis.name}.delta_{k}", 0.0)) for k in "op"]
         along = np.array([1.0, tangents[0], -tangents[1]]) @ frame

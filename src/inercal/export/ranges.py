@@ -1,7 +1,8 @@
 """Ranges over which an export is compared with its calibration, and motions that fill them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
+from typing import Literal
 
 import numpy as np
 
@@ -12,9 +13,12 @@ from inercal.calibration import Calibration
 from inercal.calibration.temperature_range import TEMPERATURE_MARGIN, require_inside
 from inercal.export.model import UNMEASURED
 from inercal.physics.motion import Motion
+from inercal.physics.quantities import KINDS, Measures
 from inercal.physics.sensors import G0
 
 Range = tuple[float, float]
+NAMES: dict[Measures, Literal["force", "rate", "field"]] = {"f": "force", "w": "rate", "m": "field"}
+_FIELD = 65e-6  # the strongest field of the Earth, T
 _SAMPLES = 10_000
 _SEED = 20261
 
@@ -30,12 +34,19 @@ class Ranges:
     temperature : (float, float) or None
         Range of temperature, K; None if the calibration states no range.
     assumed : tuple of str
+    field : (float, float)
+        Range of the magnetic flux density, T.
     """
 
     force: Range
     rate: Range
     temperature: Range | None
     assumed: tuple[str, ...] = ()
+    field: Range = (-_FIELD, _FIELD)
+
+    def of(self, kind: Measures) -> Range:
+        """Return the range of a kind of motion."""
+        return getattr(self, NAMES[kind])
 
 
 def calibrated_ranges(
@@ -44,14 +55,15 @@ def calibrated_ranges(
     force: Range | None = None,
     rate: Range | None = None,
     temperature: Range | None = None,
+    field: Range | None = None,
 ) -> Ranges:
-    """Return the stated ranges, the ranges of the calibration's data, or ±1 g and ±1 rad/s.
+    """Return the stated ranges, those of the calibration's data, or ±1 g, ±1 rad/s and ±65 µT.
 
     Parameters
     ----------
     calibration : Calibration
-    force, rate, temperature : (float, float), optional
-        Stated ranges, m/s², rad/s and K; they replace the ranges of the data.
+    force, rate, temperature, field : (float, float), optional
+        Stated ranges, m/s², rad/s, K and T; they replace the ranges of the data.
 
     Raises
     ------
@@ -60,7 +72,8 @@ def calibrated_ranges(
         the stated temperatures are outside the range of the calibration.
     """
     known = {} if calibration.validity is None else calibration.validity.ranges
-    for name, stated in (("force", force), ("rate", rate), ("temperature", temperature)):
+    given = {"force": force, "rate": rate, "temperature": temperature, "field": field}
+    for name, stated in given.items():
         if stated is not None:
             if not stated[0] < stated[1]:
                 raise InputError(
@@ -78,12 +91,13 @@ def calibrated_ranges(
     kinds = {axis.measures for axis in calibration.sensor.axes}
     # A sensor with only gyros gets no note about an assumed range of specific force, because on a
     # rate table it senses gravity.
-    assumed = [n for n, k in (("force", "f"), ("rate", "w")) if k in kinds and n not in known]
+    assumed = [name for kind, name in NAMES.items() if kind in kinds and name not in known]
     return Ranges(
         known.get("force", (-G0, G0)),
         known.get("rate", (-1.0, 1.0)),
         known.get("temperature"),
         tuple(assumed),
+        known.get("field", (-_FIELD, _FIELD)),
     )
 
 
@@ -95,17 +109,19 @@ def sample_motions(calibration: Calibration, ranges: Ranges) -> Motion:
     sensor = calibration.sensor
     kinds = {axis.measures for axis in sensor.axes}
     still = (0.0, 0.0)
-    sides = [ranges.force if "f" in kinds else still] * 3
-    sides += [ranges.rate if "w" in kinds else still] * 3
+    measured = KINDS[: sensor.width // 3]
+    sides = [ranges.of(kind) if kind in kinds else still for kind in measured for _ in "xyz"]
     span = ranges.temperature if sensor.uses("dT") else None
     reference = sensor.reference_temperature
     sides.append(still if span is None else (span[0] - reference, span[1] - reference))
     low, high = np.array(sides).T
     corners = np.array(list(product(*[sorted({a, b}) for a, b in sides])))
-    random = np.random.default_rng(_SEED).uniform(size=(_SAMPLES, 7)) * (high - low) + low
+    random = np.random.default_rng(_SEED).uniform(size=(_SAMPLES, len(sides))) * (high - low) + low
     points: Array = np.concatenate([corners, random])
-    points[:, :6] *= [f"{UNMEASURED}{k}{x}" not in sensor.channels for k in "fw" for x in "xyz"]
-    return Motion(points[:, :3], points[:, 3:6], np.zeros((1, 3)), points[:, 6])
+    names = [f"{UNMEASURED}{kind}{x}" for kind in measured for x in "xyz"]
+    points[:, :-1] *= [name not in sensor.channels for name in names]
+    motion = Motion(points[:, :3], points[:, 3:6], np.zeros((1, 3)), points[:, -1])
+    return replace(motion, m=points[:, 6:9]) if "m" in measured else motion
 
 
 def temperature_limits(

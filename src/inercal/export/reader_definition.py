@@ -53,11 +53,12 @@ class StatedCalibration:
         Whether the accelerometers' axes define the frame in this program.
     output : bool
         Whether readings are in the sensor's own output units instead of SI.
-    units : (str, str) or None
-        Output units of accelerometers and gyros, if the file states them.
+    units : tuple of str, or None
+        Output units of accelerometers, gyros and magnetometers, if the file states them.
     reference_temperature : float
         Reference temperature, K.
     notes : tuple of str
+    magnetometer : StatedTriad or None
     """
 
     accelerometer: StatedTriad | None
@@ -65,9 +66,10 @@ class StatedCalibration:
     frame: Frame = "mount"
     own_frame: bool = False
     output: bool = False
-    units: tuple[str, str] | None = None
+    units: tuple[str, ...] | None = None
     reference_temperature: float = REFERENCE
     notes: tuple[str, ...] = ()
+    magnetometer: StatedTriad | None = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def parameter_calibration(
     ----------
     program : str
         Name of the program, used in the note.
-    triads : mapping of "f" or "w" to StatedTriad
+    triads : mapping of "f", "w" or "m" to StatedTriad
     references : set of float
         Reference temperatures that the triads state, K.
     parameter : str
@@ -117,5 +119,10 @@ def parameter_calibration(
         triads.get("f"),
         triads.get("w"),
         reference_temperature=next(iter(references), REFERENCE),
-        notes=(f"{program} states no misalignment and no scale factor of gyros",),
+        notes=(
+            *(f"{program} states no misalignment and no scale factor of gyros",)
+            * bool({*triads} - {"m"}),
+            *(f"{program} states no rotation between magnetometers and body",) * ("m" in triads),
+        ),
+        magnetometer=triads.get("m"),
     )

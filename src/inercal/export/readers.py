@@ -30,8 +30,8 @@ from inercal.calibration import Calibration
 from inercal.export.reader_definition import CalibrationReader, StatedCalibration, StatedTriad
 from inercal.export.target_definition import resolve_options
 from inercal.export.term_kinds import temperature_order, term_kind
-from inercal.physics.quantities import QUANTITIES, Measures
-from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, imu
+from inercal.physics.quantities import KINDS, QUANTITIES, Measures
+from inercal.physics.sensors import TABLES, Axis, Readout, Sensor, axes_along
 
 READERS: Registry[CalibrationReader] = Registry(
     "inercal.calibration_readers",
@@ -39,6 +39,10 @@ READERS: Registry[CalibrationReader] = Registry(
     {
         name: f"inercal.export.targets.{name}:READER"
         for name in ("imu_tk", "imucal", "kalibr", "px4", "ardupilot")
+    }
+    | {
+        "magcal": "inercal.export.targets.magnetometers:MAGCAL_READER",
+        "ros_magnetometer": "inercal.export.targets.magnetometers:ROS_READER",
     },
 )
 _LARGEST = 4 << 20  # bytes; the parameters of a flight controller take about 100 kilobytes
@@ -85,7 +89,7 @@ def import_calibration(
     path = Path(path)
     raw = read_small_file(path, f"{reader.meaning} file", _LARGEST)
     try:
-        stated = reader.read(raw.decode("utf-8-sig"), resolved)
+        stated = _for_sensor(reader.read(raw.decode("utf-8-sig"), resolved), like)
         named = name or (path.name.partition(".")[0] if like is None else like.sensor.name)
         calibration = _build_calibration(stated, like, named, of)
     except UnicodeDecodeError:
@@ -104,6 +108,19 @@ def import_calibration(
     return replace(calibration, provenance=provenance, notes=notes)
 
 
+def _for_sensor(stated: StatedCalibration, like: Calibration | None) -> StatedCalibration:
+    """Return a file's statement without magnetometers if only these are not in the sensor.
+
+    All parameters of an autopilot in one file then also suit a sensor without magnetometers.
+    """
+    if stated.magnetometer is None or like is None or like.sensor.rank("m"):
+        return stated
+    if stated.accelerometer is None and stated.gyro is None:
+        return stated
+    note = f"the magnetometers of the file are left out, because {like.sensor.name} has none"
+    return replace(stated, magnetometer=None, notes=(*stated.notes, note))
+
+
 def _build_calibration(
     stated: StatedCalibration, like: Calibration | None, name: str, estimator: str
 ) -> Calibration:
@@ -116,6 +133,7 @@ def _build_calibration(
     triads: tuple[tuple[Measures, StatedTriad | None], ...] = (
         ("f", stated.accelerometer),
         ("w", stated.gyro),
+        ("m", stated.magnetometer),
     )
     for kind, triad in triads:
         if triad is None:
@@ -155,7 +173,7 @@ def _axes(stated: StatedCalibration, like: Calibration | None, kind: Measures) -
 def _nominal_axes(stated: StatedCalibration, kind: Measures) -> list[Axis]:
     """Return axes x, y and z, with readings in the unit that the file uses or in SI."""
     like = QUANTITIES[kind].ascii_unit
-    unit = like if stated.units is None else stated.units["fw".index(kind)]
+    unit = like if stated.units is None else stated.units[KINDS.index(kind)]
     try:
         readout = Readout(1 / si_factor(unit, like=like), 0.0, unit)
     except InputError:
@@ -164,7 +182,8 @@ def _nominal_axes(stated: StatedCalibration, kind: Measures) -> list[Axis]:
             "calibration of the same sensor with --like, which has its nominal readout",
             key="--like",
         ) from None
-    return [replace(axis, readout=readout) for axis in imu().axes if axis.measures == kind]
+    prefix = {"f": "a", "w": "g", "m": "m"}[kind]
+    return list(axes_along("xyz", kind, prefix, readout))
 
 
 def _coefficients(

@@ -158,8 +158,10 @@ class Rendering:
     possible : callable or None
         Function: readings (n, k) in SI -> nearest readings that are whole counts. It is stated if
         the target uses counts.
-    holds : mapping of "f" or "w" to set of TermKind, or None
+    holds : mapping of "f", "w" or "m" to set of TermKind, or None
         The terms in this file, if its options omit some terms that the target can represent.
+    rotation : (3,) array or None
+        Rotation of the magnetometers' matrix that this file omits, as a rotation vector, rad.
     """
 
     correct: Callable[[Array, Array], Array]
@@ -172,6 +174,7 @@ class Rendering:
     measured_only: bool = False
     possible: Callable[[Array], Array] | None = None
     holds: Mapping[str, frozenset[TermKind]] | None = None
+    rotation: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -183,9 +186,9 @@ class Target:
     name, meaning : str
     suffix : str
         Suffix of the file, such as ".params".
-    holds : mapping of "f" or "w" to set of TermKind
-        The terms of accelerometers and gyros that the target can apply; a missing kind of sensor is
-        not supported.
+    holds : mapping of "f", "w" or "m" to set of TermKind
+        The terms of accelerometers, gyros and magnetometers that the target can apply; a missing
+        kind of sensor is not supported.
     render : callable
         Function Request -> Rendering.
     options : tuple of TargetOption

@@ -156,6 +156,14 @@ class Fit(Generic[Bench, Step]):
     environment: Environment | None = None
 
 
+class AddMagnetometers(Protocol[BenchIn, StepIn]):
+    """Adds magnetometers to a fit of accelerometers and gyros."""
+
+    def __call__(self, fit: "Fit[BenchIn, StepIn]", field: Sensor, /) -> "tuple[Estimate, Remarks]":
+        """Return the estimate of all axes, and remarks on the field."""
+        ...
+
+
 class Remarks(NamedTuple):
     """The findings, notes and conditions that a method adds to an estimate.
 
@@ -230,6 +238,9 @@ class Method(MethodBase, Generic[Bench, Step]):
         share.
     final_by_recording : bool
         Whether the final result of a recording comes from a different estimator than the live one.
+    add_magnetometers : callable or None
+        Maps a `Fit` of accelerometers and gyros, and the magnetometers, to the estimate of all axes
+        and remarks on the field; None if the method cannot calibrate magnetometers.
     triads_because : str
         Why the method needs three axes of each kind, as a clause; empty if it takes any number.
     """
@@ -251,6 +262,7 @@ class Method(MethodBase, Generic[Bench, Step]):
     weighs_common_errors: bool = False
     sequential: SequentialEstimator[Bench, Step] | None = None
     final_by_recording: bool = False
+    add_magnetometers: "AddMagnetometers[Bench, Step] | None" = None
     triads_because: str = ""
 
     def prepare(
@@ -369,6 +381,7 @@ METHODS: Registry[Method[Any, Any]] = Registry(
             "six_position",
             "ferraris",
             "multi_position",
+            "field_and_rates",
             "centrifuge_norm",
             "dual_orthogonal",
             "tumble",

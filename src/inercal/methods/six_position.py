@@ -12,6 +12,7 @@ from inercal.benches import Hand
 from inercal.methods import Method
 from inercal.methods.ferraris import classical
 from inercal.methods.hand_likelihood import ml
+from inercal.methods.magnetic_field.stage import add_magnetometers
 from inercal.methods.order_effects import order_remarks
 from inercal.physics.plan import six_positions
 
@@ -34,5 +35,6 @@ METHOD = Method(
     closed_formulas=("classical",),
     weighs_common_errors=True,
     remarks=order_remarks,
+    add_magnetometers=add_magnetometers,
     source="IEEE Std 1293, static multipoint test; Ferraris et al. 1995",
 )

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inercal.basics.arrays import Array
+from inercal.physics.quantities import QUANTITIES, Quantity
 
 FLICKER_FLOOR = float(2 * np.log(2) / np.pi)
 """Allan variance of flicker noise with B = 1; the minimum of its Allan deviation is 0.664 B."""
@@ -90,6 +91,11 @@ def _markov_avar(tau: Array, dt: float, time: float) -> Array:
     return np.where(z < _SMALL_RATIO, series, 2 * direct / safe)
 
 
+def _by_sensor(unit: Callable[[Quantity], str]) -> dict[str, str]:
+    """Return the display unit of a coefficient for each kind of sensor."""
+    return {one.sensor: unit(one) for one in QUANTITIES.values()}
+
+
 TERMS = {
     one.symbol: one
     for one in (
@@ -99,7 +105,7 @@ TERMS = {
             lambda f, dt, _: (2 * np.pi * f) ** 2 * dt,
             lambda tau, dt, _: 3 / tau**2,
             lambda h, dt, _: np.where(h == 1, 3.0, 2.0) / dt**2,
-            {"gyro": "″", "accelerometer": "m/s"},
+            _by_sensor(lambda one: one.integral_unit),
         ),
         NoiseTerm(
             "N",
@@ -107,7 +113,7 @@ TERMS = {
             lambda f, dt, _: np.ones_like(f),
             lambda tau, dt, _: 1 / tau,
             lambda h, dt, _: np.full(np.shape(h), 1 / dt),
-            {"gyro": "°/√h", "accelerometer": "µg/√Hz"},
+            _by_sensor(lambda one: one.noise_unit),
         ),
         NoiseTerm(
             "B",
@@ -115,7 +121,7 @@ TERMS = {
             lambda f, dt, _: 1 / (2 * np.pi * f),
             lambda tau, dt, _: np.full(np.shape(tau), FLICKER_FLOOR),
             _flicker_variogram,
-            {"gyro": "°/h", "accelerometer": "µg"},
+            _by_sensor(lambda one: one.fine_unit),
         ),
         NoiseTerm(
             "K",
@@ -123,7 +129,7 @@ TERMS = {
             lambda f, dt, _: (2 * np.pi * f) ** -2.0,
             lambda tau, dt, _: tau / 3,
             lambda h, dt, _: 0.5 * dt * (h - 1 / 3),
-            {"gyro": "°/h/√s", "accelerometer": "µg/√s"},
+            _by_sensor(lambda one: f"{one.fine_unit}/√s"),
         ),
         NoiseTerm(
             "G",
@@ -131,7 +137,7 @@ TERMS = {
             lambda f, dt, time: 2 * time / (1 + (2 * np.pi * f * time) ** 2),
             _markov_avar,
             _markov_variogram,
-            {"gyro": "°/h", "accelerometer": "µg"},
+            _by_sensor(lambda one: one.fine_unit),
         ),
     )
 }

@@ -27,6 +27,8 @@ class Quantity:
         The SI unit, and its ASCII form for exported files.
     reading_unit, bias_unit, noise_unit : str
         Units of readings, of biases and of white noise in messages and reports.
+    fine_unit, integral_unit : str
+        Units of the bias instability and of the quantisation, which is an error of the integral.
     bias, scale : str
         Short names of the bias and the scale factor in the coefficient table.
     """
@@ -40,6 +42,8 @@ class Quantity:
     reading_unit: str
     bias_unit: str
     noise_unit: str
+    fine_unit: str
+    integral_unit: str
     bias: str
     scale: str
 
@@ -54,6 +58,8 @@ SPECIFIC_FORCE = Quantity(
     reading_unit="g",
     bias_unit="µg",
     noise_unit="µg/√Hz",
+    fine_unit="µg",
+    integral_unit="m/s",
     bias="k0",
     scale="k1",
 )
@@ -67,6 +73,8 @@ ANGULAR_RATE = Quantity(
     reading_unit="°/s",
     bias_unit="°/h",
     noise_unit="°/√h",
+    fine_unit="°/h",
+    integral_unit="″",
     bias="bias",
     scale="scale",
 )
@@ -80,6 +88,8 @@ MAGNETIC_FLUX_DENSITY = Quantity(
     reading_unit="µT",
     bias_unit="µT",
     noise_unit="nT/√Hz",
+    fine_unit="nT",
+    integral_unit="nT·s",
     bias="bias",
     scale="scale",
 )

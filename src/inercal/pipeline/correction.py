@@ -130,7 +130,7 @@ def apply(
             file=run.path,
             key="[data] kind",
         )
-    stated = {axis.name: axis.readout for axis in run.sensor.axes}
+    stated = {axis.name: axis.readout for axis in run.whole_sensor.axes}
     for axis in calibration.sensor.axes:
         here = stated.get(axis.name, axis.readout)
         if here.unit == axis.readout.unit and not np.allclose(
@@ -143,7 +143,7 @@ def apply(
                 file=run.path,
                 names=(axis.name,),
             )
-    recording = load_recording(run)
+    recording = load_recording(replace(run, sensor=run.whole_sensor, magnetometer=None))
     environment = run.environment
     if run.method.follows_rest and environment is not None and environment.lag is not None:
         recording = ahead_of_lag(recording, environment.lag.value)

@@ -1,13 +1,13 @@
 """Operating points from texts, sweeps and tables, and the predictions for them as tables.
 
-A text names the parts of a point: "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C". Parts that are
-missing are zero, and a missing temperature is that of the calibration. A table has the columns fx,
-fy, fz, wx, wy, wz and T, each with its unit in brackets, such as "fx [g]". Missing columns are
-missing parts.
+A text names the parts of a point: "f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"; "m" is the
+magnetic flux density. Parts that are missing are zero, and a missing temperature is that of the
+calibration. A table has the columns fx, fy, fz, wx, wy, wz, mx, my, mz and T, each with its unit in
+brackets, such as "fx [g]". Missing columns are missing parts.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,26 +19,30 @@ from inercal.basics.units import format_number, format_value_and_uncertainty, si
 from inercal.basics.units.expression import ZERO_CELSIUS
 from inercal.calibration import Calibration
 from inercal.calibration.prediction import SHOWN, Prediction, calibration_temperature
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.section_settings import si_value
 from inercal.recordings.io.read import read_table
 
-_LIKE = {"f": "m/s²", "w": "rad/s", "T": "°C"}
-_NAMES = tuple(kind + axis for kind in "fw" for axis in "xyz")
+_LIKE = {kind: one.unit for kind, one in QUANTITIES.items()} | {"T": "°C"}
+_NAMES = tuple(kind + axis for kind in QUANTITIES for axis in "xyz")
 _COLUMN = re.compile(r"(\w+) *(?:\[(.*)\])?")
 _SWEEP = re.compile(r"(\w+) *= *(.+?) *(?:…|\.\.\.?| to ) *(.+)")
+_SHARED_UNIT = re.compile(r"(?:[+\-−]?[\d.]+ *, *)+[+\-−]?[\d.]+ *([^\d.,\s].*)")  # 20, 5, -40 µT
 _STEPS = 201
-_LADDERS = {"f": ("g", "mg", "µg"), "w": ("°/s", "°/h")}
+_LADDERS = {"f": ("g", "mg", "µg"), "w": ("°/s", "°/h"), "m": ("µT", "nT")}
 _EXAMPLE = '"f = 0.5 g, -1 g, 0; w = 0, 0, 30 °/s; T = 40 °C"'
 
 
 Points: TypeAlias = dict[str, Array]
-"""Arguments of `Calibration.predict`: f and w, (n, 3), and T, (n,), in SI; only what is stated."""
+"""Arguments of `Calibration.predict`, in SI: f, w, m, (n, 3), and T, (n,); only what is stated."""
 
 
 def points_from_texts(texts: Sequence[str], calibration: Calibration) -> Points:
     """Return one point for each text.
 
-    Three numbers are components in the frame of the calibration. If a sensor has fewer than three
+    Three numbers are components in the frame of the calibration; those of m may share
+    the unit of the last, as in "m = 20, 5, -40 µT". If a sensor has fewer than three
     axes of a kind, one number for each axis, along its input axis, is also accepted.
 
     Raises
@@ -47,23 +51,28 @@ def points_from_texts(texts: Sequence[str], calibration: Calibration) -> Points:
         A text has another form, or a number that is not zero has no unit.
     """
     found = [_point(text, calibration) for text in texts]
-    default = {"f": np.zeros(3), "w": np.zeros(3), "T": calibration_temperature(calibration)}
+    default = {kind: np.zeros(3) for kind in QUANTITIES}
+    default |= {"T": calibration_temperature(calibration)}
     stated = {kind for one in found for kind in one}
     return {kind: np.array([one.get(kind, default[kind]) for one in found]) for kind in stated}
 
 
 def _point(text: str, calibration: Calibration) -> dict[str, Any]:
-    """Return the parts of a point that a text states, by "f", "w" and "T", SI."""
+    """Return the parts of a point that a text states, by "f", "w", "m" and "T", SI."""
     found: dict[str, Any] = {}
     for part in map(str.strip, text.rstrip("; ").split(";")):
         kind, equals, value = (word.strip() for word in part.partition("="))
         if not (equals and value) or kind not in _LIKE or kind in found:
             raise InputError(
-                f"--at {part!r}: state f, w and T, each at most once, as in {_EXAMPLE}",
+                f"--at {part!r}: state {', '.join(QUANTITIES)} and T, each at most once, as in "
+                f"{_EXAMPLE}",
                 key="--at",
                 names=(kind,),
             )
-        numbers = [_number(word, kind, f"--at {kind}") for word in value.split(",")]
+        words = [word.strip() for word in value.split(",")]
+        if kind == "m" and (shared := _SHARED_UNIT.fullmatch(value)):
+            words = [f"{word} {shared[1]}" for word in words[:-1]] + words[-1:]
+        numbers = [_number(word, kind, f"--at {kind}") for word in words]
         found[kind] = numbers[0] if kind == "T" else _vector(numbers, kind, calibration)
         if kind == "T" and len(numbers) > 1:
             raise InputError(f"--at T = {value!r}: give one temperature", key="--at", names=("T",))
@@ -125,7 +134,7 @@ def points_from_table(path: Path) -> Points:
     zero = np.zeros(next(iter(parts.values())).size)
     points = {
         kind: np.stack([parts.get(kind + axis, zero) for axis in "xyz"], axis=-1)
-        for kind in {name[0] for name in parts} & {"f", "w"}
+        for kind in {name[0] for name in parts} & set(QUANTITIES)
     }
     return points | {name: values for name, values in parts.items() if name == "T"}
 
@@ -172,13 +181,20 @@ def swept_values(name: str, found: Prediction) -> tuple[Array, str]:
     if name == "T":
         return found.temperature - ZERO_CELSIUS, "°C"
     unit, si = SHOWN[name[0]]
-    return (found.f if name[0] == "f" else found.w)[:, "xyz".index(name[1])] / si, unit
+    return dict(_vectors(found))[name[0]][:, "xyz".index(name[1])] / si, unit
+
+
+def _vectors(found: Prediction) -> Iterator[tuple[str, Array]]:
+    """Yield the kinds and vectors of the points, (n, 3), SI."""
+    for kind in QUANTITIES:
+        if (vectors := getattr(found, kind)) is not None:
+            yield kind, vectors
 
 
 def point_text(found: Prediction, j: int) -> str:
     """Return a point as text, without what is zero and not measured."""
     parts: list[str] = []
-    for kind, vectors in (("f", found.f), ("w", found.w)):
+    for kind, vectors in _vectors(found):
         if kind in found.measures or vectors[j].any():
             unit, si = SHOWN[kind]
             parts.append(f"{kind} = ({', '.join(f'{x / si:.6g}' for x in vectors[j])}) {unit}")
@@ -212,7 +228,7 @@ def fitting_unit(kind: str, values: Array) -> tuple[str, float]:
 def prediction_columns(found: Prediction) -> dict[str, Sequence[Any]]:
     """Return a prediction as columns of a table; shares are in percent of the variance."""
     columns: dict[str, Sequence[Any]] = {}
-    for kind, vectors in (("f", found.f), ("w", found.w)):
+    for kind, vectors in _vectors(found):
         unit, si = SHOWN[kind]
         for k, axis in enumerate("xyz"):
             columns[f"{kind}{axis} [{unit}]"] = (vectors[:, k] / si).tolist()
@@ -227,4 +243,6 @@ def prediction_columns(found: Prediction) -> dict[str, Sequence[Any]]:
         for causes in (found.groups, found.bench, found.effects):
             for cause, share in causes.items():
                 columns[f"{name} share of {cause} [%]"] = np.round(100 * share[:, k], 2).tolist()
+    if found.heading_std is not None and np.isfinite(found.heading_std).all():
+        columns["heading U [°]"] = np.degrees(COVERAGE * found.heading_std).tolist()
     return columns

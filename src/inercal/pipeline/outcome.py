@@ -106,7 +106,9 @@ class Outcome(ReportInput):
         """Return the motion that the sensor measures; see `ReportInput.sensed_motion`."""
         seen = self.observations
         dT = seen.temperature_offset(self.sensor.reference_temperature)
-        output = self.sensor.to_output(seen.mean)
+        # Magnetometers are the last axes and are observed apart; they do not act on the others.
+        apart = len(self.sensor.axes) - len(seen.channels)
+        output = self.sensor.to_output(np.pad(seen.mean, ((0, 0), (0, apart))))
         return self.calibration.correct(output, w=w, dw=np.zeros((1, 3)), dT=dT)
 
 

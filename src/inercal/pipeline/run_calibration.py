@@ -147,6 +147,16 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
         noise_dof=estimate.noise_dof if observations.track is not None else observations.dof,
         noise_channels=len(sensor.axes),
     )
+    if run.magnetometer is not None and run.method.add_magnetometers is not None:
+        try:
+            estimate, of_field = run.method.add_magnetometers(
+                replace(fit, estimate=estimate), run.magnetometer
+            )
+        except (InputError, NotObserved) as error:
+            raise error.located(run.path) from None
+        findings += of_field.findings
+        conditions = {**remarks.conditions, **of_field.conditions}
+        remarks = remarks._replace(conditions=conditions)
     return FittedRun(
         stated,
         run,
@@ -188,7 +198,8 @@ def calibrate_run(
     else:
         advisor, additions = _advisor(fitted), ()
     _, run, inputs, thermal, bench, expected, estimate, findings, remarks, generations = fitted
-    sensor, observations, p = run.sensor, inputs.observations, len(run.sensor.coefficients)
+    sensor, observations = run.whole_sensor, inputs.observations
+    p = len(sensor.coefficients)
     conditions = {**run_conditions(run, inputs), **remarks.conditions}
     if run.bench_name:
         conditions["bench"] = run.bench_name
@@ -216,7 +227,7 @@ def calibrate_run(
         "symmetric" if sensor.frame == "symmetric" else run.method.frame(run.bench),
         verdict=judged,
         shared=shared_errors(run, estimate, expected, p),
-        validity=validity(sensor, inputs),
+        validity=validity(run.sensor, inputs),
         job=run.job,
         conformity=None
         if run.specification is None

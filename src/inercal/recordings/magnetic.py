@@ -17,7 +17,7 @@ class MagneticPieces:
     transition : (p,) array of int
         Index of each piece's transition in `Observations.transitions`.
     time : (p,) array
-        Mean time of the samples, s, on the clock of the transitions.
+        Time of the mean attitude, s, on the clock of the transitions.
     mean : (p, m) array
         Mean readings in SI units, after the nominal readout is applied.
     samples : (p,) array of int

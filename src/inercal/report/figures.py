@@ -21,6 +21,8 @@ from inercal.basics.errors import InputError
 from inercal.basics.keys import CoefficientName
 from inercal.estimation import Estimate
 from inercal.physics.plan import Rotation, Turn
+from inercal.physics.quantities import QUANTITIES
+from inercal.physics.sensors.coefficient_tables import BIAS_UNITS
 from inercal.pipeline import Outcome
 from inercal.report import drawing
 from inercal.report.drawing import (
@@ -39,7 +41,10 @@ from inercal.report.drawing import (
     svg,
 )
 
-SENSOR_KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
+SENSOR_KINDS = {
+    kind: (one.sensors.capitalize(), one.bias_unit, BIAS_UNITS[kind][0])
+    for kind, one in QUANTITIES.items()
+}
 # Parts of rows that are not axes, such as "velocity east"
 _ROW_KINDS = {
     "attitude": ("Attitude after turns", "″", np.pi / 648_000),
@@ -55,6 +60,7 @@ _GROUP_UNITS = {
     "m/s": ("mm/s", 1e-3),
     "rad/s": ("°/h", np.pi / 648_000),
     "rad": ("mrad", 1e-3),
+    "T": ("µT", 1e-6),
 }
 _FINE_ANGLE = ("″", np.pi / 648_000)  # for angles below 1 mrad
 _COMPONENTS = {1: ("norm",), 2: ("across 1", "across 2"), 3: ("x", "y", "z")}
@@ -114,7 +120,7 @@ class _ResidualTable(NamedTuple):
 
     rows: Sequence[str]
     parts: Sequence[str]
-    kinds: Sequence[str]  # kind of each part, "f" or "w"
+    kinds: Sequence[str]  # kind of each part, such as "f"
     whitened: Array
     plain: Array
 

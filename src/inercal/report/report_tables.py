@@ -2,19 +2,25 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
+from inercal.basics.arrays import Array
 from inercal.basics.keys import CoefficientName, ErrorName
 from inercal.basics.parameters import Parameter, display_unit
 from inercal.basics.units import format_number, format_value_and_uncertainty
 from inercal.calibration.best_cause import familywise_p_value
 from inercal.calibration.suspect_text import format_component, p_value_text
 from inercal.estimation import Estimate, ScoreTest
+from inercal.estimation.uncertainty import value_and_jacobian
 from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.physics.magnetic_heading import level_attitudes
+from inercal.physics.quantities import QUANTITIES
+from inercal.physics.sensors import G0
+from inercal.physics.soft_iron import field_matrix, split_matrix
 from inercal.pipeline import Outcome
 from inercal.pipeline.outcome import true_coefficients
 
@@ -22,6 +28,7 @@ _MINUS_PATTERN = re.compile(r"(?<![^\s(\[e=,;:|])-(?=[\d.])")
 _MIN_CORRELATION = 0.5  # smallest correlation that is listed
 _MAX_PAIRS = 8
 _MAX_LISTED = 10  # number of candidates shown
+_TILT = 15.0  # °, of the attitudes whose heading is stated
 _KIND_TEXTS = {
     "coefficient": "coefficient, not estimated",
     "bench": "bench error, larger than stated",
@@ -83,7 +90,7 @@ def coefficients(outcome: Outcome, truth: Mapping[str, float] | None) -> list[Ax
     calibration = outcome.calibration
     true = None if truth is None else true_coefficients(calibration, truth)
     groups: list[AxisGroup] = []
-    for kind, title in (("f", "Accelerometers"), ("w", "Gyros")):
+    for kind, quantity in QUANTITIES.items():
         rows = [
             tuple(
                 _coefficient_row(outcome, name, true)
@@ -94,8 +101,9 @@ def coefficients(outcome: Outcome, truth: Mapping[str, float] | None) -> list[Ax
             if axis.measures == kind
         ]
         if any(rows):
+            title = quantity.sensors.capitalize()
             groups.append(AxisGroup(title, tuple(row for row in rows if row)))
-    return groups
+    return groups + _field_groups(outcome)
 
 
 def _coefficient_row(
@@ -104,23 +112,84 @@ def _coefficient_row(
     calibration = outcome.calibration
     line = calibration.sensor.coefficient(name)
     value, sd = calibration.value(name), calibration.uncertainty(name)
-    shown, expanded = format_value_and_uncertainty(value / line.si, COVERAGE * sd / line.si)
-    symbol, _, index = line.symbol.partition("_")
     error = float("nan")
     if true is not None and sd > 0:
         error = (value - true[name]) / sd
+    return _row(name, line.symbol, line.meaning, value / line.si, sd / line.si, line.unit, error)
+
+
+def _row(
+    name: str, symbol: str, meaning: str, value: float, sd: float, unit: str, error: float = np.nan
+) -> CoefficientRow:
+    """Return a row with a value and U = 2 sd, both in `unit`."""
+    shown, expanded = format_value_and_uncertainty(value, COVERAGE * sd)
+    symbol, _, index = symbol.partition("_")
     return CoefficientRow(
         name,
         symbol,
         index,
-        line.meaning,
+        meaning,
         typeset_minus(shown),
         expanded,
-        line.unit,
+        unit,
         abs(value) >= COVERAGE * sd,
         "" if np.isnan(error) else typeset_minus(f"{error:+.2f}"),
         abs(error) > 3,
     )
+
+
+def _field_groups(outcome: Outcome) -> list[AxisGroup]:
+    """Return D, its parts P and Q, and the heading of three magnetometers that are calibrated."""
+    calibration = outcome.calibration
+    sensor = calibration.sensor
+    own = [k for k, axis in enumerate(sensor.axes) if axis.measures == "m"]
+    if len(own) != 3 or sensor.rank("m") < 3 or not sensor.select_axes("m").coefficients:
+        return []
+
+    def parts(c: Array) -> Array:
+        found = split_matrix(field_matrix(sensor, c))
+        shape = found.shape[np.tril_indices(3)]
+        return np.concatenate([found.matrix.ravel(), shape, np.degrees(found.rotation)])
+
+    values, by = value_and_jacobian(parts, calibration.values, calibration.covariance)
+    sd = np.sqrt(np.einsum("ij,jk,ik->i", by, calibration.covariance, by))
+    axes = split_matrix(field_matrix(sensor, calibration.values)).axes
+    signs = {1.0: "", -1.0: "−"}
+    along = ", ".join(
+        f"{sensor.axes[k].name} along {signs[row.sum()]}{'xyz'[int(np.abs(row).argmax())]}"
+        for k, row in zip(own, axes, strict=True)
+    )
+    pairs = [(i, j) for i in range(3) for j in range(i + 1)]
+    names = [("D", sensor.axes[k].name, "xyz"[j], "reading per field", "1")
+             for k in own for j in range(3)]  # fmt: skip
+    names += [("P", sensor.axes[own[i]].name, sensor.axes[own[j]].name,
+               "scale factors and soft iron", "1") for i, j in pairs]  # fmt: skip
+    names += [("R", "rotation", one, f"rotation before the axes {along}", "°") for one in "xyz"]
+    rows = [
+        _row(f"{first}, {second}", f"{symbol}_{second}", meaning, value, u, unit)
+        for (symbol, first, second, meaning, unit), value, u in zip(
+            names, values.tolist(), sd.tolist(), strict=True
+        )
+    ]
+    parts_of_d = (tuple(rows[:9]), tuple(rows[9:15]), tuple(rows[15:]), _heading_rows(outcome))
+    return [AxisGroup("Magnetometers: D = P Q and heading", tuple(filter(None, parts_of_d)))]
+
+
+def _heading_rows(outcome: Outcome) -> tuple[CoefficientRow, ...]:
+    """Return U of the heading with z vertical and with z tilted, in the field of the data."""
+    estimate, rows = outcome.estimate, list[CoefficientRow]()
+    if not {"dip", "strength"} <= {*estimate.names}:
+        return ()
+    dip, strength = (float(estimate.value[estimate.names.index(n)]) for n in ("dip", "strength"))
+    for tilt in (0.0, _TILT):
+        f, m = level_attitudes(np.radians(tilt), dip, strength, G0)
+        std = outcome.calibration.predict(f, m=m, extrapolate=True).heading_std
+        if std is not None:
+            at = f"{tilt:g}° tilt"
+            u = float(np.degrees(np.sqrt(np.mean(std**2))))
+            row = _row(f"heading, {at}", "ψ", "magnetic heading at rest, z up", 0.0, u, "°")
+            rows.append(replace(row, value="", significant=True))
+    return tuple(rows)
 
 
 def bench_tables(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float]]]]:

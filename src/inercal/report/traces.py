@@ -79,9 +79,10 @@ def _draw_signals(
     recording: Recording, sensor: Sensor, marks: Sequence[Mark]
 ) -> tuple[Figure, list[tuple[Axes, list[str]]]]:
     """Return a figure of the signals with shaded sections, and its axes with their channels."""
-    kinds = [kind for kind in SENSOR_KINDS if any(axis.measures == kind for axis in sensor.axes)]
+    shown = [axis for axis in sensor.axes if axis.name in recording.channels]
+    kinds = [kind for kind in SENSOR_KINDS if any(axis.measures == kind for axis in shown)]
     figure, rows = stacked_axes(1.6, len(kinds), recording.duration)
-    channels = [[axis.name for axis in sensor.axes if axis.measures == kind] for kind in kinds]
+    channels = [[axis.name for axis in shown if axis.measures == kind] for kind in kinds]
     for axes, kind, names in zip(rows, kinds, channels, strict=True):
         for k, name in enumerate(names):
             time, y = envelope(recording, recording.channels.index(name))

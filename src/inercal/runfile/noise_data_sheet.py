@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError
 
 from inercal.basics.errors import InputError
 from inercal.basics.small_files import read_toml
-from inercal.noise.channel_noise import QUANTITIES
+from inercal.noise.channel_noise import QUANTITIES, SI_UNIT
 from inercal.noise.data_sheet import (
     BandwidthKind,
     BiasKind,
@@ -30,7 +30,6 @@ from inercal.noise.data_sheet import (
 )
 from inercal.physics.quantities import SensorKind
 from inercal.physics.section_settings import Section, key_error, positive_value
-from inercal.runfile.sensor_builder import READING_UNITS
 from inercal.runfile.validation_errors import schema_error
 
 _Kind = TypeVar("_Kind")
@@ -38,7 +37,7 @@ _Axes = str | tuple[str, str, str]
 
 
 class SheetNoiseSection(Section):
-    """Keys of [datasheet.accelerometer] and [datasheet.gyro]: one value per axis or one for all."""
+    """Keys of [datasheet.accelerometer] and its like: one value per axis or one for all."""
 
     white: _Axes | None = Field(None, examples=["0.008 °/s/√Hz", "60 µg/√Hz"])
     white_kind: WhiteKind | None = Field(None, examples=["density"])
@@ -57,6 +56,7 @@ class DataSheetSection(Section):
     rate: str | None = Field(None, description="of the samples", examples=["200 Hz"])
     accelerometer: SheetNoiseSection | None = None
     gyro: SheetNoiseSection | None = None
+    magnetometer: SheetNoiseSection | None = None
 
 
 class DataSheetFile(Section):
@@ -111,7 +111,7 @@ class _Reader:
         self._quantity: SensorKind = quantity
         self._section = section
         self._rate, self._remarks = rate, remarks
-        self._unit = READING_UNITS[quantity]
+        self._unit = SI_UNIT[quantity]
         self._name = f"[datasheet.{quantity}]"
 
     def coefficients(self) -> tuple[SheetCoefficient, ...]:

@@ -54,8 +54,9 @@ class HandSection(BenchSection):
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
         """Return the keys that have no effect on the result in this use, each with the reason."""
         if use.rest:
-            reason = f"{use.method} compares a rest with itself, whatever its attitude"
-            return dict.fromkeys(type(self).model_fields.keys() - {"kind", "name"}, reason)
+            kept = {"kind", "name", *(("field",) if use.magnetometers else ())}
+            reason = f"{use.method} follows the whole recording and does not depend on it"
+            return dict.fromkeys(type(self).model_fields.keys() - kept, reason)
         found: dict[str, str] = {}
         if not use.magnetometers:
             found = dict.fromkeys(("field", "dip", "hemisphere"), "the sensor has no magnetometers")

@@ -18,6 +18,7 @@ from inercal.recordings import Finding, Mark, Observations, Recording, Track
 from inercal.recordings.data import EstimatorInput, RestsSection, RunBase
 from inercal.recordings.data.face_names import planned_name
 from inercal.recordings.data.recording_loader import (
+    load_magnetometers,
     load_recording,
     number_repeated_names,
     reader_columns,
@@ -51,6 +52,7 @@ from inercal.recordings.segments import (
     transitions_between_rests,
     valid_marks,
 )
+from inercal.recordings.segments.magnetic_means import magnetic_samples
 from inercal.recordings.segments.motion_thresholds import WINDOW
 
 _CHAMBER_PAUSE = 60.0  # s; longer than a fault of a logger
@@ -62,7 +64,8 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
     Raises
     ------
     InputError
-        The data are a table of means, the recording has no temperature, or the audit refuses it.
+        The data are a table of means, the recording has no temperature although coefficients depend
+        on it, or the audit refuses it.
     """
     if run.data.kind == "means":
         raise key_error(
@@ -73,11 +76,11 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
     if run.data.marks != "found":
         raise key_error(
             "[data] marks",
-            f"method {run.method.name} treats the whole recording as one rest; remove marks",
+            f"method {run.method.name} follows the whole recording; remove marks",
             run.path,
         )
     recording, sensor = load_recording(run), run.sensor
-    if recording.temperature is None:
+    if recording.temperature is None and run.whole_sensor.uses("dT"):
         raise key_error(
             "[data] temperature",
             f"is missing: method {run.method.name} needs the sensor's temperature; name its column",
@@ -93,7 +96,12 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
         np.zeros(n, dtype=np.int64),
         recording.temperature,
     )
-    step = run.steps[0]
+    step = run.steps[0] if len(run.steps) == 1 else replace(run.steps[0], label="motion")
+    findings, magnetic = recording.findings, None
+    if run.magnetometer is not None:
+        own = load_magnetometers(run)
+        magnetic = magnetic_samples(own, run.magnetometer)
+        findings += tuple(one for one in own.findings if one not in findings)
     observations = Observations(
         labels=(step.label,),
         mean=reading.mean(axis=0)[None],
@@ -102,11 +110,14 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
         samples=np.array([n]),
         time=np.array([recording.time.mean()]),
         channels=sensor.channels,
-        temperature=np.array([recording.temperature.mean()]),
+        temperature=None
+        if recording.temperature is None
+        else np.array([recording.temperature.mean()]),
         track=track,
+        magnetic=magnetic,
     )
     marks = (Mark(step.label, 0, n),)
-    return EstimatorInput(recording, marks, observations, (step,), (step,), recording.findings)
+    return EstimatorInput(recording, marks, observations, (step,), (step,), findings)
 
 
 def observe(run: RunBase[RestsSection]) -> EstimatorInput:

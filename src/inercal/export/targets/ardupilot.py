@@ -1,14 +1,17 @@
-"""ArduPilot: INS parameters, and INS_TCAL parameters if a bias depends on temperature.
+"""ArduPilot: INS and COMPASS parameters, and INS_TCAL parameters if a bias depends on temperature.
 
     accelerometer   f = SCAL ∘ (raw − [P(T − 35) − P(T_cal − 35)] − OFFS)
     gyro            ω = raw − [P(T − 35) − P(T_cal − 35)] − OFFS
     P(t) = (c₁ t + c₂ t² + c₃ t³) 10⁻⁶, T and T_cal within TMIN … TMAX, °C
+    magnetometer    m = S (SCALE (raw + OFS)), milligauss
 
-OFFS is the bias at T_cal, and SCAL = 1/M_ii. The polynomial about 35 °C follows from the polynomial
-about the reference T_r, Σ a_k (T − T_r)^k, with c_j = 10⁶ Σ_k (k over j) a_k (35 − T_r)^(k−j). This
-module was written from a description of the order of operations in AP_InertialSensor (GPL-3); no
-code was copied. The reader accepts every format of `parameter_files`. The reference temperature
-becomes T_cal, limited to TMIN … TMAX.
+OFS is the bias with the opposite sign, and S is symmetric: DIA is its diagonal, and ODI_X, ODI_Y
+and ODI_Z are its elements 12, 13 and 23. It is P⁻¹ in D = P Q; ArduPilot has no place for the
+rotation Q. OFFS is the bias at T_cal, and SCAL = 1/M_ii. The polynomial about 35 °C follows from
+the polynomial about the reference T_r, Σ a_k (T − T_r)^k, with c_j = 10⁶ Σ_k (k over j) a_k (35 −
+T_r)^(k−j). This module was written from a description of the order of operations in
+AP_InertialSensor (GPL-3); no code was copied. The reader accepts every format of `parameter_files`.
+The reference temperature becomes T_cal, limited to TMIN … TMAX.
 """
 
 from collections.abc import Mapping
@@ -27,16 +30,24 @@ from inercal.export.target_definition import Rendering, Request, Target, TargetO
 from inercal.export.targets import shared
 
 _WORDS = {"f": "ACC", "w": "GYR"}
+_MILLIGAUSS = 1e-7  # T
+# Limits that ArduPilot's own calibration applies (CompassCalibrator.cpp).
+_DIAGONALS, _OFF_DIAGONALS, _LARGEST_OFFSET = (0.2, 5.0), (-1.0, 1.0), 1800.0
 _CENTRE = 35.0  # °C
 _UNIT = 1e-6
 _ORDERS = 3
 _MIN_SPAN = 10.0  # K
 _SMALLEST = 1e-9  # an offset of exactly 0 means "not calibrated"
 _IMU = TargetOption("imu", "number of the IMU, 1 to 3", 1, kind=int)
+_COMPASS = TargetOption("compass", "number of the compass, 1 to 3", 1, kind=int)
 OPTIONS = (
     _IMU,
+    _COMPASS,
     TargetOption("acc_id", "INS_ACC_ID of this board", kind=int),
     TargetOption("gyro_id", "INS_GYR_ID of this board", kind=int),
+    TargetOption("mag_id", "COMPASS_DEV_ID of this board", kind=int),
+    TargetOption("offset_max", "COMPASS_OFFS_MAX of this board, milligauss", _LARGEST_OFFSET),
+    shared.MAX_ROTATION,
     TargetOption("lowest", "INS_TCALn_TMIN, where temperature is corrected, degC"),
     TargetOption("highest", "INS_TCALn_TMAX, where temperature is corrected, degC"),
 )
@@ -72,12 +83,16 @@ def _render(request: Request) -> Rendering:
     model, options = request.model, request.options
     shared.require_aligned(model, "ardupilot")
     imu = options["imu"]
-    if not 1 <= imu <= 3:
-        raise InputError(
-            f"--set imu={imu} is not possible; give 1 to 3", key="--set", names=("imu",)
-        )
+    for name in ("imu", "compass"):
+        if not 1 <= options[name] <= 3:
+            raise InputError(
+                f"--set {name}={options[name]} is not possible; give 1 to 3",
+                key="--set",
+                names=(name,),
+            )
     reference = model.sensor.reference_temperature - ZERO_CELSIUS
-    thermal = any(t.bias_powers.any() for _, t in model.triads)
+    inertial = [(kind, triad) for kind, triad in model.triads if kind != "m"]
+    thermal = any(triad.bias_powers.any() for _, triad in inertial)
     limits, taken = (-np.inf, np.inf), reference
     lines: list[tuple[str, float]] = []
     if thermal:
@@ -94,7 +109,7 @@ def _render(request: Request) -> Rendering:
         lines += [(f"INS_TCAL{imu}_ENABLE", 1)]
         lines += [(f"INS_TCAL{imu}_TMIN", limits[0]), (f"INS_TCAL{imu}_TMAX", limits[1])]
     corrections: dict[str, shared.Correction] = {}
-    for kind, triad in model.triads:
+    for kind, triad in inertial:
         offsets, scales, device, temperature = _parameter_names(kind, imu)
         powers = triad.bias_powers[:_ORDERS]
         about = _shifted(powers, _CENTRE - reference) / _UNIT
@@ -123,32 +138,97 @@ def _render(request: Request) -> Rendering:
             reference=reference,
             centre=_CENTRE,
         )
-    if any(kind == "w" for kind, _ in model.triads):
+    if any(kind == "w" for kind, _ in inertial):
         lines.append(("INS_GYR_CAL", 0))
+    lost: Array | None = None
+    if model.magnetometer is not None:
+        matrix, lost = shared.symmetric_part(
+            model.magnetometer, options["max_rotation"], "ardupilot"
+        )
+        offsets = -model.magnetometer.bias / _MILLIGAUSS
+        lines += _compass_lines(matrix, offsets, options)
+        corrections["m"] = shared.matrix_correction(
+            shared.single(matrix), -shared.single(offsets) * _MILLIGAUSS
+        )
 
     # Device ids have more digits than single precision can represent.
     body = "".join(
         f"{name},{value if isinstance(value, int) else shared.number(float(np.float32(value)))}\n"
         for name, value in lines
     )
-    formula = ["accelerometer: f = SCAL * (raw - thermal - OFFS); gyro: w = raw - thermal - OFFS"]
+    formula, remarks, reads = _inertial_text(options) if inertial else ([], [], "")
     if thermal:
         formula.append(
             "thermal = P(T - 35) - P(CALTEMP - 35), P(t) = 1e-6 (c1 t + c2 t^2 + c3 t^3), "
             "T in degC within TMIN ... TMAX"
         )
+    if model.magnetometer is not None:
+        formula.append(
+            "magnetometer: m = S (SCALE (raw + OFS)), S symmetric: DIA 11 22 33, ODI 12 13 23"
+        )
+        reads = "; ".join(
+            [reads] * bool(reads)
+            + [
+                "readings of the compass in T after AHRS_ORIENTATION and COMPASS_ORIENT, front "
+                "right down; ArduPilot itself computes with milligauss, 1e-7 T"
+            ]
+        )
+        remarks.append("versions that add COMPASS_MOT before the matrix need another compensation")
+    return Rendering(
+        shared.by_triad(model, corrections),
+        shared.with_comments(body),
+        tuple(formula),
+        reads,
+        tuple(remarks),
+        rotation=lost,
+    )
+
+
+def _inertial_text(options: Mapping[str, Any]) -> tuple[list[str], list[str], str]:
+    """Return formula, remarks and input of accelerometers and gyros."""
+    formula = ["accelerometer: f = SCAL * (raw - thermal - OFFS); gyro: w = raw - thermal - OFFS"]
     remarks = ["INS_GYR_CAL 0 keeps the gyro offsets: 1 would measure them again at each boot"]
     if options["acc_id"] is None and options["gyro_id"] is None:
         remarks.append(
             "no device ids were stated (acc_id, gyro_id); make sure that this is the right board"
         )
-    return Rendering(
-        shared.by_triad(model, corrections),
-        shared.with_comments(body),
-        tuple(formula),
-        "readings of the driver in m/s^2 and rad/s, before AHRS_ORIENTATION",
-        tuple(remarks),
-    )
+    return formula, remarks, "readings of the driver in m/s^2 and rad/s, before AHRS_ORIENTATION"
+
+
+def _compass_names(compass: int) -> tuple[str, str, str, str]:
+    """Return the stems of a compass's offset, diagonal and other elements, and its scale."""
+    n = "" if compass == 1 else str(compass)
+    return f"COMPASS_OFS{n}_", f"COMPASS_DIA{n}_", f"COMPASS_ODI{n}_", f"COMPASS_SCALE{n}"
+
+
+def _compass_lines(
+    matrix: Array, offsets: Array, options: Mapping[str, Any]
+) -> list[tuple[str, float]]:
+    """Return the parameters of a compass, for offsets in milligauss.
+
+    Raises
+    ------
+    InputError
+        ArduPilot would not accept them.
+    """
+    compass = options["compass"]
+    ofs, dia, odi, scale = _compass_names(compass)
+    largest = options["offset_max"]
+    lines: list[tuple[str, float]] = []
+    if options["mag_id"] is not None:
+        lines.append((f"COMPASS_DEV_ID{'' if compass == 1 else compass}", options["mag_id"]))
+    for (a, diagonal, off), offset in zip(
+        shared.symmetric_elements(matrix), offsets.tolist(), strict=True
+    ):
+        accepted = {
+            f"{ofs}{a}": (offset, (-largest, largest)),
+            f"{dia}{a}": (diagonal, _DIAGONALS),
+            f"{odi}{a}": (off, _OFF_DIAGONALS),
+        }
+        for name, (value, limits) in accepted.items():
+            shared.require_accepted("ardupilot", name, value, limits)
+            lines.append((name, value))
+    return [*lines, (scale, 1.0)]
 
 
 def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCalibration:
@@ -183,10 +263,20 @@ def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCali
         triads[kind] = reader_definition.StatedTriad(
             scale=1 / scale if kind == "f" else None, bias=bias, bias_powers=powers
         )
+    ofs, dia, odi, factor = _compass_names(options["compass"])
+    if f"{ofs}X" in known:
+        offset, diagonal, off = (
+            np.array([known.get(stem + a, 0.0) for a in "XYZ"]) for stem in (ofs, dia, odi)
+        )
+        # ArduPilot applies no matrix if the diagonal is 0, and no factor if it is 0.
+        diagonal, off = (diagonal, off) if diagonal.any() else (np.ones(3), np.zeros(3))
+        triads["m"] = shared.stated_magnetometer(
+            diagonal, off, -offset * _MILLIGAUSS, "ArduPilot", known.get(factor) or 1.0
+        )
     if not triads:
         raise InputError(
-            f"there are no parameters of IMU {imu}, such as INS_ACCOFFS_X; give parameters of "
-            "ArduPilot, or another --set imu=…"
+            f"there are no parameters of IMU {imu} or compass {options['compass']}, such as "
+            "INS_ACCOFFS_X or COMPASS_OFS_X; give parameters of ArduPilot, or another --set imu=…"
         )
     return reader_definition.parameter_calibration("ArduPilot", triads, references, "CALTEMP")
 
@@ -200,4 +290,6 @@ TARGET = Target(
     OPTIONS,
     temperature_order=_ORDERS,
 )
-READER = reader_definition.CalibrationReader("ardupilot", "ArduPilot parameter", _read, (_IMU,))
+READER = reader_definition.CalibrationReader(
+    "ardupilot", "ArduPilot parameter", _read, (_IMU, _COMPASS)
+)

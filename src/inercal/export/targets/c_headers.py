@@ -17,6 +17,7 @@ from inercal.export.target_definition import Rendering, Request
 from inercal.export.targets.code_text import code_rendering, code_target, motion_comment
 
 _TOLERANCE = 1e-5  # tolerance of the self-test, relative for results above 1
+_FIELD = 1e-4  # T, used instead of 1 for magnetic fields
 # The condition is written in this way because a NaN must also fail.
 _BEYOND_TOLERANCE = (
     "!(motion[i] - expected[i] <= tolerance[i] && expected[i] - motion[i] <= tolerance[i])"
@@ -89,10 +90,11 @@ _CPP = _Language(
 def _render(language: _Language, request: Request) -> Rendering:
     code, number, real = code_model(request), language.number, language.real
     expected = code.correct(request.check_reading, request.check_dT)[0]
+    floor = np.repeat([_FIELD if kind == "m" else 1.0 for kind, _ in code.model.triads], 3)
     arrays = {
         "reading": code.model.outputs(request.check_reading)[0, code.model.inputs],
         "expected": expected,
-        "tolerance": _TOLERANCE * np.maximum(1.0, np.abs(expected)),
+        "tolerance": _TOLERANCE * np.maximum(floor, np.abs(expected)),
     }
     constants = {name: _array_text(values, "    ", number) for name, values in arrays.items()}
     celsius = number(code.reference + float(request.check_dT[0]))
@@ -111,7 +113,9 @@ def _render(language: _Language, request: Request) -> Rendering:
         *_body_lines(code, real, number),
         "}",
         "",
-        "/* Returns 0 if the check above is reproduced to 1e-5. */",
+        "/* Returns 0 if the check above is reproduced to 1e-5"
+        + (", and its field to 1e-9 T" * (code.model.magnetometer is not None))
+        + ". */",
         *(line.format(**words) for line in language.self_test),
         *check_lines(real, constants, call, _BEYOND_TOLERANCE, len(code.model.gain)),
         *(line.format(**words) for line in language.end),

@@ -9,6 +9,7 @@ from inercal.export.polynomial import CodeModel
 from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.targets.shared import output_text
 from inercal.export.term_kinds import TermKind
+from inercal.physics.quantities import KINDS, QUANTITIES
 
 _HELD: frozenset[TermKind] = frozenset(
     {"bias", "scale", "misalignment", "g", "bias_temperature", "polynomial"}
@@ -29,7 +30,7 @@ def code_target(
         name,
         meaning,
         suffix,
-        {"f": _HELD, "w": _HELD},
+        dict.fromkeys(KINDS, _HELD),
         render,
         temperature_order=_MAX_ORDER,
         named_by_function=named_by_function,
@@ -57,8 +58,8 @@ def code_rendering(
 
 def motion_comment(code: CodeModel) -> str:
     """Return a comment that lists the elements of the result."""
-    words = {"f": "specific force x y z (m/s^2)", "w": "angular rate x y z (rad/s)"}
-    return ", then ".join(words[kind] for kind, _ in code.model.triads)
+    quantities = [QUANTITIES[kind] for kind, _ in code.model.triads]
+    return ", then ".join(f"{one.name} x y z ({one.ascii_unit})" for one in quantities)
 
 
 def _formula_lines(code: CodeModel) -> tuple[str, ...]:

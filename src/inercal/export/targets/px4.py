@@ -1,10 +1,13 @@
-"""PX4: parameters for accelerometers, gyros and thermal calibration, to load in QGroundControl.
+"""PX4: parameters for accelerometers, gyros and magnetometers, to load in QGroundControl.
 
     accelerometer   f = SCALE ∘ (raw − thermal − OFF)
     gyro            ω = raw − thermal − OFF
     thermal         X1 Δ + X2 Δ² + X3 Δ³ + X0,  Δ = T − TREF, T within TMIN … TMAX
+    magnetometer    m = S (raw − OFF), gauss
 
-OFF is the bias, and SCALE = 1/M_ii. Source: the classes of src/lib/sensor_calibration and
+OFF is the bias, and SCALE = 1/M_ii. S is symmetric: XSCALE, YSCALE and ZSCALE are its diagonal, and
+XODIAG, YODIAG and ZODIAG its elements 12, 13 and 23. It is P⁻¹ in D = P Q; PX4 has no place for the
+rotation Q. Source: the classes of src/lib/sensor_calibration and
 src/modules/temperature_compensation of PX4-Autopilot (BSD-3), described in words. The reader
 accepts every format of `parameter_files` and adds X0 to the bias.
 """
@@ -14,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.export import reader_definition
@@ -23,17 +27,23 @@ from inercal.export.target_definition import Rendering, Request, Target, TargetO
 from inercal.export.targets import shared
 
 _INTEGER, _REAL = 6, 9  # MAV_PARAM_TYPE
-_NAMES = {"f": ("ACC", "A"), "w": ("GYRO", "G")}
+_NAMES = {"f": ("ACC", "A"), "w": ("GYRO", "G"), "m": ("MAG", "M")}
+_IDS = {"f": "acc_id", "w": "gyro_id", "m": "mag_id"}
+_GAUSS = 1e-4  # T
+_MAG_SCALES = (0.1, 3.0)  # range of CAL_MAGn_XSCALE in its definition
 _ORDERS = 3
 _SETS = 4  # number of thermal parameters
-_INSTANCE = TargetOption("instance", "n of CAL_ACCn and CAL_GYROn", 0, kind=int)
+_INSTANCE = TargetOption("instance", "n of CAL_ACCn, CAL_GYROn and CAL_MAGn", 0, kind=int)
 
 OPTIONS = (
     TargetOption("acc_id", "device id of the accelerometer, CAL_ACCn_ID of this board", kind=int),
     TargetOption("gyro_id", "device id of the gyro, CAL_GYROn_ID of this board", kind=int),
+    TargetOption("mag_id", "device id of the magnetometer, CAL_MAGn_ID of this board", kind=int),
     _INSTANCE,
     TargetOption("priority", "CAL_ACCn_PRIO", 50, kind=int),
     TargetOption("rotation", "CAL_ACCn_ROT; -1 for a sensor on the board", -1, kind=int),
+    TargetOption("mag_rotation", "CAL_MAGn_ROT; -1 for a sensor on the board", -1, kind=int),
+    shared.MAX_ROTATION,
     TargetOption("lowest", "TC_An_TMIN, where temperature is corrected, degC"),
     TargetOption("highest", "TC_An_TMAX, where temperature is corrected, degC"),
 )
@@ -50,18 +60,31 @@ def _render(request: Request) -> Rendering:
     lines: list[tuple[str, float, int]] = []
     corrections: dict[str, shared.Correction] = {}
     limits = (-np.inf, np.inf)
-    if model.sensor.uses("dT") and any(t.bias_powers.any() for _, t in model.triads):
+    lost: Array | None = None
+    thermal_kinds = [t for kind, t in model.triads if kind != "m"]
+    if model.sensor.uses("dT") and any(t.bias_powers.any() for t in thermal_kinds):
         limits = temperature_limits(request.ranges, "px4", options["lowest"], options["highest"])
     reference = model.sensor.reference_temperature - ZERO_CELSIUS
     for kind, triad in model.triads:
         word, letter = _NAMES[kind]
-        device = shared.needed(options, OPTIONS, "acc_id" if kind == "f" else "gyro_id", "px4")
+        device = shared.needed(options, OPTIONS, _IDS[kind], "px4")
         prefix = f"CAL_{word}{n}_"
         lines += [
             (prefix + "ID", device, _INTEGER),
             (prefix + "PRIO", options["priority"], _INTEGER),
-            (prefix + "ROT", options["rotation"], _INTEGER),
+            (prefix + "ROT", options["mag_rotation" if kind == "m" else "rotation"], _INTEGER),
         ]
+        if kind == "m":
+            matrix, lost = shared.symmetric_part(triad, options["max_rotation"], "px4")
+            offset = triad.bias / _GAUSS
+            for (a, scale, off), x in zip(shared.symmetric_elements(matrix), offset, strict=True):
+                shared.require_accepted("px4", f"{prefix}{a}SCALE", scale, _MAG_SCALES)
+                values = {"OFF": x, "SCALE": scale, "ODIAG": off}
+                lines += [(f"{prefix}{a}{word}", value, _REAL) for word, value in values.items()]
+            corrections[kind] = shared.matrix_correction(
+                shared.single(matrix), shared.single(offset) * _GAUSS
+            )
+            continue
         lines += [(f"{prefix}{a}OFF", x, _REAL) for a, x in zip("XYZ", triad.bias, strict=True)]
         scale = 1 / np.diag(triad.matrix) if kind == "f" else np.ones(3)
         if kind == "f":
@@ -90,7 +113,22 @@ def _render(request: Request) -> Rendering:
         f"1\t1\t{name}\t{shared.number(value) if sort == _REAL else int(value)}\t{sort}\n"
         for name, value, sort in lines
     )
-    formula = ["accelerometer: f = SCALE * (raw - thermal - OFF); gyro: w = raw - thermal - OFF"]
+    formula: list[str] = []
+    reads = (
+        "readings of the driver in m/s^2 and rad/s, axes of the sensor before the board's rotation"
+    )
+    if thermal_kinds:
+        formula = [
+            "accelerometer: f = SCALE * (raw - thermal - OFF); gyro: w = raw - thermal - OFF"
+        ]
+    if model.magnetometer is not None:
+        reads = (
+            "readings of the driver, axes of the sensor before the board's rotation, in SI: PX4 "
+            "itself computes with gauss, 1e-4 T"
+        )
+        formula.append(
+            "magnetometer: m = S (raw - OFF), S symmetric: SCALE 11 22 33, ODIAG 12 13 23"
+        )
     if np.isfinite(limits[0]):
         formula.append(
             "thermal = X1 D + X2 D^2 + X3 D^3 + X0, D = T - TREF in K, T within TMIN ... TMAX"
@@ -99,12 +137,13 @@ def _render(request: Request) -> Rendering:
         shared.by_triad(model, corrections),
         shared.with_comments(body),
         tuple(formula),
-        "readings of the driver in m/s^2 and rad/s, axes of the sensor before the board's rotation",
+        reads,
         (
             "PX4 rotates the result by SENS_BOARD_ROT or CAL_*_ROT afterwards; it has no gyro "
             "scale",
             "the ids must be those of this board's sensors, otherwise PX4 ignores the set",
         ),
+        rotation=lost,
     )
 
 
@@ -119,6 +158,10 @@ def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCali
             continue
         bias = np.array([known.get(f"{stem}{a}OFF", 0.0) for a in "XYZ"])
         scale = np.array([known.get(f"{stem}{a}SCALE", 1.0) for a in "XYZ"])
+        if kind == "m":
+            off = np.array([known.get(f"{stem}{a}ODIAG", 0.0) for a in "XYZ"])
+            triads[kind] = shared.stated_magnetometer(scale, off, bias * _GAUSS, "PX4")
+            continue
         if (scale == 0).any():
             raise InputError(f"{stem}XSCALE … ZSCALE contain a 0, but they must be near 1")
         powers = np.zeros((0, 3))
@@ -136,8 +179,8 @@ def _read(text: str, options: Mapping[str, Any]) -> reader_definition.StatedCali
         )
     if not triads:
         raise InputError(
-            f"there are no parameters CAL_ACC{n}_XOFF or CAL_GYRO{n}_XOFF; give parameters of "
-            "PX4, or another --set instance=…"
+            f"there are no parameters CAL_ACC{n}_XOFF, CAL_GYRO{n}_XOFF or CAL_MAG{n}_XOFF; give "
+            "parameters of PX4, or another --set instance=…"
         )
     return reader_definition.parameter_calibration("PX4", triads, references, "TREF")
 

@@ -122,6 +122,15 @@ def _render_matlab(request: Request) -> Rendering:
             + ", ".join(map(number, bias))
             + "]"
         )
+    field = code.model.magnetometer
+    if complete and not code.passes and field is not None:
+        rows = f"{len(code.model.gain) - 2}:{len(code.model.gain)}"
+        offset = code.model.zero[-3:]
+        remarks.append(
+            f"for (m - b)*A of magcal (Navigation Toolbox): A = {number(field.scale[0])} * "
+            f"C({rows},{rows})', b = [{', '.join(map(number, offset))}]; expmfs is then the field "
+            f"in {field.unit}"
+        )
     return code_rendering(code, write, remarks=remarks)
 
 

@@ -8,8 +8,10 @@ import numpy as np
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.export.model import ExportModel, Triad
+from inercal.export.reader_definition import StatedTriad
 from inercal.export.target_definition import TargetOption
 from inercal.export.term_kinds import TermKind
+from inercal.physics import frames
 
 MATRIX: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment"})
 MATRIX_AND_G: frozenset[TermKind] = frozenset({*MATRIX, "g"})
@@ -17,7 +19,15 @@ MATRIX_AND_G: frozenset[TermKind] = frozenset({*MATRIX, "g"})
 PARAMETERS: dict[str, frozenset[TermKind]] = {
     "f": frozenset({"bias", "scale", "bias_temperature"}),
     "w": frozenset({"bias", "bias_temperature"}),
+    "m": MATRIX,  # only the symmetric part; `symmetric_part` states the rotation
 }
+MAX_ROTATION = TargetOption(
+    "max_rotation",
+    "largest rotation of magnetometers that the file may omit, such as '5 deg'",
+    np.radians(5.0),
+    like="deg",
+)
+_NO_ROTATION = 1e-9  # rad
 Correction = Callable[[Array, Array], Array]
 _LARGEST_OFF_DIAGONAL = 0.5
 
@@ -56,6 +66,28 @@ def written(values: Array, digits: int = 9) -> Array:
 def single(values: Array | float) -> Array:
     """Return numbers rounded to single precision."""
     return np.asarray(values, dtype=np.float32).astype(float)
+
+
+def require_accepted(target: str, name: str, value: float, limits: tuple[float, float]) -> None:
+    """Raise an error if an autopilot would not accept a parameter of a magnetometer.
+
+    Raises
+    ------
+    InputError
+        The value is not between the limits.
+    """
+    low, high = limits
+    if not low < value < high:
+        raise InputError(
+            f"{target}: {name} would be {value:.4g}, but it must be between {low:g} and {high:g}; "
+            "check the nominal readout of the magnetometers in [sensor]",
+            names=(name,),
+        )
+
+
+def inverse(matrix: Array) -> Array:
+    """Return the inverse of a matrix."""
+    return np.asarray(np.linalg.inv(matrix), dtype=float)
 
 
 def comments(lines: Sequence[str], mark: str) -> str:
@@ -128,6 +160,75 @@ def by_triad(model: ExportModel, corrections: Mapping[str, Correction]) -> Corre
 def matrix_correction(matrix: Array, bias: Array) -> Correction:
     """Return the correction function x = C (y − b)."""
     return lambda y, dT: (y - bias) @ matrix.T
+
+
+def symmetric_part(triad: Triad, largest: float, target: str) -> tuple[Array, Array | None]:
+    """Return P⁻¹, (3, 3), and the rotation vector of Q or None, in D = P Q of magnetometers.
+
+    Parameters
+    ----------
+    triad : Triad
+    largest : float
+        Largest angle of Q that the file may omit, rad.
+    target : str
+
+    Raises
+    ------
+    InputError
+        The angle is larger.
+    """
+    symmetric, turn = frames.decompose_symmetric(triad.matrix)
+    rotation = frames.log_so3(turn)
+    angle = float(np.linalg.norm(rotation))
+    if angle > largest:
+        raise InputError(
+            f"{target} has a symmetric matrix for magnetometers, so it would omit a rotation of "
+            f"{np.degrees(angle):.2f}° between magnetometers and body, and the limit is "
+            f"{np.degrees(largest):g}°; choose a target with a full matrix, or accept the error "
+            f"with --set 'max_rotation={np.ceil(np.degrees(angle)):g} deg'",
+            key="--set",
+            names=("max_rotation",),
+        )
+    return inverse(symmetric), rotation if angle > _NO_ROTATION else None
+
+
+def symmetric_elements(matrix: Array) -> list[tuple[str, float, float]]:
+    """Return X, Y and Z, each with a diagonal element and an element off the diagonal.
+
+    The elements off the diagonal are 12, 13 and 23, for PX4 and for ArduPilot.
+    """
+    off = matrix[[0, 0, 1], [1, 2, 2]].tolist()
+    return list(zip("XYZ", np.diag(matrix).tolist(), off, strict=True))
+
+
+def stated_magnetometer(
+    diagonal: Array, off: Array, bias: Array, autopilot: str, scale: float = 1.0
+) -> StatedTriad:
+    """Return magnetometers whose parameters are those of `symmetric_elements`.
+
+    Parameters
+    ----------
+    diagonal, off : (3,) arrays
+    bias : (3,) array
+        Reading without a field, T.
+    autopilot : str
+    scale : float
+        Factor of the matrix.
+
+    Raises
+    ------
+    InputError
+        The matrix is not positive definite.
+    """
+    matrix = np.diag(diagonal)
+    matrix[[0, 0, 1, 1, 2, 2], [1, 2, 2, 0, 0, 1]] = off[[0, 1, 2, 0, 1, 2]]
+    matrix = matrix * scale
+    if np.linalg.eigvalsh(matrix)[0] <= 0:
+        raise InputError(
+            f"the matrix of the magnetometers of {autopilot} is not positive definite, so it is no "
+            "calibration; give parameters of a compass that was calibrated"
+        )
+    return StatedTriad(matrix=inverse(matrix), bias=bias)
 
 
 def parameter_correction(

@@ -47,5 +47,5 @@ def _render(request: Request) -> Rendering:
     )
 
 
-TARGET = Target("csv", "CSV of the correction and of the coefficients", ".csv",
-                {"f": shared.MATRIX, "w": shared.MATRIX_AND_G}, _render)  # fmt: skip
+_HOLDS = {"f": shared.MATRIX, "w": shared.MATRIX_AND_G, "m": shared.MATRIX}
+TARGET = Target("csv", "CSV of the correction and of the coefficients", ".csv", _HOLDS, _render)

@@ -46,6 +46,7 @@ _WORDS = {
     "time": r"\second",
     "angle": r"\radian",
     "temperature": r"\kelvin",
+    "magnetic flux density": r"\tesla",
 }
 
 

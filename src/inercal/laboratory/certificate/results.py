@@ -37,7 +37,7 @@ from inercal.physics.sensors.coefficient_selection import select_coefficients
 Status = Literal["", "beforeAdjustment", "afterAdjustment"]
 _COMPONENTS = {
     **{f"{letter}{axis}": f"{symbol}_{axis.upper()}"
-       for letter, symbol in (("f", "f"), ("w", "ω"), ("a", "α")) for axis in "ipo"},
+       for letter, symbol in (("f", "f"), ("w", "ω"), ("a", "α"), ("m", "m")) for axis in "ipo"},
     "si": "sgn(f_I)",
     "swi": "sgn(ω_I)",
     "dT": "ΔT",

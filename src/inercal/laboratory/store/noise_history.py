@@ -21,6 +21,7 @@ from inercal.laboratory.store.insertions import EntryAuthor, enter_axes, insert_
 from inercal.laboratory.store.register_tables import entry_columns, metadata, sensor
 from inercal.noise import NoiseAnalysis, NoiseCoefficient
 from inercal.noise.analysis_object import analysis_object
+from inercal.physics.quantities import QUANTITIES
 
 noise_analysis = sa.Table(
     "noise_analysis",
@@ -51,7 +52,7 @@ noise_coefficient = sa.Table(
 )
 
 
-_MEASURES = {"gyro": "w", "accelerometer": "f"}
+_MEASURES = {one.sensor: one.symbol for one in QUANTITIES.values()}
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rota
 
 # pyright: reportMissingTypeStubs=false
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,7 @@ from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
+from inercal.methods.magnetic_field.stage import add_magnetometers
 from inercal.methods.multi_position import stages
 from inercal.methods.multi_position.attitude_coverage import (
     GeometryErrors,
@@ -48,6 +50,7 @@ from inercal.methods.multi_position.attitude_coverage import (
     next_attitudes,
     require_coverage,
 )
+from inercal.methods.multi_position.rest_links import rest_links
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.observability import require_observed
@@ -314,10 +317,14 @@ METHOD = Method(
     },
     needs=("f",),
     plan=hand_held_plan,
-    estimators={"joint": joint, "sequential": sequential},
+    estimators={
+        "joint": joint,
+        "sequential": sequential,
+    },
     source="Skog and Händel, IMEKO 2006; Tedaldi, Pretto, Menegatti, ICRA 2014",
     unknown_attitudes=True,
     frame=triangular_frame,  # the accelerometers' own frame, because there is no mounting
     remarks=_remarks,
+    add_magnetometers=partial(add_magnetometers, links=rest_links),
     triads_because="the attitudes are unknown, and only the norm of gravity is known",
 )

@@ -110,6 +110,12 @@ class Sensor:
         names = tuple(c for c in self.coefficients if CoefficientName(c).axis in kept)
         return replace(self, axes=axes, coefficients=names)
 
+    def beside(self, other: "Sensor") -> "Sensor":
+        """Return a sensor with the axes and coefficients of another one after its own."""
+        return replace(
+            self, axes=self.axes + other.axes, coefficients=self.coefficients + other.coefficients
+        )
+
     def input_axes(self, measures: Measures) -> Array:
         """Return the directions of the axes of a kind in the sensor's frame, (m, 3)."""
         return np.array([a.i for a in self.axes if a.measures == measures]).reshape(-1, 3)

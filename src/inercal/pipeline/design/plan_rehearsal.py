@@ -1,6 +1,6 @@
 """Expected uncertainties of a hand-held plan, from simulations of the plan."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -13,16 +13,20 @@ from inercal.basics.errors import InputError
 from inercal.basics.parallel import Executor, SerialExecutor, in_order
 from inercal.benches.kind_definition import Simulate
 from inercal.estimation import Estimate, Gaussian
+from inercal.methods import AddMagnetometers, Fit
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
 from inercal.physics.plan import Hold, Step
+from inercal.physics.quantities import QUANTITIES
 from inercal.physics.sensors import Sensor
 from inercal.pipeline import read_out
-from inercal.recordings import Mark, Recording
+from inercal.recordings import Mark, Observations, Recording
+from inercal.recordings.magnetic import MagneticReadings
 from inercal.recordings.segments import (
     average_sections,
     marks_from_labels,
     transitions_between_rests,
 )
+from inercal.recordings.segments.magnetic_means import average_magnetometers, average_pieces
 from inercal.runfile import Run
 
 SESSIONS = 5
@@ -80,7 +84,14 @@ def rehearse_plan(
             f"the plan of method {run.method.name} is fixed; use method multi_position",
             key="[method] name",
         )
-    refuse_temperature_terms_in_plan(run.sensor)
+    sensor = run.whole_sensor
+    if run.method.follows_rest:
+        raise InputError(
+            f"method {run.method.name} follows any motion and has no plan; turn the sensor slowly "
+            "about all of its axes for a minute or two",
+            key="[method] name",
+        )
+    refuse_temperature_terms_in_plan(sensor)
     if run.rate_hz is None:
         raise InputError(
             f'{run.path}: [data] rate is missing; add it for the simulation, such as rate = "100 '
@@ -88,22 +99,23 @@ def rehearse_plan(
             file=run.path,
             key="[data] rate",
         )
-    for axis in run.sensor.axes:
+    for axis in sensor.axes:
         if not axis.noise.white:
-            key = f"[sensor.{'accelerometer' if axis.measures == 'f' else 'gyro'}] white"
+            key = f"[sensor.{QUANTITIES[axis.measures].sensor}] white"
             raise InputError(
                 f"{run.path}: {key} is missing; add it for the simulation", file=run.path, key=key
             )
     rehearsal = _Rehearsal(
         run.kind.simulate, run.bench, run.steps, run.kind.steps, run.sensor, run.priors,
-        run.method.estimator(run.estimator), run.rate_hz,
+        run.method.estimator(run.estimator), run.rate_hz, run.magnetometer,
+        run.method.add_magnetometers,
     )  # fmt: skip
     executor = executor or SerialExecutor()
     for seed in range(sessions):
         executor.submit(rehearsal, seed)
     found: list[_Session] = list(in_order(executor))
     std = np.median([one.std for one in found], axis=0)
-    return RehearsalResult(run.steps, run.sensor, std, found[-1].seconds)
+    return RehearsalResult(run.steps, sensor, std, found[-1].seconds)
 
 
 class _Session(NamedTuple):
@@ -125,6 +137,8 @@ class _Rehearsal:
     priors: tuple[Gaussian, ...]
     estimator: Callable[..., Estimate]
     rate_hz: float
+    magnetometer: Sensor | None = None
+    add_magnetometers: AddMagnetometers[Any, Any] | None = None
 
     def __call__(self, seed: int) -> _Session:
         recording = self._recording(np.random.default_rng(seed))
@@ -135,20 +149,35 @@ class _Rehearsal:
             turns = transitions_between_rests(recording, self.sensor, marks)
             seen = replace(seen, transitions=turns)
         estimate = self.estimator(seen, self.sensor, self.bench, self.steps, self.priors)
-        return _Session(estimate.std[: len(self.sensor.coefficients)], recording.duration)
+        count = len(self.sensor.coefficients)
+        if self.magnetometer is not None and self.add_magnetometers is not None:
+            seen = replace(seen, magnetic=self._magnetic(self.magnetometer, recording, marks, seen))
+            fit = Fit("", self.sensor, self.bench, seen, self.steps, self.priors, estimate)
+            estimate, _ = self.add_magnetometers(fit, self.magnetometer)
+            count += len(self.magnetometer.coefficients)
+        return _Session(estimate.std[:count], recording.duration)
+
+    def _magnetic(
+        self, own: Sensor, recording: Recording, marks: Sequence[Mark], seen: Observations
+    ) -> MagneticReadings:
+        spans = [(recording.time[m.start], recording.time[m.stop - 1]) for m in marks]
+        found, _ = average_magnetometers(recording, own, spans, [m.label for m in marks])
+        if seen.transitions is None:
+            return found
+        return replace(found, pieces=average_pieces(recording, own, seen.transitions, self.sensor))
 
     def _recording(self, rng: np.random.Generator) -> Recording:
         steps = [step for step in self.steps if isinstance(step, self.simulated_steps)]
-        done = self.simulate(
-            self.bench, steps, self.rate_hz, rng, 1, self.sensor, True
-        ).simulated_motion
-        c = np.zeros(len(self.sensor.coefficients))
-        data = read_out(self.sensor, done.motion, c, self.rate_hz, rng)[0]
-        units = tuple(axis.readout.unit for axis in self.sensor.axes)
+        own = self.magnetometer
+        sensor = self.sensor if own is None else self.sensor.beside(own)
+        done = self.simulate(self.bench, steps, self.rate_hz, rng, 1, sensor, True).simulated_motion
+        c = np.zeros(len(sensor.coefficients))
+        data = read_out(sensor, done.motion, c, self.rate_hz, rng)[0]
+        units = tuple(axis.readout.unit for axis in sensor.axes)
         return Recording(
             done.time,
             data,
-            self.sensor.channels,
+            sensor.channels,
             units,
             done.labels,
             source="the planned recording",

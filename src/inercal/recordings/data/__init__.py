@@ -209,7 +209,7 @@ class MethodBase:
     unknown_attitudes : bool
         Whether the attitudes are free, so that rests are detected and labelled without a plan.
     follows_rest : bool
-        Whether the whole recording is a single rest that the estimator follows sample by sample.
+        Whether the estimator follows the whole recording sample by sample, as a single section.
     without_angles : bool
         Whether the method uses no turntable angles; rests and turns are then found from the gyros.
     sequential : callable or None
@@ -271,14 +271,7 @@ class RunBase(Generic[D]):
     @property
     def whole_sensor(self) -> Sensor:
         """The sensor with all of its axes and coefficients, magnetometers last."""
-        one, other = self.sensor, self.magnetometer
-        if other is None:
-            return one
-        return replace(
-            one,
-            axes=one.axes + other.axes,
-            coefficients=one.coefficients + other.coefficients,
-        )
+        return self.sensor if self.magnetometer is None else self.sensor.beside(self.magnetometer)
 
     @property
     def steps(self) -> tuple[Step, ...]:

@@ -23,29 +23,31 @@ READBACK = "readback"  # key in `DataSection.further_files` for the file with th
 
 
 def load_recording(run: RunBase[DataSection]) -> Recording:
-    """Read and audit the run's recording of accelerometers and gyros.
+    """Read and audit the run's recording.
+
+    Without a stated full scale, no range of a magnetometer is looked for, because the repeated
+    values of a slow one look like the end of a range.
 
     Raises
     ------
     InputError
         The file cannot be read, or the audit refuses it.
     """
-    return _load(run, range_limits(run.sensor))
+    unlimited = dict.fromkeys(run.sensor.select_axes("m").channels, (-inf, inf))
+    return _load(run, unlimited | range_limits(run.sensor))
 
 
 def load_magnetometers(run: RunBase[DataSection]) -> Recording:
     """Read and audit the run's recording of the magnetometers, as a recording of its own.
 
-    The audit then treats the other axes as if there were no magnetometers. Without a stated full
-    scale, no range is looked for, because repeated values look like the end of a range.
+    The audit then treats the other axes as if there were no magnetometers.
 
     Raises
     ------
     InputError
         See `load_recording`.
     """
-    run = of_magnetometers(run)
-    return _load(run, dict.fromkeys(run.sensor.channels, (-inf, inf)) | range_limits(run.sensor))
+    return load_recording(of_magnetometers(run))
 
 
 def of_magnetometers(run: RunBase[DataSection]) -> RunBase[DataSection]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
+from inercal.basics.units import format_count
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Finding, Recording, Transitions
 from inercal.recordings.magnetic import MagneticPieces, MagneticReadings
@@ -21,6 +22,7 @@ from inercal.recordings.segments.attitudes import range_findings
 PIECE = 0.2  # s
 _TURNED = np.radians(2.5)  # the mean over a larger angle is shorter than the field, by 3e-4
 _FRESH = 2  # fewest values in a rest
+_FEWEST = 20  # fewest values in a recording without rests
 _COARSE = 0.6  # of a step; less noise does not average the rounding out
 
 
@@ -95,7 +97,8 @@ def average_pieces(
 ) -> MagneticPieces:
     """Return the means over pieces of 0.2 s of the motion between rests.
 
-    If the sensor turns fast, a piece contains only the values within 2.5° of its middle.
+    If the sensor turns fast, a piece contains only the values within 2.5° of its middle. Its time
+    is that of its mean attitude, which is not the mean time if the rate changes.
 
     Parameters
     ----------
@@ -114,20 +117,54 @@ def average_pieces(
     step = 0.5 * (rate[1:] + rate[:-1]) * np.diff(moves.time)
     turned = np.interp(time, moves.time, np.concatenate([[0.0], np.cumsum(step)]))
     found: list[tuple[int, Indices]] = []
+    times: list[float] = []
     for k, (left, reached) in enumerate(zip(moves.left, moves.reached, strict=True)):
         start, stop = moves.time[left], moves.time[reached]
         own = np.flatnonzero((time > start) & (time < stop))
         piece = ((time[own] - start) / PIECE).astype(np.int64)
         for one in np.split(own, np.flatnonzero(np.diff(piece)) + 1) if own.size else ():
             near = np.abs(turned[one] - turned[one[one.size // 2]]) <= _TURNED
-            found.append((k, new[one[near]]))
+            used = one[near]
+            found.append((k, new[used]))
+            times.append(float(np.interp(turned[used].mean(), turned[used], time[used])))
     kelvin = recording.temperature
     return MagneticPieces(
         transition=np.array([k for k, _ in found], dtype=np.int64),
-        time=np.array([recording.time[rows].mean() for _, rows in found]),
+        time=np.array(times),
         mean=np.array([y[rows].mean(axis=0) for _, rows in found]).reshape(-1, y.shape[1]),
         samples=np.array([rows.size for _, rows in found], dtype=np.int64),
         temperature=None if kelvin is None else np.array([kelvin[r].mean() for _, r in found]),
+    )
+
+
+def magnetic_samples(recording: Recording, sensor: Sensor) -> MagneticReadings:
+    """Return the new values of a whole recording as pieces of one motion, without rests."""
+    y = sensor.to_si(recording.data[:, [recording.channels.index(n) for n in sensor.channels]])
+    new, m = np.flatnonzero(fresh_rows(y)), len(sensor.axes)
+    if new.size < _FEWEST:
+        raise InputError(
+            f"{recording.source}: the magnetometers have {format_count(new.size, 'new value')}; at "
+            f"least {_FEWEST} are needed",
+            file=recording.source,
+            names=sensor.channels,
+        )
+    none = np.zeros(0)
+    whole, kelvin = np.zeros(new.size, dtype=np.int64), recording.temperature
+    return MagneticReadings(
+        channels=sensor.channels,
+        rest=whole[:0],
+        mean=np.zeros((0, m)),
+        covariance=np.zeros((0, m, m)),
+        time=none,
+        samples=none,
+        noise=np.zeros((m, m)),
+        pieces=MagneticPieces(
+            whole,
+            recording.time[new],
+            y[new],
+            np.ones_like(whole),
+            None if kelvin is None else kelvin[new],
+        ),
     )
 
 

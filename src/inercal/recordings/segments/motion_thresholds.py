@@ -28,14 +28,13 @@ with a heavy tremor after a rest on a table. Three rules make Otsu's criterion m
 
 from dataclasses import dataclass
 from math import exp, log, sqrt
-from typing import get_args
 
 import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_number
-from inercal.physics.quantities import QUANTITIES, Measures
+from inercal.physics.quantities import ANGULAR_RATE, QUANTITIES, SPECIFIC_FORCE, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording, sample_count
 
@@ -90,7 +89,7 @@ class WeightedAxes:
 
 
 def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
-    """Return the kinds of axes that the sensor has.
+    """Return the accelerometers and gyros that the sensor has.
 
     Raises
     ------
@@ -104,7 +103,7 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
             "in each trial separately"
         )
     found: list[WeightedAxes] = []
-    for kind in get_args(Measures):
+    for kind in (SPECIFIC_FORCE.symbol, ANGULAR_RATE.symbol):
         axes = sensor.select_axes(kind).axes
         if axes:
             columns = np.array([recording.channels.index(axis.name) for axis in axes])

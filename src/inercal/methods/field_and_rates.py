@@ -1,0 +1,259 @@
+"""Magnetometers in continuous motion, from the field and the gyros, without rests.
+
+The field is constant in space and the gyros give the rotation between samples. Together they
+determine the three axes and offsets of the magnetometer in the frame of the gyros, and the gyros'
+biases. The accelerometers are not used, so the vertical stays unknown and there is no dip.
+
+The samples of the magnetometer at nodes along the motion are compared (`magnetic_field`), and the
+gyros' rate is integrated from node to node. The rotation of a link changes with the gyros'
+coefficients c and with the delay τ of the magnetometer (ψ in the frame of the later node)::
+
+    ψ = Σ C ∂ω̂/∂c Δt,        ψ = (Cᵀ ω_before − ω_after) τ,        ψ = −R_afterᵀ ω_e T
+
+A coefficient without a prior has a wide one. The direction of the earth's rate ω_e is unknown, and
+so is the attitude R at first. The links are therefore integrated again with the estimate.
+
+Source: Wu et al., "Dynamic magnetometer calibration and alignment to inertial sensors by Kalman
+filtering", IEEE Trans. Control Systems Technology 26 (2018) 716.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array, Indices
+from inercal.basics.errors import InputError, NotObserved
+from inercal.benches import Hand
+from inercal.estimation import Estimate
+from inercal.estimation.lazy_value import LazyValue
+from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
+from inercal.methods.magnetic_field import (
+    Directions,
+    FieldConditions,
+    FieldFit,
+    FieldNodes,
+    Links,
+    fit_field,
+)
+from inercal.methods.magnetic_field.stage import (
+    DELAY,
+    DELAY_SD,
+    field_group,
+    field_remarks,
+    inhomogeneity_note,
+    linear_model,
+    temperature_offsets,
+    tests_of_field,
+)
+from inercal.methods.multi_position.attitude_coverage import hand_held_plan
+from inercal.physics.earth import EARTH_RATE
+from inercal.physics.frames import exp_so3
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor, inverse
+from inercal.recordings import Observations, Track
+
+_MOST_NODES = 1500
+_WIDE_BIAS = np.radians(20.0)  # rad/s
+_ROUNDS = 3
+_DIFFERENCE = np.sqrt(20.0)  # sd of a third difference of white noise with sd 1
+_NORMAL = 1.4826  # sd divided by the median of |x| of a normal distribution
+
+
+class _Rotations(NamedTuple):
+    """The rotation from each node to the next."""
+
+    matrix: Array  # (l, 3, 3), from the frame of the later node to that of the earlier one
+    by_coefficient: Array  # (l, 3, q), in the frame of the later node
+    seconds: Array  # (l,), sum of the squared steps, s²
+    rate: Array  # (nodes, 3), corrected, rad/s
+
+
+def prior(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Hand,
+    steps: Sequence[Any],
+    priors: Priors = (),
+) -> Estimate:
+    """Return what is known of the gyros before the recording, which `add_magnetometers` refines.
+
+    A bias is assumed to be within 40 °/s, a scale-factor error within 20 %, unless priors state
+    more.
+    """
+    names = sensor.coefficients
+    mean = np.zeros(len(names))
+    covariance = np.diag(
+        [
+            _WIDE_BIAS**2 if n.endswith(".bias") else sensor.coefficient(n).largest ** 2
+            for n in names
+        ]
+    )
+    for one in priors:
+        at = [names.index(name) for name in one.names]
+        mean[at], covariance[np.ix_(at, at)] = one.mean, one.covariance
+    return Estimate.from_closed_form(names, mean, covariance, 1 / np.sqrt(np.diag(covariance)))
+
+
+def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Remarks]:
+    """Return the magnetometers' coefficients, the gyros' and the delay, and remarks on the field.
+
+    Raises
+    ------
+    InputError
+        There are fewer than three gyros or magnetometers, or the field is not the same everywhere.
+    NotObserved
+        The motion does not determine all coefficients.
+    """
+    gyros, track = fit.sensor, fit.observations.track
+    seen = None if fit.observations.magnetic is None else fit.observations.magnetic.pieces
+    if gyros.rank("w") < len("xyz"):
+        raise InputError(
+            "field_and_rates needs three gyros, which give the rotation between samples",
+            key="[sensor.gyro]",
+        )
+    assert track is not None
+    assert seen is not None
+    model, start, g = linear_model(field), fit.estimate.value, len(gyros.coefficients)
+    earth = np.full(3, EARTH_RATE / np.sqrt(3))
+    q = g + 1 + len(earth)
+    wide = np.diag([*np.zeros(g), DELAY_SD, *earth]) ** 2
+    wide[:g, :g] = fit.estimate.covariance
+    at = _even_samples(seen.time)
+    span = float(np.ptp(seen.time))
+    of_field = _noise(seen.mean, field, (len(seen.time) - 1) / span)
+    of_rate = _noise(track.reading, gyros, (len(track.time) - 1) / float(np.ptp(track.time)))
+    warmth = temperature_offsets(seen.temperature, field, len(seen.time))
+    nodes = FieldNodes(
+        tuple(f"{t:.2f} s" for t in seen.time[at].tolist()),
+        seen.mean[at],
+        np.tile(np.diag(of_field**2), (len(at), 1, 1)),
+        seen.time[at],
+        warmth[at],
+    )
+    unknown = Directions(
+        np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3, q))
+    )
+    conditions = FieldConditions(fit.bench.field)
+    change, found = np.zeros(g), None
+    for _ in range(_ROUNDS):
+        way = _rotations(track, gyros, start + change, nodes.time)
+        by_earth = np.zeros((len(at) - 1, 3, 3))
+        if found is not None:
+            by_earth = -found.attitude[1:].mT * np.diff(nodes.time)[:, None, None]
+        links = _links(way, of_rate, change, by_earth)
+        found = fit_field(nodes, model, unknown, links, conditions, wide)
+        change = found.correction[:g]
+    assert found is not None
+    estimate = _estimate(gyros, field, found, start)
+    return estimate, field_remarks(estimate, found)
+
+
+def _even_samples(time: Array) -> Indices:
+    """Return samples of the magnetometers at even intervals, no more than can be fitted."""
+    grid = np.linspace(time[0], time[-1], min(len(time), _MOST_NODES))
+    return np.unique(np.searchsorted(time, grid).clip(0, len(time) - 1))
+
+
+def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> Array:
+    """Return the standard deviation of one sample of each axis: the stated one, or that seen.
+
+    Third differences remove all but fast motion, and the median removes its rare moments.
+    """
+    changes = np.median(np.abs(np.diff(reading, 3, axis=0)), axis=0) * _NORMAL / _DIFFERENCE
+    stated = np.array([axis.noise.white for axis in sensor.axes]) * np.sqrt(rate_hz)
+    steps = np.array([axis.noise.quantisation for axis in sensor.axes]) / np.sqrt(12)
+    result = np.maximum(np.where(stated > 0, stated, changes), steps)
+    if not np.all(result > 0):
+        raise NotObserved("an axis has the same reading in most samples")
+    return result
+
+
+def _rotations(track: Track, gyros: Sensor, c: Array, time: Array) -> _Rotations:
+    """Integrate the rate between the nodes' times, for all links at once (Magnus series)."""
+    offsets = temperature.sample_offsets(track, gyros)
+    dT = offsets if offsets.size else 0.0
+    rate = inverse(gyros, track.reading, c, dT=dT).w
+    _, design, slope = gyros.linearise(Motion(np.zeros((1, 3)), rate, dT=dT), c)
+    by_coefficient = -np.linalg.pinv(slope[..., 3:6]) @ design
+    by_coefficient = np.broadcast_to(by_coefficient, (len(rate), *by_coefficient.shape[1:]))
+    # Samples nearest to the nodes, and the small rotation from each sample to its node.
+    middle = 0.5 * (track.time[1:] + track.time[:-1])
+    at = np.searchsorted(middle, time)
+    aside = (time - track.time[at])[:, None] * rate[at]
+    first, last = at[:-1], at[1:]
+    turn = exp_so3(-aside[:-1])
+    sensitivity, seconds = np.zeros((len(first), 3, len(c))), np.zeros(len(first))
+    for step in range(int((last - first).max())):
+        k = np.flatnonzero(first + step < last)
+        i = first[k] + step
+        dt = (track.time[i + 1] - track.time[i])[:, None]
+        one, two = rate[i], rate[i + 1]
+        back = exp_so3(0.5 * dt * (one + two) + dt**2 / 12 * np.cross(one, two))
+        half = 0.5 * dt[..., None] * by_coefficient[i], 0.5 * dt[..., None] * by_coefficient[i + 1]
+        turn[k] = turn[k] @ back
+        sensitivity[k] = back.mT @ (sensitivity[k] + half[0]) + half[1]
+        seconds[k] += dt[:, 0] ** 2
+    end = exp_so3(aside[1:])
+    return _Rotations(turn @ end, end.mT @ sensitivity, seconds, rate[at])
+
+
+def _links(way: _Rotations, noise: Array, change: Array, by_earth: Array) -> Links:
+    """Return the links, with derivatives by the coefficients, the delay and the earth's rate.
+
+    The rotations contain the `change` of the coefficients; the links refer to their start.
+    """
+    count = len(way.matrix)
+    by_delay = (way.matrix.mT @ way.rate[:-1, :, None])[..., 0] - way.rate[1:]
+    derivative = np.concatenate([way.by_coefficient, by_delay[..., None], by_earth], axis=2)
+    covariance = np.mean(noise**2) * way.seconds[:, None, None] * np.eye(3)
+    return Links(
+        np.arange(count),
+        way.matrix @ exp_so3(-way.by_coefficient @ change),
+        covariance,
+        derivative,
+        np.zeros(count, dtype=bool),
+    )
+
+
+def _estimate(gyros: Sensor, field: Sensor, found: FieldFit, start: Array) -> Estimate:
+    """Return gyros, magnetometers, strength of the field and delay as one estimate."""
+    g, q = len(start), len(found.correction)
+    value = np.concatenate([start + found.correction[:g], found.value, found.correction[g : g + 1]])
+    joint = np.block([[found.known_covariance, found.cross.T], [found.cross, found.covariance]])
+    order = [*range(g), *range(q, len(joint)), g]
+    names = (*gyros.coefficients, *found.names, DELAY)
+    wanted = (*gyros.coefficients, *field.coefficients)
+    return Estimate(
+        names=names,
+        value=value,
+        covariance=joint[np.ix_(order, order)],
+        chi2=np.array(found.chi2),
+        dof=found.dof,
+        wanted=wanted,
+        rank=len(wanted),
+        singular_values=found.singular_values,
+        converged=np.array(found.converged),
+        iterations=np.array(found.iterations),
+        groups=(field_group(found),),
+        notes=(*found.notes, *inhomogeneity_note(found)),
+        scoring=LazyValue(lambda: tests_of_field(found, g, len(names))),
+    )
+
+
+METHOD = Method(
+    name="field_and_rates",
+    bench=Hand,
+    default_coefficients={"w": ("bias",), "m": ("bias", "scale", "misalignment")},
+    also={"w": ("scale",), "m": ("temperature",)},
+    needs=("w", "m"),
+    plan=hand_held_plan,
+    estimators={"gls": prior},
+    closed_formulas=("gls",),
+    source="Wu et al., IEEE Trans. Control Systems Technology 26 (2018) 716",
+    unknown_attitudes=True,
+    follows_rest=True,
+    frame=triangular_frame,
+    add_magnetometers=add_magnetometers,
+    triads_because="the rotation between two samples needs all three rates",
+)

@@ -1,0 +1,316 @@
+"""The residuals of a field problem, and its normal equations without the nodes' attitudes.
+
+R_k takes vectors of body frame k to the frame of the field (x magnetic north, y west, z up)::
+
+    field of a node     h_k = R_kᵀ B (cos δ, 0, −sin δ)
+    reading             y_k = D(c) h_k + o(c) + noise
+    upward direction    u_k = R_kᵀ (0, 0, 1) − U_k s + noise    (the two components across u_k)
+    rotation            0 = Log(C_jᵀ R_jᵀ R_{j+1}) − Γ_j s + noise
+
+s is the correction of the known coefficients (true minus used), with the prior N(0, P). A small
+turn of a node is R_k Exp(φ_k). The normal equations of all φ are block tridiagonal. A banded
+Cholesky decomposition eliminates them (Schur complement), in a time proportional to the number of
+nodes.
+"""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+# pyright: reportUnknownArgumentType=false
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from inercal.basics.arrays import Array, Indices
+from inercal.basics.units import Measured
+from inercal.methods.magnetic_field.records import (
+    Directions,
+    FieldNodes,
+    LinearModel,
+    Links,
+)
+from inercal.physics.frames import exp_so3, log_so3, skew
+
+_TINY = (
+    1e-13  # share of a node's information, so that a decomposition exists at a pole of the field
+)
+
+
+class FieldState(NamedTuple):
+    """Values of all unknowns."""
+
+    coefficients: Array  # (p,)
+    dip: float  # δ, rad; 0 if no node has an upward direction
+    strength: float  # B, which is fixed: only D B is determined
+    known: Array  # (r,), the correction s in units of its prior
+    attitude: Array  # (n, 3, 3), R_k
+
+    @property
+    def field(self) -> Array:
+        """The field in its own frame, (3,)."""
+        return self.strength * np.array([np.cos(self.dip), 0.0, -np.sin(self.dip)])
+
+    def body_fields(self) -> Array:
+        """Return the field in each node's body frame, (n, 3)."""
+        return self.field @ self.attitude
+
+    def moved(self, step: Array, turns: Array) -> "FieldState":
+        """Return the state after a step of (c, δ, s) and after turns (n, 3)."""
+        p = len(self.coefficients)
+        return FieldState(
+            self.coefficients + step[:p],
+            self.dip + float(step[p]),
+            self.strength,
+            self.known + step[p + 1 :],
+            self.attitude @ exp_so3(turns),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FieldProblem:
+    """The data, the priors and the choice of unknowns.
+
+    Parameters
+    ----------
+    nodes, model, directions, links
+    known : (q, q) array
+        Covariance P of the known coefficients; it may be singular.
+    dip : Measured, optional
+        Prior of the dip.
+    strength : float, optional
+        B, if it is stated.
+    disturbance : (3, 3) array
+        Covariance of each reading that is added for an inhomogeneous field.
+    """
+
+    nodes: FieldNodes
+    model: LinearModel
+    directions: Directions
+    links: Links
+    known: Array
+    dip: Measured | None = None
+    strength: float | None = None
+    disturbance: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    @cached_property
+    def root(self) -> Array:
+        """Matrix L with L Lᵀ = P, (q, r)."""
+        size = np.sqrt(np.maximum(np.diagonal(self.known), 0.0))
+        size = np.where(size > 0, size, 1.0)
+        values, vectors = np.linalg.eigh(self.known / np.outer(size, size))
+        kept = values > 1e-12 * len(values)
+        return size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+
+    @cached_property
+    def free(self) -> Indices:
+        """Indices of the unknowns in (c, δ, s); δ only if a node has an upward direction."""
+        p = len(self.model.names)
+        fixed = [] if len(self.directions.node) else [p]
+        return np.setdiff1d(np.arange(self.count), fixed)
+
+    @property
+    def count(self) -> int:
+        """Number of elements P of (c, δ, s)."""
+        return len(self.model.names) + 1 + self.root.shape[1]
+
+    @cached_property
+    def gauges(self) -> Indices:
+        """First nodes of the chains in which no node has an upward direction.
+
+        In such a chain, the turn about the field is arbitrary.
+        """
+        starts = np.setdiff1d(np.arange(len(self.nodes.labels)), self.links.before + 1)
+        chain = np.searchsorted(starts, self.directions.node, side="right") - 1
+        return np.delete(starts, np.unique(chain))
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of χ²; prior rows and the quantities with a prior cancel."""
+        turns = np.where(self.links.about_up, 1, 3)
+        d = len(self.directions.node)
+        rows = 2 * d + int(turns.sum()) + len(self.gauges)
+        return rows - len(self.model.names) - (d > 0 and self.dip is None)
+
+    @cached_property
+    def reading_whitener(self) -> Array:
+        """Whitening matrices of the readings, (n, 3, 3)."""
+        return _whitener(self.nodes.covariance + self.disturbance)
+
+    @cached_property
+    def across(self) -> Array:
+        """Two whitened unit vectors across each upward direction, (d, 2, 3)."""
+        up = self.directions.up
+        least = np.eye(3)[np.argmin(np.abs(up), axis=1)]
+        first = np.cross(up, least)
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        both = np.stack([first, np.cross(up, first)], axis=1).astype(np.float64)
+        return np.asarray(_whitener(both @ self.directions.covariance @ both.mT) @ both)
+
+    @cached_property
+    def link_whitener(self) -> Array:
+        """Whitening matrices of the rotations, (l, 3, 3), with one row for turns about up."""
+        if not self.links.about_up.any():
+            return _whitener(self.links.covariance)
+        whitener = _whitener(self.links.covariance)
+        turns = self.links.about_up
+        after = np.searchsorted(self.directions.node, self.links.before[turns] + 1)
+        up = self.directions.up[after]
+        variance = np.einsum("ki,kij,kj->k", up, self.links.covariance[turns], up)
+        whitener[turns] = 0.0
+        whitener[turns, 0] = up / np.sqrt(variance)[:, None]
+        return whitener
+
+
+class FieldRows(NamedTuple):
+    """Whitened residuals, and their derivatives in (c, δ, s) and in the turns."""
+
+    reading: Array  # (n, 3)
+    reading_jacobian: Array  # (n, 3, P)
+    reading_turn: Array  # (n, 3, 3)
+    direction: Array  # (d, 2)
+    direction_jacobian: Array  # (d, 2, P)
+    direction_turn: Array  # (d, 2, 3)
+    link: Array  # (l, 3)
+    link_jacobian: Array  # (l, 3, P)
+    link_turn: Array  # (l, 3, 3), for the second node
+    link_turn_before: Array  # (l, 3, 3)
+    prior: Array  # (P,)
+    prior_weight: Array  # (P,), 1 / sd
+
+    @property
+    def cost(self) -> float:
+        """χ² of all rows, including the priors."""
+        parts = (self.reading, self.direction, self.link, self.prior)
+        return sum(float(np.sum(part**2)) for part in parts)
+
+
+def field_rows(problem: FieldProblem, state: FieldState) -> FieldRows:
+    """Return the whitened rows at a state."""
+    nodes, model, p, count = problem.nodes, problem.model, len(problem.model.names), problem.count
+    h = state.body_fields()
+    matrices = model.matrices(state.coefficients, nodes.temperature)
+    white = problem.reading_whitener
+    gain = white @ matrices[:, :, :3]
+    off = nodes.reading - matrices[:, :, 3]
+    reading = (white @ off[..., None] - gain @ h[..., None])[..., 0]
+    jacobian = np.zeros((len(h), 3, count))
+    jacobian[:, :, :p] = white @ model.derivatives(h, nodes.temperature)
+    by_dip = state.strength * np.array([-np.sin(state.dip), 0.0, -np.cos(state.dip)])
+    jacobian[:, :, p] = (gain @ (by_dip @ state.attitude)[..., None])[..., 0]
+
+    directions, across = problem.directions, problem.across
+    up = state.attitude[directions.node, 2]
+    by_known = directions.derivative @ problem.root
+    direction = directions.up - up + by_known @ state.known
+    direction_jacobian = np.zeros((len(up), 2, count))
+    direction_jacobian[:, :, p + 1 :] = -across @ by_known
+
+    link, link_jacobian, turn, turn_before = _link_rows(problem, state)
+
+    weight = np.zeros(count)
+    prior = np.zeros(count)
+    if problem.dip is not None:
+        weight[p] = 1 / problem.dip.sd
+        prior[p] = weight[p] * (problem.dip.value - state.dip)
+    weight[p + 1 :], prior[p + 1 :] = 1.0, -state.known
+    return FieldRows(
+        reading,
+        jacobian,
+        gain @ skew(h),
+        (across @ direction[..., None])[..., 0],
+        direction_jacobian,
+        across @ skew(up),
+        link,
+        link_jacobian,
+        turn,
+        turn_before,
+        prior,
+        weight,
+    )
+
+
+def _link_rows(problem: FieldProblem, state: FieldState) -> tuple[Array, Array, Array, Array]:
+    """Return the rows of the links, their derivatives, and those in the turns of both nodes."""
+    links, p, count = problem.links, len(problem.model.names), problem.count
+    if not len(links.before):
+        none = np.zeros((0, 3, 3))
+        return np.zeros((0, 3)), np.zeros((0, 3, count)), none, none
+    white = problem.link_whitener
+    before, after = state.attitude[links.before], state.attitude[links.before + 1]
+    error = log_so3(links.rotation.mT @ before.mT @ after)
+    by_known = links.derivative @ problem.root
+    jacobian = np.zeros((len(error), 3, count))
+    jacobian[:, :, p + 1 :] = -white @ by_known
+    turn = white @ (np.eye(3) + 0.5 * skew(error))
+    rows = (white @ (by_known @ state.known - error)[..., None])[..., 0]
+    return rows, jacobian, turn, -turn @ after.mT @ before
+
+
+class Elimination(NamedTuple):
+    """Normal equations without the turns: `information` x = `gradient` for the free unknowns."""
+
+    factor: Array  # (6, 3 n), banded Cholesky factor of the turns
+    solved: Array  # (3 n, f), turns per unit of each free unknown
+    information: Array  # (f, f)
+    gradient: Array  # (f,)
+    turns: Array  # (3 n,), step of the turns if the other unknowns stay
+    decrease: float  # of χ², by this step
+
+    def solve_turns(self, right: Array) -> Array:
+        """Return N⁻¹ times a right-hand side (3 n, k), where N belongs to the turns."""
+        return np.asarray(scipy.linalg.cho_solve_banded((self.factor, True), right))
+
+
+def eliminate(problem: FieldProblem, state: FieldState, rows: FieldRows) -> Elimination:
+    """Eliminate the turns of all nodes from the normal equations."""
+    n, free = len(problem.nodes.labels), problem.free
+    one, two = problem.directions.node, problem.links.before
+    reading_turn = rows.reading_turn.mT
+    block = reading_turn @ rows.reading_turn
+    coupling = reading_turn @ rows.reading_jacobian
+    gradient = (reading_turn @ rows.reading[..., None])[..., 0]
+    parts = (rows.reading_jacobian, rows.direction_jacobian, rows.link_jacobian)
+    whole = np.concatenate([part.reshape(-1, problem.count) for part in parts])
+    residuals = (rows.reading, rows.direction, rows.link)
+    right = whole.T @ np.concatenate([part.ravel() for part in residuals])
+    right += rows.prior_weight * rows.prior
+    whole = whole.T @ whole + np.diag(rows.prior_weight**2)
+    for at, turn, jacobian, residual in (
+        (one, rows.direction_turn, rows.direction_jacobian, rows.direction),
+        (two, rows.link_turn_before, rows.link_jacobian, rows.link),
+        (two + 1, rows.link_turn, rows.link_jacobian, rows.link),
+    ):
+        block[at] += turn.mT @ turn
+        coupling[at] += turn.mT @ jacobian
+        gradient[at] += (turn.mT @ residual[..., None])[..., 0]
+    size = np.trace(block, axis1=1, axis2=2)
+    block += (_TINY * size)[:, None, None] * np.eye(3)
+    about = state.body_fields()[problem.gauges] / state.strength
+    block[problem.gauges] += size[problem.gauges, None, None] * about[:, :, None] * about[:, None]
+
+    band = np.zeros((6, n, 3))
+    beside = np.zeros((n, 3, 3))
+    beside[two] = rows.link_turn.mT @ rows.link_turn_before
+    below = np.concatenate([block, beside], axis=1)
+    for column in range(3):
+        band[: 6 - column, :, column] = below[:, column:, column].T
+    factor = scipy.linalg.cholesky_banded(band.reshape(6, 3 * n), lower=True)
+    flat = coupling.reshape(3 * n, -1)[:, free]
+    both = np.column_stack([flat, gradient.ravel()])
+    solved = scipy.linalg.cho_solve_banded((factor, True), both)
+    information = whole[np.ix_(free, free)] - flat.T @ solved[:, :-1]
+    return Elimination(
+        np.asarray(factor),
+        solved[:, :-1],
+        (information + information.T) / 2,
+        right[free] - flat.T @ solved[:, -1],
+        solved[:, -1],
+        float(gradient.ravel() @ solved[:, -1]),
+    )
+
+
+def _whitener(covariance: Array) -> Array:
+    """Return W with Wᵀ W = covariance⁻¹, (k, m, m)."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)

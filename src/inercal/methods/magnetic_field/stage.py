@@ -1,0 +1,378 @@
+"""Add the magnetometers to a method that estimates accelerometers and gyros.
+
+The method first estimates accelerometers and gyros as if there were no magnetometers. Then their
+estimate, with its covariance, gives the upward directions at the rests and the rotations between
+them, and `fit_field` estimates the magnetometers. A disturbed field therefore cannot change the
+accelerometers and gyros. The errors of both estimates are correlated: an error ε of the known
+coefficients adds C P⁻¹ ε to those of the magnetometers, where C is the cross covariance of the fit
+and P the covariance of the known coefficients.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array, Indices
+from inercal.basics.errors import InputError
+from inercal.basics.units import format_number, format_quantity
+from inercal.benches import Hand
+from inercal.calibration.verdict import UNSEEN
+from inercal.estimation import Estimate, ResidualGroup, ScoreTestSet
+from inercal.estimation.lazy_value import LazyValue
+from inercal.estimation.residual_scatter import ScatterModel
+from inercal.estimation.uncertainty.coverage import COVERAGE
+from inercal.methods import Fit, Remarks, temperature
+from inercal.methods.magnetic_field.disturbances import field_tests
+from inercal.methods.magnetic_field.fitting import FieldFit, fit_field, inhomogeneity_interval
+from inercal.methods.magnetic_field.records import (
+    Directions,
+    FieldConditions,
+    FieldNodes,
+    Hemisphere,
+    LinearModel,
+    Links,
+)
+from inercal.methods.residuals import norm_residuals
+from inercal.physics.sensors import Sensor
+from inercal.physics.sensors.coefficient_tables import ErrorTerm
+from inercal.recordings import Finding, Observations
+from inercal.recordings.magnetic import MagneticReadings
+
+DELAY = "delay"
+_OWN = ("dip", "strength")
+_HEMISPHERES: dict[int, Hemisphere | None] = {1: "north", -1: "south", 0: None}
+_UNSEEN = (
+    "iron or magnets that turn with the sensor and are absent in use, because they look like hard "
+    "and soft iron",
+    "a constant disturbance of the field in the room, which only changes its strength and dip",
+)
+_SCALE_UNSEEN = "a common scale factor of the magnetometers, because no strength is stated"
+_CONDITIONS = (
+    ("dip", "dip of the field", "°"),
+    ("strength", "strength of the field", "µT"),
+    (DELAY, "delay of the magnetometers", "ms"),
+)
+
+
+class NodeTimes(NamedTuple):
+    """When and where the magnetometers were read: at rests, and in pieces of motion between."""
+
+    time: Array  # (n,), s
+    rest: Indices  # (n,), row of the observations; −1 for a piece of motion
+    transition: Indices  # (n,), index of the transition of a piece; −1 for a rest
+
+
+LinkMaker = Callable[[Fit[Hand, Any], NodeTimes], Links | None]
+DELAY_SD = 0.03  # s, of the magnetometers, before their readings in motion show it
+
+
+def add_magnetometers(
+    fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None = None
+) -> tuple[Estimate, Remarks]:
+    """Return the estimate of a fit with the magnetometers added, and remarks on the field.
+
+    Parameters
+    ----------
+    fit : Fit
+        The fit of accelerometers and gyros, whose observations include `magnetic`.
+    field : Sensor
+        The magnetometers with their coefficients.
+    links : callable, optional
+        Function that returns the rotations between nodes.
+
+    Raises
+    ------
+    InputError
+        There are no readings, not enough axes, or the axes or the field are not as stated.
+    NotObserved
+        The attitudes do not determine all coefficients.
+    """
+    first = _grouped(fit.estimate, fit.observations)
+    fit = replace(fit, estimate=first)
+    found = _fit(fit, field, links)
+    whole = _joined(first, found, len(fit.sensor.coefficients))
+    return whole, field_remarks(whole, found)
+
+
+def field_remarks(estimate: Estimate, found: FieldFit) -> Remarks:
+    """Return what no test can detect, with the field and the magnetometers' delay as conditions.
+
+    Raises
+    ------
+    InputError
+        The fit did not converge.
+    """
+    if not found.converged:
+        raise InputError(
+            "the fit of the magnetometers did not converge; check their columns, axes and times",
+            key="[data] magnetometer",
+        )
+    unseen = (*_UNSEEN, *(_SCALE_UNSEEN for _ in range(found.per_field)))
+    conditions: dict[str, str] = {}
+    for name, what, unit in _CONDITIONS:
+        if name in estimate.names:
+            k = estimate.names.index(name)
+            sd = float(np.sqrt(estimate.covariance[k, k]))
+            size = format_quantity(float(estimate.value[k]), COVERAGE * sd, unit)
+            conditions[what] = f"{size} (k = {COVERAGE:g})"
+    return Remarks(tuple(Finding("note", UNSEEN, text) for text in unseen), conditions=conditions)
+
+
+def linear_model(field: Sensor) -> LinearModel:
+    """Return the model of three magnetometers, whose names are the sensor's coefficients."""
+    axes = {axis.name: (k, axis.frame) for k, axis in enumerate(field.axes)}
+    if len(axes) != len("xyz"):
+        raise InputError(
+            f"sensor {field.name} has {len(axes)} magnetometer axes; three are needed, because one "
+            "or two do not determine the direction of the field",
+            key="[data] magnetometer",
+        )
+    nominal, directions = np.zeros((3, 4)), np.zeros((len(field.coefficients), 3, 4))
+    nominal[:, :3] = field.input_axes("m")
+    terms: list[ErrorTerm] = [field.coefficient(name) for name in field.coefficients]
+    for j, (name, term) in enumerate(zip(field.coefficients, terms, strict=True)):
+        k, frame = axes[name.split(".")[0]]
+        (product,) = term.basis.products
+        directions[j, k, 3] = product.factor
+        for row, component in zip(frame, ("mi", "mp", "mo"), strict=True):
+            if component in product.components:
+                directions[j, k] = (*(product.factor * row), 0.0)
+    powers = np.array([term.temperature_order for term in terms], dtype=np.int64)
+    return LinearModel(field.coefficients, nominal, directions, powers)
+
+
+def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFit:
+    seen, labels = _readings(fit), fit.observations.labels
+    pieces = seen.pieces if links is not None else None
+    count, more = len(seen.rest), 0 if pieces is None else len(pieces.time)
+    none = np.full(count + more, -1)
+    time, rest, transition = np.zeros(count + more), none.copy(), none
+    time[:count], rest[:count] = seen.time, seen.rest
+    reading, covariance, kelvin = seen.mean, seen.covariance, seen.temperature
+    if pieces is not None:
+        time[count:], transition[count:] = pieces.time, pieces.transition
+        reading = np.concatenate([reading, pieces.mean])
+        covariance = np.concatenate([covariance, seen.noise / pieces.samples[:, None, None]])
+        if kelvin is not None and pieces.temperature is not None:
+            kelvin = np.concatenate([kelvin, pieces.temperature])
+    order = np.argsort(time, kind="stable")
+    at = NodeTimes(time[order], rest[order], transition[order])
+    nodes = FieldNodes(
+        tuple(
+            labels[row] if row >= 0 else f"{t:.2f} s"
+            for row, t in zip(at.rest.tolist(), at.time.tolist(), strict=True)
+        ),
+        reading[order],
+        covariance[order],
+        at.time,
+        temperature_offsets(kelvin, field, count + more)[order],
+    )
+    p, delayed = len(fit.sensor.coefficients), int(more > 0)
+    known = np.zeros((p + delayed, p + delayed))
+    known[:p, :p] = fit.estimate.covariance[:p, :p]
+    known[p:, p:] = DELAY_SD**2
+    return fit_field(
+        nodes,
+        linear_model(field),
+        _directions(fit, at.rest, p + delayed),
+        None if links is None else links(fit, at),
+        FieldConditions(fit.bench.field, fit.bench.dip, _HEMISPHERES[fit.bench.dip_sign]),
+        known,
+    )
+
+
+def temperature_offsets(kelvin: Array | None, field: Sensor, count: int) -> Array:
+    """Return ΔT of each reading, (count,) K; zeros if the sensor does not depend on it.
+
+    Raises
+    ------
+    InputError
+        The sensor has temperature coefficients, but no temperature was recorded.
+    """
+    if not field.uses("dT"):
+        return np.zeros(count)
+    if kelvin is None:
+        raise InputError(
+            "coefficients of the magnetometers depend on the temperature, but none was recorded; "
+            "name its column, or leave them out",
+            key="[data] temperature",
+        )
+    return kelvin - field.reference_temperature
+
+
+def _readings(fit: Fit[Hand, Any]) -> MagneticReadings:
+    if fit.observations.magnetic is None:
+        raise InputError(
+            "the data have no readings of the magnetometers; name their columns",
+            key="[data] magnetometer",
+        )
+    return fit.observations.magnetic
+
+
+def _directions(fit: Fit[Hand, Any], rest: Indices, known: int) -> Directions:
+    """Return the upward directions at the rests, with the derivatives by all known coefficients."""
+    observations, first = fit.observations, fit.estimate
+    force = fit.sensor.select_axes("f")
+    if force.rank("f") < len("xyz"):
+        raise InputError(
+            "magnetometers need three accelerometers, which give the upward direction at each rest",
+            key="[sensor.accelerometer]",
+        )
+    a, m = len(force.coefficients), len(force.axes)
+    warmth = temperature.row_offsets(observations, force)
+    gravity = np.array([fit.bench.gravity.value])
+    at = norm_residuals(force, observations.mean[:, :m], first.value[:a], gravity, dT=warmth)
+    length = np.linalg.norm(at.specific_force, axis=-1)
+    across = (np.eye(3) - at.up[:, :, None] * at.up[:, None, :]) / length[:, None, None]
+    derivative = np.zeros((len(length), 3, known))
+    derivative[..., :a] = across @ at.by_coefficient
+    scatter = next((g.spread for g in first.groups if g.name == "norms"), ScatterModel())
+    back = np.linalg.pinv(force.input_axes("f"))
+    noise = back @ scatter.of(observations.covariance[:, :m, :m]) @ back.T
+    covariance = noise / length[:, None, None] ** 2
+    node = np.flatnonzero(rest >= 0)
+    row = rest[node]
+    return Directions(node, at.up[row], covariance[row], derivative[row])
+
+
+def _grouped(first: Estimate, observations: Observations) -> Estimate:
+    """Return an estimate whose readings are a group, because each group has its own χ² test."""
+    if first.groups:
+        return first
+    rows = len(observations.labels)
+    residual = first.residual[: observations.mean.size].reshape(rows, -1)[:, : len("xyz")]
+    deviation = np.sqrt(np.diagonal(observations.covariance, axis1=1, axis2=2))[:, : len("xyz")]
+    birge = float(first.birge)
+    group = ResidualGroup(
+        "readings",
+        "m/s²",
+        observations.labels,
+        residual,
+        deviation,
+        float(first.chi2),
+        first.dof,
+        ScatterModel(excess=float(np.sqrt((birge**2 - 1) * np.mean(deviation**2)))),
+        enlarged=birge > 1,
+    )
+    return replace(first, covariance=first.stated_covariance, groups=(group,))
+
+
+def _joined(first: Estimate, found: FieldFit, p: int) -> Estimate:
+    """Return both estimates as one; the first `p` parameters of `first` are the coefficients."""
+    q, own = len(first.names), len(found.names) - sum(name in found.names for name in _OWN)
+    known = first.covariance[:p, :p]
+    size = np.sqrt(np.diagonal(known))
+    size = np.where(size > 0, size, 1.0)
+    # The delay, if there is one, is the last of the known coefficients of the field's fit.
+    d = len(found.correction) - p
+    below = np.block(
+        [
+            [found.covariance, found.cross[:, p:]],
+            [found.cross[:, p:].T, found.known_covariance[p:, p:]],
+        ]
+    )
+    with_known = np.concatenate([found.cross[:, :p], found.known_covariance[p:, :p]])
+    gain = with_known / size @ np.linalg.pinv(known / np.outer(size, size)) / size
+    cross = gain @ first.covariance[:p]
+    joint = np.block([[first.covariance, cross.T], [cross, below]])
+    # Coefficients come first, then the quantities of the bench and of the field.
+    order = [*range(p), *range(q, q + own), *range(p, q), *range(q + own, len(joint))]
+    names = (*first.names, *found.names, *(DELAY,) * d)
+    value = np.concatenate([first.value, found.value, found.correction[p:]])
+    wanted = tuple(names[k] for k in order[: p + own])
+    chi2 = first.chi2 + found.chi2
+    return replace(
+        first,
+        names=tuple(names[k] for k in order),
+        value=value[order],
+        covariance=joint[np.ix_(order, order)],
+        chi2=chi2,
+        dof=first.dof + found.dof,
+        wanted=wanted,
+        rank=first.rank + own,
+        singular_values=np.sort(np.concatenate([first.singular_values, found.singular_values]))[
+            ::-1
+        ],
+        converged=first.converged & found.converged,
+        groups=(*first.groups, field_group(found)),
+        notes=(*first.notes, *found.notes, *inhomogeneity_note(found)),
+        scoring=LazyValue(lambda: _joined_tests(first.score_tests, found, p, own, len(order))),
+        sensitivities={
+            name: np.concatenate([by, gain @ by[:p]])[order]
+            for name, by in first.sensitivities.items()
+        },
+    )
+
+
+def field_group(found: FieldFit) -> ResidualGroup:
+    """Return the readings of the magnetometers as a group with its own χ²."""
+    nodes = found.plain.problem.nodes
+    deviation = np.sqrt(np.diagonal(nodes.covariance, axis1=1, axis2=2))
+    return ResidualGroup(
+        "magnetic field",
+        "T",
+        nodes.labels,
+        found.plain.rows.reading * deviation,
+        deviation,
+        found.chi2,
+        found.dof,
+        ScatterModel(excess=found.inhomogeneity * float(found.value[-1])),
+    )
+
+
+def inhomogeneity_note(found: FieldFit) -> tuple[str, ...]:
+    """Return a sentence on the inhomogeneity of the field, if there is any."""
+    if not found.inhomogeneity:
+        return ()
+    low, high = inhomogeneity_interval(found)
+    tau, low, high = (format_number(100 * one, 2) for one in (found.inhomogeneity, low, high))
+    return (
+        f"The field differs between the rests by {tau} % in each component (95 % interval {low} to "
+        f"{high} %), which the uncertainties include.",
+    )
+
+
+def tests_of_field(found: FieldFit, first: int, count: int) -> ScoreTestSet:
+    """Return the tests of a fit, with shifts of `count` values; its own begin at `first`."""
+    free = found.plain.problem.free
+    own = np.flatnonzero(free < len(found.plain.problem.model.names))
+
+    def shift(by: Array) -> Array:
+        whole = np.zeros(count)
+        whole[first + free[own]] = by[own]
+        return whole
+
+    return field_tests(found).with_shifts(shift)
+
+
+def _joined_tests(one: ScoreTestSet, found: FieldFit, p: int, own: int, count: int) -> ScoreTestSet:
+    """Return the score tests of both fits; those of one do not explain residuals of the other."""
+    other = tests_of_field(found, p, count)
+    rows = 1 + max((int(s.explained.indices.max(initial=0)) for s in one.scores), default=0)
+    depth, more = (
+        max((s.explained.projection.size for s in part.scores), default=0) for part in (one, other)
+    )
+    first = one.with_shifts(
+        lambda by: np.concatenate([by[:p], np.zeros(own), by[p:], np.zeros(count)])[:count]
+    )
+    scores = [
+        replace(
+            s,
+            explained=replace(
+                s.explained,
+                indices=s.explained.indices + below,
+                projection=np.pad(s.explained.projection, pad),
+            ),
+        )
+        for part, below, pad in ((first, 0, (0, more)), (other, rows, (depth, 0)))
+        for s in part.scores
+    ]
+    return replace(
+        one,
+        scores=tuple(scores),
+        span=one.span + other.span,
+        chi2=one.chi2 + other.chi2,
+        dof=one.dof + other.dof,
+    )

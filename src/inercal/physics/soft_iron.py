@@ -1,0 +1,52 @@
+"""Split the matrix D of three magnetometers, reading = D h + o, into shape and attitude.
+
+D = P Q has a symmetric positive P, which is scale factors and soft iron, and an orthogonal Q, which
+is the attitude of the triad in the sensor's frame. Q = Π R, where Π is the nearest permutation of
+the axes with signs, and R is a rotation by less than 90°: the sensor's frame is first turned by R,
+then the axes are exchanged. Q is a reflection if the axes are left-handed, and so is Π.
+"""
+
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.physics.frames import log_so3
+from inercal.physics.motion import Motion
+from inercal.physics.sensors import Sensor
+
+
+class SoftIron(NamedTuple):
+    """D and its parts.
+
+    Parameters
+    ----------
+    matrix, shape : (3, 3) arrays
+        D and P; the rows are the axes in the order of the channels.
+    axes : (3, 3) array
+        Π, with elements 0 and ±1.
+    rotation : (3,) array
+        Rotation vector of R, rad.
+    """
+
+    matrix: Array
+    shape: Array
+    axes: Array
+    rotation: Array
+
+
+def field_matrix(sensor: Sensor, c: Array) -> Array:
+    """Return D at the reference temperature, (m, 3), from coefficients (p,)."""
+    own = [k for k, axis in enumerate(sensor.axes) if axis.measures == "m"]
+    return sensor.slope(Motion(np.zeros((1, 3))), c)[0][own, 6:]
+
+
+def split_matrix(matrix: Array) -> SoftIron:
+    """Split an invertible D, (3, 3)."""
+    u, s, vh = np.linalg.svd(matrix)
+    q = u @ vh
+    order = max(permutations(range(3)), key=lambda one: float(np.abs(q[range(3), one]).sum()))
+    axes = np.zeros((3, 3))
+    axes[range(3), order] = np.sign(q[range(3), order])
+    return SoftIron(matrix, (u * s) @ u.T, axes, log_so3(axes.T @ q))

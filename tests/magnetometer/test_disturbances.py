@@ -1,0 +1,148 @@
+"""Tests of the field find disturbances, with few false alarms."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from tests.magnetometer import generator as sim
+from tests.magnetometer.cases import band, fit, normalised_error
+
+from inercal.basics.errors import InputError
+from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
+from inercal.methods.magnetic_field import field_tests, inhomogeneity_interval
+
+LEVEL = SCORE_TEST_SHARE * SIGNIFICANCE_LEVEL
+N = 24
+
+
+def linked(rng, attitude, data, noise=1.0):
+    """Add turns about the vertical; without noise, their stated noise is the same."""
+    walk = sim.RANDOM_WALK if noise else 1e-12
+    turns = sim.turns_between(attitude)
+    data = sim.add_turns(rng, data, turns, noise=walk, about_up=True)
+    data.turn_sd = sim.RANDOM_WALK * np.sqrt(5.0)
+    return data
+
+
+def disturbances(rng, own):
+    """Yield the kind, the start of the test's name, and the disturbance of rests (unit size)."""
+    way = rng.standard_normal(3)
+    way *= 1e-6 / np.linalg.norm(way)
+    part = (np.arange(N) / (N - 1) - 0.5)[:, None]
+    step, single = int(rng.integers(2, N - 1)), int(rng.integers(N))
+    after, only = np.arange(N)[:, None] >= step, np.arange(N)[:, None] == single
+    yield "step", f"step of the field at rest {step + 1}", {"disturbance": after * way}
+    yield "offset", "drift of the offset", {"drift": part * way}
+    yield "strength", "drift of the strength", {"disturbance": 0.01 * part * own.field}
+    yield "rest", f"field at rest {single + 1}", {"disturbance": only * way}
+
+
+@pytest.mark.parametrize("links", [False, True])
+def test_false_alarms_are_at_most_two_per_cent(links, seed):
+    count, alarms, excess = 150, 0, 0
+    for k in range(count):
+        rng = np.random.default_rng([seed, k])
+        attitude = sim.scattered(rng, N)
+        data = sim.rests(rng, attitude, sim.device(rng))
+        found = fit(linked(rng, attitude, data) if links else data)
+        tests = field_tests(found)
+        alarms += any(tests.adjusted(one) < LEVEL for one in tests.scores)
+        excess += found.inhomogeneity > 0
+    assert alarms <= 0.02 * count + 1
+    assert 0 < excess < 0.12 * count  # the bound of χ² has a level of 5 %
+
+
+@pytest.mark.parametrize("links", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_visible_disturbance_is_found(links, seed):
+    """η² = 36 is χ² of exact readings with the disturbance."""
+    count, found = 40, Counter()
+    for k in range(count):
+        rng = np.random.default_rng([seed, k])
+        own, attitude = sim.device(rng), sim.scattered(rng, N)
+
+        def tested(change, size, noise, rng=rng, own=own, attitude=attitude):
+            change = {key: size * value for key, value in change.items()}
+            data = sim.rests(rng, attitude, own, noise=noise, **change)
+            return fit(linked(rng, attitude, data, noise) if links else data)
+
+        for kind, name, change in disturbances(rng, own):
+            eta = np.sqrt(tested(change, 0.1, 0.0).chi2) / 0.1
+            tests = field_tests(tested(change, 6 / eta, 1.0))
+            stem = name.partition(" at ")[0]
+            least = min(tests.adjusted(one) for one in tests.scores if one.name.startswith(stem))
+            found[kind] += least < LEVEL
+    for kind in ("step", "offset", "strength", "rest"):
+        assert found[kind] >= 0.95 * count - 2, kind
+
+
+def test_without_links_two_components_of_a_step_are_visible():
+    rng = np.random.default_rng(1)
+    attitude = sim.scattered(rng, N)
+    data = sim.rests(rng, attitude, sim.device(rng))
+    alone = {one.name: one for one in field_tests(fit(data)).scores}
+    both = {one.name: one for one in field_tests(fit(linked(rng, attitude, data))).scores}
+    name = "step of the field at rest 12"
+    assert alone[name].components == (f"{name}, north", f"{name}, up")
+    assert alone[name].dof == 2
+    assert both[name].dof == 3
+
+
+def test_a_step_is_named_with_its_size():
+    rng = np.random.default_rng(2)
+    own, attitude = sim.device(rng), sim.scattered(rng, N)
+    change = np.zeros((N, 3))
+    change[10:] = [0.4e-6, 0.0, -0.3e-6]
+    data = sim.rests(rng, attitude, own, disturbance=change)
+    tests = field_tests(fit(linked(rng, attitude, data)))
+    best = min(tests.scores, key=tests.adjusted)
+    assert best.name == "step of the field at rest 11"
+    np.testing.assert_array_less(np.abs(best.size - change[-1]), 4.5 * best.sd)
+    np.testing.assert_array_less(best.sd, 0.1e-6)
+
+
+def test_an_inhomogeneous_field_is_estimated_with_its_interval(seed):
+    count, tau, errors, covered = 30, [], [], 0
+    for k in range(count):
+        rng = np.random.default_rng([seed, k])
+        own = sim.device(rng)
+        change = 0.01 * own.strength * rng.standard_normal((N, 3))
+        found = fit(sim.rests(rng, sim.scattered(rng, N), own, disturbance=change))
+        low, high = inhomogeneity_interval(found)
+        covered += low < 0.01 < high
+        tau.append(found.inhomogeneity)
+        errors.append(normalised_error(found, own))
+    # The relative standard deviation of τ is about 1/√(2 · 35).
+    assert np.mean(tau) == pytest.approx(0.01, rel=4 / np.sqrt(70 * count) + 0.02)
+    assert covered >= 0.95 * count - 4 * np.sqrt(0.05 * 0.95 * count)
+    assert np.mean(errors) == pytest.approx(1, abs=band(13, count) + 0.06)
+
+
+def test_a_homogeneous_field_has_an_upper_bound():
+    rng = np.random.default_rng(4)
+    found = fit(sim.rests(rng, sim.scattered(rng, N), sim.device(rng)))
+    low, high = inhomogeneity_interval(found)
+    assert found.inhomogeneity == low == 0
+    assert 0 < high < 0.005
+
+
+def test_more_than_five_per_cent_is_refused():
+    rng = np.random.default_rng(3)
+    own = sim.device(rng)
+    change = 0.1 * own.strength * rng.standard_normal((N, 3))
+    with pytest.raises(InputError, match="field differs between the nodes by"):
+        fit(sim.rests(rng, sim.scattered(rng, N), own, disturbance=change))
+
+
+def test_many_nodes_are_tested_in_stretches():
+    rng = np.random.default_rng(5)
+    own = sim.device(rng)
+    attitude, turns = sim.tumbling(rng, 300)
+    change = np.zeros((300, 3))
+    change[150:] = [1e-6, 1e-6, 0.0]
+    data = sim.rests(rng, attitude, own, sigma_m=0.5e-6, disturbance=change)
+    data = sim.without_directions(sim.add_turns(rng, data, turns, step=0.2))
+    tests = field_tests(fit(data))
+    assert len(tests.scores) < 130
+    best = min(tests.scores, key=tests.adjusted)
+    assert best.name.startswith("step of the field at rest 1")
+    assert abs(int(best.name.rpartition(" ")[2]) - 151) < 12
