@@ -6,6 +6,7 @@ data; the report draws them and the terminal prints them.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -112,26 +113,20 @@ def simulate_without_sensor(perform: Callable[..., SimulatedMotion]) -> Simulate
     perform : callable
         Returns the motion, given bench, steps, samples per second, generator and number of trials.
     """
-    return _SimulationWithoutSensor(perform)
+    return partial(_simulate, perform)  # a nested function cannot be sent to a process
 
 
-@dataclass(frozen=True)
-class _SimulationWithoutSensor:
-    """The simulation as a picklable object: a nested function cannot be sent to a process."""
-
-    perform: Callable[..., SimulatedMotion]
-
-    def __call__(
-        self,
-        bench: Any,
-        steps: Sequence[Any],
-        rate_hz: float,
-        rng: np.random.Generator,
-        trials: int,
-        sensor: Sensor,
-        carried: bool,
-    ) -> SensorSimulation:
-        return SensorSimulation(self.perform(bench, steps, rate_hz, rng, trials), sensor)
+def _simulate(
+    perform: Callable[..., SimulatedMotion],
+    bench: Any,
+    steps: Sequence[Any],
+    rate_hz: float,
+    rng: np.random.Generator,
+    trials: int,
+    sensor: Sensor,
+    carried: bool,
+) -> SensorSimulation:
+    return SensorSimulation(perform(bench, steps, rate_hz, rng, trials), sensor)
 
 
 def keep_plan(

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from inercal.recordings.segments import RestDetection
 
 
-@add_bench_keys(Hand)
+@add_bench_keys(Hand, after={"field": "turn_on"})
 class HandSection(BenchSection):
     """Section [bench] for a sensor turned by hand; gravity is stated or computed from the site."""
 
