@@ -91,8 +91,9 @@ def test_every_coefficient_is_in_the_glossary():
 
 
 def test_no_term_is_defined_twice():
-    names = [term.name for group in glossary()[: -len(TABLES)] for term in group.terms]
-    symbols = [term.symbol for group in glossary()[: -len(TABLES)] for term in group.terms if term.symbol]
+    general = [term for group in glossary()[: -len(TABLES)] for term in group.terms]
+    names = [term.name for term in general]
+    symbols = [term.symbol for term in general if term.symbol]
     assert len(set(names)) == len(names)
     # Lower-case r and p serve twice in the field too.
     assert {one for one in symbols if symbols.count(one) > 1} <= {"r"}

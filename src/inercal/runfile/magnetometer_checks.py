@@ -25,7 +25,7 @@ def require_magnetometer_method(section: SensorSection, chosen: Method[Any, Any]
     able = [name for name, each in METHODS.items() if "m" in each.default_coefficients]
     raise InputError(
         f"{_SECTION}: method {chosen.name} cannot calibrate magnetometers, but "
-        f"{' and '.join(able)} can; remove the section, or change [method] name",
+        f"{', '.join(able)} can; remove the section, or change [method] name",
         key=_SECTION,
         names=(chosen.name,),
     )

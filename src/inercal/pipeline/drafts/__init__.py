@@ -214,9 +214,11 @@ def draft_run_file(
     roles = with_rate_table(table, roles)
     name, logs = recording_name(logs), read.files
 
-    def draft(roles: ColumnRoles) -> Draft:
+    def draft(roles: ColumnRoles, *, field: bool = False) -> Draft:
         columns = table, gyros, roles
-        return _draft(logs, path, stated, values, columns, read.signs, name, typical=typical)
+        return _draft(
+            logs, path, stated, values, columns, read.signs, name, typical=typical, field=field
+        )
 
     found = draft(roles)
     labelled = "label" in roles.single and "data.label" not in stated and not roles.means
@@ -225,6 +227,10 @@ def draft_run_file(
         other = draft(without_sections(roles))
         found = other if other.method is not None else found
     magnetic = any(one.section == "sensor.magnetometer" for one in found.entries)
+    if found.method is not None and found.method.name in _WITH_FIELD and not magnetic:
+        # A method without magnetometers came first, but was refused.
+        other = draft(found.roles, field=True)
+        found = other if other.method is not None else found
     if found.method is None and magnetic and "data.magnetometer" not in stated:
         why = next(trial.reason for trial in found.trials if trial.name in _WITH_FIELD)
         other = draft(roles.because({NO_FIELD: f"the magnetometers are not used: {why}"}))
@@ -261,6 +267,7 @@ def _draft(
     name: str,
     *,
     typical: bool,
+    field: bool,
 ) -> Draft:
     """Draft all sections but [method], and try the methods."""
     table, gyros, roles = columns
@@ -317,7 +324,7 @@ def _draft(
         *data_keys(logs, path, table, roles, bench, values),
         *(
             magnetometer_keys(table, roles, rests, values)
-            if candidates[0][1] in _WITH_FIELD
+            if field or candidates[0][1] in _WITH_FIELD
             else ()
         ),
         *signs,
