@@ -118,7 +118,11 @@ SLOW = {
         "hand_held/simulated.toml", "50 Hz", ("method", "positions", 14), seconds("2 s")
     ),
     "multi_position with magnetometers": recording(
-        "magnetometer/nine_axes.toml", "50 Hz", ("method", "positions", 14), seconds("2 s")
+        "magnetometer/nine_axes.toml",
+        "50 Hz",
+        ("sensor.accelerometer", "unit", "g"),
+        ("method", "positions", 14),
+        seconds("2 s"),
     ),
     "field_and_rates": recording(
         "magnetometer/motion.toml", "50 Hz", ("method", "positions", 14), seconds("2 s")

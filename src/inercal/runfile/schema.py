@@ -65,10 +65,23 @@ class ReadoutSection(Section):
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
         """Return the keys that have no effect with this method, with the reason and the remedy."""
+        if use.rest and use.magnetometers:
+            reason = f"{use.method} assumes that biases are constant during the recording"
+            return dict.fromkeys(("bias_instability", "random_walk"), reason)
         if not use.means:
             return {}
         reason = "averaged readings contain no samples; state noise and instability in [data.sd]"
         return dict.fromkeys(("white", "bias_instability", "random_walk", "quantisation"), reason)
+
+
+class MagnetometerSection(ReadoutSection):
+    """Keys of [sensor.magnetometer]."""
+
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
+        """See `ReadoutSection.unused_keys`; slow changes of the field are found from the data."""
+        reason = f"{use.method} finds slow changes of the field and of its sensors from the data"
+        slow = dict.fromkeys(("bias_instability", "random_walk"), reason)
+        return {**super().unused_keys(use), **slow}
 
 
 class SensorSection(Section):
@@ -81,7 +94,7 @@ class SensorSection(Section):
     frame: Literal["mount", "symmetric"] = "mount"
     accelerometer: ReadoutSection | None = None
     gyro: ReadoutSection | None = None
-    magnetometer: ReadoutSection | None = None
+    magnetometer: MagnetometerSection | None = None
     truth: dict[str, str | float] = Field(
         default_factory=dict, examples=[{"ax.k0": "32 mg"}], json_schema_extra=DESCRIPTION
     )

@@ -157,6 +157,7 @@ def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFi
         covariance = np.concatenate([covariance, seen.noise / pieces.samples[:, None, None]])
         if kelvin is not None and pieces.temperature is not None:
             kelvin = np.concatenate([kelvin, pieces.temperature])
+    covariance = _with_stated_noise(covariance, _stated_variances(fit, seen, field), seen)
     order = np.argsort(time, kind="stable")
     at = NodeTimes(time[order], rest[order], transition[order])
     nodes = FieldNodes(
@@ -181,6 +182,21 @@ def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFi
         FieldConditions(fit.bench.field, fit.bench.dip, _HEMISPHERES[fit.bench.dip_sign]),
         known,
     )
+
+
+def _stated_variances(fit: Fit[Hand, Any], seen: MagneticReadings, field: Sensor) -> Array:
+    """Return the variance of one value of each axis by the stated white noise and rounding."""
+    rate = float(np.median(seen.samples / fit.observations.duration[seen.rest]))
+    noises = [axis.noise for axis in field.axes]
+    return np.array([noise.white**2 * rate + noise.quantisation**2 / 12 for noise in noises])
+
+
+def _with_stated_noise(covariance: Array, stated: Array, seen: MagneticReadings) -> Array:
+    """Return the covariance of each mean, at least as large as the stated noise implies."""
+    pieces = () if seen.pieces is None else seen.pieces.samples
+    count = np.concatenate([seen.samples, pieces])[: len(covariance), None]
+    lacking = stated / count - np.diagonal(covariance, axis1=1, axis2=2)
+    return covariance + np.maximum(lacking, 0.0)[:, :, None] * np.eye(len("xyz"))
 
 
 def temperature_offsets(kelvin: Array | None, field: Sensor, count: int) -> Array:
