@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from inercal.basics.errors import InputError
 
@@ -32,10 +32,12 @@ class Registry(Mapping[str, T]):
         Word for such an object in messages, such as "method".
     own : mapping of str to str
         Objects in this package, as "module:attribute" by name.
+    kind : type, optional
+        Class of the objects; an object of another package that is none of them is refused.
     """
 
-    def __init__(self, group: str, what: str, own: Mapping[str, str]) -> None:
-        self.group, self.what, self._own = group, what, dict(own)
+    def __init__(self, group: str, what: str, own: Mapping[str, str], kind: Any = object) -> None:
+        self.group, self.what, self._own, self._kind = group, what, dict(own), kind
         self._loaded: dict[str, T] = {}
         self._added: dict[str, T] = {}
 
@@ -113,8 +115,11 @@ class Registry(Mapping[str, T]):
 
     def _load(self, point: EntryPoint) -> T:
         try:
-            return point.load()
-        except (ImportError, AttributeError) as error:
+            found = point.load()
+            if not isinstance(found, self._kind):
+                raise TypeError(f"it is a {type(found).__name__}, not a {self._kind.__name__}")
+            return found
+        except Exception as error:  # any error in the module of another package
             raise InputError(
                 f"{self.what} {point.name!r} of package {_distribution_name(point)} cannot be "
                 f"loaded from {point.value}: {error}; update or uninstall the package",
