@@ -9,7 +9,7 @@ The object is imported on first access. For a name in this package, the metadata
 packages are not read, because this takes about 20 ms.
 """
 
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from importlib import import_module
@@ -84,6 +84,32 @@ class Registry(Mapping[str, T]):
                 names=(name,),
             )
         return self[name]
+
+    def for_address(self, address: str, forms: Callable[[], str] | None = None) -> T:
+        """Return the object that the scheme of an address names.
+
+        Parameters
+        ----------
+        address : str
+            Such as "pmac://10.0.0.5:1025"; its scheme is the text before the first colon.
+        forms : callable, optional
+            Function that returns the possible addresses, for the message.
+
+        Raises
+        ------
+        InputError
+            There is no such object; see also `find`.
+        """
+        scheme = address.partition(":")[0].lower()
+        if scheme not in self:
+            possible = forms() if forms else ", ".join(f"{name}:…" for name in self)
+            one = f"{'an' if self.what[0] in 'aeiou' else 'a'} {self.what}"
+            raise InputError(
+                f"{address!r} is not an address of {one}; possible: "
+                f"{possible or f'none, because no package that adds {one} is installed'}",
+                names=(address,),
+            )
+        return self.find(scheme)
 
     @contextmanager
     def with_(self, name: str, one: T) -> Generator[None]:

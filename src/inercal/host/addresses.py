@@ -70,18 +70,8 @@ def open_table(address: str, bench: ControlledBench | None, timeout: float = 1.0
 
 
 def table_driver(address: str) -> Driver:
-    """Return the driver that the scheme of a table's address names.
-
-    Raises
-    ------
-    InputError
-        No driver has this scheme, or its package cannot be loaded.
-    """
-    scheme, _ = _scheme(address)
-    if scheme not in DRIVERS:
-        possible = ", ".join(driver.example for driver in DRIVERS.values())
-        raise InputError(f"{address!r} is not an address of a table; possible: {possible}")
-    return DRIVERS.find(scheme)
+    """Return the driver that the scheme of a table's address names, or raise an `InputError`."""
+    return DRIVERS.for_address(address, lambda: ", ".join(one.example for one in DRIVERS.values()))
 
 
 def allows_second_connection(address: str) -> bool:

@@ -159,10 +159,7 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
     LinkLost
         No device answers, or the port cannot be opened.
     """
-    scheme = address.partition(":")[0].lower()
-    if scheme not in LINKS:
-        raise _not_an_address(address)
-    return LINKS.find(scheme)(address, opening)
+    return LINKS.for_address(address, _possible_links)(address, opening)
 
 
 def open_tcp(address: str, opening: float) -> Link:
@@ -179,7 +176,7 @@ def open_serial(address: str, _: float) -> Link:
     """Open a serial port; see `open_link`."""
     parts = urlsplit(address)
     if not parts.path:
-        raise _not_an_address(address)
+        raise InputError(f"{address!r} names no port; possible: {_possible_links()}")
     given = _parameters(parts)
     _refuse_unknown_parameters(address, given, ("baud", "bits", "parity", "stop"))
     parity = given.get("parity", "none")
@@ -251,10 +248,9 @@ def require_pyserial() -> AbstractContextManager[None]:
     return require_extra("host", "serial ports need pyserial; install the extra", ("serial",))
 
 
-def _not_an_address(address: str) -> InputError:
+def _possible_links() -> str:
     forms = {"tcp": "tcp://HOST:PORT", "serial": "serial:PATH?baud=115200"}
-    *others, last = (forms.get(name, f"{name}:…") for name in LINKS)
-    return InputError(f"{address!r} is not an address; possible: {', '.join(others)} or {last}")
+    return " or ".join(forms.get(name, f"{name}:…") for name in LINKS)
 
 
 def _parameters(parts: SplitResult) -> dict[str, str]:
