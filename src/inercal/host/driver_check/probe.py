@@ -7,6 +7,7 @@ from math import degrees
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from inercal.basics.closeable import on_failure
 from inercal.host.addresses import open_table
 from inercal.host.driver_check.relay import Relay
 from inercal.host.drivers.rotary_table import ProtocolError, RotaryTable, TableFault, TableState
@@ -54,8 +55,9 @@ class Probe:
     def open_enabled(self) -> RotaryTable:
         """Open the table, and switch on its servos."""
         table = self.open()
-        table.enable()
-        self.wait(table, lambda state: all(a.enabled for a in state.axes), 0.0, "is not enabled")
+        with on_failure(table.close):
+            table.enable()
+            self.wait(table, lambda now: all(a.enabled for a in now.axes), 0.0, "is not enabled")
         return table
 
     def wait(
