@@ -69,6 +69,15 @@ def test_an_entry_point_that_cannot_be_loaded_is_refused(site: Path) -> None:
         registry().find("broken")
 
 
+@pytest.mark.parametrize("text", ["THING = 3", "THING = missing", "THING = ("])
+def test_a_module_with_an_error_or_another_kind_of_object_is_refused(site: Path, text: str) -> None:
+    (site / "bad_thing.py").write_text(text)
+    install_metadata(site, "theirs", bad="bad_thing:THING")
+    with refused(names=["bad"]):
+        Registry("inercal.tests", "thing", {}, str).find("bad")
+    sys.modules.pop("bad_thing", None)
+
+
 def test_an_unknown_name_is_refused() -> None:
     with refused(names=["other"]):
         registry().find("other")

@@ -16,7 +16,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 RUN_FILES = {
     path: path.read_text("utf-8")
     for path in sorted(EXAMPLES.rglob("*.toml"))
-    if path.parent.name != "own_bench" and path.name != "packets.toml"
+    if path.parent.name not in ("own_bench", "own_driver") and path.name != "packets.toml"
 }
 _PRESETS = files("inercal.host.packets") / "presets"
 DESCRIPTIONS = tuple(

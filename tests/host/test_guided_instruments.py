@@ -13,7 +13,7 @@ from tests.refusals import refused
 
 from inercal.basics import errors
 from inercal.basics.errors import InputError
-from inercal.host.guided.instruments import Instrument, numbers_in_reply, read_instruments
+from inercal.host.guided.instruments import LineInstrument, numbers_in_reply, read_instruments
 from inercal.host.link import LinkLost
 from inercal.pipeline import calibrate
 
@@ -91,7 +91,7 @@ def test_lines_that_come_by_themselves_are_read_whole():
     sent = Thread(target=_send_lines, args=(listener,))
     sent.start()
     address = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
-    with Instrument(address, "", 5.0) as device:
+    with LineInstrument(address, "", 5.0) as device:
         found = [device.read() for _ in range(3)]
     sent.join()
     assert found == [[1.0, 10.0], [2.0, 20.0], [3.0, 30.0]]
@@ -127,7 +127,7 @@ class Pieces:
 
 def test_what_came_before_and_the_rest_of_its_line_are_no_reading():
     link = Pieces(b"7.0\n8.", b"", b"5\n1.5\n2.5\n3.5\n9.")
-    device = Instrument("serial:/dev/x", "", 1.0, lambda _: link)
+    device = LineInstrument("serial:/dev/x", "", 1.0, lambda _: link)
     device.begin()
     assert [device.read(), device.read()] == [[1.5], [2.5]]
     link.pieces = [b"", b"5\n4.5\n"]
@@ -136,7 +136,7 @@ def test_what_came_before_and_the_rest_of_its_line_are_no_reading():
 
 
 def test_a_serial_device_may_begin_in_the_middle_of_a_line():
-    device = Instrument("serial:/dev/x", "", 1.0, lambda _: Pieces(b"", b"25\n1.5\n"))
+    device = LineInstrument("serial:/dev/x", "", 1.0, lambda _: Pieces(b"", b"25\n1.5\n"))
     device.begin()
     assert device.read() == [1.5]
 
@@ -167,13 +167,13 @@ def test_what_is_no_reading_is_refused(reply: str):
 
 
 def test_another_number_of_values_than_columns_is_refused():
-    device = Instrument("tcp://x:1", "", 1.0, lambda _: Pieces(b"1.0,2.0\n"))
+    device = LineInstrument("tcp://x:1", "", 1.0, lambda _: Pieces(b"1.0,2.0\n"))
     with refused(InputError, names=("tcp://x:1",)):
         read_instruments([device], ("ax", "ay", "az"))
 
 
 def test_a_line_without_an_end_is_refused():
-    device = Instrument("tcp://x:1", "", 1.0, lambda _: Pieces(b"1" * 3000, b"1" * 3000))
+    device = LineInstrument("tcp://x:1", "", 1.0, lambda _: Pieces(b"1" * 3000, b"1" * 3000))
     with pytest.raises(LinkLost):
         device.read()
 

@@ -22,6 +22,7 @@ from inercal.benches.kinds import KINDS
 from inercal.benches.report_data import Panel, Plot, ReportInput, Series
 from inercal.cli.app import app
 from inercal.host import addresses
+from inercal.host.drivers.registry import DRIVERS, Driver
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.physics.motion import Motion
 from inercal.physics.sensors import G0, TABLES, inverse, triad
@@ -85,9 +86,10 @@ class OneAxis:
         return TableState(0.0, (AxisState(self.angle, 0.0, 0.0, True, False, True, True),))
 
 
-def test_a_table_driver_is_one_entry_by_the_scheme_of_its_address(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(addresses.DRIVERS, "toy", lambda address, bench, timeout: OneAxis(timeout))
-    table = addresses.open_table("toy://somewhere", None, 0.5)
+def test_a_table_driver_is_one_entry_by_the_scheme_of_its_address():
+    toy = Driver(lambda _, __, timeout: OneAxis(timeout), "toy://HOST")  # pyright: ignore[reportArgumentType]
+    with DRIVERS.with_("toy", toy):
+        table = addresses.open_table("toy://somewhere", None, 0.5)
     table.move("outer", radians(90), 1.0, 1.0)
     assert table.read().axes[0].angle == radians(90)
 

@@ -9,12 +9,12 @@ The object is imported on first access. For a name in this package, the metadata
 packages are not read, because this takes about 20 ms.
 """
 
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from inercal.basics.errors import InputError
 
@@ -32,10 +32,12 @@ class Registry(Mapping[str, T]):
         Word for such an object in messages, such as "method".
     own : mapping of str to str
         Objects in this package, as "module:attribute" by name.
+    kind : type, optional
+        Class of the objects; an object of another package that is none of them is refused.
     """
 
-    def __init__(self, group: str, what: str, own: Mapping[str, str]) -> None:
-        self.group, self.what, self._own = group, what, dict(own)
+    def __init__(self, group: str, what: str, own: Mapping[str, str], kind: Any = object) -> None:
+        self.group, self.what, self._own, self._kind = group, what, dict(own), kind
         self._loaded: dict[str, T] = {}
         self._added: dict[str, T] = {}
 
@@ -83,6 +85,32 @@ class Registry(Mapping[str, T]):
             )
         return self[name]
 
+    def for_address(self, address: str, forms: Callable[[], str] | None = None) -> T:
+        """Return the object that the scheme of an address names.
+
+        Parameters
+        ----------
+        address : str
+            Such as "pmac://10.0.0.5:1025"; its scheme is the text before the first colon.
+        forms : callable, optional
+            Function that returns the possible addresses, for the message.
+
+        Raises
+        ------
+        InputError
+            There is no such object; see also `find`.
+        """
+        scheme = address.partition(":")[0].lower()
+        if scheme not in self:
+            possible = forms() if forms else ", ".join(f"{name}:…" for name in self)
+            one = f"{'an' if self.what[0] in 'aeiou' else 'a'} {self.what}"
+            raise InputError(
+                f"{address!r} is not an address of {one}; possible: "
+                f"{possible or f'none, because no package that adds {one} is installed'}",
+                names=(address,),
+            )
+        return self.find(scheme)
+
     @contextmanager
     def with_(self, name: str, one: T) -> Generator[None]:
         """Register an object during the block, as another package would do."""
@@ -113,8 +141,11 @@ class Registry(Mapping[str, T]):
 
     def _load(self, point: EntryPoint) -> T:
         try:
-            return point.load()
-        except (ImportError, AttributeError) as error:
+            found = point.load()
+            if not isinstance(found, self._kind):
+                raise TypeError(f"it is a {type(found).__name__}, not a {self._kind.__name__}")
+            return found
+        except Exception as error:  # any error in the module of another package
             raise InputError(
                 f"{self.what} {point.name!r} of package {_distribution_name(point)} cannot be "
                 f"loaded from {point.value}: {error}; update or uninstall the package",

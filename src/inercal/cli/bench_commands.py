@@ -1,7 +1,6 @@
 """`inercal bench`: drive a real or simulated table, read an IMU and calibrate live."""
 
 import sys
-from dataclasses import asdict
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -12,6 +11,7 @@ import typer
 
 from inercal.basics.errors import InputError, require_extra
 from inercal.cli import console
+from inercal.cli.device_commands import TABLE_HELP, check_driver, devices
 from inercal.cli.options import Explain, Json, positive_number, run_options
 
 if TYPE_CHECKING:
@@ -49,16 +49,13 @@ _Answers = Annotated[
 _Register = Annotated[
     str | None, typer.Option(help="Enter the run in this register: an address, or default.")
 ]
-_TABLE_HELP = (
-    "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
-)
 _IMU_HELP = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?preset=…"
 
 
 @app.command()
 def run(
     run_file: _RunFile,
-    table: Annotated[str, typer.Option(help=f"Address of the table: {_TABLE_HELP}")],
+    table: Annotated[str, typer.Option(help=f"Address of the table: {TABLE_HELP}")],
     imu: Annotated[str, typer.Option(help=f"Address of the IMU: {_IMU_HELP}")],
     out: Annotated[
         Path | None,
@@ -99,7 +96,7 @@ def run(
 @app.command()
 def resume(
     folder: Annotated[Path, typer.Argument(help="The folder of a run that was interrupted.")],
-    table: Annotated[str, typer.Option(help=f"Needed if the address changed: {_TABLE_HELP}")] = "",
+    table: Annotated[str, typer.Option(help=f"Needed if the address changed: {TABLE_HELP}")] = "",
     imu: Annotated[str, typer.Option(help=f"Needed if the address changed: {_IMU_HELP}")] = "",
     clock: _Clock = "",
     speed: _Speed = None,
@@ -323,60 +320,5 @@ def serve(
     served(ServerOptions(plans, runs, register, table, imu, clock, runs_options, host, port, token))
 
 
-@app.command()
-def devices(
-    table: Annotated[str, typer.Option(help=f"Query a table: {_TABLE_HELP}")] = "",
-    imu: Annotated[
-        str,
-        typer.Option(help="Listen to an IMU for one second; without preset=, try every preset."),
-    ] = "",
-    run_file: Annotated[
-        Path | None,
-        typer.Option("--run", "-r", help="Run file whose bench names the axes of the table."),
-    ] = None,
-    json: Json = False,
-) -> None:
-    """List the serial ports, an IMU's packets and a table's settings, without any motion."""
-    from inercal.host import devices as host_devices
-    from inercal.host.devices import imu_lines, port_lines, table_lines
-
-    if run_file is not None and not table:
-        raise InputError("--run works only with --table: add --table, or remove --run", key="--run")
-    content: dict[str, object] = {}
-    lines: list[str] = []
-    if not (table or imu):
-        ports = host_devices.list_serial_ports()
-        content["ports"] = [asdict(port) for port in ports]
-        lines += port_lines(ports)
-    if table:
-        bench = None
-        if run_file is not None:
-            from inercal.host.tasks import host_plan
-            from inercal.runfile import read
-
-            bench = host_plan(read(run_file)).bench
-        seen = host_devices.probe_table(table, bench)
-        content["table"] = asdict(seen)
-        lines += table_lines(seen)
-    if imu:
-        reply = host_devices.probe_imu(imu)
-        content["imu"] = {
-            "address": reply.address,
-            "bytes": reply.size,
-            "seconds": reply.seconds,
-            "packets": [
-                {
-                    "preset": decoding.layout.name,
-                    "protection": decoding.layout.protection,
-                    "taken": decoding.decoded_fraction,
-                    "rate_hz": decoding.rate_hz,
-                }
-                for decoding in reply.decodings
-            ],
-        }
-        lines += imu_lines(reply)
-    if json:
-        console.print_json(content)
-        return
-    for line in lines:
-        print(line)
+app.command()(devices)
+app.command()(check_driver)

@@ -72,7 +72,7 @@ def run(
     planned, path = _run_and_table(plan, run_file, out)
     # The modules of the work load after the run file was checked.
     from inercal.host.guided.dialogue import GuidedMeasurement
-    from inercal.host.guided.instruments import Instrument
+    from inercal.host.guided.instruments import LineInstrument
     from inercal.host.guided.measurement_table import MeasurementTable, measurement_files
     from inercal.host.guided.reading_check import ReadingCheck
 
@@ -96,7 +96,7 @@ def run(
         check = ReadingCheck(planned, tolerance / 100)
         table = MeasurementTable(planned, path, readings, anew=force)
         devices = [
-            opened.enter_context(Instrument(address, query, timeout)) for address in instrument
+            opened.enter_context(LineInstrument(address, query, timeout)) for address in instrument
         ]
         if force:
             for file in files:

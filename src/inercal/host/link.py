@@ -15,6 +15,7 @@ from urllib.parse import SplitResult, parse_qsl, urlsplit
 
 from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InercalError, InputError, require_extra
+from inercal.basics.registry import Registry
 
 # On systems with terminals, a terminal that is gone raises this error, which is not an OSError.
 if sys.platform == "win32":
@@ -145,7 +146,8 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
     ----------
     address : str
         `tcp://HOST:PORT`, or `serial:PATH` with `?baud=…&bits=5–8&parity=none|even|odd&stop=1|2`
-        (default 115200, 8, none, 1). The caller must first remove parameters that do not belong to
+        (default 115200, 8, none, 1), or an address whose scheme a package registers. The caller
+        must first remove parameters that do not belong to
         the link.
     opening : float
         Longest time for a connection to each address of a TCP host, s.
@@ -157,28 +159,45 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
     LinkLost
         No device answers, or the port cannot be opened.
     """
+    return LINKS.for_address(address, _possible_links)(address, opening)
+
+
+def open_tcp(address: str, opening: float) -> Link:
+    """Open a TCP link; see `open_link`."""
     parts = urlsplit(address)
-    given = dict(parse_qsl(parts.query, keep_blank_values=True))
-    if parts.scheme == "tcp":
-        _refuse_unknown_parameters(address, given, ())
-        place = host_and_port(parts)
-        if place is None or parts.path not in ("", "/"):
-            raise InputError(f"{address!r} is not a TCP address; possible: tcp://192.168.0.5:1025")
-        return TcpLink(*place, opening)
-    if parts.scheme == "serial" and parts.path:
-        _refuse_unknown_parameters(address, given, ("baud", "bits", "parity", "stop"))
-        parity = given.get("parity", "none")
-        if parity not in _PARITIES:
-            raise InputError(
-                f"parity={parity!r} in {address!r}; possible: {', '.join(_PARITIES)}", key="parity"
-            )
-        baud = _integer_parameter(address, given, "baud", 115200, range(50, 4_000_001))
-        bits = _integer_parameter(address, given, "bits", 8, range(5, 9))
-        stop = _integer_parameter(address, given, "stop", 1, range(1, 3))
-        return SerialLink(parts.path, baud, bits, parity, stop)
-    raise InputError(
-        f"{address!r} is not an address; possible: tcp://HOST:PORT or serial:PATH?baud=115200"
-    )
+    _refuse_unknown_parameters(address, _parameters(parts), ())
+    place = host_and_port(parts)
+    if place is None or parts.path not in ("", "/"):
+        raise InputError(f"{address!r} is not a TCP address; possible: tcp://192.168.0.5:1025")
+    return TcpLink(*place, opening)
+
+
+def open_serial(address: str, _: float) -> Link:
+    """Open a serial port; see `open_link`."""
+    parts = urlsplit(address)
+    if not parts.path:
+        raise InputError(f"{address!r} names no port; possible: {_possible_links()}")
+    given = _parameters(parts)
+    _refuse_unknown_parameters(address, given, ("baud", "bits", "parity", "stop"))
+    parity = given.get("parity", "none")
+    if parity not in _PARITIES:
+        raise InputError(
+            f"parity={parity!r} in {address!r}; possible: {', '.join(_PARITIES)}", key="parity"
+        )
+    baud = _integer_parameter(address, given, "baud", 115200, range(50, 4_000_001))
+    bits = _integer_parameter(address, given, "bits", 8, range(5, 9))
+    stop = _integer_parameter(address, given, "stop", 1, range(1, 3))
+    return SerialLink(parts.path, baud, bits, parity, stop)
+
+
+# Links by the scheme of their address. An entry is a function of the address and of the longest
+# time for a connection, s; it raises the errors of `open_link`.
+LINKS: Registry[Callable[[str, float], Link]] = Registry(
+    "inercal.links",
+    "link",
+    {"tcp": "inercal.host.link:open_tcp", "serial": "inercal.host.link:open_serial"},
+    Callable,
+)
 
 
 def read_until(link: Link, done: Callable[[bytes], bool], timeout: float, most: int = 4096) -> bool:
@@ -227,6 +246,15 @@ def connect_socket(address: str, place: tuple[str, int], opening: float) -> sock
 def require_pyserial() -> AbstractContextManager[None]:
     """Return a context manager that raises an `InputError` if pyserial is not installed."""
     return require_extra("host", "serial ports need pyserial; install the extra", ("serial",))
+
+
+def _possible_links() -> str:
+    forms = {"tcp": "tcp://HOST:PORT", "serial": "serial:PATH?baud=115200"}
+    return " or ".join(forms.get(name, f"{name}:…") for name in LINKS)
+
+
+def _parameters(parts: SplitResult) -> dict[str, str]:
+    return dict(parse_qsl(parts.query, keep_blank_values=True))
 
 
 def _refuse_unknown_parameters(address: str, given: dict[str, str], known: tuple[str, ...]) -> None:

@@ -16,8 +16,10 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import degrees, nan, radians
+from typing import TYPE_CHECKING
 
 from inercal.basics.closeable import on_failure
+from inercal.host.drivers.registry import Driver
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
@@ -28,8 +30,12 @@ from inercal.host.drivers.rotary_table import (
     require_unique_names,
     stop_with_retry,
 )
+from inercal.host.drivers.table_address import TableAddress
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
+
+if TYPE_CHECKING:
+    from inercal.benches.motion_control import ControlledBench
 
 _NUMBER = re.compile(r"[+-]?\d{1,15}(?:\.\d{0,15})?(?:[Ee][+-]?\d{1,2})?", re.ASCII)
 _ANGLE_TOLERANCE = radians(0.001)  # rad from the demand; these tables are accurate to arc seconds
@@ -211,3 +217,13 @@ def _number(text: str) -> float:
 
 def _degrees(value: float) -> str:
     return f"{degrees(value):.7f}"
+
+
+def _open(address: TableAddress, bench: "ControlledBench | None", timeout: float) -> RotaryTable:
+    numbers = address.axis_numbers("axes", 9)
+    names = address.axis_names("axes", numbers, bench)
+    axes = [AcutrolAxis(*axis) for axis in zip(names, numbers, strict=True)]
+    return Acutrol(address.tcp(), axes, timeout)
+
+
+DRIVER = Driver(_open, "acutrol://HOST:PORT?axes=1,2,3")

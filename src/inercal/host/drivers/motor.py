@@ -12,7 +12,9 @@ is no command that switches the power off.
 import re
 from collections.abc import Callable
 from math import degrees, nan, radians
+from typing import TYPE_CHECKING
 
+from inercal.host.drivers.registry import Driver
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
@@ -22,8 +24,12 @@ from inercal.host.drivers.rotary_table import (
     TableState,
     stop_with_retry,
 )
+from inercal.host.drivers.table_address import TableAddress
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
+
+if TYPE_CHECKING:
+    from inercal.benches.motion_control import ControlledBench
 
 _BAND = radians(0.05)  # rad and rad/s; within this, the axis is in position and at rest
 _NO_SERVO_OFF = (
@@ -135,3 +141,16 @@ class Motor(RotaryTable):
                 f"{line!r}, where a number was expected; check the baud rate and the drive"
             )
         return float(said)
+
+
+def _open(address: TableAddress, bench: "ControlledBench | None", timeout: float) -> RotaryTable:
+    link = address.link()
+    (name,) = address.axis_names("motor", (1,), bench)
+    limits = AxisLimits()
+    if bench is not None:
+        of_axis = bench.axis_motion_limits[0]
+        limits = AxisLimits(of_axis.rate, of_axis.acceleration)
+    return Motor(link, limits, name, timeout=timeout)
+
+
+DRIVER = Driver(_open, "motor:serial:PATH?baud=9600")

@@ -24,12 +24,14 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import inf, tau
+from typing import TYPE_CHECKING
 
 from inercal.basics.closeable import on_failure
 from inercal.basics.errors import InputError
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.pmac_codec import CommandRefused
 from inercal.host.drivers.pmac_dialogue import PmacDialogue
+from inercal.host.drivers.registry import Driver
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
@@ -39,12 +41,17 @@ from inercal.host.drivers.rotary_table import (
     TableState,
     require_unique_names,
 )
+from inercal.host.drivers.table_address import TableAddress
 from inercal.host.link import Link, LinkLost, open_link
+
+if TYPE_CHECKING:
+    from inercal.benches.motion_control import ControlledBench
 
 _CYCLES = 1 << 24  # number of cycles after which X:$0 wraps
 # Time after a command during which a motor may still report rest, s. It starts at the next
 # real-time interrupt (I8), which is a few servo cycles later.
 _STARTING = 0.02
+_MOST_MOTORS = 32
 _LIMITS = (0, 11, 13, 14, 16, 17, 60)
 
 
@@ -91,7 +98,7 @@ class Pmac(RotaryTable):
         self.unsupported = {}
         require_unique_names(self.axes)
         for axis in self._axes:
-            if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
+            if not (1 <= axis.motor <= _MOST_MOTORS and 0 < abs(axis.counts_per_turn) < inf):
                 raise InputError(
                     f"axis {axis.name}: the motor number must be 1 to 32, is {axis.motor}, and "
                     f"the counts per turn finite and not 0, are {axis.counts_per_turn:g}",
@@ -295,3 +302,14 @@ class Pmac(RotaryTable):
 def _decimal_text(value: float) -> str:
     """Return a number in the controller's notation, without an exponent."""
     return f"{value:.12f}".rstrip("0").rstrip(".")
+
+
+def _open(address: TableAddress, bench: "ControlledBench | None", timeout: float) -> RotaryTable:
+    motors = address.axis_numbers("motors", _MOST_MOTORS)
+    names = address.axis_names("motors", motors, bench)
+    counts = address.counts(len(motors))
+    axes = [PmacAxis(*axis) for axis in zip(names, motors, counts, strict=True)]
+    return Pmac(address.tcp(), axes, timeout)
+
+
+DRIVER = Driver(_open, "pmac://HOST:1025?motors=1,2,3&counts=3600000", port=1025)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from inercal.basics.closeable import Closeable, on_failure
 from inercal.host.drivers.rotary_table import ProtocolError
-from inercal.host.link import Link, LinkLost, read_until
+from inercal.host.link import Link, LinkLost, open_link, read_until
 
 _MAX_STRAY_READS = 20  # largest number of reads of late bytes
 _MAX_REPLY_SIZE = 1 << 16  # bytes; real replies are far shorter
@@ -31,7 +31,13 @@ class TextDialogue(Closeable):
         Function that opens a link to an address; tests replace it.
     """
 
-    def __init__(self, address: str, ending: bytes, timeout: float, opener: Callable[[str], Link]):
+    def __init__(
+        self,
+        address: str,
+        ending: bytes,
+        timeout: float,
+        opener: Callable[[str], Link] = open_link,
+    ):
         self.address = address
         self._ending, self._timeout, self._opener = ending, timeout, opener
         self._link: Link | None = opener(address)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from inercal.basics.errors import InercalError, InputError
 from inercal.basics.units import format_count
-from inercal.host.guided.instruments import Instrument, read_instruments
+from inercal.host.guided.instruments import LineInstrument, read_instruments
 from inercal.host.guided.measurement_table import MeasuredRow, MeasurementTable, Reading
 from inercal.host.guided.reading_check import ReadingCheck, scatter
 
@@ -34,7 +34,7 @@ class GuidedMeasurement:
     ----------
     table : MeasurementTable
     check : ReadingCheck
-    instruments : sequence of Instrument
+    instruments : sequence of LineInstrument
         Instruments that read the sensor's columns. If there are none, the operator types all
         readings.
     count : int
@@ -53,7 +53,7 @@ class GuidedMeasurement:
         self,
         table: MeasurementTable,
         check: ReadingCheck,
-        instruments: Sequence[Instrument],
+        instruments: Sequence[LineInstrument],
         count: int,
         units: Mapping[str, str],
         read_line: Callable[[str], str | None],

@@ -20,8 +20,8 @@ _MOST_PIECES = 1000  # largest number of discarded pieces; a fast device never s
 _WORD = re.compile(r"[A-Za-zµμΩ°/²%]*")  # a unit after a number is not a value
 
 
-class Instrument(Closeable):
-    """A measuring instrument at an address.
+class LineInstrument(Closeable):
+    """A measuring instrument at an address, which sends lines of numbers.
 
     Parameters
     ----------
@@ -151,7 +151,9 @@ def numbers_in_reply(reply: str, address: str) -> list[float]:
     return found
 
 
-def read_instruments(instruments: Sequence[Instrument], columns: Sequence[str]) -> dict[str, float]:
+def read_instruments(
+    instruments: Sequence[LineInstrument], columns: Sequence[str]
+) -> dict[str, float]:
     """Return one reading of all instruments together, by column, in order.
 
     Raises

@@ -80,6 +80,18 @@ class ManualClock:
         return self.now
 
 
+class SteppingClock:
+    """Bench time that advances by a step, s, whenever it is read, so nobody must wait for it."""
+
+    def __init__(self, step: float = 0.005):
+        self._now, self._step = 0.0, step
+
+    def __call__(self) -> float:
+        """Return bench time, s."""
+        self._now += self._step
+        return self._now
+
+
 class SimulatorServer(Generic[D]):
     """Serves a device on a local port (0 selects any free port) or on a pseudo-terminal.
 

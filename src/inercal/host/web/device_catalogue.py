@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from inercal.basics.errors import InercalError, InputError
 from inercal.host import devices
 from inercal.host.devices import SerialPort, imu_lines, list_serial_ports, table_lines
+from inercal.host.drivers.registry import DRIVERS
 from inercal.host.packets import PRESETS
 from inercal.host.tasks import host_plan
 from inercal.host.web.json_objects import JsonObject, object_or_none
@@ -20,7 +21,7 @@ from inercal.runfile import read
 SIMULATED, CONFIGURED = "simulated", "given"
 _HOST = r"(?:[a-z0-9_.-]{1,253}|\[[0-9a-f:.]{2,45}\]):[0-9]{1,5}"
 _OPTIONS = r"(?:\?[a-z]+=[0-9.,+-]+(?:&[a-z]+=[0-9.,+-]+)*)?"
-_TABLE = re.compile(rf"(?:pmac|acutrol|motor:tcp)://{_HOST}/?{_OPTIONS}", re.ASCII | re.IGNORECASE)
+_TABLE = re.compile(rf"[a-z]\w*:(?:tcp:)?//{_HOST}/?{_OPTIONS}", re.ASCII | re.IGNORECASE)
 _IMU = re.compile(rf"tcp://{_HOST}/?", re.ASCII | re.IGNORECASE)
 _MAX_TEXT = 300
 _BAUD_RANGE = (1, 12_000_000)
@@ -101,7 +102,7 @@ class DeviceCatalogue:
         """Return the address of the table that a request chooses; for errors, see `chosen`."""
         of = _require_object(asked, "table")
         if (address := _text_value(of, "address")) is not None:
-            if not _TABLE.fullmatch(address):
+            if not _TABLE.fullmatch(address) or address.partition(":")[0].lower() not in DRIVERS:
                 raise InputError(
                     f"{address!r} is not a table on the network; possible: "
                     "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://HOST:PORT?axes=1,2,3 "

@@ -1,0 +1,179 @@
+"""A relay between a driver and a simulator, which breaks the link on request.
+
+All bytes from the driver are passed on. Replies pass through `change`, which may garble or swallow
+them. A link that is unplugged ends at once, and so does each new connection.
+"""
+
+import re
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from selectors import EVENT_READ, DefaultSelector
+from threading import Event, RLock, Thread
+
+from inercal.basics.closeable import Closeable
+from inercal.host.link import connect_socket
+
+_SIZE = 1 << 16
+_CONNECT_TIMEOUT = 2.0  # s; the simulator runs on this machine
+
+Change = Callable[[bytes], bytes]
+
+
+def unchanged(reply: bytes) -> bytes:
+    """Pass the reply on."""
+    return reply
+
+
+# Replies that no protocol permits, by what is wrong with them.
+MALFORMED: dict[str, Change] = {
+    "letters for digits": lambda reply: re.sub(rb"[0-9]", b"x", reply),
+    "a byte that is not ASCII": lambda reply: bytes([reply[0] | 0x80]) + reply[1:],
+    "only the end of a reply": lambda reply: re.findall(rb"[^\w?.+-]*$", reply)[0],
+    "half a reply": lambda reply: reply[: len(reply) // 2],
+}
+
+
+class Relay(Closeable):
+    """Listens on a port of this machine, and connects to the simulator for each connection.
+
+    Parameters
+    ----------
+    place : (str, int)
+        Host and port of the simulator.
+
+    Attributes
+    ----------
+    port : int
+        Port to which the driver connects.
+    change : callable
+        Function that returns the bytes to send instead of a reply.
+    unplugged : bool
+        Whether new connections end at once; see `unplug`.
+    held : list of (socket, bytes) or None
+        Replies that are kept for `release`; None if replies are sent at once.
+    received_bytes : int
+        Number of bytes that came from the driver.
+    connections : int
+        Number of open connections.
+    """
+
+    def __init__(self, place: tuple[str, int]):
+        self.change: Change = unchanged
+        self.unplugged, self.received_bytes = False, 0
+        self.held: list[tuple[socket.socket, bytes]] | None = None
+        self._place = place
+        self._peers: dict[socket.socket, socket.socket] = {}
+        self._drivers = set[socket.socket]()
+        self._lock, self._stopped, self._idle = RLock(), False, Event()
+        self._selector = DefaultSelector()
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._wake, self._woken = socket.socketpair()
+        self.port: int = self._listener.getsockname()[1]
+        for end in (self._listener, self._woken):
+            self._selector.register(end, EVENT_READ)
+        self._thread = Thread(target=self._run, name="relay", daemon=True)
+        self._thread.start()
+
+    @property
+    def connections(self) -> int:
+        """The number of open connections."""
+        with self._lock:
+            return len(self._drivers)
+
+    def unplug(self) -> None:
+        """End all connections, and refuse new ones until `mend`."""
+        with self._lock:
+            self.unplugged = True
+            for end in list(self._drivers):
+                self._end(end)
+
+    def silence(self) -> None:
+        """Swallow all replies until `mend`."""
+        self.change = lambda _: b""
+
+    def mend(self) -> None:
+        """Pass everything on again; connections that are open stay open."""
+        with self._lock:
+            self.change, self.unplugged, self.held = unchanged, False, None
+
+    def release(self) -> None:
+        """Send the replies that were held, on the connections that are still open."""
+        with self._lock:
+            for end, reply in self.held or ():
+                if end in self._drivers:
+                    with suppress(OSError):
+                        end.sendall(reply)
+            self.held = None
+
+    def wait_for_bytes(self, timeout: float) -> None:
+        """Wait until nothing is on the way from the driver, or for `timeout` s."""
+        with self._lock:
+            self._idle.clear()
+        self._wake.send(b".")
+        self._idle.wait(timeout)
+
+    def close(self) -> None:
+        """End all connections."""
+        self._stopped = True
+        self._wake.send(b".")
+        self._thread.join()
+        with self._lock:
+            for end in list(self._drivers):
+                self._end(end)
+        for end in (self._listener, self._wake, self._woken):
+            end.close()
+        self._selector.close()
+
+    def _run(self) -> None:
+        while not self._stopped:
+            ready = [key.fileobj for key, _ in self._selector.select()]
+            with self._lock:
+                for end in ready:
+                    if end is self._listener:
+                        self._accept()
+                    elif end is not self._woken and end in self._peers:
+                        self._pass_on(end)  # pyright: ignore[reportArgumentType]
+                if ready == [self._woken]:
+                    self._woken.recv(_SIZE)
+                    self._idle.set()
+
+    def _accept(self) -> None:
+        driver, _ = self._listener.accept()
+        if self.unplugged:
+            driver.close()
+            return
+        try:
+            device = connect_socket("simulator", self._place, _CONNECT_TIMEOUT)
+        except Exception:  # the simulator is gone, and so is the link
+            driver.close()
+            return
+        driver.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._drivers.add(driver)
+        for end, other in ((driver, device), (device, driver)):
+            self._peers[end] = other
+            self._selector.register(end, EVENT_READ)
+
+    def _pass_on(self, end: socket.socket) -> None:
+        try:
+            data = end.recv(_SIZE)
+            if end in self._drivers:
+                self.received_bytes += len(data)
+            elif data and self.held is not None:
+                self.held.append((self._peers[end], data))
+                return
+            elif data:
+                data = self.change(data) or None
+            if data:
+                self._peers[end].sendall(data)
+        except OSError:
+            data = b""
+        if data == b"":
+            self._end(end)
+
+    def _end(self, end: socket.socket) -> None:
+        for one in (end, self._peers[end]):
+            self._selector.unregister(one)
+            self._drivers.discard(one)
+            del self._peers[one]
+            one.close()
