@@ -24,6 +24,9 @@ from inercal.runfile import Run, read
 _DIGITS = 9  # significant digits of numbers in a text file
 _LARGEST_EXACT = 1e22  # larger powers of ten are not exact
 TEMPERATURE_DECIMALS = 6
+_MOST_PLACES = 310
+with np.errstate(over="ignore"):
+    _POWERS_OF_TEN: Array = 10.0 ** np.arange(-_MOST_PLACES, _MOST_PLACES + 1)
 
 
 def load_recording(run: Run) -> Recording:
@@ -239,6 +242,7 @@ def significant(values: Array) -> Array:
     """Round to nine significant digits: 1e-8 of 1 g, which is below the noise of any sensor."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         size = np.floor(np.log10(np.abs(values)))
-        factor = 10.0 ** (_DIGITS - 1 - size)
+        place = (_DIGITS - 1 - size).clip(-_MOST_PLACES, _MOST_PLACES) + _MOST_PLACES
+        factor = _POWERS_OF_TEN.take(place.astype(np.int64), mode="clip")
         rounded = np.rint(values * factor) / factor
     return np.where(np.isfinite(rounded) & (factor < _LARGEST_EXACT), rounded, values)

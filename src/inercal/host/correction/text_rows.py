@@ -1,0 +1,240 @@
+"""Reads lines of text as they arrive.
+
+Lines have the layout of the file that [data] names, if there is such a text file, and otherwise
+that of the first lines. A header among the lines gives the places of the columns. A line that
+cannot be read is counted and skipped.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError
+from inercal.basics.units import si_factor
+from inercal.host.correction.rows import Rows, stream_columns
+from inercal.host.packets.stream import CounterUnwrapper
+from inercal.recordings.data.recording_loader import reversed_axes
+from inercal.recordings.io.column_table import select_columns, shorten
+from inercal.recordings.io.read import detect_reader
+from inercal.recordings.io.row_checks import is_usable
+from inercal.recordings.io.table_start import is_number
+from inercal.recordings.io.text_layout import COMMENTS, TextLayout, sniff, sniff_lines
+from inercal.recordings.io.time_stamps import is_iso_time
+from inercal.recordings.io.unsigned_counts import signed_counts
+from inercal.recordings.temperature import is_impossible
+from inercal.runfile import Run
+
+_FEW_LINES = 16  # that Python splits faster than NumPy's parser starts
+_UNREAD_LINES = 10  # malformed lines before the first sample, after which the user is told
+_LONGEST_LINE = 1 << 16  # bytes; more bytes without a line end are not text
+
+
+class TextRows:
+    """Reads lines with the columns of a run file; see `Parser` for methods and attributes.
+
+    Parameters
+    ----------
+    run : Run
+    source : str
+        Name of the source, for messages.
+    layout : TextLayout, optional
+        Layout of the source, which then begins with its header.
+    tell : callable, optional
+        Function that receives a warning if the first lines cannot be read.
+
+    Raises
+    ------
+    InputError
+        The run file does not name the columns, or the layout does not have them. `feed` raises the
+        same error if the first lines do not have them.
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        source: str,
+        layout: TextLayout | None = None,
+        tell: Callable[[str], None] | None = None,
+    ):
+        self.malformed = self.missing = 0
+        self._run, self._source, self._tell = run, source, tell
+        self._columns = columns = stream_columns(run)
+        single = (columns.time, columns.temperature)
+        self._wanted = [c for _, c, _ in columns.channels] + [c for c in single if c is not None]
+        self._named = not any(map(is_number, self._wanted))  # otherwise a row may look the same
+        back = reversed_axes(run)
+        self._reversed = [k for k, axis in enumerate(run.sensor.axes) if axis.name in back]
+        self._zeros = np.array([axis.readout.offset for axis in run.sensor.axes])
+        self._counter = CounterUnwrapper(columns.modulus or 0.0, 0.0)
+        self._unit = (
+            si_factor(columns.time_unit or "s", like="s") if columns.rate_hz is None else 1.0
+        )
+        self._buffer, self._skip_lines, self._lines, self._mid_line = b"", 0, 0, False
+        self._layout: TextLayout | None = None
+        if layout is not None:
+            self._skip_lines = layout.first_line - 1
+        else:
+            layout = _layout_of_recording(run)
+        if layout is not None:
+            self._set_layout(layout, layout.names)
+
+    def _set_layout(self, layout: TextLayout, names: tuple[str, ...]) -> None:
+        select_columns(names, self._wanted, self._source)
+        self._layout, self._width = layout, len(names)
+        self._places = [names.index(name) for name in self._wanted]
+        kinds = [(str(k), "f8" if k in self._places else "U1") for k in range(self._width)]
+        self._dtype = np.dtype(kinds)
+
+    def restart(self, *, mid_stream: bool) -> None:
+        """See `Parser.restart`."""
+        self.malformed += bool(self._buffer.strip())
+        self._buffer, self._mid_line = b"", mid_stream
+
+    def finish(self) -> Rows | None:
+        """See `Parser.finish`."""
+        return self.feed(b"\n") if self._buffer.strip() else None
+
+    def feed(self, data: bytes) -> Rows | None:
+        """See `Parser.feed`."""
+        if self._mid_line:  # a truncated 123.4 would be read as 3.4
+            _, end, data = data.partition(b"\n")
+            self._mid_line = not end
+        whole, end, rest = (self._buffer + data).rpartition(b"\n")
+        if len(rest) > _LONGEST_LINE:
+            rest, self._mid_line = b"", True
+            self.malformed += 1
+        self._buffer = rest
+        if not end:
+            return None
+        lines = whole.decode("utf-8-sig", "replace").split("\n")
+        layout = self._layout
+        if layout is None:
+            if sum(line.strip() != "" and line[0] not in COMMENTS for line in lines) < 2:
+                self._buffer = whole + end + rest  # only a row below it tells what a header is
+                return None
+            layout = sniff_lines(lines, self._source)
+            self._set_layout(layout, layout.names)
+            self._skip_lines = layout.first_line - 1
+        if self._skip_lines:
+            skipped = min(self._skip_lines, len(lines))
+            lines, self._skip_lines = lines[skipped:], self._skip_lines - skipped
+        numbers, index = self._numbers(lines, layout)
+        return self._rows(numbers, index) if len(numbers) else None
+
+    def _numbers(self, lines: list[str], layout: TextLayout) -> tuple[Array, Array]:
+        """Return the wanted numbers of the lines that can be read, and the lines counted from 0."""
+        if len(lines) > _FEW_LINES and not (layout.form or layout.decimal_comma or layout.quoted):
+            try:
+                table = np.loadtxt(
+                    lines, self._dtype, comments=layout.comment, delimiter=layout.delimiter, ndmin=1
+                )
+            except ValueError:
+                table = np.empty(0)
+            if len(table) == len(lines):  # so there are no comments and blank lines
+                self._lines += len(lines)
+                found = np.stack([table[str(k)] for k in self._places], axis=1)
+                return found, np.arange(self._lines - len(lines), self._lines)
+        rows: list[list[float]] = []
+        index: list[int] = []
+        for line in lines:
+            content = layout.content(line)
+            if not content or content.startswith("//"):
+                continue
+            cells = layout.cells(line)
+            if self._named and set(self._wanted) <= set(cells):
+                self._set_layout(layout, tuple(cells))  # a header, also after a restart
+                continue
+            self._lines += 1
+            if (row := self._row(cells, layout)) is not None:
+                rows.append(row)
+                index.append(self._lines - 1)
+            else:
+                self._count_malformed(line, cells)
+        return np.array(rows), np.array(index)
+
+    def _row(self, cells: list[str], layout: TextLayout) -> list[float] | None:
+        """Return the wanted numbers of a line; None if they cannot be read."""
+        if len(cells) != self._width:
+            return None
+        wanted = [cells[k] for k in self._places]
+        if layout.decimal_comma:
+            wanted = [cell.replace(",", ".") for cell in wanted]
+        try:
+            return [float(cell) for cell in wanted] if "_" not in "".join(wanted) else None
+        except ValueError:
+            return None
+
+    def _count_malformed(self, line: str, cells: list[str]) -> None:
+        self.malformed += 1
+        time = self._columns.time
+        place = self._width if time is None else self._places[self._wanted.index(time)]
+        if place < len(cells) == self._width and is_iso_time(cells[place]):
+            raise InputError(
+                f"{self._run.path}: column {time!r} contains dates, which a stream cannot use; "
+                "name a column of numbers, or remove the key and state [data] rate",
+                file=self._run.path,
+                key="[data] time",
+            )
+        if self.malformed == self._lines == _UNREAD_LINES and self._tell is not None:
+            self._tell(
+                f"{self._source}: the first {_UNREAD_LINES} lines do not have the "
+                f"{self._width} columns of [data], such as {shorten(line.strip(), 60)!r}"
+            )
+
+    def _rows(self, numbers: Array, index: Array) -> Rows | None:
+        """Return the samples with possible values, and count the others."""
+        columns, thermometer = self._columns, self._columns.thermometer
+        m = len(columns.channels)
+        readings, good = numbers[:, :m], is_usable(numbers).all(axis=1)
+        if (bits := columns.signed_bits) is not None:
+            whole = (readings >= 0) & (readings < 2.0**bits) & (readings == np.rint(readings))
+            good &= whole.all(axis=1)
+            readings = signed_counts(readings, bits)
+        for k in self._reversed:
+            readings[:, k] = 2 * self._zeros[k] - readings[:, k]
+        kelvin = None
+        if columns.temperature is not None:
+            kelvin = thermometer.kelvin(numbers[:, -1])
+            good &= ~is_impossible(kelvin, allowed=thermometer.allowed)
+        self.malformed += int(good.size - good.sum())
+        if not good.any():
+            return None
+        time = index.astype(np.float64)
+        if columns.time is not None:
+            time = np.where(good, numbers[:, m], 0.0)
+            time[good] = self._counter.unwrap(time[good])[0]
+        if columns.rate_hz is not None:
+            time = time / columns.rate_hz
+        return Rows(time * self._unit, readings, kelvin).take(good)
+
+
+def layout_of_file(run: Run, path: Path) -> TextLayout:
+    """Return the layout of a text file, read with [data] skip.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or is not such text.
+    """
+    found = detect_reader(path)
+    if found.name != "text":
+        raise InputError(
+            f"{path} is a file of the format {found.name}, but a stream is text or packets; name "
+            "it in [data] and use --out",
+            file=path,
+        )
+    skip = run.reader_options.get("skip", 0)
+    try:
+        return sniff(path, skip if isinstance(skip, int) else 0)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text: {error}", file=path) from None
+
+
+def _layout_of_recording(run: Run) -> TextLayout | None:
+    """Return the layout of the file that [data] names; None if there is no such text file."""
+    try:
+        return layout_of_file(run, run.file(run.data.file))
+    except InputError:
+        return None

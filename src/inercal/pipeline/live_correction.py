@@ -1,0 +1,235 @@
+"""Correct samples block by block while they arrive, with everything prepared once.
+
+An affine model f = B (y − o) needs one matrix product per block. A model with temperature or
+nonlinear terms is inverted for each sample. Both give the numbers of `inercal.pipeline.apply`.
+
+A term that needs later samples cannot be applied while samples arrive: the rate of change of the
+temperature, the lag of a thermometer and the angular acceleration of lever arms. Calibrations with
+such terms are refused.
+"""
+
+from enum import IntFlag
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.basics.arrays import Array
+from inercal.basics.errors import InputError, NotInvertible
+from inercal.calibration import Calibration
+from inercal.calibration.corrected_motion import channel_columns, corrected_motion
+from inercal.calibration.temperature_range import temperatures_outside
+from inercal.physics.motion import Motion
+from inercal.physics.quantities import KINDS
+from inercal.pipeline.correction import (
+    TEMPERATURE_DECIMALS,
+    rate_limits,
+    rates_outside,
+    require_same_corrections,
+    require_same_readout,
+)
+from inercal.recordings.data.recording_loader import range_limits
+from inercal.runfile import Run, read
+
+
+class SampleFlag(IntFlag):
+    """What the user of a corrected sample needs to know; 0 if there is nothing."""
+
+    SATURATED = 1  # a reading is at an end of the range that [sensor] full_scale states
+    TEMPERATURE = 2  # the temperature is outside the range of the calibration
+    RATE = 4  # a rate is outside the range of a calibration at constant rates
+    NO_MOTION = 8  # the model gives no unique motion for the readings; the sample has no values
+
+
+class CorrectedBlock(NamedTuple):
+    """Corrected samples.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Times, s.
+    values : (n, q) array
+        The values of `LiveCorrector.names`; NaN if a sample cannot be corrected.
+    flags : (n,) array of uint8
+        Bits of `SampleFlag`.
+    """
+
+    time: Array
+    values: Array
+    flags: NDArray[np.uint8]
+
+
+class LiveCorrector:
+    """Corrects blocks of readings from one sensor.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    run : Run or path
+        Run file with the readout of the sensor and the columns of the readings.
+    extrapolate : bool
+        Whether samples outside the temperature range of the calibration are also corrected.
+        Otherwise their values are NaN. They have a flag in both cases.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What the columns of the values contain: fx, fy, fz in m/s² and wx, wy, wz in rad/s, or the
+        components that the sensor measures; the temperature in the unit of the run file, if it
+        names a temperature column; and the parity residuals of redundant axes.
+    channels : tuple of str
+        The axes whose readings `correct` needs, in order.
+
+    Raises
+    ------
+    InputError
+        The run and the calibration do not belong together, or a term needs later samples.
+    """
+
+    def __init__(
+        self, calibration: Calibration, run: Run | str | Path, *, extrapolate: bool = False
+    ):
+        self.run = run = run if isinstance(run, Run) else read(run)
+        require_same_readout(calibration, run)
+        require_same_corrections(calibration, "", str(run.path), run)
+        self._calibration, self._extrapolate = calibration, extrapolate
+        sensor = self._sensor = calibration.sensor
+        self.channels = run.sensor.channels
+        units = [axis.readout.unit for axis in run.sensor.axes]
+        self._columns = channel_columns(sensor, self.channels, units, str(run.path))
+        self._require_no_later_samples()
+        limits = range_limits(run.sensor)
+        ends = [limits.get(name, (-np.inf, np.inf)) for name in self.channels]
+        self._lowest, self._highest = np.array(ends).reshape(-1, 2).T
+        self._rate_limits = rate_limits(calibration)
+        self._gyros = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
+        self._kinds = tuple(dict.fromkeys(sensor.sensed.measures))
+        redundant = [
+            kind for kind in KINDS if len(sensor.input_axes(kind)) > max(sensor.rank(kind), 1)
+        ]
+        heat = (
+            () if run.data.temperature is None else (f"temperature [{run.data.temperature_unit}]",)
+        )
+        self.names = (*sensor.sensed.names, *heat, *(f"parity_{kind}" for kind in redundant))
+        self._affine = None if redundant or not sensor.affine else self._affine_parts()
+
+    def _require_no_later_samples(self) -> None:
+        sensor, run = self._sensor, self.run
+        heated = sensor.uses("dT", "dTdt")
+        lag = None if run.environment is None else run.environment.lag
+        reason = None
+        if sensor.uses("dTdt"):
+            reason = "the rate of change of the temperature"
+        elif sensor.uses("ai", "ap", "ao"):
+            reason = "the angular acceleration, for its lever arms,"
+        elif heated and lag is not None:
+            reason = "the lag of the thermometer, [environment] lag,"
+        if reason is not None:
+            raise InputError(
+                f"{run.path}: the correction needs {reason} and therefore later samples, so it "
+                "cannot be applied to a stream; record the samples and use --out",
+                file=run.path,
+                key="--stream",
+            )
+        if heated and run.data.temperature is None:
+            raise InputError(
+                f"{run.path}: the calibration depends on temperature, but [data] temperature is "
+                "missing; name the column of the temperature",
+                file=run.path,
+                key="[data] temperature",
+            )
+
+    def _affine_parts(self) -> tuple[Array, Array, list[tuple[int, Array | None]]]:
+        """Return offset, inverse slope, and for each kind its place and directions, if in part."""
+        sensor, c = self._sensor, self._calibration.values
+        rest, basis = Motion(np.zeros((1, 3)), np.zeros((1, 3))), sensor.sensed.basis
+        slope = (sensor.slope(rest, c) @ basis)[0]
+        if np.linalg.matrix_rank(slope) < basis.shape[1]:
+            corrected_motion(  # raises the error that describes this
+                sensor,
+                np.zeros((1, len(sensor.axes))),
+                c,
+                dict.fromkeys(KINDS),
+                None,
+                0.0,
+                0.0,
+                None,
+            )
+        parts: list[tuple[int, Array | None]] = []
+        for kind in self._kinds:
+            along = None if sensor.rank(kind) == len("xyz") else sensor.input_axes(kind)
+            parts.append((3 * KINDS.index(kind), along))
+        back = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
+        return sensor.forward(rest, c), back, parts
+
+    def correct(self, time: Array, readings: Array, kelvin: Array | None = None) -> CorrectedBlock:
+        """Correct the next samples.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Times, s.
+        readings : (n, m) array
+            Finite readings of `channels` in output units.
+        kelvin : (n,) array, optional
+            Temperatures, K, if the run file names a temperature column.
+        """
+        n = len(readings)
+        flags = (
+            ((readings <= self._lowest) | (readings >= self._highest)).any(axis=1).view(np.uint8)
+        )
+        if n == 1:
+            # The product of one row is rounded differently, so it is computed as one of two.
+            readings = np.repeat(readings, 2, axis=0)
+            kelvin = None if kelvin is None else np.repeat(kelvin, 2)
+        y = self._sensor.to_si(readings[:, self._columns])
+        values = self._values(y, kelvin)[:n]
+        q = len(self._sensor.sensed.names)
+        if self._rate_limits is not None:
+            flags |= rates_outside(self._rate_limits, y[:n, self._gyros]) * np.uint8(
+                SampleFlag.RATE
+            )
+        missing = np.isnan(values[:, :q]).any(axis=1)
+        if missing.any():
+            flags |= missing * np.uint8(SampleFlag.NO_MOTION)
+        if kelvin is not None:
+            kelvin = kelvin[:n]
+            outside = temperatures_outside(self._sensor, self._calibration.validity, kelvin)
+            if outside.any():
+                flags |= outside * np.uint8(SampleFlag.TEMPERATURE)
+                missing |= outside & (not self._extrapolate)
+        values[missing, :q] = np.nan
+        return CorrectedBlock(time, values, flags)
+
+    def _values(self, y: Array, kelvin: Array | None) -> Array:
+        """Return the values for readings in SI, (n, m)."""
+        sensor = self._sensor
+        columns: list[Array] = []
+        parity: list[Array] = []
+        if self._affine is not None:
+            offset, back, parts = self._affine
+            sensed = (y - offset) @ back.T @ sensor.sensed.basis.T
+            for start, along in parts:
+                part = sensed[:, start : start + 3]
+                columns.append(part if along is None else part @ along.T)
+        else:
+            dT = 0.0 if kelvin is None else kelvin - sensor.reference_temperature
+            c, passed = self._calibration.values, dict.fromkeys(KINDS)
+            try:
+                motion = corrected_motion(sensor, y, c, passed, None, dT, 0.0, None, refuse=False)
+            except NotInvertible:
+                # One sample makes the whole block singular, so each sample is tried by itself.
+                if len(y) > 2:
+                    halves = np.array_split(np.arange(len(y)), 2)
+                    heat = [None if kelvin is None else kelvin[k] for k in halves]
+                    return np.concatenate(
+                        [self._values(y[k], t) for k, t in zip(halves, heat, strict=True)]
+                    )
+                return np.full((len(y), len(self.names)), np.nan)
+            columns += [getattr(motion, kind) for kind in self._kinds]
+            parity += [values[:, None] for values in motion.parity.values()]
+        if kelvin is not None and self.run.data.temperature is not None:
+            own = self.run.data.thermometer.values(kelvin)
+            columns.append(np.round(own, TEMPERATURE_DECIMALS)[:, None])
+        return np.concatenate([*columns, *parity], axis=1)
