@@ -24,9 +24,8 @@ from inercal.runfile import Run, read
 _DIGITS = 9  # significant digits of numbers in a text file
 _LARGEST_EXACT = 1e22  # larger powers of ten are not exact
 TEMPERATURE_DECIMALS = 6
-_MOST_PLACES = 310
-with np.errstate(over="ignore"):
-    _POWERS_OF_TEN: Array = 10.0 ** np.arange(-_MOST_PLACES, _MOST_PLACES + 1)
+SIGNIFICANT = "%.9g"
+_UNSURE = 1e-6  # of the last digit
 
 
 def load_recording(run: Run) -> Recording:
@@ -239,10 +238,19 @@ def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
 
 
 def significant(values: Array) -> Array:
-    """Round to nine significant digits: 1e-8 of 1 g, which is below the noise of any sensor."""
+    """Round to nine significant digits: 1e-8 of 1 g, which is below the noise of any sensor.
+
+    The results are the numbers that the format "%.9g" prints.
+    """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         size = np.floor(np.log10(np.abs(values)))
-        place = (_DIGITS - 1 - size).clip(-_MOST_PLACES, _MOST_PLACES) + _MOST_PLACES
-        factor = _POWERS_OF_TEN.take(place.astype(np.int64), mode="clip")
-        rounded = np.rint(values * factor) / factor
-    return np.where(np.isfinite(rounded) & (factor < _LARGEST_EXACT), rounded, values)
+        factor = 10.0 ** (_DIGITS - 1 - size)
+        scaled = values * factor
+        whole = np.rint(scaled)
+        rounded = np.asarray(whole / factor)
+        # The product is rounded, so it may be on the wrong side of a half.
+        unsure = (np.abs(np.abs(scaled - whole) - 0.5) < _UNSURE) | (factor >= _LARGEST_EXACT)
+        unsure |= (factor < 1) | ~np.isfinite(rounded)
+    for k in np.flatnonzero(unsure).tolist():
+        rounded.flat[k] = float(SIGNIFICANT % values.flat[k])
+    return rounded

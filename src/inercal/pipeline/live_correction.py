@@ -15,13 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError, NotInvertible
 from inercal.calibration import Calibration
 from inercal.calibration.corrected_motion import channel_columns, corrected_motion
 from inercal.calibration.temperature_range import temperatures_outside
 from inercal.physics.motion import Motion
 from inercal.physics.quantities import KINDS
+from inercal.physics.sensors.inverse import SINGULAR_TEXT
 from inercal.pipeline.correction import (
     TEMPERATURE_DECIMALS,
     rate_limits,
@@ -101,7 +102,7 @@ class LiveCorrector:
         self._require_no_later_samples()
         limits = range_limits(run.sensor)
         ends = [limits.get(name, (-np.inf, np.inf)) for name in self.channels]
-        self._lowest, self._highest = np.array(ends).reshape(-1, 2).T
+        self._ends = np.array(ends).reshape(-1, 2).T if limits else None
         self._rate_limits = rate_limits(calibration)
         self._gyros = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
         self._kinds = tuple(dict.fromkeys(sensor.sensed.measures))
@@ -112,6 +113,12 @@ class LiveCorrector:
             () if run.data.temperature is None else (f"temperature [{run.data.temperature_unit}]",)
         )
         self.names = (*sensor.sensed.names, *heat, *(f"parity_{kind}" for kind in redundant))
+        readouts = [axis.readout for axis in sensor.axes]
+        self._zero = np.array([one.offset for one in readouts])
+        self._scale = np.array([one.scale for one in readouts])
+        self._in_order = self._columns == list(range(len(self.channels)))
+        self._complete = np.array_equal(sensor.sensed.basis, np.eye(6))
+        self._limited = sensor.uses("dT", "dTdt")
         self._affine = None if redundant or not sensor.affine else self._affine_parts()
 
     def _require_no_later_samples(self) -> None:
@@ -140,28 +147,15 @@ class LiveCorrector:
                 key="[data] temperature",
             )
 
-    def _affine_parts(self) -> tuple[Array, Array, list[tuple[int, Array | None]]]:
-        """Return offset, inverse slope, and for each kind its place and directions, if in part."""
+    def _affine_parts(self) -> tuple[Array, Array]:
+        """Return the offset, (1, m), and the inverse of the slope, (k, m)."""
         sensor, c = self._sensor, self._calibration.values
-        rest, basis = Motion(np.zeros((1, 3)), np.zeros((1, 3))), sensor.sensed.basis
-        slope = (sensor.slope(rest, c) @ basis)[0]
-        if np.linalg.matrix_rank(slope) < basis.shape[1]:
-            corrected_motion(  # raises the error that describes this
-                sensor,
-                np.zeros((1, len(sensor.axes))),
-                c,
-                dict.fromkeys(KINDS),
-                None,
-                0.0,
-                0.0,
-                None,
-            )
-        parts: list[tuple[int, Array | None]] = []
-        for kind in self._kinds:
-            along = None if sensor.rank(kind) == len("xyz") else sensor.input_axes(kind)
-            parts.append((3 * KINDS.index(kind), along))
+        rest, sensed = Motion(np.zeros((1, 3)), np.zeros((1, 3))), sensor.sensed
+        slope = (sensor.slope(rest, c) @ sensed.basis)[0]
+        if np.linalg.matrix_rank(slope) < sensed.basis.shape[1]:
+            raise NotInvertible(f"sensor {sensor.name}: {SINGULAR_TEXT}")
         back = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
-        return sensor.forward(rest, c), back, parts
+        return sensor.forward(rest, c), back
 
     def correct(self, time: Array, readings: Array, kelvin: Array | None = None) -> CorrectedBlock:
         """Correct the next samples.
@@ -176,30 +170,32 @@ class LiveCorrector:
             Temperatures, K, if the run file names a temperature column.
         """
         n = len(readings)
-        flags = (
-            ((readings <= self._lowest) | (readings >= self._highest)).any(axis=1).view(np.uint8)
-        )
+        flags = np.zeros(n, np.uint8)
+        if self._ends is not None:
+            lowest, highest = self._ends
+            beyond = (readings <= lowest) | (readings >= highest)
+            flags |= _flagged(beyond.any(axis=1), SampleFlag.SATURATED)
         if n == 1:
             # The product of one row is rounded differently, so it is computed as one of two.
             readings = np.repeat(readings, 2, axis=0)
             kelvin = None if kelvin is None else np.repeat(kelvin, 2)
-        y = self._sensor.to_si(readings[:, self._columns])
+        y = (
+            (readings if self._in_order else readings[:, self._columns]) - self._zero
+        ) / self._scale
         values = self._values(y, kelvin)[:n]
         q = len(self._sensor.sensed.names)
         if self._rate_limits is not None:
-            flags |= rates_outside(self._rate_limits, y[:n, self._gyros]) * np.uint8(
-                SampleFlag.RATE
-            )
-        missing = np.isnan(values[:, :q]).any(axis=1)
-        if missing.any():
-            flags |= missing * np.uint8(SampleFlag.NO_MOTION)
-        if kelvin is not None:
-            kelvin = kelvin[:n]
-            outside = temperatures_outside(self._sensor, self._calibration.validity, kelvin)
-            if outside.any():
-                flags |= outside * np.uint8(SampleFlag.TEMPERATURE)
-                missing |= outside & (not self._extrapolate)
-        values[missing, :q] = np.nan
+            beyond = rates_outside(self._rate_limits, y[:n, self._gyros])
+            flags |= _flagged(beyond, SampleFlag.RATE)
+        if self._affine is None:
+            missing = np.isnan(values[:, :q]).any(axis=1)
+            flags |= _flagged(missing, SampleFlag.NO_MOTION)
+            values[missing, :q] = np.nan
+        if kelvin is not None and self._limited:
+            outside = temperatures_outside(self._sensor, self._calibration.validity, kelvin[:n])
+            flags |= _flagged(outside, SampleFlag.TEMPERATURE)
+            if not self._extrapolate:
+                values[outside, :q] = np.nan
         return CorrectedBlock(time, values, flags)
 
     def _values(self, y: Array, kelvin: Array | None) -> Array:
@@ -208,11 +204,10 @@ class LiveCorrector:
         columns: list[Array] = []
         parity: list[Array] = []
         if self._affine is not None:
-            offset, back, parts = self._affine
-            sensed = (y - offset) @ back.T @ sensor.sensed.basis.T
-            for start, along in parts:
-                part = sensed[:, start : start + 3]
-                columns.append(part if along is None else part @ along.T)
+            offset, back = self._affine
+            values = (y - offset) @ back.T
+            sensed = sensor.sensed
+            columns.append(values if self._complete else values @ sensed.basis.T @ sensed.rows.T)
         else:
             dT = 0.0 if kelvin is None else kelvin - sensor.reference_temperature
             c, passed = self._calibration.values, dict.fromkeys(KINDS)
@@ -232,4 +227,8 @@ class LiveCorrector:
         if kelvin is not None and self.run.data.temperature is not None:
             own = self.run.data.thermometer.values(kelvin)
             columns.append(np.round(own, TEMPERATURE_DECIMALS)[:, None])
-        return np.concatenate([*columns, *parity], axis=1)
+        return columns[0] if len(columns) == 1 and not parity else np.hstack([*columns, *parity])
+
+
+def _flagged(where: Bools, flag: SampleFlag) -> NDArray[np.uint8]:
+    return where * np.uint8(flag)

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +35,7 @@ from inercal.host.link import LinkLost
 from inercal.pipeline.live_correction import CorrectedBlock, LiveCorrector, SampleFlag
 from inercal.runfile import Run, read
 
-_PAUSE = 0.0025  # s between two looks at a live source, which saves waking up for each sample
+_PAUSE = 0.0028  # s between two looks at a live source, which saves waking up for each sample
 _MUCH = 2048  # bytes; if so many arrive at once, there is no pause, so that no buffer overflows
 _IDLE = 0.1  # s after which the loop notices `stop` if nothing arrives
 _FIRST_RETRY, _LONGEST_RETRY = 0.1, 5.0  # s between attempts to open a lost source
@@ -117,8 +118,8 @@ class LiveCorrection:
         self._source = source
         self._open: OpenSource | None = source.open()
         parser.restart(mid_stream=source.mid_stream)
-        self._retry, self._next_attempt, self._next_look = _FIRST_RETRY, 0.0, 0.0
-        self._stopped = self._ended = self._told_loss = False
+        self._retry, self._next_attempt = _FIRST_RETRY, 0.0
+        self._stopped = self._ended = self._pausing = self._told_loss = False
 
     def stop(self) -> None:
         """End the loop soon; a signal handler or another thread may call this."""
@@ -153,22 +154,25 @@ class LiveCorrection:
 
     def _turn(self) -> None:
         """Wait for the next event and handle it."""
-        now, output = monotonic(), self._output
-        if self._open is None and now >= self._next_attempt:
+        output, source = self._output, self._open
+        if source is None and (wait := self._next_attempt - monotonic()) <= 0:
             self._try_to_reopen()
-        wait = _IDLE if self._open is not None else self._next_attempt - monotonic()
-        look = self._open is not None and not self._must_wait()
-        if look and now < self._next_look:
-            look, wait = False, self._next_look - now
-        incoming = [*output.listeners, *([self._open] if look and self._open else [])]
+            return
         outgoing = [reader for reader in output.readers if not reader.is_idle]
-        ready, writable, _ = select.select(incoming, outgoing, [], min(max(wait, 0.0), _IDLE))
-        if output.listeners:
+        incoming: list[Any] = [*output.listeners]
+        if self._pausing:
+            wait = _PAUSE  # the source is read after the pause, whether bytes have arrived or not
+        elif source is not None:
+            wait = _IDLE
+            if not self._must_wait():
+                incoming.append(source)
+        ready, writable, _ = select.select(incoming, outgoing, [], min(wait, _IDLE))
+        if ready and output.listeners:
             output.accept()
         if writable:
             output.flush()
-        if self._open is not None and self._open in ready:
-            self._take(self._open)
+        if source is not None and (self._pausing or source in ready):
+            self._take(source, ready=source in ready)
 
     def _must_wait(self) -> bool:
         """Return whether a source that can wait must do so for its readers."""
@@ -179,22 +183,22 @@ class LiveCorrection:
             return True
         return any(reader.waiting >= _MOST_WAITING // 2 for reader in readers)
 
-    def _take(self, source: OpenSource) -> None:
+    def _take(self, source: OpenSource, *, ready: bool) -> None:
         """Correct the samples that have arrived."""
         try:
-            data = source.take()
+            data = source.take(ready=ready)
         except LinkLost as error:
             self._tell(f"lost the source: {error}; trying to open it again")
             source.close()
-            self._open, self._retry = None, _FIRST_RETRY
+            self._open, self._pausing, self._retry = None, False, _FIRST_RETRY
             self._next_attempt = monotonic() + self._retry
             return
         if data is None:
             self._ended = True
             return
-        if self._source.live and len(data) < _MUCH:
-            self._next_look = monotonic() + _PAUSE
-        self._send(self._parser.feed(data))
+        self._pausing = self._source.live and 0 < len(data) < _MUCH
+        if data:
+            self._send(self._parser.feed(data))
 
     def _send(self, rows: Rows | None) -> None:
         if rows is None or not rows.time.size:

@@ -12,11 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inercal.basics.errors import require_extra
-from inercal.pipeline.correction import significant
+from inercal.pipeline.correction import SIGNIFICANT
 from inercal.pipeline.live_correction import CorrectedBlock
 
 _TIME_DECIMALS = 7
-_NUMBER = "%.9g"  # the values are rounded before, exactly as in a file
 
 
 class Format(NamedTuple):
@@ -88,18 +87,18 @@ class _TextLines:
         self._missing = missing
         first, *others, last = (text.replace("%", "%%") for text in before)
         time, flags = f"{first}%.{_TIME_DECIMALS}f", f"{last}%d{end.replace('%', '%%')}"
-        number, text = ("".join(one + form for one in others) for form in (_NUMBER, "%s"))
+        number, text = ("".join(one + form for one in others) for form in (SIGNIFICANT, "%s"))
         self._numbers, self._texts = time + number + flags, time + text + flags
 
     def format(self, block: CorrectedBlock) -> bytes:
         """Return the lines of corrected samples."""
         line, n = self._numbers, block.time.size
-        columns = [block.time.tolist(), *significant(block.values).T.tolist(), block.flags.tolist()]
-        if np.isnan(block.values).any():
+        columns = [block.time.tolist(), *block.values.T.tolist(), block.flags.tolist()]
+        if block.flags.any() and np.isnan(block.values).any():
             line = self._texts
             columns[1:-1] = [[self._text(x) for x in column] for column in columns[1:-1]]
         cells = tuple(chain.from_iterable(zip(*columns, strict=True)))
         return (line * n % cells).encode()
 
     def _text(self, value: float) -> str:
-        return _NUMBER % value if value == value else self._missing
+        return SIGNIFICANT % value if value == value else self._missing

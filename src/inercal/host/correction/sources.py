@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InputError
 from inercal.host.addresses import link_of_address
-from inercal.host.link import host_and_port, open_link
+from inercal.host.link import LinkLost, host_and_port, open_link
 
 _MOST_BYTES = 1 << 17  # bytes at a time
 _MOST_DATAGRAMS = 64  # at a time
@@ -32,8 +32,11 @@ class OpenSource(Protocol):
         """Return the descriptor that is readable when bytes have arrived."""
         ...
 
-    def take(self) -> bytes | None:
-        """Return the bytes that have arrived; None at the end. Raises `LinkLost`."""
+    def take(self, *, ready: bool = True) -> bytes | None:
+        """Return the bytes that have arrived; None at the end. Raises `LinkLost`.
+
+        A live source does not wait for bytes. `ready` tells whether `select` said that it has some.
+        """
         ...
 
     def close(self) -> None:
@@ -162,7 +165,7 @@ class _Descriptor(Closeable):
     def fileno(self) -> int:
         return self._descriptor
 
-    def take(self) -> bytes | None:
+    def take(self, *, ready: bool = True) -> bytes | None:
         try:
             return os.read(self._descriptor, _MOST_BYTES) or None
         except OSError as error:
@@ -174,16 +177,25 @@ class _Descriptor(Closeable):
 
 
 class _LinkSource(Closeable):
-    """A serial port or a TCP connection."""
+    """A serial port or a TCP connection, read directly because it is read very often."""
 
     def __init__(self, address: str):
         self._link = open_link(address, _ATTEMPT)
+        os.set_blocking(self._link.fileno(), False)
 
     def fileno(self) -> int:
         return self._link.fileno()
 
-    def take(self) -> bytes | None:
-        return self._link.read(_MOST_BYTES, 0.0)
+    def take(self, *, ready: bool = True) -> bytes | None:
+        try:
+            data = os.read(self._link.fileno(), _MOST_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise LinkLost(f"{self._link.address}: {error.strerror}") from None
+        if not data and ready:  # an open terminal without bytes also reads nothing
+            raise LinkLost(f"{self._link.address}: the other end has closed the connection")
+        return data
 
     def close(self) -> None:
         self._link.close()
@@ -199,7 +211,7 @@ class _Datagrams(Closeable):
     def fileno(self) -> int:
         return self._socket.fileno()
 
-    def take(self) -> bytes | None:
+    def take(self, *, ready: bool = True) -> bytes | None:
         found: list[bytes] = []
         with suppress(BlockingIOError, ConnectionError):
             while len(found) < _MOST_DATAGRAMS:

@@ -9,14 +9,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.host.correction.rows import Rows, stream_columns
 from inercal.host.packets.stream import CounterUnwrapper
 from inercal.recordings.data.recording_loader import reversed_axes
-from inercal.recordings.io.column_table import select_columns, shorten
+from inercal.recordings.io.column_table import TOO_LARGE, select_columns, shorten
 from inercal.recordings.io.read import detect_reader
 from inercal.recordings.io.row_checks import is_usable
 from inercal.recordings.io.table_start import is_number
@@ -108,7 +109,8 @@ class TextRows:
         self._buffer = rest
         if not end:
             return None
-        lines = whole.decode("utf-8-sig", "replace").split("\n")
+        text = whole.decode("utf-8", "replace")
+        lines = text.removeprefix("\ufeff").split("\n")
         layout = self._layout
         if layout is None:
             if sum(line.strip() != "" and line[0] not in COMMENTS for line in lines) < 2:
@@ -120,22 +122,37 @@ class TextRows:
         if self._skip_lines:
             skipped = min(self._skip_lines, len(lines))
             lines, self._skip_lines = lines[skipped:], self._skip_lines - skipped
-        numbers, index = self._numbers(lines, layout)
+        # Python reads 1_0 as 10.
+        plain = not (layout.form or layout.decimal_comma or layout.quoted or "_" in text)
+        numbers = self._numbers_at_once(lines, layout) if plain else None
+        if numbers is None:
+            numbers, index = self._numbers_one_by_one(lines, layout)
+        else:
+            self._lines += len(lines)
+            index = np.arange(self._lines - len(lines), self._lines)
         return self._rows(numbers, index) if len(numbers) else None
 
-    def _numbers(self, lines: list[str], layout: TextLayout) -> tuple[Array, Array]:
+    def _numbers_at_once(self, lines: list[str], layout: TextLayout) -> Array | None:
+        """Return the wanted numbers of all lines; None unless each line can be read."""
+        try:
+            if len(lines) <= _FEW_LINES:
+                rows = [line.split(layout.delimiter) for line in lines]
+                if set(map(len, rows)) != {self._width}:
+                    return None
+                return np.array([[float(row[k]) for k in self._places] for row in rows])
+            table = np.loadtxt(
+                lines, self._dtype, comments=None, delimiter=layout.delimiter, ndmin=1
+            )
+        except ValueError:
+            return None
+        if len(table) != len(lines):  # NumPy leaves out blank lines
+            return None
+        return np.stack([table[str(k)] for k in self._places], axis=1)
+
+    def _numbers_one_by_one(
+        self, lines: list[str], layout: TextLayout
+    ) -> tuple[Array, NDArray[np.int64]]:
         """Return the wanted numbers of the lines that can be read, and the lines counted from 0."""
-        if len(lines) > _FEW_LINES and not (layout.form or layout.decimal_comma or layout.quoted):
-            try:
-                table = np.loadtxt(
-                    lines, self._dtype, comments=layout.comment, delimiter=layout.delimiter, ndmin=1
-                )
-            except ValueError:
-                table = np.empty(0)
-            if len(table) == len(lines):  # so there are no comments and blank lines
-                self._lines += len(lines)
-                found = np.stack([table[str(k)] for k in self._places], axis=1)
-                return found, np.arange(self._lines - len(lines), self._lines)
         rows: list[list[float]] = []
         index: list[int] = []
         for line in lines:
@@ -152,7 +169,7 @@ class TextRows:
                 index.append(self._lines - 1)
             else:
                 self._count_malformed(line, cells)
-        return np.array(rows), np.array(index)
+        return np.array(rows), np.array(index, np.int64)
 
     def _row(self, cells: list[str], layout: TextLayout) -> list[float] | None:
         """Return the wanted numbers of a line; None if they cannot be read."""
@@ -183,31 +200,37 @@ class TextRows:
                 f"{self._width} columns of [data], such as {shorten(line.strip(), 60)!r}"
             )
 
-    def _rows(self, numbers: Array, index: Array) -> Rows | None:
+    def _rows(self, numbers: Array, index: NDArray[np.int64]) -> Rows:
         """Return the samples with possible values, and count the others."""
         columns, thermometer = self._columns, self._columns.thermometer
         m = len(columns.channels)
-        readings, good = numbers[:, :m], is_usable(numbers).all(axis=1)
+        readings, good = numbers[:, :m], None
+        if not np.abs(numbers).max() < TOO_LARGE:
+            good = is_usable(numbers).all(axis=1)
         if (bits := columns.signed_bits) is not None:
             whole = (readings >= 0) & (readings < 2.0**bits) & (readings == np.rint(readings))
-            good &= whole.all(axis=1)
+            good = _both(good, whole.all(axis=1))
             readings = signed_counts(readings, bits)
         for k in self._reversed:
             readings[:, k] = 2 * self._zeros[k] - readings[:, k]
         kelvin = None
         if columns.temperature is not None:
             kelvin = thermometer.kelvin(numbers[:, -1])
-            good &= ~is_impossible(kelvin, allowed=thermometer.allowed)
-        self.malformed += int(good.size - good.sum())
-        if not good.any():
-            return None
-        time = index.astype(np.float64)
-        if columns.time is not None:
-            time = np.where(good, numbers[:, m], 0.0)
-            time[good] = self._counter.unwrap(time[good])[0]
+            good = _both(good, ~is_impossible(kelvin, allowed=thermometer.allowed))
+        time = index.astype(np.float64) if columns.time is None else numbers[:, m]
+        rows = Rows(time, readings, kelvin)
+        if good is not None and not good.all():
+            self.malformed += int(good.size - good.sum())
+            rows = rows.take(good)
+        if columns.modulus is not None:
+            rows = rows._replace(time=self._counter.unwrap(rows.time)[0])
         if columns.rate_hz is not None:
-            time = time / columns.rate_hz
-        return Rows(time * self._unit, readings, kelvin).take(good)
+            return rows._replace(time=rows.time / columns.rate_hz)
+        return rows if self._unit == 1.0 else rows._replace(time=rows.time * self._unit)
+
+
+def _both(first: Bools | None, second: Bools) -> Bools:
+    return second if first is None else first & second
 
 
 def layout_of_file(run: Run, path: Path) -> TextLayout:
