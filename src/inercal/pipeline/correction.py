@@ -67,7 +67,7 @@ def rate_limits(calibration: Calibration) -> tuple[float, float] | None:
 def rates_outside(limits: tuple[float, float], rate: Array) -> NDArray[np.bool_]:
     """Return a mask of samples with a gyro reading, (n, k) rad/s, outside the limits."""
     margin = READING_MARGIN * (limits[1] - limits[0])
-    return distance_outside(limits, rate, margin).any(axis=-1)
+    return np.asarray(distance_outside(limits, rate, margin).any(axis=-1))
 
 
 def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Finding, ...]:

@@ -99,6 +99,7 @@ class LiveCorrector:
         self.channels = run.sensor.channels
         units = [axis.readout.unit for axis in run.sensor.axes]
         self._columns = channel_columns(sensor, self.channels, units, str(run.path))
+        self._heated = sensor.uses("dT", "dTdt")
         self._require_no_later_samples()
         limits = range_limits(run.sensor)
         ends = [limits.get(name, (-np.inf, np.inf)) for name in self.channels]
@@ -118,34 +119,24 @@ class LiveCorrector:
         self._scale = np.array([one.scale for one in readouts])
         self._in_order = self._columns == list(range(len(self.channels)))
         self._complete = np.array_equal(sensor.sensed.basis, np.eye(6))
-        self._limited = sensor.uses("dT", "dTdt")
         self._affine = None if redundant or not sensor.affine else self._affine_parts()
 
     def _require_no_later_samples(self) -> None:
         sensor, run = self._sensor, self.run
-        heated = sensor.uses("dT", "dTdt")
         lag = None if run.environment is None else run.environment.lag
         reason = None
         if sensor.uses("dTdt"):
             reason = "the rate of change of the temperature"
         elif sensor.uses("ai", "ap", "ao"):
-            reason = "the angular acceleration, for its lever arms,"
-        elif heated and lag is not None:
-            reason = "the lag of the thermometer, [environment] lag,"
+            reason = "the angular acceleration for its lever arms"
+        elif self._heated and lag is not None:
+            reason = "the lag of the thermometer ([environment] lag)"
         if reason is not None:
-            raise InputError(
-                f"{run.path}: the correction needs {reason} and therefore later samples, so it "
-                "cannot be applied to a stream; record the samples and use --out",
-                file=run.path,
-                key="--stream",
-            )
-        if heated and run.data.temperature is None:
-            raise InputError(
-                f"{run.path}: the calibration depends on temperature, but [data] temperature is "
-                "missing; name the column of the temperature",
-                file=run.path,
-                key="[data] temperature",
-            )
+            reason += ", which needs later samples; record them and use --out"
+        elif self._heated and run.data.temperature is None:
+            reason = "the temperature; name its column in [data] temperature"
+        if reason is not None:
+            raise InputError(f"{run.path}: the calibration uses {reason}", file=run.path)
 
     def _affine_parts(self) -> tuple[Array, Array]:
         """Return the offset, (1, m), and the inverse of the slope, (k, m)."""
@@ -174,7 +165,7 @@ class LiveCorrector:
         if self._ends is not None:
             lowest, highest = self._ends
             beyond = (readings <= lowest) | (readings >= highest)
-            flags |= _flagged(beyond.any(axis=1), SampleFlag.SATURATED)
+            flags |= _flagged(np.asarray(beyond.any(axis=1)), SampleFlag.SATURATED)
         if n == 1:
             # The product of one row is rounded differently, so it is computed as one of two.
             readings = np.repeat(readings, 2, axis=0)
@@ -188,10 +179,10 @@ class LiveCorrector:
             beyond = rates_outside(self._rate_limits, y[:n, self._gyros])
             flags |= _flagged(beyond, SampleFlag.RATE)
         if self._affine is None:
-            missing = np.isnan(values[:, :q]).any(axis=1)
+            missing = np.asarray(np.isnan(values[:, :q]).any(axis=1))
             flags |= _flagged(missing, SampleFlag.NO_MOTION)
             values[missing, :q] = np.nan
-        if kelvin is not None and self._limited:
+        if kelvin is not None and self._heated:
             outside = temperatures_outside(self._sensor, self._calibration.validity, kelvin[:n])
             flags |= _flagged(outside, SampleFlag.TEMPERATURE)
             if not self._extrapolate:
@@ -214,15 +205,9 @@ class LiveCorrector:
             try:
                 motion = corrected_motion(sensor, y, c, passed, None, dT, 0.0, None, refuse=False)
             except NotInvertible:
-                # One sample makes the whole block singular, so each sample is tried by itself.
-                if len(y) > 2:
-                    halves = np.array_split(np.arange(len(y)), 2)
-                    heat = [None if kelvin is None else kelvin[k] for k in halves]
-                    return np.concatenate(
-                        [self._values(y[k], t) for k, t in zip(halves, heat, strict=True)]
-                    )
+                # One sample has a singular slope, and this error does not say which one.
                 return np.full((len(y), len(self.names)), np.nan)
-            columns += [getattr(motion, kind) for kind in self._kinds]
+            columns += [motion.f if kind == "f" else motion.w for kind in self._kinds]
             parity += [values[:, None] for values in motion.parity.values()]
         if kelvin is not None and self.run.data.temperature is not None:
             own = self.run.data.thermometer.values(kelvin)

@@ -6,6 +6,7 @@ value that is missing is an empty cell, null or nil.
 
 import json
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -40,14 +41,14 @@ def csv_format(names: Sequence[str]) -> Format:
     """Return the format of comma-separated lines with a header."""
     lines = _TextLines(["", *[","] * len(names), ","], "\n", "")
     head = ",".join(["time", *names, "flags"]) + "\n"
-    return Format(head.encode(), lines.format, lambda count: b"# lost %d samples\n" % count)
+    return Format(head.encode(), lines.format, b"# lost %d samples\n".__mod__)
 
 
 def json_format(names: Sequence[str]) -> Format:
     """Return the format of one JSON object per line."""
     keys = [json.dumps(name, ensure_ascii=False) + ":" for name in ("time", *names, "flags")]
     lines = _TextLines(["{" + keys[0], *("," + key for key in keys[1:])], "}\n", "null")
-    return Format(b"", lines.format, lambda count: b'{"lost":%d}\n' % count)
+    return Format(b"", lines.format, b'{"lost":%d}\n'.__mod__)
 
 
 def msgpack_format(names: Sequence[str]) -> Format:
@@ -59,8 +60,7 @@ def msgpack_format(names: Sequence[str]) -> Format:
         msgpack is not installed.
     """
     with require_extra("stream", "MessagePack needs msgpack; install the extra", ("msgpack",)):
-        import msgpack
-    pack: Callable[[Any], bytes] = msgpack.Packer().pack
+        pack: Callable[[Any], bytes] = import_module("msgpack").Packer().pack
     keys = ("time", *names, "flags")
 
     def block(samples: CorrectedBlock) -> bytes:
@@ -70,7 +70,10 @@ def msgpack_format(names: Sequence[str]) -> Format:
         rows = zip(*columns, strict=True)
         return b"".join([pack(dict(zip(keys, row, strict=True))) for row in rows])
 
-    return Format(b"", block, lambda count: pack({"lost": count}))
+    def lost(count: int) -> bytes:
+        return pack({"lost": count})
+
+    return Format(b"", block, lost)
 
 
 FORMATS: dict[str, Callable[[Sequence[str]], Format]] = {

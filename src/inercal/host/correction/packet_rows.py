@@ -3,7 +3,7 @@
 import numpy as np
 
 from inercal.basics.errors import InputError
-from inercal.host.correction.rows import Rows, last_known, stream_columns
+from inercal.host.correction.rows import Rows, stream_columns
 from inercal.host.packets import Decoder, Flag, PacketLayout
 from inercal.host.packets.packet_format import AXES
 from inercal.recordings.data.recording_loader import reversed_axes
@@ -13,7 +13,7 @@ from inercal.runfile import Run
 
 
 class PacketRows:
-    """Reads packets for the axes of a run file; see `Parser` for methods and attributes.
+    """Reads packets for the axes of a run file; the methods are those of `TextRows`.
 
     The time is that of the device, or its counter or the number of packets divided by the rate. If
     only some packets have a temperature, the others get the last one.
@@ -34,28 +34,17 @@ class PacketRows:
         kinds = {"f": iter(AXES[:3]), "w": iter(AXES[3:])}
         needed = [next(kinds[axis.measures], "") for axis in run.sensor.axes]
         wanted = [*needed, *["temperature"] * (columns.temperature is not None)]
-        if lacking := [role for role in wanted if role not in layout.roles]:
-            raise InputError(
-                f"{run.path}: the packets of {layout.name!r} have no {', '.join(lacking)}, which "
-                "[sensor] and [data] need; choose another preset, or correct the run file",
-                file=run.path,
-                names=tuple(lacking),
-            )
-        if reversed_axes(run):
-            raise InputError(
-                f"{run.path}: [data] reverses a column, but packets have signs of their own; "
-                "reverse the axis in the description of the packets",
-                file=run.path,
-                key="[data] accelerometer",
-            )
+        lacking = [role for role in wanted if role not in layout.roles]
         rate = run.rate_hz or layout.rate_hz
-        if rate is None and "time" not in layout.roles:
-            raise InputError(
-                f'{run.path}: [data] rate is missing, such as rate = "100 Hz", because the packets '
-                f"of {layout.name!r} have no time",
-                file=run.path,
-                key="[data] rate",
-            )
+        wrong = None
+        if lacking:
+            wrong = f"have no {', '.join(lacking)}; choose another preset, or correct [sensor]"
+        elif reversed_axes(run):
+            wrong = "have signs of their own; reverse an axis in their description, not in [data]"
+        elif rate is None and "time" not in layout.roles:
+            wrong = 'have no time; state [data] rate, such as rate = "100 Hz"'
+        if wrong is not None:
+            raise InputError(f"{run.path}: the packets of {layout.name!r} {wrong}", file=run.path)
         self._sensor, self._layout, self._rate = run.sensor, layout, rate or 1.0
         self._axes = [AXES.index(role) for role in needed]
         self._heated, self._allowed = columns.temperature is not None, columns.thermometer.allowed
@@ -74,23 +63,25 @@ class PacketRows:
         return self._missing_before + self._decoder.counts.lost
 
     def restart(self, *, mid_stream: bool) -> None:
-        """See `Parser.restart`."""
+        """See `TextRows.restart`."""
         self._failed_before, self._missing_before = self.malformed - self._skipped, self.missing
         self._decoder = Decoder(self._layout, mid_stream, self._decoder.time_zero)
 
     def finish(self) -> Rows | None:
-        """See `Parser.finish`; a packet is never complete without its end."""
+        """Return None, because a packet is never complete without its end."""
         return None
 
     def feed(self, data: bytes) -> Rows | None:
-        """See `Parser.feed`."""
+        """Return the samples that are now complete; None if there are none."""
         packets = self._decoder.feed(data)
         if not (n := len(packets)):
             return None
         readings = packets.readings[:, self._axes]
         good, kelvin = is_usable(readings).all(axis=1), None
         if self._heated:
-            kelvin = last_known(packets.temperature, self._kelvin)
+            there = np.isfinite(packets.temperature)
+            last = np.maximum.accumulate(np.where(there, np.arange(n), -1))
+            kelvin = np.where(last < 0, self._kelvin, packets.temperature[last])
             self._kelvin = float(kelvin[-1])
             good &= np.isfinite(kelvin) & ~is_impossible(kelvin, allowed=self._allowed)
         if packets.time is not None:

@@ -1,8 +1,6 @@
 """Samples as they come from a source, and the columns of the run file that they need."""
 
-from typing import NamedTuple, Protocol
-
-import numpy as np
+from typing import NamedTuple
 
 from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
@@ -33,37 +31,9 @@ class Rows(NamedTuple):
 
     def take(self, keep: Bools) -> "Rows":
         """Return the samples to keep."""
-        return self if keep.all() else Rows(*(x if x is None else x[keep] for x in self))
-
-
-class Parser(Protocol):
-    """Turns bytes into samples.
-
-    Attributes
-    ----------
-    malformed : int
-        Number of lines or packets that were skipped.
-    missing : int
-        Number of packets that are missing according to the counter or the clock of the device.
-    """
-
-    malformed: int
-    missing: int
-
-    def feed(self, data: bytes) -> Rows | None:
-        """Return the samples that are now complete; None if there are none."""
-        ...
-
-    def restart(self, *, mid_stream: bool) -> None:
-        """Forget an incomplete sample, because the next bytes do not continue the last ones.
-
-        `mid_stream` tells whether they may begin in the middle of a line or packet.
-        """
-        ...
-
-    def finish(self) -> Rows | None:
-        """Return the last sample if only its line end is missing."""
-        ...
+        kelvin = None if self.kelvin is None else self.kelvin[keep]
+        saturated = None if self.saturated is None else self.saturated[keep]
+        return Rows(self.time[keep], self.readings[keep], kelvin, saturated)
 
 
 def stream_columns(run: Run) -> Columns:
@@ -75,28 +45,12 @@ def stream_columns(run: Run) -> Columns:
         The columns are in two files, or a column is missing or used twice.
     """
     require_distinct_columns(run)
-    columns = reader_columns(run)
-    if columns.second:
+    columns, wanted = reader_columns(run), len(run.sensor.axes)
+    if len(columns.channels) < wanted:
         raise InputError(
-            f"{run.path}: [data] names two files or times, but a stream has a single source; "
-            "remove gyro_file and gyro_time",
-            file=run.path,
-            key="[data] gyro_file",
-        )
-    if len(columns.channels) < len(run.sensor.axes):
-        raise InputError(
-            f"{run.path}: [data] names {len(columns.channels)} columns for the axes "
-            f"{', '.join(run.sensor.channels)}; name one for each axis in accelerometer and gyro",
+            f"{run.path}: [data] names {len(columns.channels)} columns of a single file for the "
+            f"{wanted} axes of the sensor; name one for each, without gyro_file and gyro_time",
             file=run.path,
             key="[data] accelerometer",
         )
     return columns
-
-
-def last_known(values: Array, before: float) -> Array:
-    """Return values, (n,), with each NaN replaced by the last value before it."""
-    there = np.isfinite(values)
-    if there.all():
-        return values
-    at = np.maximum.accumulate(np.where(there, np.arange(values.size), -1))
-    return np.where(at < 0, before, values[at])

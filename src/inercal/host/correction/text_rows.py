@@ -11,18 +11,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.basics.arrays import Array, Bools
+from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
 from inercal.host.correction.rows import Rows, stream_columns
 from inercal.host.packets.stream import CounterUnwrapper
 from inercal.recordings.data.recording_loader import reversed_axes
-from inercal.recordings.io.column_table import TOO_LARGE, select_columns, shorten
+from inercal.recordings.io.column_table import select_columns, shorten
 from inercal.recordings.io.read import detect_reader
 from inercal.recordings.io.row_checks import is_usable
 from inercal.recordings.io.table_start import is_number
-from inercal.recordings.io.text_layout import COMMENTS, TextLayout, sniff, sniff_lines
-from inercal.recordings.io.time_stamps import is_iso_time
+from inercal.recordings.io.text_layout import COMMENTS, TextLayout, sniff_lines
 from inercal.recordings.io.unsigned_counts import signed_counts
 from inercal.recordings.temperature import is_impossible
 from inercal.runfile import Run
@@ -33,7 +32,7 @@ _LONGEST_LINE = 1 << 16  # bytes; more bytes without a line end are not text
 
 
 class TextRows:
-    """Reads lines with the columns of a run file; see `Parser` for methods and attributes.
+    """Reads lines with the columns of a run file.
 
     Parameters
     ----------
@@ -44,6 +43,13 @@ class TextRows:
         Layout of the source, which then begins with its header.
     tell : callable, optional
         Function that receives a warning if the first lines cannot be read.
+
+    Attributes
+    ----------
+    malformed : int
+        Number of lines that were skipped.
+    missing : int
+        0, because lines are not counted by the device.
 
     Raises
     ------
@@ -89,16 +95,19 @@ class TextRows:
         self._dtype = np.dtype(kinds)
 
     def restart(self, *, mid_stream: bool) -> None:
-        """See `Parser.restart`."""
+        """Forget an incomplete sample, because the next bytes do not continue the last ones.
+
+        `mid_stream` tells whether they may begin in the middle of a sample.
+        """
         self.malformed += bool(self._buffer.strip())
         self._buffer, self._mid_line = b"", mid_stream
 
     def finish(self) -> Rows | None:
-        """See `Parser.finish`."""
+        """Return the last sample if only its line end is missing."""
         return self.feed(b"\n") if self._buffer.strip() else None
 
     def feed(self, data: bytes) -> Rows | None:
-        """See `Parser.feed`."""
+        """Return the samples that are now complete; None if there are none."""
         if self._mid_line:  # a truncated 123.4 would be read as 3.4
             _, end, data = data.partition(b"\n")
             self._mid_line = not end
@@ -122,8 +131,8 @@ class TextRows:
         if self._skip_lines:
             skipped = min(self._skip_lines, len(lines))
             lines, self._skip_lines = lines[skipped:], self._skip_lines - skipped
-        # Python reads 1_0 as 10.
-        plain = not (layout.form or layout.decimal_comma or layout.quoted or "_" in text)
+        plain = not (layout.form or layout.decimal_comma or layout.quoted)
+        plain = plain and text.isascii() and "_" not in text  # Python reads 1_0 as 10
         numbers = self._numbers_at_once(lines, layout) if plain else None
         if numbers is None:
             numbers, index = self._numbers_one_by_one(lines, layout)
@@ -167,59 +176,39 @@ class TextRows:
             if (row := self._row(cells, layout)) is not None:
                 rows.append(row)
                 index.append(self._lines - 1)
-            else:
-                self._count_malformed(line, cells)
+                continue
+            self.malformed += 1
+            if self.malformed == self._lines == _UNREAD_LINES and self._tell is not None:
+                self._tell(
+                    f"{self._source}: the first {_UNREAD_LINES} lines do not have the numbers of "
+                    f"[data] in {self._width} columns, such as {shorten(line.strip(), 60)!r}"
+                )
         return np.array(rows), np.array(index, np.int64)
 
     def _row(self, cells: list[str], layout: TextLayout) -> list[float] | None:
         """Return the wanted numbers of a line; None if they cannot be read."""
-        if len(cells) != self._width:
+        wanted = [cells[k] for k in self._places] if len(cells) == self._width else []
+        if not wanted or not all(map(layout.is_number, wanted)):
             return None
-        wanted = [cells[k] for k in self._places]
-        if layout.decimal_comma:
-            wanted = [cell.replace(",", ".") for cell in wanted]
-        try:
-            return [float(cell) for cell in wanted] if "_" not in "".join(wanted) else None
-        except ValueError:
-            return None
-
-    def _count_malformed(self, line: str, cells: list[str]) -> None:
-        self.malformed += 1
-        time = self._columns.time
-        place = self._width if time is None else self._places[self._wanted.index(time)]
-        if place < len(cells) == self._width and is_iso_time(cells[place]):
-            raise InputError(
-                f"{self._run.path}: column {time!r} contains dates, which a stream cannot use; "
-                "name a column of numbers, or remove the key and state [data] rate",
-                file=self._run.path,
-                key="[data] time",
-            )
-        if self.malformed == self._lines == _UNREAD_LINES and self._tell is not None:
-            self._tell(
-                f"{self._source}: the first {_UNREAD_LINES} lines do not have the "
-                f"{self._width} columns of [data], such as {shorten(line.strip(), 60)!r}"
-            )
+        return [float(c.replace(",", ".") if layout.decimal_comma else c) for c in wanted]
 
     def _rows(self, numbers: Array, index: NDArray[np.int64]) -> Rows:
         """Return the samples with possible values, and count the others."""
-        columns, thermometer = self._columns, self._columns.thermometer
-        m = len(columns.channels)
-        readings, good = numbers[:, :m], None
-        if not np.abs(numbers).max() < TOO_LARGE:
-            good = is_usable(numbers).all(axis=1)
+        columns, m = self._columns, len(self._columns.channels)
+        readings = numbers[:, :m]
+        good = np.asarray(is_usable(numbers).all(axis=1))
         if (bits := columns.signed_bits) is not None:
-            whole = (readings >= 0) & (readings < 2.0**bits) & (readings == np.rint(readings))
-            good = _both(good, whole.all(axis=1))
+            good &= ((readings % 1 == 0) & (readings >= 0) & (readings < 2.0**bits)).all(axis=1)
             readings = signed_counts(readings, bits)
         for k in self._reversed:
             readings[:, k] = 2 * self._zeros[k] - readings[:, k]
         kelvin = None
         if columns.temperature is not None:
-            kelvin = thermometer.kelvin(numbers[:, -1])
-            good = _both(good, ~is_impossible(kelvin, allowed=thermometer.allowed))
+            kelvin = columns.thermometer.kelvin(numbers[:, -1])
+            good &= ~is_impossible(kelvin, allowed=columns.thermometer.allowed)
         time = index.astype(np.float64) if columns.time is None else numbers[:, m]
         rows = Rows(time, readings, kelvin)
-        if good is not None and not good.all():
+        if not good.all():
             self.malformed += int(good.size - good.sum())
             rows = rows.take(good)
         if columns.modulus is not None:
@@ -227,10 +216,6 @@ class TextRows:
         if columns.rate_hz is not None:
             return rows._replace(time=rows.time / columns.rate_hz)
         return rows if self._unit == 1.0 else rows._replace(time=rows.time * self._unit)
-
-
-def _both(first: Bools | None, second: Bools) -> Bools:
-    return second if first is None else first & second
 
 
 def layout_of_file(run: Run, path: Path) -> TextLayout:
@@ -241,18 +226,11 @@ def layout_of_file(run: Run, path: Path) -> TextLayout:
     InputError
         The file cannot be read, or is not such text.
     """
-    found = detect_reader(path)
-    if found.name != "text":
-        raise InputError(
-            f"{path} is a file of the format {found.name}, but a stream is text or packets; name "
-            "it in [data] and use --out",
-            file=path,
-        )
+    if (found := detect_reader(path).name) != "text":
+        raise InputError(f"{path} is a {found} file, not text; name it in [data] and use --out")
     skip = run.reader_options.get("skip", 0)
-    try:
-        return sniff(path, skip if isinstance(skip, int) else 0)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text: {error}", file=path) from None
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return sniff_lines(file, path.name, skip if isinstance(skip, int) else 0)
 
 
 def _layout_of_recording(run: Run) -> TextLayout | None:
