@@ -122,12 +122,13 @@ class TextRows:
         lines = text.removeprefix("\ufeff").split("\n")
         layout = self._layout
         if layout is None:
-            if sum(line.strip() != "" and line[0] not in COMMENTS for line in lines) < 2:
-                self._buffer = whole + end + rest  # only a row below it tells what a header is
+            first = [line for line in lines if line.strip() and line[0] not in COMMENTS]
+            if len(first) < 1 + self._named:  # only a row below it tells what a header is
+                self._buffer = whole + end + rest
                 return None
-            layout = sniff_lines(lines, self._source)
+            layout = sniff_lines(lines if self._named else first[:1], self._source)
             self._set_layout(layout, layout.names)
-            self._skip_lines = layout.first_line - 1
+            self._skip_lines = layout.first_line - 1 if self._named else 0
         if self._skip_lines:
             skipped = min(self._skip_lines, len(lines))
             lines, self._skip_lines = lines[skipped:], self._skip_lines - skipped
