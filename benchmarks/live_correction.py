@@ -22,8 +22,8 @@ from inercal.calibration import Calibration
 from inercal.calibration.files import load, save
 from inercal.host.correction import LiveCorrection, Summary
 from inercal.host.correction.formats import csv_format
-from inercal.host.correction.outputs import DescriptorOutput
-from inercal.host.correction.sources import find_source
+from inercal.host.correction.outputs import Output
+from inercal.host.correction.sources import Source
 from inercal.host.correction.text_rows import TextRows, layout_of_file
 from inercal.pipeline.live_correction import LiveCorrector
 from inercal.runfile import read
@@ -77,8 +77,8 @@ def from_file(calibration_file: Path, run_file: Path, source: Path) -> Summary:
     corrector = LiveCorrector(load(calibration_file), run)
     parser = TextRows(run, str(source), layout_of_file(run, source))
     with source.with_suffix(".corrected").open("wb") as file:
-        output = DescriptorOutput(file.fileno(), csv_format(corrector.names))
-        return LiveCorrection(corrector, find_source(str(source)), parser, output).run()
+        output = Output(csv_format(corrector.names), file.fileno())
+        return LiveCorrection(corrector, Source(str(source)), parser, output).run()
 
 
 def processor_seconds(process: int) -> float:

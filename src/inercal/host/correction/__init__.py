@@ -128,7 +128,7 @@ class LiveCorrection:
         Raises
         ------
         InercalError
-            The source does not have the columns or a single sample, or the output cannot be written.
+            The source does not have the columns or any sample, or the output cannot be written.
         """
         start, summary = monotonic(), self.summary
         with self._source, self._output, suppress(OutputClosed):
