@@ -1,14 +1,16 @@
 """The example of the page on live correction prints what the page shows."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from inercal.calibration.files import save
+from inercal.calibration.files import load, save
 from inercal.pipeline import apply, calibrate, simulate_files
 from inercal.pipeline.live_correction import LiveCorrector
 from inercal.recordings.io.write import write_recordings
@@ -37,10 +39,21 @@ def test_the_example_prints_the_lines_of_the_page(calibration_file: Path):
     assert done.stdout == shown
 
 
-def test_the_example_agrees_with_apply(calibration_file: Path):
-    import inercal
+def test_the_python_of_the_page_gives_the_first_line(
+    calibration_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    shutil.copytree(ROOT / "examples" / "live", tmp_path / "examples" / "live")
+    shutil.copytree(calibration_file.parent, tmp_path / "examples" / "ferraris_simulated")
+    monkeypatch.chdir(tmp_path)
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
+    found: dict[str, Any] = {}
+    exec(compile(code, "apply.md", "exec"), found)
+    first = re.findall(r"^0\.0000000,(.*)$", PAGE, flags=re.M)[0].split(",")
+    assert [f"{value:.9g}" for value in found["block"].values[0]] == first[:-1]
 
-    calibration = inercal.load(calibration_file)
+
+def test_the_example_agrees_with_apply(calibration_file: Path):
+    calibration = load(calibration_file)
     run = read(ROOT / "examples" / "live" / "imu.toml")
     recording = apply(calibration, run)
     lines = np.loadtxt(ROOT / "examples" / "live" / "lines.csv", delimiter=",")
