@@ -167,7 +167,8 @@ def blocks(count: int, size: int) -> list[CorrectedBlock]:
     values = np.zeros((size, 6))
     flags = np.zeros(size, np.uint8)
     return [
-        CorrectedBlock(np.arange(k, k + size) * 1.0, values, flags) for k in range(0, count, size)
+        CorrectedBlock(np.linspace(k, k + size - 1, size), values, flags)
+        for k in range(0, count, size)
     ]
 
 

@@ -12,7 +12,7 @@ from inercal.calibration.validity import Validity
 from inercal.host.correction.formats import csv_format
 from inercal.host.correction.text_rows import TextRows
 from inercal.pipeline import apply
-from inercal.pipeline.correction import as_written
+from inercal.pipeline.correction import as_written, significant
 from inercal.pipeline.live_correction import CorrectedBlock, LiveCorrector, SampleFlag
 from inercal.runfile import read
 
@@ -54,6 +54,15 @@ def test_the_printed_numbers_equal_those_of_apply(terms: tuple[str, ...], tmp_pa
     assert corrector.names == (*expected.channels, *expected.readback)
     np.testing.assert_array_equal(printed[:, 1:-1], wanted[:, 1:])
     np.testing.assert_allclose(printed[:, 0], wanted[:, 0], atol=1e-7)
+
+
+def test_a_number_in_a_file_is_the_one_that_a_stream_prints():
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=2000) * 10.0 ** rng.integers(-320, 300, 2000)
+    ties = rng.integers(2**29, 2**29 + 2**20, 500) + 0.5  # 9 digits and exactly a half
+    values = np.concatenate([values, ties, [0.0, -0.0, 1e308, 999999999.7]])
+    printed = [float(f"{value:.9g}") for value in values.tolist()]
+    np.testing.assert_array_equal(significant(values), printed)
 
 
 def test_one_axis_gives_the_component_that_apply_gives(tmp_path: Path):

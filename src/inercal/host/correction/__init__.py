@@ -35,7 +35,7 @@ from inercal.host.link import LinkLost
 from inercal.pipeline.live_correction import LiveCorrector, SampleFlag
 from inercal.runfile import Run
 
-_PAUSE = 0.0028  # s between two looks at a live source, which saves waking up for each sample
+_PAUSE = 0.0025  # s between two looks at a live source, which saves waking up for each sample
 _MUCH = 2048  # bytes; if so many arrive at once, there is no pause, so that no buffer overflows
 _IDLE = 0.1  # s after which the loop notices `stop` if nothing arrives
 _FIRST_RETRY, _LONGEST_RETRY = 0.1, 5.0  # s between attempts to open a lost source
