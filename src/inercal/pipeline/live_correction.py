@@ -210,8 +210,8 @@ class LiveCorrector:
             columns += [motion.f if kind == "f" else motion.w for kind in self._kinds]
             parity += [values[:, None] for values in motion.parity.values()]
         if kelvin is not None and self.run.data.temperature is not None:
-            own: Array = np.round(self.run.data.thermometer.values(kelvin), TEMPERATURE_DECIMALS)
-            columns.append(own[:, None])
+            own = np.round(self.run.data.thermometer.values(kelvin), TEMPERATURE_DECIMALS)
+            columns.append(np.asarray(own, np.float64)[:, None])
         return columns[0] if len(columns) == 1 and not parity else np.hstack([*columns, *parity])
 
 
