@@ -31,6 +31,7 @@ from inercal.pipeline.correction import (
     require_same_readout,
 )
 from inercal.recordings.data.recording_loader import range_limits
+from inercal.recordings.temperature import TemperatureReadout
 from inercal.runfile import Run, read
 
 
@@ -210,7 +211,8 @@ class LiveCorrector:
             columns += [motion.f if kind == "f" else motion.w for kind in self._kinds]
             parity += [values[:, None] for values in motion.parity.values()]
         if kelvin is not None and self.run.data.temperature is not None:
-            own = np.round(self.run.data.thermometer.values(kelvin), TEMPERATURE_DECIMALS)
+            thermometer: TemperatureReadout = self.run.data.thermometer
+            own = np.round(thermometer.values(kelvin), TEMPERATURE_DECIMALS)
             columns.append(np.asarray(own, np.float64)[:, None])
         return columns[0] if len(columns) == 1 and not parity else np.hstack([*columns, *parity])
 
