@@ -30,6 +30,7 @@ INCOMPLETE = {"MissingParameter", "BadOptionUsage"}  # a verb or an option is na
 WHOLE = {"sensor", "bench", "data", "method"}
 # How many commands at the begin of a page name files of the examples, or what was written before.
 RUN = {
+    "how-to/apply.md": 3,
     "how-to/bundle.md": 3,
     "how-to/export.md": 5,
     "how-to/fleet.md": 1,
@@ -45,6 +46,7 @@ RUN = {
 # Where the Python of the other pages is run.
 PYTHON = {
     "README.md": "examples/test_examples.py",
+    "docs/how-to/apply.md": "examples/test_live_example.py",
     "docs/how-to/budget.md": "examples/test_docs.py",
     "docs/how-to/export.md": "export/test_export_example.py",
     "docs/how-to/ferraris.md": "examples/test_examples.py",

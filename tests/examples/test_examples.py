@@ -104,6 +104,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"bench/packets.toml"}  # by tests/host/packets/test_how_to_page.py
     run |= {"bench/plan.toml", "verdict/left_out.toml"}
     run |= {"magnetometer/nine_axes.toml", "magnetometer/motion.toml"}
+    run |= {"live/imu.toml"}  # by tests/examples/test_live_example.py
     run |= {"verdict/auto.toml"}  # by tests/runs/test_added_coefficients.py
     run |= {"own_bench/tilt.toml"}  # by tests/benches/test_external_kind.py
     # by tests/runs/test_log_runs.py

@@ -6,7 +6,7 @@ Their readings minus those that the vector explains are the parity residual. It 
 errors of single axes, but no motion.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -42,7 +42,10 @@ def checked_readings(sensor: Sensor, recording: Recording | Array) -> Array:
         If a channel is missing or has another unit, or if readings are not finite.
     """
     if isinstance(recording, Recording):
-        data = _columns(sensor, recording)
+        source = recording.source or "recording"
+        data = recording.data[
+            ..., channel_columns(sensor, recording.channels, recording.units, source)
+        ]
     else:
         data = np.asarray(recording, dtype=np.float64)
     if data.ndim < 2:
@@ -62,25 +65,33 @@ def checked_readings(sensor: Sensor, recording: Recording | Array) -> Array:
     return sensor.to_si(data)
 
 
-def _columns(sensor: Sensor, recording: Recording) -> Array:
-    source = recording.source or "recording"
-    missing = tuple(name for name in sensor.channels if name not in recording.channels)
+def channel_columns(
+    sensor: Sensor, channels: Sequence[str], units: Sequence[str], source: str
+) -> list[int]:
+    """Return which of the channels of `source`, with these units, are the sensor's axes, in order.
+
+    Raises
+    ------
+    InputError
+        If a channel is missing or has another unit.
+    """
+    missing = tuple(name for name in sensor.channels if name not in channels)
     if missing:
         raise InputError(
             f"{source}: channel {missing[0]!r} of the calibration is missing; the recording has "
-            f"{', '.join(recording.channels)}: name the column of this axis in the run file, or "
+            f"{', '.join(channels)}: name the column of this axis in the run file, or "
             "use a calibration of these axes",
             names=missing,
         )
-    columns = [recording.channels.index(name) for name in sensor.channels]
+    columns = [channels.index(name) for name in sensor.channels]
     for axis, k in zip(sensor.axes, columns, strict=True):
-        if not _same_unit(axis.readout.unit, recording.units[k]):
+        if not _same_unit(axis.readout.unit, units[k]):
             raise InputError(
-                f"{source}: channel {axis.name} is in {recording.units[k]}; this calibration is "
+                f"{source}: channel {axis.name} is in {units[k]}; this calibration is "
                 f"for {axis.readout.unit}; convert the channel",
                 names=(axis.name,),
             )
-    return recording.data[..., columns]
+    return columns
 
 
 def _same_unit(first: str, second: str) -> bool:
@@ -99,6 +110,8 @@ def corrected_motion(
     dT: Array | float,
     dTdt: Array | float,
     time: Array | None,
+    *,
+    refuse: bool = True,
 ) -> CorrectedMotion:
     """Return the motion that corresponds to readings; see `Calibration.correct`.
 
@@ -116,6 +129,8 @@ def corrected_motion(
         See `Calibration.correct`.
     time : (n,) array or None
         Times of the samples, from which a missing `dw` is computed, s.
+    refuse : bool
+        Whether to raise an error for readings that no motion gives; otherwise their motion is NaN.
     """
     in_part: list[Measures] = [
         kind for kind in KINDS if passed[kind] is None and 0 < sensor.rank(kind) < len("xyz")
@@ -130,7 +145,7 @@ def corrected_motion(
             )
         rough = inverse(sensor, y, c, f=f, w=w, m=m, dT=dT, dTdt=dTdt)
         dw = np.gradient(rough.w, time, axis=-2)
-    motion = inverse(sensor, y, c, f=f, w=w, m=m, dw=dw, dT=dT, dTdt=dTdt)
+    motion = inverse(sensor, y, c, f=f, w=w, m=m, dw=dw, dT=dT, dTdt=dTdt, refuse=refuse)
     parity: dict[Measures, Array] = {}
     rest: Array | None = None
     for kind in KINDS:

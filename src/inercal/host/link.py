@@ -90,6 +90,10 @@ class TcpLink(Closeable):
         except OSError as error:
             raise _lost_connection(self.address, error) from error
 
+    def fileno(self) -> int:
+        """Return the descriptor, with which `select` waits for bytes."""
+        return self._socket.fileno()
+
     def close(self) -> None:
         """See `Link.close`."""
         self._socket.close()
@@ -134,12 +138,16 @@ class SerialLink(Closeable):
         except self._broken as error:
             raise _lost_connection(self.address, error) from error
 
+    def fileno(self) -> int:
+        """Return the descriptor, with which `select` waits for bytes."""
+        return self._port.fileno()
+
     def close(self) -> None:
         """See `Link.close`."""
         self._port.close()
 
 
-def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
+def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> "TcpLink | SerialLink":
     """Open the link to `address` and return it.
 
     Parameters

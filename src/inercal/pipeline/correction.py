@@ -23,7 +23,9 @@ from inercal.runfile import Run, read
 
 _DIGITS = 9  # significant digits of numbers in a text file
 _LARGEST_EXACT = 1e22  # larger powers of ten are not exact
-_TEMPERATURE_DECIMALS = 6
+TEMPERATURE_DECIMALS = 6
+SIGNIFICANT = "%.9g"
+_UNSURE = 1e-6  # of the last digit
 
 
 def load_recording(run: Run) -> Recording:
@@ -37,14 +39,16 @@ def load_recording(run: Run) -> Recording:
     return run.kind.audit(recording_loader.load_recording(run), run.sensor, run.bench)
 
 
-def _require_same_corrections(calibration: Calibration, recording: Recording, run: Run) -> None:
+def require_same_corrections(
+    calibration: Calibration, kept_corrections: str, source: str, run: Run
+) -> None:
     """Raise an error if the readings were corrected differently from the calibration's."""
     made_from = calibration.conditions.get(KEPT_CORRECTIONS, "")
-    if recording.kept_corrections == made_from:
+    if kept_corrections == made_from:
         return
     raise InputError(
-        f"{run.path}: the corrections in the readings of {recording.source} "
-        f"({recording.kept_corrections or 'none'}) differ from those in the readings of the "
+        f"{run.path}: the corrections in the readings of {source} "
+        f"({kept_corrections or 'none'}) differ from those in the readings of the "
         f"calibration ({made_from or 'none'}), so one would be applied twice or not at all; state "
         "[data] corrections as in the run of the calibration",
         file=run.path,
@@ -52,17 +56,29 @@ def _require_same_corrections(calibration: Calibration, recording: Recording, ru
     )
 
 
+def rate_limits(calibration: Calibration) -> tuple[float, float] | None:
+    """Return the smallest and largest rate of a calibration at constant rates, rad/s, or None."""
+    one = METHODS.get(calibration.method)
+    if one is None or not one.constant_rates or calibration.validity is None:
+        return None
+    return calibration.validity.rate
+
+
+def rates_outside(limits: tuple[float, float], rate: Array) -> NDArray[np.bool_]:
+    """Return a mask of samples with a gyro reading, (n, k) rad/s, outside the limits."""
+    margin = READING_MARGIN * (limits[1] - limits[0])
+    return np.asarray(distance_outside(limits, rate, margin).any(axis=-1))
+
+
 def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Finding, ...]:
     """Return a warning if gyro readings are outside the range of the calibration."""
-    one = METHODS.get(calibration.method)
-    limits = None if calibration.validity is None else calibration.validity.rate
-    if one is None or not one.constant_rates or limits is None:
+    limits = rate_limits(calibration)
+    if limits is None:
         return ()
     sensor = calibration.sensor.select_axes("w")
     columns = [recording.channels.index(name) for name in sensor.channels]
     rate = sensor.to_si(recording.data[..., columns])
-    margin = READING_MARGIN * (limits[1] - limits[0])
-    beyond = distance_outside(limits, rate, margin).any(axis=-1)
+    beyond = rates_outside(limits, rate)
     if not beyond.any():
         return ()
     ends = " to ".join(f"{math.degrees(value):.4g}" for value in limits)
@@ -91,6 +107,30 @@ def _temperatures_beyond(
         f"the temperatures of the calibration, {ends} °C, where its polynomials are not valid"
     )
     return (Finding("warning", "extrapolation", text.replace("-", "−")),)
+
+
+def require_same_readout(calibration: Calibration, run: Run) -> None:
+    """Raise an error if a run has no recording, or if its readout is not the calibration's."""
+    if run.data.kind == "means":
+        raise InputError(
+            f"{run.path}: [data] kind is means, but only a recording can be corrected; give the "
+            "run file of a recording",
+            file=run.path,
+            key="[data] kind",
+        )
+    stated = {axis.name: axis.readout for axis in run.whole_sensor.axes}
+    for axis in calibration.sensor.axes:
+        here = stated.get(axis.name, axis.readout)
+        if here.unit == axis.readout.unit and not np.allclose(
+            [here.scale, here.offset], [axis.readout.scale, axis.readout.offset]
+        ):
+            raise InputError(
+                f"{run.path}: {axis.name} has scale {here.scale:.6g} and offset {here.offset:g} "
+                f"{here.unit} per SI unit; the calibration is for {axis.readout.scale:.6g} and "
+                f"{axis.readout.offset:g}; state these in [sensor]",
+                file=run.path,
+                names=(axis.name,),
+            )
 
 
 def apply(
@@ -123,31 +163,12 @@ def apply(
         temperatures are outside the range of the calibration.
     """
     run = run if isinstance(run, Run) else read(run)
-    if run.data.kind == "means":
-        raise InputError(
-            f"{run.path}: [data] kind is means, but only a recording can be corrected; give the "
-            "run file of a recording",
-            file=run.path,
-            key="[data] kind",
-        )
-    stated = {axis.name: axis.readout for axis in run.whole_sensor.axes}
-    for axis in calibration.sensor.axes:
-        here = stated.get(axis.name, axis.readout)
-        if here.unit == axis.readout.unit and not np.allclose(
-            [here.scale, here.offset], [axis.readout.scale, axis.readout.offset]
-        ):
-            raise InputError(
-                f"{run.path}: {axis.name} has scale {here.scale:.6g} and offset {here.offset:g} "
-                f"{here.unit} per SI unit; the calibration is for {axis.readout.scale:.6g} and "
-                f"{axis.readout.offset:g}; state these in [sensor]",
-                file=run.path,
-                names=(axis.name,),
-            )
-    recording = load_recording(replace(run, sensor=run.whole_sensor, magnetometer=None))
+    require_same_readout(calibration, run)
+    recording = load_recording(run.with_all_axes)
     environment = run.environment
     if run.method.follows_rest and environment is not None and environment.lag is not None:
         recording = ahead_of_lag(recording, environment.lag.value)
-    _require_same_corrections(calibration, recording, run)
+    require_same_corrections(calibration, recording.kept_corrections, recording.source, run)
     outside = np.zeros(0, dtype=np.bool_)
     if recording.temperature is not None:
         outside = temperatures_outside(
@@ -199,7 +220,7 @@ def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
         unit: str = run.data.temperature_unit
         own = run.data.thermometer.values(corrected.temperature)
         # The sum with 273.15 has more digits than any sensor.
-        own: Array = np.round(own, _TEMPERATURE_DECIMALS)
+        own: Array = np.round(own, TEMPERATURE_DECIMALS)
         readback = {f"temperature [{unit}]": own, **corrected.readback}
         corrected = replace(corrected, temperature=None, readback=readback)
     if not text:
@@ -211,15 +232,25 @@ def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
         corrected,
         time=time,
         first_stamp=0.0,
-        data=_significant(corrected.data),
-        readback={name: _significant(values) for name, values in corrected.readback.items()},
+        data=significant(corrected.data),
+        readback={name: significant(values) for name, values in corrected.readback.items()},
     )
 
 
-def _significant(values: Array) -> Array:
-    """Round to nine significant digits: 1e-8 of 1 g, which is below the noise of any sensor."""
+def significant(values: Array) -> Array:
+    """Round to nine significant digits: 1e-8 of 1 g, which is below the noise of any sensor.
+
+    The results are the numbers that the format "%.9g" prints.
+    """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         size = np.floor(np.log10(np.abs(values)))
         factor = 10.0 ** (_DIGITS - 1 - size)
-        rounded = np.rint(values * factor) / factor
-    return np.where(np.isfinite(rounded) & (factor < _LARGEST_EXACT), rounded, values)
+        scaled = values * factor
+        whole = np.rint(scaled)
+        rounded = np.asarray(whole / factor)
+        # The product is rounded, so it may be on the wrong side of a half.
+        unsure = (np.abs(np.abs(scaled - whole) - 0.5) < _UNSURE) | (factor >= _LARGEST_EXACT)
+        unsure |= (factor < 1) | ~np.isfinite(rounded)
+    for k in np.flatnonzero(unsure).tolist():
+        rounded.flat[k] = float(SIGNIFICANT % values.flat[k])
+    return rounded

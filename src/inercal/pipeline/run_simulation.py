@@ -99,7 +99,7 @@ def _with_all_axes(run: Run) -> Run:
         raise key_error(
             "[environment]", "a simulation of magnetometers has no chamber; remove it", run.path
         )
-    return replace(run, sensor=run.whole_sensor, magnetometer=None)
+    return run.with_all_axes
 
 
 def _simulate_run(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.basics.arrays import Array
+from inercal.basics.arrays import Array, Bools
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS, parse_quantity, to_si
 from inercal.recordings.samples import Recording
@@ -165,11 +165,16 @@ def first_impossible(kelvin: Array, *, allowed: bool = False) -> int | None:
     allowed : bool
         Whether temperatures outside −100 to 300 °C are accepted; values below 0 K never are.
     """
+    bad = is_impossible(kelvin, allowed=allowed)
+    return int(np.argmax(bad)) if bad.any() else None
+
+
+def is_impossible(kelvin: Array, *, allowed: bool = False) -> Bools:
+    """Return a mask of the impossible temperatures, (n,); see `first_impossible`."""
     bad = kelvin < 0
     if not allowed:
         bad |= (kelvin < LOWEST) | (kelvin > HIGHEST)
-    bad &= np.isfinite(kelvin)
-    return int(np.argmax(bad)) if bad.any() else None
+    return bad & np.isfinite(kelvin)
 
 
 def seems_kelvin(values: Array) -> bool:

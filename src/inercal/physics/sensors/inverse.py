@@ -17,9 +17,7 @@ from inercal.physics.sensors.sensor import Sensor
 _CHUNK = 1 << 16  # samples per chunk, so that a chunk's slopes fit in the outer cache levels
 _MAX_STEPS = 40
 _SETTLED = 1e-9  # step size relative to the motion; the remaining error is about its square
-_SINGULAR_TEXT = (
-    "with these coefficients the readings do not depend on the motion in some direction"
-)
+SINGULAR_TEXT = "with these coefficients the readings do not depend on the motion in some direction"
 
 
 def inverse(
@@ -113,18 +111,18 @@ def _solve(slope: Array, right: Array) -> Array:
     if slope.shape[-1] == 3:
         x = three_axes.solve(slope, right)
         if not np.isfinite(x).all() and (three_axes.determinant(slope) == 0).any():
-            raise NotInvertible(_SINGULAR_TEXT)
+            raise NotInvertible(SINGULAR_TEXT)
         return x
     try:
         return np.linalg.solve(slope, right[..., None])[..., 0].astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
-        raise NotInvertible(_SINGULAR_TEXT) from None
+        raise NotInvertible(SINGULAR_TEXT) from None
 
 
 def _affine(sensor: Sensor, y: Array, c: Array, across: Array, basis: Array) -> Array:
     slope = (sensor.slope(Motion(np.zeros((1, 3))), c) @ basis)[..., 0, :, :]
     if (np.linalg.matrix_rank(slope) < basis.shape[1]).any():
-        raise NotInvertible(f"sensor {sensor.name}: {_SINGULAR_TEXT}")
+        raise NotInvertible(f"sensor {sensor.name}: {SINGULAR_TEXT}")
     offset = sensor.forward(_motion(across, np.zeros((1, 3)), ()), c)
     back = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
     return (y - offset) @ np.swapaxes(back, -1, -2)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -272,6 +272,11 @@ class RunBase(Generic[D]):
     def whole_sensor(self) -> Sensor:
         """The sensor with all of its axes and coefficients, magnetometers last."""
         return self.sensor if self.magnetometer is None else self.sensor.beside(self.magnetometer)
+
+    @property
+    def with_all_axes(self) -> Self:
+        """The run with its magnetometers among the axes of its sensor."""
+        return replace(self, sensor=self.whole_sensor, magnetometer=None)
 
     @property
     def steps(self) -> tuple[Step, ...]:

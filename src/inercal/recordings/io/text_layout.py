@@ -10,6 +10,7 @@ are columns. Loggers write information about themselves above the table, and uni
 
 import csv
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -97,11 +98,20 @@ class _Row(NamedTuple):
 
 
 def sniff(path: Path, skip: int = 0) -> TextLayout:
-    """Determine the layout of a text file.
+    """Determine the layout of a text file; see `sniff_lines`."""
+    with path.open(encoding="utf-8-sig") as file:
+        return sniff_lines(file, path.name, skip)
+
+
+def sniff_lines(lines: Iterable[str], name: str, skip: int = 0) -> TextLayout:
+    """Determine the layout of lines of text.
 
     Parameters
     ----------
-    path : Path
+    lines : iterable of str
+        The first lines, of which only as many are taken as are needed.
+    name : str
+        Name of their source, for messages.
     skip : int
         Number of lines to skip at the beginning.
 
@@ -110,10 +120,10 @@ def sniff(path: Path, skip: int = 0) -> TextLayout:
     InputError
         There is no line of data, or the first line has more or fewer columns than the header.
     """
-    heading, rows, separator = _first_lines(path, skip)
+    heading, rows, separator = _first_lines(lines, name, skip)
     if (form := find_line_form([row.raw for row in rows])) is not None:
         heading, rows, separator = _without_words(heading, rows, separator, form)
-    rows, delimiter, table = _split(rows, separator, path.name)
+    rows, delimiter, table = _split(rows, separator, name)
     if (start := table_start(table)) != (0, 0):
         kept = [start.header, *range(max(start.data, start.header + 1), len(rows))]
         heading = heading if start.header == 0 else []
@@ -127,7 +137,7 @@ def sniff(path: Path, skip: int = 0) -> TextLayout:
     headed = _is_header(table[0], marks(table[0]), marks(table[1]) if table[1:] else [])
     if headed and len(rows) == 1:
         raise InputError(
-            f"{path.name} has a header in line {rows[0].line} but no data below it: record or "
+            f"{name} has a header in line {rows[0].line} but no data below it: record or "
             "export it again",
             line=rows[0].line,
         )
@@ -138,15 +148,15 @@ def sniff(path: Path, skip: int = 0) -> TextLayout:
         else _names_in_comment(heading, delimiter, len(first))
     )
     if headed and len(names) != len(first):
-        refuse_sheet_error(rows[1].raw, delimiter, first_line, path.name)
+        refuse_sheet_error(rows[1].raw, delimiter, first_line, name)
         raise InputError(
-            f"{path.name} line {first_line}: {column_count_text(len(first))} where the header has "
+            f"{name} line {first_line}: {column_count_text(len(first))} where the header has "
             f"{len(names)}; {_count_advice(first, len(names), delimiter)}",
             line=first_line,
         )
     return TextLayout(
         # pandas leaves the name of an index column empty.
-        names=tuple(name or str(k) for k, name in enumerate(names or [""] * len(first), 1)),
+        names=tuple(column or str(k) for k, column in enumerate(names or [""] * len(first), 1)),
         name_source="the header" if headed else f"line {first_line}",
         header=bool(names),
         first_line=first_line,
@@ -190,7 +200,9 @@ def _is_header(first: list[str], numbers: list[bool], numbers_below: list[bool])
     return word_over_number or not any(numbers)
 
 
-def _first_lines(path: Path, skip: int) -> tuple[list[str], list[_Row], str | None]:
+def _first_lines(
+    lines: Iterable[str], name: str, skip: int
+) -> tuple[list[str], list[_Row], str | None]:
     """Return the comments above the data, the first lines below them, and a stated separator.
 
     Comments are removed from the text of the lines. A header may contain a #, so the raw lines are
@@ -199,29 +211,26 @@ def _first_lines(path: Path, skip: int) -> tuple[list[str], list[_Row], str | No
     heading: list[str] = []
     rows: list[_Row] = []
     separator = None
-    with path.open(encoding="utf-8-sig") as file:
-        lines = ((number, line.strip("\r\n ")) for number, line in enumerate(file, 1))
-        content = ((number, line) for number, line in lines if number > skip and line.strip())
-        for number, line in content:
-            if separator is None and (stated := _SEPARATOR_LINE.fullmatch(line)):
-                separator = stated[1]
-            elif line.startswith("//"):
-                continue
-            elif line[0] in COMMENTS:
-                heading.append(line)
-            else:
-                rows.append(_Row(number, _uncommented(line, _comment(heading)), line))
-                break
-        comment = _comment(heading)
-        data = (
-            _Row(k, _uncommented(line, comment), line)
-            for k, line in content
-            if line[0] not in COMMENTS
-        )
-        rows.extend(islice(data, _SNIFFED_LINES))
+    numbered = ((number, line.strip("\r\n ")) for number, line in enumerate(lines, 1))
+    content = ((number, line) for number, line in numbered if number > skip and line.strip())
+    for number, line in content:
+        if separator is None and (stated := _SEPARATOR_LINE.fullmatch(line)):
+            separator = stated[1]
+        elif line.startswith("//"):
+            continue
+        elif line[0] in COMMENTS:
+            heading.append(line)
+        else:
+            rows.append(_Row(number, _uncommented(line, _comment(heading)), line))
+            break
+    comment = _comment(heading)
+    data = (
+        _Row(k, _uncommented(line, comment), line) for k, line in content if line[0] not in COMMENTS
+    )
+    rows.extend(islice(data, _SNIFFED_LINES))
     if not rows:
         what = f"no line after the first {skip}" if skip else "only comments and no data"
-        raise InputError(f"{path.name} has {what}: record or export it again")
+        raise InputError(f"{name} has {what}: record or export it again")
     return heading, rows, separator
 
 
