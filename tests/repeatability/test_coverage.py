@@ -36,7 +36,7 @@ def covered(laboratory: Laboratory, k: int, count: int) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "k"),
-    chosen(product(CASES, (3, 5, 10)), [("as noted", 3), ("noise alone", 10), ("large", 5)]),
+    chosen(product(CASES, (3, 5, 10)), [("as noted", 10), ("noise alone", 3), ("large", 5)]),
 )
 def test_both_statements_cover(case: str, k: int):
     """At least 92.5 % for like axes, which the note asks for; 2.5 sd of the Monte Carlo less."""
