@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.ferraris import DEGREE, G0, FerrarisSession, Handling, mems, record
 from tests.accuracy.inercal_inputs import make_bench, make_marks, recording, true_coefficients
+from tests.base_seeds import evidence
 
 from inercal.calibration.grade import assess
 from inercal.methods import METHODS
@@ -61,9 +62,9 @@ def beyond(case: str, size: float, sessions: int = SESSIONS) -> tuple[float, flo
 @pytest.mark.parametrize(
     ("case", "size", "most"),
     [
-        ("memory", 0.05, 0.07),
+        evidence("memory", 0.05, 0.07),
         ("memory", 1.0, 0.07),
-        ("drift", 0.2e-3 * G0, 0.07),
+        evidence("drift", 0.2e-3 * G0, 0.07),
         ("drift", 2e-3 * G0, 0.07),
     ],
 )

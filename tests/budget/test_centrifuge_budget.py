@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.accuracy.centrifuge import EARTH, PAPER_G, RATES, Triad
-from tests.base_seeds import SEEDS
+from tests.base_seeds import SEEDS, evidence
 from tests.methods.test_centrifuge_norm import NOISE, NOMINAL, sensor
 from tests.refusals import refused
 
@@ -80,11 +80,12 @@ def assert_agree(found: Budget, widest: float) -> None:
 
 
 @pytest.mark.slow
-def test_derivatives_agree_with_a_hundred_and_twenty_drawn():
+@pytest.mark.parametrize("drawn", [40, evidence(120)])
+def test_derivatives_of_a_leaning_arm_agree_with_some_drawn(drawn: int):
     made = experiment("full-circle", replace(BENCH, lean=1e-5))
     made = every_other_dwell(made)
-    found = budget(made, 120, seed=1)
-    assert_agree(found, 4 / np.sqrt(2 * 120))
+    found = budget(made, drawn, seed=1)
+    assert_agree(found, 4 / np.sqrt(2 * drawn))
     spin, lean = next((s, line) for line, s in found.contributions.items() if line.name == "lean")
     assert len(lean.draws) == 2
     assert np.all(spin.first_order < 1e-9 * found.total.first_order)

@@ -5,10 +5,12 @@ import os
 import shutil
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 from subprocess import PIPE
 
 import pytest
+from tests.base_seeds import chosen, evidence
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.calibration.files import load
@@ -21,7 +23,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = run_file(
         tmp_path_factory.mktemp("run"), SIX_POSITIONS, ("triad 3", "triad \\u001b[2J µ√")
     )
-    subprocess.run([*START, "simulate", str(path)], check=True, stdout=PIPE)
+    for arguments in (
+        ("simulate", "run.toml"),
+        ("calibrate", "run.toml", "--no-report"),
+        ("store", "import", "run.calibration.json", "--register", "register.db"),
+    ):
+        subprocess.run([*START, *arguments], cwd=path.parent, check=True, stdout=PIPE)
     head = Path(__file__).parents[2] / "examples" / "dividing_head" / "pair.toml"
     shutil.copy(head, path.with_name("head.toml"))
     return path
@@ -68,26 +75,40 @@ def test_a_calibration_survives_a_full_disk_and_an_encoding(run: Path):
     assert "triad" in output
 
 
+ENCODINGS = {
+    "cp1252": {"PYTHONIOENCODING": "cp1252"},
+    "ascii": {"PYTHONIOENCODING": "ascii"},
+    "C": {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+}
+OUTPUTS = ("> /dev/full", "cp1252", "| head -1", "ascii", ">&-", "C", "<&-", "2>&-", "2> /dev/full")
+# One verb with each output, and each verb with one.
+PAIRS = chosen(
+    product(VERBS, OUTPUTS),
+    [(VERBS[0], output) for output in OUTPUTS]
+    + [(verb, OUTPUTS[k % len(OUTPUTS)]) for k, verb in enumerate(VERBS)],
+)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("arguments", VERBS, ids=" ".join)
-def test_each_verb_ends_well_whatever_its_output_is(run: Path, arguments: tuple[str, ...]):
+@pytest.mark.parametrize(
+    ("arguments", "to"), PAIRS, ids=lambda one: one if isinstance(one, str) else " ".join(one)
+)
+def test_each_verb_ends_well_whatever_its_output_is(run: Path, arguments: tuple[str, ...], to: str):
     calibration = run.with_name("run.calibration.json")
-    before = calibration.stat().st_mtime_ns if calibration.exists() else 0
-    for encoding in ("cp1252", "ascii"):
-        code, _, error = shell(run, "", *arguments, PYTHONIOENCODING=encoding)
-        assert (code, "Traceback" in error) == (0, False), (encoding, error)
-    code, _, error = shell(run, "", *arguments, LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")
-    assert (code, "Traceback" in error) == (0, False), error
-    code, output, error = shell(run, "| head -1", *arguments)
-    assert (code, output.count("\n")) == (0, 1)
-    assert error.count("\n") == 0 or "inercal: warning" in error
-    code, _, error = shell(run, "> /dev/full", *arguments)
-    assert (code, error.count("\n")) == (2, 1), error
-    for closed in (">&-", "<&-", "2>&-", "2> /dev/full"):
-        code, _, error = shell(run, closed, *arguments)
-        assert (code, error) == (0, ""), closed
+    before = calibration.stat().st_mtime_ns
+    encoding = ENCODINGS.get(to)
+    code, output, error = shell(run, "" if encoding else to, *arguments, **encoding or {})
+    if encoding:
+        assert (code, "Traceback" in error) == (0, False), error
+    elif to == "| head -1":
+        assert (code, output.count("\n")) == (0, 1)
+        assert error.count("\n") == 0 or "inercal: warning" in error
+    elif to == "> /dev/full":
+        assert (code, error.count("\n")) == (2, 1), error
+    else:
+        assert (code, error) == (0, "")
     if arguments[0] == "calibrate":
-        assert "run.calibration.json" in shell(run, "> /dev/full", *arguments)[2]
+        assert to != "> /dev/full" or "run.calibration.json" in error
         assert calibration.stat().st_mtime_ns > before
         load(calibration)
 
@@ -96,10 +117,7 @@ def test_each_verb_ends_well_whatever_its_output_is(run: Path, arguments: tuple[
 @pytest.mark.parametrize(
     ("redirection", "status", "encoding"),
     [("> /dev/full", 2, "utf-8")]
-    + [
-        pytest.param(*one, marks=pytest.mark.evidence)
-        for one in (("| head -1", 0, "utf-8"), ("", 0, "ascii"), ("", 0, "cp1252"))
-    ],
+    + [evidence(*one) for one in (("| head -1", 0, "utf-8"), ("", 0, "ascii"), ("", 0, "cp1252"))],
 )
 def test_a_run_on_a_bench_is_finished_whatever_its_output_is(
     run: Path, tmp_path: Path, redirection: str, status: int, encoding: str
@@ -113,17 +131,16 @@ def test_a_run_on_a_bench_is_finished_whatever_its_output_is(
 
 
 @pytest.mark.slow
-def test_json_is_json_in_every_encoding(run: Path):
-    for encoding in ("ascii", "cp1252", "utf-8"):
-        arguments = ("calibrate", "run.toml", "--no-report", "--json")
-        code, output, _ = shell(run, "", *arguments, PYTHONIOENCODING=encoding)
-        text = output.encode("latin-1").decode(encoding)
-        assert (code, json.loads(text)["sensor"]["name"]) == (0, "triad \x1b[2J µ√")
+@pytest.mark.parametrize("encoding", ["cp1252", evidence("ascii"), evidence("utf-8")])
+def test_json_is_json_in_every_encoding(run: Path, encoding: str):
+    arguments = ("calibrate", "run.toml", "--no-report", "--json")
+    code, output, _ = shell(run, "", *arguments, PYTHONIOENCODING=encoding)
+    text = output.encode("latin-1").decode(encoding)
+    assert (code, json.loads(text)["sensor"]["name"]) == (0, "triad \x1b[2J µ√")
 
 
 @pytest.mark.slow
 def test_control_characters_of_names_never_reach_the_terminal(run: Path):
-    shell(run, "", "store", "import", "run.calibration.json", "--register", "register.db")
     for arguments in (
         ("calibrate", "run.toml", "--no-report"),
         ("store", "list", "--register", "register.db"),

@@ -239,7 +239,7 @@ def test_the_demonstration_finds_its_truth_within_the_stated_uncertainty(
     assert abs(nees - 1) < 4 * sqrt(2 / p)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_the_demonstration_says_its_normalised_error(tmp_path: Path, said: Callable[..., str]):
     printed = said("demo", "--quick", "--out", tmp_path)
     (line,) = [line for line in printed.splitlines() if line.startswith("normalised squared error")]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.evidence.characteristics import (
     CASES,
     DEVICES,
@@ -53,7 +54,11 @@ def test_a_sample_is_covered(sensor: str, law: str):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES, ids=lambda case: " ".join(case))
+@pytest.mark.parametrize(
+    "case",
+    [one if k % 5 == 0 else evidence(one) for k, one in enumerate(CASES)],
+    ids=lambda case: " ".join(case),
+)
 def test_a_larger_sample_agrees_with_what_is_stored(case: Case):
     count = 50
     found = outcomes(case, count, 101)

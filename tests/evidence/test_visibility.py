@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.base_seeds import evidence
 from tests.evidence import stored_counts, unobservable_causes
 from tests.evidence.graded_calibration import calibrate_files
 from tests.evidence.violation_cells import (
@@ -89,8 +90,8 @@ class Silence:
     [
         "six_position",
         "dual_orthogonal",
-        pytest.param("ship_multi_angle", marks=pytest.mark.slow),
-        pytest.param("ferraris", marks=pytest.mark.slow),
+        evidence("ship_multi_angle"),
+        evidence("ferraris"),
         pytest.param("centrifuge_norm", marks=pytest.mark.slow),
     ],
 )

@@ -26,7 +26,7 @@ DESCRIPTIONS = tuple(
 BYTES = bytes(range(256)) * 8 + b"1,2,3,4,5,6,7\r\n" * 20
 COUNTS = [
     pytest.param(200),
-    pytest.param(2_000, marks=pytest.mark.slow),
+    pytest.param(600, marks=pytest.mark.slow),
     pytest.param(100_000, marks=pytest.mark.evidence),
 ]
 

@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from tests.base_seeds import chosen
 from tests.host.journal_sections import sections_done
 from tests.host.simulated_runs import INERCAL, SHORT, plan, quick
 
@@ -135,7 +136,7 @@ MOMENTS = np.random.default_rng(20).uniform(0.01, 1.0, 20).round(4).tolist()
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "share",
-    [*MOMENTS[:3], *(pytest.param(one, marks=pytest.mark.evidence) for one in MOMENTS[3:8])],
+    chosen(MOMENTS[:8], MOMENTS[1:2]),
 )
 def test_a_run_killed_at_any_moment_is_finished_by_resume(
     tmp_path: Path, unbroken: Unbroken, share: float

@@ -1,8 +1,8 @@
 """Packets of a host that was frozen, and of counters that jump, keep the dates that they had."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -86,8 +86,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recorded]:
     return {name: Recorded(run, layout) for name, layout in LAYOUTS.items()}
 
 
-def slow(*values: object) -> object:
-    return pytest.param(*values, marks=pytest.mark.slow)
+def slow_cases(*values: Iterable[object]) -> list[object]:
+    """Return all combinations: one of four is slow, the others are for `make evidence`."""
+    return [
+        pytest.param(*one, marks=pytest.mark.evidence if k % 4 else pytest.mark.slow)
+        for k, one in enumerate(product(*values))
+    ]
 
 
 @pytest.mark.parametrize(
@@ -95,12 +99,7 @@ def slow(*values: object) -> object:
     [
         ("16 bits", 4.0, ALL),
         ("8 bits", 12.8, 20000.0),
-        *(
-            slow(bits, seconds, buffer)
-            for bits in LAYOUTS
-            for seconds in (1.5, 7.7, 30.0)
-            for buffer in (ALL, 20000.0, 0.0)
-        ),
+        *slow_cases(LAYOUTS, (1.5, 7.7, 30.0), (ALL, 20000.0, 0.0)),
     ],
 )
 def test_a_backlog_has_the_dates_at_which_it_was_sent(
@@ -121,12 +120,7 @@ def test_a_backlog_has_the_dates_at_which_it_was_sent(
     ("bits", "seconds", "packets"),
     [
         ("8 bits", 3.0, -77),
-        *(
-            slow(bits, seconds, packets)
-            for bits in LAYOUTS
-            for seconds in (0.004, 0.3, 3.0)
-            for packets in (23, 77, -77, 1000, 20000)
-        ),
+        *slow_cases(LAYOUTS, (0.004, 0.3, 3.0), (23, 77, -77, 1000, 20000)),
     ],
 )
 def test_a_counter_that_jumps_and_comes_back_costs_only_the_packets_between(
@@ -137,9 +131,7 @@ def test_a_counter_that_jumps_and_comes_back_costs_only_the_packets_between(
     assert len(missed) <= RATE * (seconds + 0.6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("bits", LAYOUTS)
-@pytest.mark.parametrize("end", [45.0, 52.0, 56.0])
+@pytest.mark.parametrize(("end", "bits"), slow_cases((45.0, 52.0, 56.0), LAYOUTS))
 def test_a_counter_that_jumped_before_the_host_ended_does_not_block_the_resumed_run(
     recorded: dict[str, Recorded], bits: str, end: float
 ):

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.base_seeds import evidence
 from tests.host.simulated_runs import plan
 from tests.host.synthetic_log import LAYOUT, run_file
 
@@ -44,7 +45,7 @@ print("done" if ended.done else ended.words)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["turntable_kalman", "turntable_discrete"])
+@pytest.mark.parametrize("method", ["turntable_kalman", evidence("turntable_discrete")])
 def test_a_run_compiles_nothing_more(tmp_path: Path, method: str):
     made = subprocess.run(
         [sys.executable, "-c", RUN, str(tmp_path), method],

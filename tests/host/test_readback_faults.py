@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from tests.base_seeds import chosen
 from tests.host.in_process_bench import ADDRESSES, InProcessBench
 from tests.host.simulated_runs import HEAD, plan
 
@@ -163,7 +164,7 @@ def noticed(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [None, *SIX])
+@pytest.mark.parametrize("kind", chosen([None, *SIX], (None, "offset", "clock")))
 def test_a_wrong_readback_is_named_during_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Kind | None
 ):

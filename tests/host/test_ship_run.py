@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from tests.base_seeds import evidence
 from tests.host.in_process_bench import ADDRESSES, InProcessBench
 from tests.host.simulated_runs import INERCAL
 from tests.host.synthetic_log import LAYOUT
@@ -121,10 +122,11 @@ def test_a_ship_plan_finds_the_truth_in_mountings_that_an_operator_confirmed(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seeds", [range(2, 5), evidence(range(2, 14))])
 def test_errors_of_many_ship_runs_are_as_stated(
-    tmp_path: Path, begun: Callable[[int], tuple[Run, InProcessBench]]
+    tmp_path: Path, begun: Callable[[int], tuple[Run, InProcessBench]], seeds: range
 ):
-    seeds, total, count = range(2, 14), 0.0, 0
+    total, count = 0.0, 0
     for seed in seeds:
         run, bench = begun(seed)
         drive(tmp_path / f"run{seed}", bench, run)

@@ -93,6 +93,8 @@ def test_the_wheel_with_extras_runs_the_demonstration(wheel: Path, tmp_path: Pat
     scripts = environment(tmp_path, f"{wheel}[report,host,io]")
     done = run(scripts / "inercal", "demo", "--quick", "--out", "demo", folder=tmp_path)
     assert done.returncode == 0, done.stderr
+    (error,) = re.findall(r"^normalised squared error .*: (\S+) ", done.stdout, flags=re.M)
+    assert 0 < float(error) < 2
     done = run(scripts / "inercal", "calibrate", EXAMPLE, "--out", "out", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "run.report.html").exists()

@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.base_seeds import evidence
 from tests.methods.bench_sensitivity_cases import BENCHES, STATED, Case, case
 
 from inercal.benches import Bench, DividingHead
@@ -151,8 +152,15 @@ def test_coefficients_move_with_the_head_as_is_said(method: str, estimator: str,
     require_alike(case(method, estimator)._replace(bench=HEADS["none"]), name)
 
 
-@pytest.mark.parametrize("estimator", ["damped", pytest.param("global", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", ["g", "radius"])
+@pytest.mark.parametrize(
+    ("estimator", "name"),
+    [
+        ("damped", "g"),
+        ("damped", "radius"),
+        pytest.param("global", "radius", marks=pytest.mark.slow),
+        evidence("global", "g"),
+    ],
+)
 def test_norms_in_the_stated_frame_move_as_is_said(estimator: str, name: str):
     given = case("ship_multi_angle", estimator)
     require_alike(given._replace(sensor=replace(given.sensor, frame="symmetric")), name)

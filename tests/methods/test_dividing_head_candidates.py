@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.dividing_head import ARCSEC, Bench
 from tests.accuracy.tumble import Scale
+from tests.base_seeds import evidence, most_alarms
 from tests.methods import tumble_cases as tumble
 from tests.methods.dual_orthogonal_cases import SENSOR, WHOLE, Case, case, known
 
@@ -25,6 +26,8 @@ from inercal.physics.sensors import G0
 
 Array = NDArray[np.float64]
 LEVEL = 0.005  # of χ² with the other tests, and of the score tests
+# Devices as modelled, and how many may be suspected: of 300, two per cent.
+ALARMS = [(40, most_alarms(40, 2 * LEVEL)), evidence(300, 6)]
 BOTH = Bench(drifting=3e-6)
 
 
@@ -87,11 +90,12 @@ def test_devices_as_modelled_are_suspected_of_nothing(estimator: Callable[..., E
 
 
 @pytest.mark.slow
-def test_false_alarms_of_joint_are_few():
+@pytest.mark.parametrize(("devices", "most"), ALARMS)
+def test_false_alarms_of_joint_are_few(devices: int, most: int):
     for bench, seed in ((Bench(), 11), (WHOLE, 12)):
-        found = said(made(bench, 300, seed))
+        found = said(made(bench, devices, seed))
         print(found)
-        assert found[""] >= 294
+        assert found[""] >= devices - most
 
 
 def tumbled(estimator: Callable[..., Estimate], devices: int, third: float = 0.0) -> Counter[str]:
@@ -125,5 +129,8 @@ def test_a_tumble_names_the_harmonic_that_its_head_does_not_state(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", [least_squares, fourier])
-def test_false_alarms_of_a_tumble_are_few(estimator: Callable[..., Estimate]):
-    assert tumbled(estimator, 300)[""] >= 294
+@pytest.mark.parametrize(("devices", "most"), ALARMS)
+def test_false_alarms_of_a_tumble_are_few(
+    estimator: Callable[..., Estimate], devices: int, most: int
+):
+    assert tumbled(estimator, devices)[""] >= devices - most

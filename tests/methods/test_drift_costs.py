@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from tests.accuracy import handheld
+from tests.base_seeds import evidence
 from tests.evidence import graded_calibration
 from tests.evidence.cases import hand_recordings
 
@@ -24,7 +25,7 @@ def larger_uncertainty(rests: int, seed: int) -> list[float]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rests", "least", "most"), [(24, 1.05, 1.3), (12, 1.5, 2.5)])
+@pytest.mark.parametrize(("rests", "least", "most"), [evidence(24, 1.05, 1.3), (12, 1.5, 2.5)])
 def test_u_is_larger_by_what_the_page_says(rests: int, least: float, most: float):
     medians = [float(np.median(larger_uncertainty(rests, seed))) for seed in (1293, 5, 6)]
     print(medians)

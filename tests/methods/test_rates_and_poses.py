@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.base_seeds import chosen
 from tests.methods.platform_devices import (
     DEG_PER_H,
     EXACT,
@@ -161,7 +162,10 @@ PLANS = {"short": (SHORT, LINEAR), "mid": (MID, ALL), "full": (FULL, ALL)}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "grade", "table"), EXPECTED)
+@pytest.mark.parametrize(
+    ("name", "grade", "table"),
+    chosen(EXPECTED, [("short", "C", "read"), ("mid", "T", "plain"), ("full", "T", "read")]),
+)
 def test_errors_of_the_plans_are_those_of_the_table(name: str, grade: str, table: str, seed: int):
     rows, terms = PLANS[name]
     n = 200 if name == "full" else 300

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 from tests.accuracy.rate_table import Bench
+from tests.base_seeds import evidence, most_alarms
 from tests.methods.ship_cases import (
     ESTIMATORS,
     RADIUS,
@@ -197,27 +198,29 @@ def visible(name: str, given: Case, what: str) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ESTIMATORS)
-def test_what_is_visible_is_not_called_consistent(name: str):
-    given = case(21, 40)
+@pytest.mark.parametrize("devices", [10, evidence(40)])
+def test_what_is_visible_is_not_called_consistent(name: str, devices: int):
+    given = case(21, devices)
     for what, effect in EFFECTS.items():
         if name == "planar" and what == "k1_prime":
             continue  # untilted, no axis senses a negative force: it is not separated from k1
         size = visible(name, given, what)
         judged = [
             assess(of_one(name, given, k, effect(given, k, size)), len(SENSOR.coefficients))
-            for k in range(40)
+            for k in range(devices)
         ]
         seen = sum(one.rejects for one in judged)
         first = Counter(one.suspect.name for one in judged if one.suspect)
         named = sum(what in (s.name, *s.indistinguishable) for one in judged if (s := one.suspect))
-        print(f"{name}: {what} of {size:.3g}: {seen} of 40, named {named}, {first.most_common(3)}")
-        assert seen >= 36
+        print(f"{name}: {what} of {size:.3g}: {seen} seen, named {named}, {first.most_common(3)}")
+        assert seen >= 0.9 * devices
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ESTIMATORS)
-def test_the_base_case_is_called_consistent(name: str):
-    given = case(31, 300)
-    wrong = sum(inconsistent(of_one(name, given, k)) for k in range(300))
-    print(f"{name}: {wrong} of 300 not consistent")
-    assert wrong <= 6
+@pytest.mark.parametrize(("devices", "most"), [(60, most_alarms(60, 0.01)), evidence(300, 6)])
+def test_the_base_case_is_called_consistent(name: str, devices: int, most: int):
+    given = case(31, devices)
+    wrong = sum(inconsistent(of_one(name, given, k)) for k in range(devices))
+    print(f"{name}: {wrong} of {devices} not consistent")
+    assert wrong <= most

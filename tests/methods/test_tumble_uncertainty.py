@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tests.accuracy.dividing_head import SIZES
 from tests.accuracy.tumble import Device, bound
+from tests.base_seeds import sampled
 from tests.methods.dual_orthogonal_cases import WHOLE, case
 from tests.methods.tumble_cases import (
     ARCSEC,
@@ -64,8 +65,9 @@ def test_least_squares_scatters_as_it_states_and_reaches_its_bound(seed: int, fo
 
 
 @pytest.mark.slow
-def test_fourier_scatters_as_it_states(seed: int):
-    rng, trials = np.random.default_rng([seed, 72]), 300
+@pytest.mark.parametrize(("seed", "trials"), sampled(60, 300))
+def test_fourier_scatters_as_it_states(seed: int, trials: int):
+    rng = np.random.default_rng([seed, 72])
     bench = DRAWN
     made, plan = sensor(), positions(8, back=True)
     found = [
@@ -85,8 +87,9 @@ def test_fourier_scatters_as_it_states(seed: int):
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 @pytest.mark.slow
-def test_graduations_and_drift_are_in_what_is_stated(estimator: Estimator, seed: int):
-    rng, trials = np.random.default_rng([seed, 73]), 200
+@pytest.mark.parametrize(("seed", "trials"), sampled(60, 200))
+def test_graduations_and_drift_are_in_what_is_stated(estimator: Estimator, seed: int, trials: int):
+    rng = np.random.default_rng([seed, 73])
     bench = replace(DRAWN, division=2 * ARCSEC, drift=2e-6 * G0)
     made, plan = sensor(), positions(8, back=True)
     observed = seen(plan, drawn(rng, trials, plan, DEVICE, bench))
@@ -102,12 +105,12 @@ def test_graduations_and_drift_are_in_what_is_stated(estimator: Estimator, seed:
     "collimated", ["none", *(pytest.param(k, marks=pytest.mark.slow) for k in ("pairs", "every"))]
 )
 @pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize(("seed", "trials"), sampled(50, 150))
 @pytest.mark.slow
 def test_all_that_a_bench_can_err_by_is_in_what_is_stated(
-    estimator: Estimator, collimated: str, seed: int
+    estimator: Estimator, collimated: str, seed: int, trials: int
 ):
     """Accelerometer a of the pair that `dual_orthogonal` is tested with, not turned in its case."""
-    trials = 150
     bench = replace(WHOLE, collimated=collimated, sizes=SIZES | {"delta": 0.0})
     given = case(seed, trials, bench, reverse=True)
     made = replace(mounted_sensor(axes=("a",)), form="reference").with_coefficients(*SIX)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.accuracy import turntable
+from tests.base_seeds import evidence
 from tests.methods import turntable_cases
 from tests.methods.axes_on_table import Directions, draw_motions, mount
 from tests.methods.axis_accuracy import errors, require_stated_accuracy
@@ -25,7 +26,7 @@ from inercal.physics.sensors import Noise, Sensor, axes_along
 
 Kinds = Mapping[str, Directions]
 SEEDS = (1, 2, 3)
-N, TOGETHER = 200, 10  # devices for each seed, and in memory
+TOGETHER = 10  # devices in memory
 GRADE, HZ = turntable.T, 10.0
 # Between samples at 10 Hz, a longer delay shifts the ends of a turn more than at 100 Hz.
 TABLE = turntable.Table(latency=1e-3)
@@ -72,7 +73,7 @@ def estimated(
     return least_squares(seen, of, bench, turntable_cases.steps(path, seen.labels))
 
 
-def pooled(cases: Sequence[Kinds], n: int = N) -> list[tuple[np.ndarray, np.ndarray]]:
+def pooled(cases: Sequence[Kinds], n: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return errors (3 n, p) and covariances (3 n, p, p) for each of some sensors."""
     found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in cases]
     for seed in SEEDS:
@@ -91,8 +92,9 @@ def pooled(cases: Sequence[Kinds], n: int = N) -> list[tuple[np.ndarray, np.ndar
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cases", CASES.values(), ids=CASES)
-def test_errors_are_as_stated(cases: tuple[Kinds, ...]):
-    for off, covariance in pooled(cases):
+@pytest.mark.parametrize("devices", [20, evidence(200)])  # for each seed
+def test_errors_are_as_stated(cases: tuple[Kinds, ...], devices: int):
+    for off, covariance in pooled(cases, devices):
         require_stated_accuracy(off, covariance)
 
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from tests.accuracy import turntable
-from tests.base_seeds import SEEDS
+from tests.base_seeds import SEEDS, evidence
 from tests.methods.turntable_cases import (
     ARCSEC,
     FAST,
@@ -188,7 +188,10 @@ def test_fast_turns_both_ways(seed: int):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("grade", "gyro", "accelerometer"),
-    [("I", (0.0023, 7.9, 2.2), (6.6, 4.6, 1.7)), ("C", (0.041, 62.0, 12.9), (28.0, 18.0, 4.4))],
+    [
+        evidence("I", (0.0023, 7.9, 2.2), (6.6, 4.6, 1.7)),
+        ("C", (0.041, 62.0, 12.9), (28.0, 18.0, 4.4)),
+    ],
 )
 def test_the_notes_table_of_other_grades(
     grade: str, gyro: tuple[float, ...], accelerometer: tuple[float, ...]

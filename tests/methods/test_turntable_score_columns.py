@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 from math import radians
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy import turntable
 from tests.accuracy.turntable import ARCSEC, DEG_H, EARTH, Draw, G
+from tests.base_seeds import evidence
 from tests.methods.turntable_cases import (
     FAST,
     TABLE,
@@ -197,23 +199,32 @@ def before(run: Run, flicker: bool) -> Estimate:
     return run(one_of(turntable.draw(31, 1, SHORT, hz=HZ), 0), sensor(flicker=flicker), BENCH)
 
 
-@pytest.mark.parametrize("flicker", [False, pytest.param(True, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("run", [kalman, pytest.param(trajectory, marks=pytest.mark.slow)])
+QUICK = ("gyro asymmetry", "k3", "drift of accelerometers")
+OTHERS = (
+    "accelerometer asymmetry", "drift of gyros", "k2", "g-sensitivity", "g²-sensitivity",
+)  # fmt: skip
+# Both methods with and without flicker, and each violation, but not all combinations.
+SLOW_MOVES = [
+    *((kalman, name, False) for name in OTHERS),
+    (kalman, "drift of gyros", True),
+    *((trajectory, name, False) for name in ("gyro asymmetry", "k2", "drift of gyros")),
+    (trajectory, "k3", True),
+]
+ALL_MOVES = [*product((kalman, trajectory), (*QUICK, *OTHERS), (False, True))]
+
+
 @pytest.mark.parametrize(
-    "name",
+    ("run", "name", "flicker"),
     [
-        "gyro asymmetry",
-        "k3",
-        "drift of accelerometers",
+        *((kalman, name, False) for name in QUICK),
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW_MOVES),
         *(
-            pytest.param(name, marks=pytest.mark.slow)
-            for name in (
-                "accelerometer asymmetry", "drift of gyros", "k2", "g-sensitivity",
-                "g²-sensitivity",
-            )
+            evidence(*one)
+            for one in ALL_MOVES
+            if one not in SLOW_MOVES and (one[0] != kalman or one[1] not in QUICK or one[2])
         ),
     ],
-)  # fmt: skip
+)
 def test_scores_move_by_what_is_added_and_estimates_by_what_they_say(
     run: Run, name: str, flicker: bool
 ):
@@ -310,7 +321,7 @@ def test_violations_are_seen_in_every_device_and_named(run: Run):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", [SHORT, FAST])
+@pytest.mark.parametrize("path", [evidence(SHORT), FAST])
 def test_few_devices_that_are_as_stated_are_called_otherwise(path: list[Step]):
     found = list[bool]()
     for batch in range(6):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.base_seeds import evidence
 from tests.refusals import refused
 
 from inercal.benches import RateTable
@@ -107,16 +108,16 @@ def nees_and_chi_squared(run: Run, seed: int, trials: int) -> None:
 
 
 @pytest.mark.slow
-def test_simulated_recordings_err_as_their_calibrations_state(tmp_path: Path, seed: int):
-    nees_and_chi_squared(run_of(tmp_path, *SHORT), seed, 60)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [11, 12, 13])
-@pytest.mark.parametrize("lean", [pytest.param("0.05 °", marks=pytest.mark.evidence), "0.3 °"])
-def test_many_recordings_err_as_their_calibrations_state(tmp_path: Path, seed: int, lean: str):
+@pytest.mark.parametrize(
+    ("seed", "trials"),
+    [(1, 60), *(evidence(seed, 60) for seed in (2, 3)), *(evidence(k, 300) for k in (11, 12, 13))],
+)
+@pytest.mark.parametrize("lean", ["0.05 °", "0.3 °"])
+def test_simulated_recordings_err_as_their_calibrations_state(
+    tmp_path: Path, seed: int, trials: int, lean: str
+):
     nees_and_chi_squared(
-        run_of(tmp_path, *SHORT, ('lean = "0.05 °"', f'lean = "{lean}"')), seed, 300
+        run_of(tmp_path, *SHORT, ('lean = "0.05 °"', f'lean = "{lean}"')), seed, trials
     )
 
 

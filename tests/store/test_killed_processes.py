@@ -15,14 +15,14 @@ from time import monotonic
 import numpy as np
 import psycopg
 import pytest
+from tests.base_seeds import evidence
 from tests.store.calibration_generator import DRIFTING, content, write
 
 from inercal.laboratory.store import Register
 from inercal.laboratory.store.address import resolve_address
 
 FEW = 10
-FILES = 600  # more than are entered before the kills are over
-KILLS = 50
+FILES_PER_KILL = 12  # more than are entered before the kills are over
 OF_RUN = 20  # files
 # Forks a writer for each line that it is sent: the register's address, the folder, the number of
 # the file to begin with, and of the statement before which the writer kills itself, 0 for none.
@@ -177,17 +177,17 @@ def require_sound(address: str, told: set[tuple[str, int]]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1])
-def test_fifty_kills_lose_nothing_and_leave_nothing_half(
-    address: str, writers: Writers, tmp_path: Path, seed: int
+@pytest.mark.parametrize("kills", [10, evidence(50)])
+def test_kills_lose_nothing_and_leave_nothing_half(
+    address: str, writers: Writers, tmp_path: Path, kills: int
 ):
-    rng = random.Random(seed)
+    rng, count = random.Random(1), FILES_PER_KILL * kills
     files = tmp_path / "files"
     files.mkdir()
-    written(files, FILES)
+    written(files, count)
     told: set[tuple[str, int]] = set()
     first, tried, within = 0, 0, 0
-    while within < KILLS:
+    while within < kills:
         times: list[float] = []
         timer = Timer(0.0, print)
         until = rng.randrange(3, 5)
@@ -209,11 +209,11 @@ def test_fifty_kills_lose_nothing_and_leave_nothing_half(
     # What was in hand when a writer was killed is entered by the next one.
     writers.start(address, files)
     last = [k for _, _, k in writers.told()]
-    assert (writers.status, last) == (0, list(range(FILES)))
+    assert (writers.status, last) == (0, list(range(count)))
     require_sound(address, told)
     with Register(address) as register:
-        assert len(register.calibrations()) == FILES
-        assert len(register.runs()) == FILES // 2
+        assert len(register.calibrations()) == count
+        assert len(register.runs()) == count // 2
 
 
 def test_a_kill_before_any_statement_of_a_write_leaves_all_or_nothing(

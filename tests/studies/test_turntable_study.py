@@ -146,7 +146,7 @@ def test_verdicts_on_the_time(turntable_study: Study):
     assert section_verdicts(turntable_study, "time")[:2] == ["reproduced", "not reproducible"]
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_six_devices_decide_the_verdicts_that_two_leave_open():
     six = reproduce("turntable", trials=400, seed=1)
     missed, lost = "not reproducible", "false"
