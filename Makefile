@@ -87,6 +87,7 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 	$(BIN)/python -m tests.evidence.auto
 	$(BIN)/python -m tests.evidence.prediction
 	$(BIN)/python -m tests.evidence.axes
+	$(BIN)/python -m tests.evidence.magnetometer
 	$(BIN)/python -m tests.evidence.prior
 	$(BIN)/python -m pytest -m evidence $(SIDE_BY_SIDE) tests
 

@@ -5,9 +5,11 @@ from collections import Counter
 import numpy as np
 import pytest
 from tests.magnetometer import generator as sim
+from tests.magnetometer.calibrations import calibrated
 from tests.magnetometer.cases import band, fit, normalised_error
 
 from inercal.basics.errors import InputError
+from inercal.calibration.detectability import undetectable_causes
 from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
 from inercal.methods.magnetic_field import field_tests, inhomogeneity_interval
 
@@ -146,3 +148,12 @@ def test_many_nodes_are_tested_in_stretches():
     best = min(tests.scores, key=tests.adjusted)
     assert best.name.startswith("step of the field at rest 1")
     assert abs(int(best.name.rpartition(" ")[2]) - 151) < 12
+
+
+def test_nine_rests_do_not_show_a_drift_of_the_strength_and_the_verdict_says_so():
+    rng = np.random.default_rng(0)
+    own = sim.device(rng)
+    found = calibrated(rng, sim.scattered(rng, 9), own)
+    causes = undetectable_causes(found.estimate, found.sensor)
+    assert "drift of the strength" in {one.name for one in causes}
+    assert any("drift of the strength" in text for text in found.judged.statements)

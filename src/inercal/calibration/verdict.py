@@ -332,15 +332,16 @@ def _undetectable_text(one: UndetectableCause, sensor: Sensor, row_word: str) ->
     """Describe an effect and its size, with two digits, in the report unit."""
     if one.name == "row":
         return f"wrong readings at one {row_word}"
+    measures = {axis.name: axis.measures for axis in sensor.axes}
+    words, name = one.name, ""  # the words of a change of the magnetic field
     if one.component.startswith((_DRIFT_PREFIX, CHANGE_PREFIX)):
         # The name is, for example, "drift of ax" or "change of ax within r10".
         axis = one.component.removeprefix(CHANGE_PREFIX).removeprefix(_DRIFT_PREFIX)
         axis = axis.removeprefix("of ").partition(" ")[0]
-        measures = next(each.measures for each in sensor.axes if each.name == axis)
-        words, name = one.name, f"{axis}.{QUANTITIES[measures].bias}"
-    else:
+        name = f"{axis}.{QUANTITIES[measures[axis]].bias}" if axis in measures else ""
+    elif CoefficientName(one.component).axis in measures:
         words, name = coefficient_words(sensor, one.name, (one.component,)), one.component
-    if not np.isfinite(one.size):
+    if not name or not np.isfinite(one.size):
         return words
     line = coefficient_definition(sensor, name)
     return f"{words}: {two_digits(one.size / line.si)} {line.unit}"

@@ -53,7 +53,7 @@ def average_magnetometers(
     fresh = fresh_rows(y)
     flawed = range_findings(recording, sensor, [_rows(recording.time, span) for span in spans])
     parts = [_values(recording.time, fresh, span) for span in spans]
-    railed = _railed_rests(y, parts)
+    railed = _railed_rests(y, parts, sensor.channels)
     kept: list[int] = []
     lost: list[Finding] = []
     for k, (_, new) in enumerate(parts):
@@ -189,14 +189,16 @@ def _values(
     return np.arange(new[0] if new.size else stop, stop), new
 
 
-def _railed_rests(y: Array, parts: Sequence[tuple[Indices, Indices]]) -> list[str]:
+def _railed_rests(
+    y: Array, parts: Sequence[tuple[Indices, Indices]], channels: Sequence[str]
+) -> list[str]:
     """Return for each rest which axis stays at the end of its range; "" for none.
 
     The extreme reading of an axis is the end of its range if it is constant in several rests, while
     other axes change there.
     """
     found = [""] * len(parts)
-    for axis in range(y.shape[1]):
+    for axis, channel in enumerate(channels):
         for end in (y[:, axis].min(), y[:, axis].max()):
             at = [
                 k
@@ -205,7 +207,7 @@ def _railed_rests(y: Array, parts: Sequence[tuple[Indices, Indices]]) -> list[st
             ]
             if len(at) > 1:
                 for k in at:
-                    found[k] = f"axis {axis + 1} stays at the end of its range"
+                    found[k] = f"{channel} stays at the end of its range"
     return found
 
 
