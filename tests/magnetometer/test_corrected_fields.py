@@ -11,6 +11,7 @@ from tests.program import run_program
 from tests.refusals import refused
 
 from inercal.basics.errors import InputError
+from inercal.calibration import Validity
 from inercal.calibration.files import load, save
 from inercal.physics.magnetic_heading import level_attitudes
 from inercal.physics.motion import Motion
@@ -149,3 +150,19 @@ def test_predict_states_fields_in_microtesla_with_one_unit_for_all(tmp_path: Pat
     page = tmp_path / "sweep.html"
     swept = run_program("predict", path, "--sweep", "mx = -50 µT … 50 µT", "-o", page)
     assert (swept.status, page.is_file()) == (0, True)
+
+
+def test_a_field_outside_the_range_of_the_data_is_refused_and_survives_the_file(tmp_path: Path):
+    calibration = replace(
+        calibrated(nine_axes(), D, OFFSET), validity=Validity(field=(-60e-6, 40e-6))
+    )
+    save(calibration, tmp_path / "nine.calibration.json")
+    again = load(tmp_path / "nine.calibration.json")
+    assert again.validity == calibration.validity
+    again.predict(m=FIELD * 1e-6)
+    found = again.predict(m=3 * FIELD * 1e-6, extrapolate=True)
+    # The worked example is linear: o + 3 (m − o) reads 76.05 µT along x and −105.25 µT along z.
+    (excess,) = found.outside[0]
+    assert (excess.part, excess.amount) == ("m", pytest.approx(45.25e-6))
+    with refused(InputError, key="m"):
+        again.predict(m=3 * FIELD * 1e-6)

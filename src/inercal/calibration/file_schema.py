@@ -117,7 +117,7 @@ class CalibrationRecord(Record):
     notes: list[str]
     verdict: VerdictRecord | None = None
     shared: list[_SharedError] | None = None
-    validity: dict[Literal["rate", "force", "temperature"], _Range] | None = None
+    validity: dict[Literal["rate", "force", "temperature", "field"], _Range] | None = None
     job: dict[str, str] = Field(default_factory=dict[str, str])
     conformity: ConformityRecord | None = None
     bench_estimates: list[_BenchEstimate] | None = None

@@ -1,4 +1,4 @@
-"""The ranges of rate, specific force and temperature that a calibration's data cover."""
+"""The ranges of rate, force, temperature and magnetic field that a calibration's data cover."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -31,6 +31,8 @@ class Validity:
         Specific force in m/s², from the nominal readout of the accelerometers.
     temperature : (float, float) or None
         Temperature in K.
+    field : (float, float) or None
+        Magnetic flux density in T, from the nominal readout of the magnetometers.
 
     Raises
     ------
@@ -41,6 +43,7 @@ class Validity:
     rate: Range | None = None
     force: Range | None = None
     temperature: Range | None = None
+    field: Range | None = None
 
     def __post_init__(self) -> None:
         for name, (least, largest) in self.ranges.items():

@@ -92,7 +92,7 @@ def _ranges(texts: Texts, calibration: Calibration) -> list[Fact]:
     if calibration.validity is None:
         return []
     units = {"force": ("g", G0, 0.0), "rate": ("°/s", si_factor("°/s"), 0.0)}
-    units["temperature"] = ("°C", 1.0, ZERO_CELSIUS)
+    units |= {"temperature": ("°C", 1.0, ZERO_CELSIUS), "field": ("µT", 1e-6, 0.0)}
     found: list[Fact] = []
     for name, ends in calibration.validity.ranges.items():
         unit, size, zero = units[name]
