@@ -130,10 +130,12 @@ def _simulation(run: Run, inputs: EstimatorInput) -> str:
 
 def validity(sensor: Sensor, inputs: EstimatorInput) -> Validity:
     """Return the ranges of the data that were used; None if a quantity was not measured."""
+    magnetic = inputs.observations.magnetic
     return Validity(
         rate=_finite_range(_readings(sensor, inputs, "w")),
         force=_finite_range(_readings(sensor, inputs, "f")),
         temperature=_finite_range(_temperatures(inputs)),
+        field=None if magnetic is None else _finite_range(iter(magnetic.parts)),
     )
 
 

@@ -71,6 +71,11 @@ class MagneticReadings:
     temperature: Array | None = None
     pieces: MagneticPieces | None = None
 
+    @property
+    def parts(self) -> tuple[Array, ...]:
+        """All mean readings: (r, m) of the rests, and (p, m) of the pieces of motion."""
+        return (self.mean,) if self.pieces is None else (self.mean, self.pieces.mean)
+
     def rows(self, kept: Sequence[int]) -> "MagneticReadings":
         """Return the rests in some rows of the observations, without the pieces of motion."""
         place = {row: k for k, row in enumerate(kept)}
