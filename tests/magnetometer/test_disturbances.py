@@ -131,7 +131,7 @@ def test_more_than_five_per_cent_is_refused():
     rng = np.random.default_rng(3)
     own = sim.device(rng)
     change = 0.1 * own.strength * rng.standard_normal((N, 3))
-    with pytest.raises(InputError, match="field differs between the nodes by"):
+    with pytest.raises(InputError, match="field differs within the recording by"):
         fit(sim.rests(rng, sim.scattered(rng, N), own, disturbance=change))
 
 

@@ -173,9 +173,8 @@ def _fitted(run: Run, progress: "Callable[[Generation], None] | None" = None) ->
 
 def _advisor(fitted: FittedRun) -> RunAdvisor:
     run = fitted.run
-    return RunAdvisor(
-        fitted, "rest" if run.method.unknown_attitudes else run.kind.words.row, _fitted
-    )
+    row = "rest" if run.method.unknown_attitudes else run.kind.words.row
+    return RunAdvisor(fitted, "part of the recording" if run.method.follows_rest else row, _fitted)
 
 
 def calibrate_run(

@@ -266,7 +266,7 @@ def _not_observed(names: list[str], null: Array) -> NotObserved:
 def _require_homogeneous(tau: float) -> None:
     if tau > _LARGEST_INHOMOGENEITY:
         raise InputError(
-            f"the field differs between the nodes by {100 * tau:.3g} % (1 σ per component), more"
+            f"the field differs within the recording by {100 * tau:.3g} % (1 σ per component), more"
             f" than {100 * _LARGEST_INHOMOGENEITY:.0f} %; repeat the recording away from iron,"
             " magnets and currents, and check the axes and times of the columns"
         )

@@ -126,7 +126,8 @@ def average_pieces(
             near = np.abs(turned[one] - turned[one[one.size // 2]]) <= _TURNED
             used = one[near]
             found.append((k, new[used]))
-            times.append(float(np.interp(turned[used].mean(), turned[used], time[used])))
+            middle = float(np.mean(turned[used]))
+            times.append(float(np.interp(middle, turned[used], time[used])))
     kelvin = recording.temperature
     return MagneticPieces(
         transition=np.array([k for k, _ in found], dtype=np.int64),
