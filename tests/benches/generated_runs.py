@@ -73,7 +73,8 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
     needed = [key for key, one in section.items() if one.is_required() and key != "kind"]
     columns = [key for key, one in data.items() if one.is_required()]
     columns = [key for key in columns if key not in DataSection.model_fields]
-    ramp = METHODS[method].follows_rest
+    field = "m" in METHODS[method].needs
+    ramp = METHODS[method].follows_rest and not field
     gyros = "w" in METHODS[method].default_coefficients
     # Without angles, what a table errs by is not stated, and no column of it is read.
     read_angles = not METHODS[method].without_angles
@@ -82,15 +83,15 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
     lines = [
         "[sensor]",
         'name = "sensor"',
-        "[sensor.accelerometer]",
-        'unit = "g"',
-        WHITE,
+        *(() if field else ("[sensor.accelerometer]", 'unit = "g"', WHITE)),
         *(("[sensor.gyro]", 'unit = "°/s"', GYRO_WHITE) if gyros else ()),
+        *(("[sensor.magnetometer]", 'unit = "µT"', 'white = "20 nT/√Hz"') if field else ()),
         "[bench]",
         f'kind = "{kind.name}"',
-        *(() if ramp else ('gravity = "9.8073 m/s² ± 0.1 mm/s²"',)),
+        *(('field = "50 µT ± 10 nT"',) if field else ()),
+        *(() if ramp or field else ('gravity = "9.8073 m/s² ± 0.1 mm/s²"',)),
         *(f'{key} = "0.25 m ± 0.1 mm"' for key in needed),
-        *(('latitude = "48.1 °"',) if "latitude" in section and not ramp else ()),
+        *(('latitude = "48.1 °"',) if "latitude" in section and not (ramp or field) else ()),
         *(bench if read_angles else ()),
         "[data]",
         'file = "made.npz"',
@@ -98,13 +99,14 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
         'rate = "50 Hz"',
         'label = "label"',
         *(() if METHODS[method].unknown_attitudes or kind.sampled else ('marks = "labels"',)),
-        f"accelerometer = {list(axes)}",
+        f"accelerometer = {[] if field else list(axes)}",
+        *(('magnetometer = ["mx", "my", "mz"]',) if field else ()),
         *(('gyro = ["gx", "gy", "gz"]',) if gyros else ()),
         *(f'{key} = "{key}"' for key in columns),
         *(table if read_angles else ()),
-        *(('temperature = "temp"', *ENVIRONMENT) if METHODS[method].follows_rest else ()),
+        *(('temperature = "temp"', *ENVIRONMENT) if ramp else ()),
         "[method]",
-        *(('seconds = "1200 s"',) if METHODS[method].follows_rest else ()),
+        *(('seconds = "1200 s"',) if ramp else ()),
         f'name = "{method}"',
         *PRIORS.get(method, ()),
         more,
@@ -118,8 +120,9 @@ def simulate_run(path: Path, seed: int) -> Run:
     """Return the run of a sensor that is drawn, and write what it gives on the simulated bench."""
     run = read(path)
     rng = np.random.default_rng(seed)
-    c = SMALL * rng.standard_normal(len(run.sensor.coefficients)) * run.sensor.unit_scale
-    truth = dict(zip(run.sensor.coefficients, c.tolist(), strict=True))
+    sensor = run.whole_sensor
+    c = SMALL * rng.standard_normal(len(sensor.coefficients)) * sensor.unit_scale
+    truth = dict(zip(sensor.coefficients, c.tolist(), strict=True))
     for prior in run.priors:
         of_prior = rng.multivariate_normal(prior.mean, prior.covariance)
         truth |= dict(zip(prior.names, of_prior.tolist(), strict=True))
