@@ -89,9 +89,7 @@ def calibrated_motion(
     bench = Hand(Measured(9.80665, 1e-5), field=Measured(strength, FIELD_SD))
     estimate = chosen.estimators["gls"](seen, sensor, bench, ())
     assert chosen.add_magnetometers is not None
-    whole, _ = chosen.add_magnetometers(
-        Fit("gls", sensor, bench, seen, (), (), estimate), field
-    )
+    whole, _ = chosen.add_magnetometers(Fit("gls", sensor, bench, seen, (), (), estimate), field)
     both = replace(
         sensor, axes=sensor.axes + field.axes, coefficients=sensor.coefficients + field.coefficients
     )
