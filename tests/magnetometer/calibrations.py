@@ -56,7 +56,7 @@ class Calibrated:
         """
         stated = not any("strength of the field is not stated" in n for n in self.estimate.notes)
         d = self.own.d if stated else self.own.d / np.mean(np.diag(self.own.d))
-        true = dict(zip(FIELD_NAMES, _coefficients(d, self.own.o), strict=True))
+        true = dict(zip(FIELD_NAMES, coefficients(d, self.own.o), strict=True))
         true["dip"] = self.own.dip
         if not stated:
             del true["mx.scale"]  # the mean of the scales is zero
@@ -141,7 +141,7 @@ def calibrated(
     return Calibrated(own, both, whole)
 
 
-def _coefficients(d: np.ndarray, o: np.ndarray) -> Sequence[float]:
+def coefficients(d: np.ndarray, o: np.ndarray) -> Sequence[float]:
     return [x for i in range(3) for x in (o[i], d[i, i] - 1, d[i, (i + 1) % 3], -d[i, (i + 2) % 3])]
 
 

@@ -11,7 +11,8 @@ coefficients c and with the delay τ of the magnetometer (ψ in the frame of the
     ψ = Σ C ∂ω̂/∂c Δt,        ψ = (Cᵀ ω_before − ω_after) τ,        ψ = −R_afterᵀ ω_e T
 
 A coefficient without a prior has a wide one. The direction of the earth's rate ω_e is unknown, and
-so is the attitude R at first. The links are therefore integrated again with the estimate.
+so is the attitude R at first. The links are therefore integrated again with the estimate, and at
+times earlier by the estimated delay.
 
 Source: Wu et al., "Dynamic magnetometer calibration and alignment to inertial sensors by Kalman
 filtering", IEEE Trans. Control Systems Technology 26 (2018) 716.
@@ -135,15 +136,15 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
         np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3, q))
     )
     conditions = FieldConditions(fit.bench.field)
-    change, found = np.zeros(g), None
+    change, found = np.zeros(g + 1), None  # of the coefficients and the delay
     for _ in range(_ROUNDS):
-        way = _rotations(track, gyros, start + change, nodes.time)
+        way = _rotations(track, gyros, start + change[:g], nodes.time - change[g])
         by_earth = np.zeros((len(at) - 1, 3, 3))
         if found is not None:
             by_earth = -found.attitude[1:].mT * np.diff(nodes.time)[:, None, None]
         links = _links(way, of_rate, change, by_earth)
         found = fit_field(nodes, model, unknown, links, conditions, wide)
-        change = found.correction[:g]
+        change = found.correction[: g + 1]
     assert found is not None
     estimate = _estimate(gyros, field, found, start)
     return estimate, field_remarks(estimate, found)
@@ -195,23 +196,25 @@ def _rotations(track: Track, gyros: Sensor, c: Array, time: Array) -> _Rotations
         sensitivity[k] = back.mT @ (sensitivity[k] + half[0]) + half[1]
         seconds[k] += dt[:, 0] ** 2
     end = exp_so3(aside[1:])
+    # Nodes beyond the ends of the track have the same sample.
+    seconds = np.maximum(seconds, np.diff(time) * np.diff(track.time).min())
     return _Rotations(turn @ end, end.mT @ sensitivity, seconds, rate[at])
 
 
 def _links(way: _Rotations, noise: Array, change: Array, by_earth: Array) -> Links:
     """Return the links, with derivatives by the coefficients, the delay and the earth's rate.
 
-    The rotations contain the `change` of the coefficients; the links refer to their start.
+    The rotations contain the `change` of coefficients and delay; the links refer to their start.
     """
     count = len(way.matrix)
     by_delay = (way.matrix.mT @ way.rate[:-1, :, None])[..., 0] - way.rate[1:]
-    derivative = np.concatenate([way.by_coefficient, by_delay[..., None], by_earth], axis=2)
+    own = np.concatenate([way.by_coefficient, by_delay[..., None]], axis=2)
     covariance = np.mean(noise**2) * way.seconds[:, None, None] * np.eye(3)
     return Links(
         np.arange(count),
-        way.matrix @ exp_so3(-way.by_coefficient @ change),
+        way.matrix @ exp_so3(-own @ change),
         covariance,
-        derivative,
+        np.concatenate([own, by_earth], axis=2),
         np.zeros(count, dtype=bool),
     )
 

@@ -286,8 +286,9 @@ def _require_unit(problem: FieldProblem, start: FieldState) -> None:
     if problem.strength is None:
         return
     model = problem.model
-    axes = model.matrices(start.coefficients, np.zeros(1))[0, :, :3]
-    gain = float(np.linalg.norm(axes) / np.linalg.norm(model.nominal[:, :3]))
+    both = model.matrices(start.coefficients, np.zeros(1))[0, :, :3], model.nominal[:, :3]
+    # The middle one, because turns about one axis only leave the gain along that axis open.
+    gain = float(np.divide(*np.linalg.svd(both, compute_uv=False)[:, 1]))
     if not 1 / _UNIT_ERROR < gain < _UNIT_ERROR:
         raise InputError(
             f"the readings are about {gain:.2g} times as large as the stated field; check the unit"
