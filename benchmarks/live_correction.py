@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks import Row, best
 from inercal.calibration import Calibration
 from inercal.calibration.files import load, save
-from inercal.host.correction import LiveCorrection, Summary
+from inercal.host.correction import LiveCorrection, LiveSummary
 from inercal.host.correction.formats import csv_format
 from inercal.host.correction.outputs import Output
 from inercal.host.correction.sources import Source
@@ -71,7 +71,7 @@ def lines(count: int) -> list[str]:
     return [f"{PERIOD * k:.3f}," + ",".join(map(str, row)) + "\n" for k, row in enumerate(readings)]
 
 
-def from_file(calibration_file: Path, run_file: Path, source: Path) -> Summary:
+def from_file(calibration_file: Path, run_file: Path, source: Path) -> LiveSummary:
     """Correct a file and write CSV to another file."""
     run = read(run_file)
     corrector = LiveCorrector(load(calibration_file), run)

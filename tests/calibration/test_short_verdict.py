@@ -23,7 +23,7 @@ from inercal.calibration.verdict import verdict
 from inercal.estimation import Candidate, Estimate, Problem, least_squares
 from inercal.estimation.residual_scatter import ScatterModel
 from inercal.estimation.result import ResidualGroup
-from inercal.physics.sensors import G0, Sensor, imu, triad
+from inercal.physics.sensors import G0, Sensor, axes_along, imu, triad
 from inercal.physics.sensors.coefficient_tables import TABLES
 from inercal.physics.sensors.coefficient_words import coefficient_words
 from inercal.recordings import Finding
@@ -142,8 +142,9 @@ def test_every_effect_that_is_not_detectable_is_counted_once_and_listed():
 
 @pytest.mark.parametrize("table", TABLES)
 def test_every_coefficient_has_words_with_its_key_and_its_axis(table: str):
-    sensor, axis = imu(), {"f": "ax", "w": "gx"}[table]
-    kind = {"f": "accelerometer", "w": "gyro"}[table]
+    sensor = Sensor("nine axes", (*imu().axes, *axes_along("xyz", "m", "m")))
+    axis = {"f": "ax", "w": "gx", "m": "mx"}[table]
+    kind = {"f": "accelerometer", "w": "gyro", "m": "magnetometer"}[table]
     for line in TABLES[table]:
         words = coefficient_words(sensor, f"{axis}.{line.name}")
         assert words.endswith(f" ({axis}.{line.name})")

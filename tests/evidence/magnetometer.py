@@ -2,7 +2,8 @@
 
 Each device has soft iron, rotation and offset of its own, and attitudes drawn at random, by a
 generator that knows nothing of inercal (`tests.magnetometer.generator`). Means of its readings are
-calibrated by the methods themselves (`tests.magnetometer.calibrations`).
+calibrated by the methods themselves (`tests.magnetometer.calibrations`). One row is for samples of
+continuous motion (`tests.magnetometer.motion`).
 
 `python -m tests.evidence.magnetometer` works out all of it and writes docs/evidence/
 magnetometer.json and the page beside it; `--only` works out some rows again, and `--devices` with
@@ -19,7 +20,9 @@ import numpy as np
 from tests.evidence.stored_counts import FOLDER
 from tests.evidence.stored_runs import store_runs
 from tests.magnetometer import generator as sim
-from tests.magnetometer.calibrations import TILT, Calibrated, calibrated
+from tests.magnetometer import motion as moving
+from tests.magnetometer.calibrations import EARTH, TILT, Calibrated, calibrated
+from tests.magnetometer.motion_calibrations import MotionCalibrated, calibrated_motion
 
 from inercal.estimation.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
 
@@ -30,6 +33,7 @@ NEES, COVERED, EXPECTED = (0.95, 1.05), (0.94, 0.97), 0.9545
 LEVEL = SCORE_TEST_SHARE * SIGNIFICANCE_LEVEL
 RESTS, STEP = 24, 1e-7  # size of the disturbance whose η is worked out, T
 INHOMOGENEITY = 0.01
+DELAYS = (-0.02, 0.03)  # of a magnetometer in motion, s
 JUDGED = ("", "step")  # disturbances whose verdicts are counted
 
 
@@ -52,6 +56,7 @@ ROWS = {
     "dip": Row("`multi_position`, strength and dip stated", {"dip": True}, share=0.25),
     "gyros": Row("`multi_position` with gyros, strength stated", {"gyros": True}, share=0.5),
     "six": Row("`six_position`, two azimuths per face", {"method": "six_position"}, share=0.5),
+    "motion": Row("`field_and_rates`, strength stated", {"method": "field_and_rates"}),
     "uneven": Row("field differs by 1 % between rests", {}, "random", share=0.25),
     "step": Row("step of the field", {}, "step", 6.0, 0.25),
     "large step": Row("step of the field", {}, "step", 12.0, 0.25),
@@ -87,6 +92,11 @@ def tasks(row: str, devices: int) -> list[tuple[str, int, int]]:
 
 def _device(rng: np.random.Generator, row: Row) -> Device:
     own = sim.device(rng)
+    if row.options.get("method") == "field_and_rates":
+        delay = rng.uniform(*DELAYS)
+        return _counts(
+            calibrated_motion(rng, moving.motion(rng, own, delay=delay, earth=EARTH)), row
+        )
     six = row.options.get("method") == "six_position"
     attitude = sim.six_faces(rng, 2, TILT) if six else sim.scattered(rng, RESTS)
     stem, change = _disturbance(rng, own, row.disturbed)
@@ -95,6 +105,10 @@ def _device(rng: np.random.Generator, row: Row) -> Device:
         eta = np.sqrt(_group(exact).chi2)
         change = {key: row.eta / eta * value for key, value in change.items()}
     one = calibrated(rng, attitude, own, **change, **row.options)
+    return _counts(one, row, stem)
+
+
+def _counts(one: Calibrated | MotionCalibrated, row: Row, stem: str = "") -> Device:
     error, covariance = one.errors()
     sd = np.sqrt(np.diagonal(covariance))
     z = error / sd
@@ -115,7 +129,7 @@ def _device(rng: np.random.Generator, row: Row) -> Device:
     )
 
 
-def _group(one: Calibrated) -> Any:
+def _group(one: Calibrated | MotionCalibrated) -> Any:
     return next(group for group in one.estimate.groups if group.name == "magnetic field")
 
 
@@ -223,7 +237,11 @@ _DEVICES = (
     "at two azimuths per face, tilted by 0.5°. The accelerometers, and the gyros if there are "
     "any, are unknown too. The standard uncertainty of a stated strength is 0.3 µT and that of a "
     "stated dip 0.5°, and the stated values were drawn accordingly. If no strength is stated, the "
-    "coefficients are relative to their mean scale."
+    "coefficients are relative to their mean scale. With `field_and_rates` the unit turns for "
+    f"{moving.SECONDS:.0f} s at about 1 rad/s about all axes, and its gyros have unknown biases, "
+    f"a noise of 0.3 °/√h and {moving.RATE_HZ:.0f} samples/s. A value of the magnetometer has a "
+    f"noise of 0.5 µT and is repeated {moving.EVERY} times. Its delay is between −20 and 30 ms; "
+    "the delay and the biases of the gyros are counted with the coefficients."
 )
 _COLUMNS = (
     "NEES is the mean of (error)ᵀ covariance⁻¹ (error) over the number of coefficients and the "

@@ -180,6 +180,7 @@ def test_every_estimator_is_in_one_of_the_lists():
         *ERRORS,
         *CERTAIN,
         ("ship_multi_angle", "global"),
+        ("field_and_rates", "gls"),  # uses no error of a bench
         ("temperature_ramp", "gls"),  # uses no error of a bench
         ("systematic", "batch"),  # by tests/methods/test_systematic.py
         ("systematic", "kalman"),  # by tests/methods/test_systematic_filter.py

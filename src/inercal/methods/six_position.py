@@ -8,13 +8,23 @@ Source: IEEE Std 1293, static multipoint test reduced to six points; closed form
 et al. 1995.
 """
 
+from typing import Any
+
 from inercal.benches import Hand
-from inercal.methods import Method
+from inercal.estimation import Estimate
+from inercal.methods import Fit, Method, Remarks
 from inercal.methods.ferraris import classical
 from inercal.methods.hand_likelihood import ml
-from inercal.methods.magnetic_field.stage import add_magnetometers
 from inercal.methods.order_effects import order_remarks
 from inercal.physics.plan import six_positions
+from inercal.physics.sensors import Sensor
+
+
+def _add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Remarks]:
+    from inercal.methods.magnetic_field.stage import add_magnetometers  # loads scipy.optimize
+
+    return add_magnetometers(fit, field)
+
 
 METHOD = Method(
     name="six_position",
@@ -35,6 +45,6 @@ METHOD = Method(
     closed_formulas=("classical",),
     weighs_common_errors=True,
     remarks=order_remarks,
-    add_magnetometers=add_magnetometers,
+    add_magnetometers=_add_magnetometers,
     source="IEEE Std 1293, static multipoint test; Ferraris et al. 1995",
 )

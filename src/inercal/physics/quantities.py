@@ -6,6 +6,8 @@ from typing import Literal
 
 Measures = Literal["f", "w", "m"]
 KINDS: tuple[Measures, ...] = ("f", "w", "m")
+INERTIAL: tuple[Measures, ...] = ("f", "w")
+"""The kinds of axes that sense motion."""
 SensorKind = Literal["accelerometer", "gyro", "magnetometer"]
 """The words for the kinds of sensor."""
 

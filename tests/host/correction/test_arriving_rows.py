@@ -7,18 +7,18 @@ import pytest
 from tests.host.correction.cases import HEADER, NAMED, NUMBERED, lines, run_of
 from tests.refusals import refused
 
-from inercal.host.correction.packet_rows import PacketRows
-from inercal.host.correction.rows import Rows
+from inercal.host.correction.packet_rows import ArrivedPackets
+from inercal.host.correction.rows import ArrivedRows
 from inercal.host.correction.text_rows import TextRows
 from inercal.host.packets import encode, read_layout
 
 RATE = 'rate = "1 kHz"\naccelerometer = [1, 2, 3]\ngyro = [4, 5, 6]'
 
 
-def joined(parts: list[Rows | None]) -> Rows:
+def joined(parts: list[ArrivedRows | None]) -> ArrivedRows:
     there = [part for part in parts if part is not None]
     kelvin = [part.kelvin for part in there if part.kelvin is not None]
-    return Rows(
+    return ArrivedRows(
         np.concatenate([part.time for part in there]),
         np.concatenate([part.readings for part in there]),
         np.concatenate(kelvin) if kelvin else None,
@@ -149,7 +149,7 @@ def test_packets_have_the_readout_of_the_run_and_the_last_temperature(tmp_path: 
     data = bytearray(encode(layout, si, temperature=np.full(20, 300.0)))
     size = len(data) // 20
     data[5 * size + 10] ^= 1  # damages the sixth packet
-    parser = PacketRows(run, layout)
+    parser = ArrivedPackets(run, layout)
     found = joined(list(map(parser.feed, pieces(bytes(data), 0))))
     units = np.array([9.80665] * 3 + [np.pi / 180] * 3)
     steps = [layout.accelerometer.size] * 3 + [layout.gyro.size] * 3
@@ -163,4 +163,4 @@ def test_packets_have_the_readout_of_the_run_and_the_last_temperature(tmp_path: 
 
 def test_packets_that_do_not_fit_the_run_are_refused(tmp_path: Path):
     with refused(file="run.toml"):  # -ay
-        PacketRows(run_of(tmp_path, NAMED), read_layout("fixed"))
+        ArrivedPackets(run_of(tmp_path, NAMED), read_layout("fixed"))

@@ -21,7 +21,7 @@ from tests.program import run_program
 from tests.refusals import refused
 
 from inercal.calibration.files import save
-from inercal.host.correction import LiveCorrection, Summary, open_correction
+from inercal.host.correction import LiveCorrection, LiveSummary, open_correction
 from inercal.host.correction.formats import FORMATS, csv_format
 from inercal.host.correction.outputs import Output, TcpOutput
 from inercal.host.correction.sources import Source
@@ -59,7 +59,7 @@ class Running:
         self._thread = Thread(target=self.correction.run)
         self._thread.start()
 
-    def stop(self) -> Summary:
+    def stop(self) -> LiveSummary:
         self.correction.stop()
         self._thread.join(WAIT)
         assert not self._thread.is_alive()

@@ -27,8 +27,8 @@ from inercal.host.correction.outputs import (
     TcpOutput,
     open_output,
 )
-from inercal.host.correction.packet_rows import PacketRows
-from inercal.host.correction.rows import Rows
+from inercal.host.correction.packet_rows import ArrivedPackets
+from inercal.host.correction.rows import ArrivedRows
 from inercal.host.correction.sources import Source
 from inercal.host.correction.text_rows import TextRows, layout_of_file
 from inercal.host.link import LinkLost
@@ -43,7 +43,7 @@ _LAST_WAIT = 1.0  # s that a live source waits for its reader at the end
 
 
 @dataclass
-class Summary:
+class LiveSummary:
     """What a live correction did.
 
     Parameters
@@ -88,7 +88,7 @@ class LiveCorrection:
     corrector : LiveCorrector
     source : Source
         Source, which is opened here and closed at the end of `run`.
-    parser : TextRows or PacketRows
+    parser : TextRows or ArrivedPackets
     output : Output
         Output, which is closed at the end of `run`.
     tell : callable, optional
@@ -104,11 +104,11 @@ class LiveCorrection:
         self,
         corrector: LiveCorrector,
         source: Source,
-        parser: TextRows | PacketRows,
+        parser: TextRows | ArrivedPackets,
         output: Output,
         tell: Callable[[str], None] = lambda _: None,
     ):
-        self.summary = Summary()
+        self.summary = LiveSummary()
         self._corrector, self._source, self._parser = corrector, source, parser
         self._output, self._tell = output, tell
         self._retry, self._next_attempt = _FIRST_RETRY, 0.0
@@ -122,7 +122,7 @@ class LiveCorrection:
         """End the loop soon; a signal handler or another thread may call this."""
         self._stopped = True
 
-    def run(self) -> Summary:
+    def run(self) -> LiveSummary:
         """Correct samples until the source ends, `stop` is called, or the only reader is gone.
 
         Raises
@@ -180,7 +180,7 @@ class LiveCorrection:
         if data:
             self._send(self._parser.feed(data))
 
-    def _send(self, rows: Rows | None) -> None:
+    def _send(self, rows: ArrivedRows | None) -> None:
         if rows is None or not rows.time.size:
             return
         block = self._corrector.correct(rows.time, rows.readings, rows.kelvin)
@@ -263,7 +263,7 @@ def open_correction(
     corrector, opened = LiveCorrector(calibration, run, extrapolate=extrapolate), Source(source)
     run = corrector.run
     if link_of_address(source) != source:
-        parser = PacketRows(run, layout_of_address(source))
+        parser = ArrivedPackets(run, layout_of_address(source))
     else:
         layout = None if opened.file is None else layout_of_file(run, opened.file)
         parser = TextRows(run, opened.address, layout, tell)

@@ -28,7 +28,7 @@ class OutputClosed(InercalError):
     """The only reader has closed the output."""
 
 
-class Reader:
+class WaitingReader:
     """A reader, and the blocks that wait for it.
 
     Parameters
@@ -100,15 +100,15 @@ class Output(Closeable):
 
     Attributes
     ----------
-    readers : list of Reader
+    readers : list of WaitingReader
     """
 
     def __init__(self, format: Format, descriptor: int | None = None, most: int = MOST_WAITING):
-        self.readers: list[Reader] = []
+        self.readers: list[WaitingReader] = []
         self._format, self._most, self._lost_before = format, most, 0
         self._block = _LARGEST_BLOCK
         if descriptor is not None:
-            self.readers = [Reader(descriptor, _descriptor_sender(descriptor), format, most)]
+            self.readers = [WaitingReader(descriptor, _descriptor_sender(descriptor), format, most)]
 
     @property
     def lost(self) -> int:
@@ -142,7 +142,7 @@ class Output(Closeable):
             except OSError as error:
                 self._drop(reader, error)
 
-    def _drop(self, reader: Reader, error: OSError) -> None:
+    def _drop(self, reader: WaitingReader, error: OSError) -> None:
         if isinstance(error, BrokenPipeError):
             raise OutputClosed("the reader has closed the output") from None
         raise InputError(f"the output cannot be written: {error.strerror}") from None
@@ -174,7 +174,7 @@ class TcpOutput(Output):
         self.listener = bound_socket(address, socket.SOCK_STREAM)
         self.listener.listen()
         self.address = "tcp://{}:{}".format(*self.listener.getsockname())
-        self._sockets: dict[Reader, socket.socket] = {}
+        self._sockets: dict[WaitingReader, socket.socket] = {}
 
     def accept(self) -> None:
         """Accept a reader that wants to connect."""
@@ -183,11 +183,11 @@ class TcpOutput(Output):
             connection.setblocking(False)
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             sender = _socket_sender(connection)
-            reader = Reader(connection.fileno(), sender, self._format, self._most)
+            reader = WaitingReader(connection.fileno(), sender, self._format, self._most)
             self._sockets[reader] = connection
             self.readers.append(reader)
 
-    def _drop(self, reader: Reader, error: OSError) -> None:
+    def _drop(self, reader: WaitingReader, error: OSError) -> None:
         self._lost_before += reader.lost
         self.readers.remove(reader)
         self._sockets.pop(reader).close()
@@ -218,7 +218,7 @@ class UdpOutput(Output):
         self._socket.setblocking(False)
         self._block = _DATAGRAM_SAMPLES
         sender = _socket_sender(self._socket)
-        self.readers = [Reader(self._socket.fileno(), sender, format, self._most)]
+        self.readers = [WaitingReader(self._socket.fileno(), sender, format, self._most)]
 
     def close(self) -> None:
         """Close the socket."""

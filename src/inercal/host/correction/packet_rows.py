@@ -3,7 +3,7 @@
 import numpy as np
 
 from inercal.basics.errors import InputError
-from inercal.host.correction.rows import Rows, stream_columns
+from inercal.host.correction.rows import ArrivedRows, stream_columns
 from inercal.host.packets import Decoder, Flag, PacketLayout
 from inercal.host.packets.packet_format import AXES
 from inercal.recordings.data.recording_loader import reversed_axes
@@ -12,7 +12,7 @@ from inercal.recordings.temperature import is_impossible
 from inercal.runfile import Run
 
 
-class PacketRows:
+class ArrivedPackets:
     """Reads packets for the axes of a run file; the methods are those of `TextRows`.
 
     The time is that of the device, or its counter or the number of packets divided by the rate. If
@@ -67,11 +67,11 @@ class PacketRows:
         self._failed_before, self._missing_before = self.malformed - self._skipped, self.missing
         self._decoder = Decoder(self._layout, mid_stream, self._decoder.time_zero)
 
-    def finish(self) -> Rows | None:
+    def finish(self) -> ArrivedRows | None:
         """Return None, because a packet is never complete without its end."""
         return None
 
-    def feed(self, data: bytes) -> Rows | None:
+    def feed(self, data: bytes) -> ArrivedRows | None:
         """Return the samples that are now complete; None if there are none."""
         packets = self._decoder.feed(data)
         if not (n := len(packets)):
@@ -94,4 +94,4 @@ class PacketRows:
         self._packets += n
         self._skipped += int(n - good.sum())
         output = self._sensor.to_output(readings)
-        return Rows(time, output, kelvin, (packets.flags & Flag.SATURATED) > 0).take(good)
+        return ArrivedRows(time, output, kelvin, (packets.flags & Flag.SATURATED) > 0).take(good)

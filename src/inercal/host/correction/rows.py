@@ -9,7 +9,7 @@ from inercal.recordings.io.read import Columns
 from inercal.runfile import Run
 
 
-class Rows(NamedTuple):
+class ArrivedRows(NamedTuple):
     """Samples.
 
     Parameters
@@ -29,11 +29,11 @@ class Rows(NamedTuple):
     kelvin: Array | None
     saturated: Bools | None = None
 
-    def take(self, keep: Bools) -> "Rows":
+    def take(self, keep: Bools) -> "ArrivedRows":
         """Return the samples to keep."""
         kelvin = None if self.kelvin is None else self.kelvin[keep]
         saturated = None if self.saturated is None else self.saturated[keep]
-        return Rows(self.time[keep], self.readings[keep], kelvin, saturated)
+        return ArrivedRows(self.time[keep], self.readings[keep], kelvin, saturated)
 
 
 def stream_columns(run: Run) -> Columns:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
 from inercal.basics.units import si_factor
-from inercal.host.correction.rows import Rows, stream_columns
+from inercal.host.correction.rows import ArrivedRows, stream_columns
 from inercal.host.packets.stream import CounterUnwrapper
 from inercal.recordings.data.recording_loader import reversed_axes
 from inercal.recordings.io.column_table import select_columns, shorten
@@ -102,11 +102,11 @@ class TextRows:
         self.malformed += bool(self._buffer.strip())
         self._buffer, self._mid_line = b"", mid_stream
 
-    def finish(self) -> Rows | None:
+    def finish(self) -> ArrivedRows | None:
         """Return the last sample if only its line end is missing."""
         return self.feed(b"\n") if self._buffer.strip() else None
 
-    def feed(self, data: bytes) -> Rows | None:
+    def feed(self, data: bytes) -> ArrivedRows | None:
         """Return the samples that are now complete; None if there are none."""
         if self._mid_line:  # a truncated 123.4 would be read as 3.4
             _, end, data = data.partition(b"\n")
@@ -193,7 +193,7 @@ class TextRows:
             return None
         return [float(c.replace(",", ".") if layout.decimal_comma else c) for c in wanted]
 
-    def _rows(self, numbers: Array, index: NDArray[np.int64]) -> Rows:
+    def _rows(self, numbers: Array, index: NDArray[np.int64]) -> ArrivedRows:
         """Return the samples with possible values, and count the others."""
         columns, m = self._columns, len(self._columns.channels)
         readings = numbers[:, :m]
@@ -208,7 +208,7 @@ class TextRows:
             kelvin = columns.thermometer.kelvin(numbers[:, -1])
             good &= ~is_impossible(kelvin, allowed=columns.thermometer.allowed)
         time = index.astype(np.float64) if columns.time is None else numbers[:, m]
-        rows = Rows(time, readings, kelvin)
+        rows = ArrivedRows(time, readings, kelvin)
         if not good.all():
             self.malformed += int(good.size - good.sum())
             rows = rows.take(good)

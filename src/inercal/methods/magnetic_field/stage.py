@@ -16,6 +16,7 @@ import numpy as np
 
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
+from inercal.basics.keys import CoefficientName
 from inercal.basics.units import format_number, format_quantity
 from inercal.benches import Hand
 from inercal.calibration.verdict import UNSEEN
@@ -133,7 +134,7 @@ def linear_model(field: Sensor) -> LinearModel:
     nominal[:, :3] = field.input_axes("m")
     terms: list[ErrorTerm] = [field.coefficient(name) for name in field.coefficients]
     for j, (name, term) in enumerate(zip(field.coefficients, terms, strict=True)):
-        k, frame = axes[name.split(".")[0]]
+        k, frame = axes[CoefficientName(name).axis]
         (product,) = term.basis.products
         directions[j, k, 3] = product.factor
         for row, component in zip(frame, ("mi", "mp", "mo"), strict=True):

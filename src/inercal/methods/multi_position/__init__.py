@@ -26,7 +26,6 @@ Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rota
 
 # pyright: reportMissingTypeStubs=false
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,6 @@ from inercal.estimation import Estimate
 from inercal.estimation.lazy_value import LazyValue
 from inercal.estimation.uncertainty.coverage import COVERAGE
 from inercal.methods import Fit, Method, Priors, Remarks, temperature, triangular_frame
-from inercal.methods.magnetic_field.stage import add_magnetometers
 from inercal.methods.multi_position import stages
 from inercal.methods.multi_position.attitude_coverage import (
     GeometryErrors,
@@ -50,7 +48,6 @@ from inercal.methods.multi_position.attitude_coverage import (
     next_attitudes,
     require_coverage,
 )
-from inercal.methods.multi_position.rest_links import rest_links
 from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.observability import require_observed
@@ -302,6 +299,14 @@ def _residual_sum_of_squares(design: Array, y: Array) -> float:
     return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) ** 2))
 
 
+def _add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Remarks]:
+    # These modules load scipy.optimize.
+    from inercal.methods.magnetic_field.stage import add_magnetometers
+    from inercal.methods.multi_position.rest_links import rest_links
+
+    return add_magnetometers(fit, field, rest_links)
+
+
 METHOD = Method(
     name="multi_position",
     bench=Hand,
@@ -325,6 +330,6 @@ METHOD = Method(
     unknown_attitudes=True,
     frame=triangular_frame,  # the accelerometers' own frame, because there is no mounting
     remarks=_remarks,
-    add_magnetometers=partial(add_magnetometers, links=rest_links),
+    add_magnetometers=_add_magnetometers,
     triads_because="the attitudes are unknown, and only the norm of gravity is known",
 )

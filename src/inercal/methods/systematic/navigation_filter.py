@@ -37,7 +37,7 @@ from inercal.methods.systematic.alignment import initial_attitudes
 from inercal.methods.systematic.segments import Segments
 from inercal.methods.turntable.drift import Drift, drift_model
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
-from inercal.physics.quantities import KINDS
+from inercal.physics.quantities import INERTIAL
 from inercal.physics.sensors import Sensor
 from inercal.recordings import sample_count
 
@@ -91,7 +91,7 @@ class FilterModel:
                 self.run_duration,
                 self.sensor.name,
             )
-            for kind in KINDS
+            for kind in INERTIAL
         )
         return force, rate
 
@@ -310,9 +310,9 @@ class NavigationFilter:
         full = imu.with_biases.sensor
         rate, force = imu.with_biases.sensitivities_at(imu.add_biases(c), means)
         q, edges = self._x.size - NAVIGATION, len(means.w)
-        result = {kind: np.zeros((edges, 3, q)) for kind in KINDS}
+        result = {kind: np.zeros((edges, 3, q)) for kind in INERTIAL}
         at = self._first - NAVIGATION
-        for kind, by, drift in zip(KINDS, (force, rate), self.model.drifts, strict=True):
+        for kind, by, drift in zip(INERTIAL, (force, rate), self.model.drifts, strict=True):
             part = full.select_axes(kind)
             own = [names.index(name) for name in part.coefficients if name in names]
             result[kind][..., own] = by[
@@ -331,7 +331,7 @@ class NavigationFilter:
         further = np.zeros(count)
         names, at = self.model.sensor.coefficients, count
         elapsed = self._fed * self.model.dt
-        for kind, drift in zip(KINDS, self.model.drifts, strict=True):
+        for kind, drift in zip(INERTIAL, self.model.drifts, strict=True):
             rows, variance = drift.mean(elapsed)
             axes = [axis for axis in self.model.sensor.axes if axis.measures == kind]
             for k, axis in enumerate(axes):

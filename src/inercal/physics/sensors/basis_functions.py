@@ -11,11 +11,12 @@ from functools import cached_property
 
 from inercal.basics.arrays import Array
 
-# specific force, angular rate, its derivative and magnetic flux density along I, P, O; signs of fi
-# and wi; temperature difference and temperature rate
+# specific force, angular rate and its derivative along I, P, O; signs of fi and wi; temperature
+# difference and temperature rate; magnetic flux density along I, P, O
 COMPONENTS = (
-    *(letter + axis for letter in "fwam" for axis in "ipo"),
+    *(letter + axis for letter in "fwa" for axis in "ipo"),
     *("si", "swi", "dT", "dTdt"),
+    *("mi", "mp", "mo"),
 )
 
 

@@ -35,6 +35,7 @@ CASES = {
     "six_position": "six_position",
     "ferraris": "ferraris",
     "multi_position": "multi_position",
+    "field_and_rates": "field_and_rates",
     "centrifuge_norm": "centrifuge_norm",
     "tumble": "tumble",
     "dual_orthogonal": "dual_orthogonal",

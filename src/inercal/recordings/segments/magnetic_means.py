@@ -50,7 +50,7 @@ def average_magnetometers(
         The magnetometers can be used in no rest.
     """
     y = sensor.to_si(recording.data[:, [recording.channels.index(n) for n in sensor.channels]])
-    fresh = fresh_rows(y)
+    fresh = new_value_rows(y)
     flawed = range_findings(recording, sensor, [_rows(recording.time, span) for span in spans])
     parts = [_values(recording.time, fresh, span) for span in spans]
     railed = _railed_rests(y, parts, sensor.channels)
@@ -110,7 +110,7 @@ def average_pieces(
         Accelerometers and gyros.
     """
     y = sensor.to_si(recording.data[:, [recording.channels.index(n) for n in sensor.channels]])
-    new = np.flatnonzero(fresh_rows(y))
+    new = np.flatnonzero(new_value_rows(y))
     time = recording.time[new]
     gyros = [k for k, axis in enumerate(others.axes) if axis.measures == "w"]
     rate = np.linalg.norm(others.to_si(moves.output)[:, gyros], axis=1)
@@ -141,7 +141,7 @@ def average_pieces(
 def magnetic_samples(recording: Recording, sensor: Sensor) -> MagneticReadings:
     """Return the new values of a whole recording as pieces of one motion, without rests."""
     y = sensor.to_si(recording.data[:, [recording.channels.index(n) for n in sensor.channels]])
-    new, m = np.flatnonzero(fresh_rows(y)), len(sensor.axes)
+    new, m = np.flatnonzero(new_value_rows(y)), len(sensor.axes)
     if new.size < _FEWEST:
         raise InputError(
             f"{recording.source}: the magnetometers have {format_count(new.size, 'new value')}; at "
@@ -169,7 +169,7 @@ def magnetic_samples(recording: Recording, sensor: Sensor) -> MagneticReadings:
     )
 
 
-def fresh_rows(y: Array) -> NDArray[np.bool_]:
+def new_value_rows(y: Array) -> NDArray[np.bool_]:
     """Return which samples, (n, m), are new values, and neither repeated nor all zero."""
     changed = np.concatenate([[True], (y[1:] != y[:-1]).any(axis=1)])
     return changed & (y != 0).any(axis=1)

@@ -34,7 +34,7 @@ import numpy as np
 from inercal.basics.arrays import Array, Indices
 from inercal.basics.errors import InputError
 from inercal.basics.units import format_number
-from inercal.physics.quantities import ANGULAR_RATE, QUANTITIES, SPECIFIC_FORCE, Measures
+from inercal.physics.quantities import INERTIAL, QUANTITIES, Measures
 from inercal.physics.sensors import Sensor
 from inercal.recordings import Recording, sample_count
 
@@ -103,7 +103,7 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
             "in each trial separately"
         )
     found: list[WeightedAxes] = []
-    for kind in (SPECIFIC_FORCE.symbol, ANGULAR_RATE.symbol):
+    for kind in INERTIAL:
         axes = sensor.select_axes(kind).axes
         if axes:
             columns = np.array([recording.channels.index(axis.name) for axis in axes])
