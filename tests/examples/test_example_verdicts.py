@@ -15,12 +15,12 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 # Examples that a host, an instrument or another file must precede: other tests run these.
 _OTHERS = {
     "bench/plan", "check_standard/job", "fleet/run", "logs/poses", "measure/plate",
-    "own_bench/tilt", "rate_table/ship_bench",
+    "own_bench/tilt", "rate_table/ship_bench", "live/imu",
 }  # fmt: skip
 # These take seconds, most for their simulation.
 _SLOW = {
     "centrifuge/arm_run", "centrifuge/lab", "centrifuge/printed", "hand_held/mpu9150",
-    "hand_held/simulated", "rate_platform/imu", "rate_platform/small_rates",
+    "hand_held/simulated", "magnetometer/nine_axes", "magnetometer/motion", "rate_platform/imu", "rate_platform/small_rates",
     "six_position/archive", "systematic/imu",
     "temperature/soaks", "turntable/filter_keys", "turntable/mimu", "turntable/two_clocks",
 }  # fmt: skip

@@ -117,7 +117,7 @@ CASES = [
 ]
 OTHERS = [
     "bench/path.csv", "turntable/path.csv", "dividing_head/polygon.csv", "fleet/sensors.csv",
-    "predict/points.csv",
+    "predict/points.csv", "live/lines.csv",
     "qualify/counts.csv", "qualify/gravimeter.csv", "qualify/head.csv", "qualify/polygon.csv",
     "qualify/radius.csv",
 ]  # fmt: skip

@@ -174,7 +174,8 @@ def test_axes_without_coefficients_do_not_enter_chi_squared(motions: turntable.D
     found = estimated(wrong, sensor(both, *gyro))
     alone = estimated(only(made, [], [0]), sensor({"w": DIRECTIONS["one"]}))
     assert found.names == alone.names
-    np.testing.assert_allclose(found.value, alone.value, rtol=1e-9)
+    # In u, because some values are nearly zero.
+    assert np.max(np.abs(found.value - alone.value) / alone.std) < 1e-9
     np.testing.assert_allclose(found.chi2, alone.chi2, rtol=1e-9)
     assert found.dof == alone.dof
 

@@ -32,7 +32,7 @@ GROUP_WORDS = {
 }
 """Short words for groups whose name in a run file is not a plain word."""
 _OF_AXIS = re.compile(r"(?= about | along | against | to |, )")
-_TRIAD_NAME = re.compile(r"[agw]?([xyz])")
+_TRIAD_NAME = re.compile(r"[agwm]?([xyz])")
 
 
 def axis_words(sensor: Sensor, name: str) -> str:
