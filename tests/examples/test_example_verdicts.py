@@ -20,7 +20,8 @@ _OTHERS = {
 # These take seconds, most for their simulation.
 _SLOW = {
     "centrifuge/arm_run", "centrifuge/lab", "centrifuge/printed", "hand_held/mpu9150",
-    "hand_held/simulated", "magnetometer/nine_axes", "magnetometer/motion", "rate_platform/imu", "rate_platform/small_rates",
+    "hand_held/simulated", "magnetometer/motion", "magnetometer/nine_axes",
+    "rate_platform/imu", "rate_platform/small_rates",
     "six_position/archive", "systematic/imu",
     "temperature/soaks", "turntable/filter_keys", "turntable/mimu", "turntable/two_clocks",
 }  # fmt: skip
