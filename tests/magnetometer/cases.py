@@ -1,4 +1,6 @@
 """Simulated recordings as the records of inercal, and statistics of the fits."""
+# Arrays and records without annotations, because a plain script is easier to compare with formulas.
+# pyright: reportUnknownParameterType=false
 
 import numpy as np
 

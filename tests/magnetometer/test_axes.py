@@ -1,4 +1,6 @@
 """Exchanged and reversed axes are found or refused with the right reason."""
+# Arrays and records without annotations, because a plain script is easier to compare with formulas.
+# pyright: reportUnknownParameterType=false
 
 from itertools import permutations, product
 

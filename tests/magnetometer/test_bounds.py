@@ -3,6 +3,8 @@
 The expected values are from separate computations with NumPy only: `sim.dense_covariance`, and
 figures with two digits.
 """
+# Arrays and records without annotations, because a plain script is easier to compare with formulas.
+# pyright: reportUnknownParameterType=false
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
 """Tests of the field find disturbances, with few false alarms."""
+# Arrays and records without annotations, because a plain script is easier to compare with formulas.
+# pyright: reportUnknownParameterType=false
 
 from collections import Counter
 

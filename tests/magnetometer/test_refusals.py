@@ -1,4 +1,6 @@
 """Data that do not determine a magnetometer, and arrays that do not fit together, are refused."""
+# Arrays and records without annotations, because a plain script is easier to compare with formulas.
+# pyright: reportUnknownParameterType=false
 
 from dataclasses import replace
 

@@ -1,4 +1,6 @@
 """The stated uncertainty of a magnetometer agrees with its errors, for every kind of data."""
+# Arrays and records without annotations, because a plain script is easier to compare with formulas.
+# pyright: reportUnknownParameterType=false
 
 import numpy as np
 import pytest

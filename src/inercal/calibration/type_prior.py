@@ -56,7 +56,7 @@ class TypeReadout(_Content):
     """Nominal readout of an axis, or of every axis that measures this quantity if `axis` is ""."""
 
     axis: str
-    measures: Literal["f", "w"]
+    measures: Literal["f", "w", "m"]
     unit: str
     scale: _Number
     offset: _Number

@@ -147,7 +147,7 @@ class SerialLink(Closeable):
         self._port.close()
 
 
-def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> "TcpLink | SerialLink":
+def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
     """Open the link to `address` and return it.
 
     Parameters

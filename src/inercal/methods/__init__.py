@@ -156,10 +156,10 @@ class Fit(Generic[Bench, Step]):
     environment: Environment | None = None
 
 
-class AddMagnetometers(Protocol[BenchIn, StepIn]):
+class AddMagnetometers(Protocol[Bench, Step]):
     """Adds magnetometers to a fit of accelerometers and gyros."""
 
-    def __call__(self, fit: "Fit[BenchIn, StepIn]", field: Sensor, /) -> "tuple[Estimate, Remarks]":
+    def __call__(self, fit: "Fit[Bench, Step]", field: Sensor, /) -> "tuple[Estimate, Remarks]":
         """Return the estimate of all axes, and remarks on the field."""
         ...
 

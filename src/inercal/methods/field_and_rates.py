@@ -152,8 +152,8 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
 
 def _even_samples(time: Array) -> Indices:
     """Return samples of the magnetometers at even intervals, no more than can be fitted."""
-    grid = np.linspace(time[0], time[-1], min(len(time), _MOST_NODES))
-    return np.unique(np.searchsorted(time, grid).clip(0, len(time) - 1))
+    grid: Array = np.linspace(time[0], time[-1], min(len(time), _MOST_NODES))
+    return np.unique(np.minimum(np.searchsorted(time, grid), len(time) - 1))
 
 
 def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> Array:
@@ -161,7 +161,7 @@ def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> Array:
 
     Third differences remove all but fast motion, and the median removes its rare moments.
     """
-    changes = np.median(np.abs(np.diff(reading, 3, axis=0)), axis=0) * _NORMAL / _DIFFERENCE
+    changes: Array = np.median(np.abs(np.diff(reading, 3, axis=0)), axis=0) * _NORMAL / _DIFFERENCE
     stated = np.array([axis.noise.white for axis in sensor.axes]) * np.sqrt(rate_hz)
     steps = np.array([axis.noise.quantisation for axis in sensor.axes]) / np.sqrt(12)
     result = np.maximum(np.where(stated > 0, stated, changes), steps)

@@ -11,7 +11,7 @@ from inercal.basics.units import si_factor
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.hand.bench import face_label
 from inercal.physics.motion import Motion
-from inercal.physics.plan import with_second_azimuths
+from inercal.physics.plan import Hold, Turn, with_second_azimuths
 from inercal.physics.section_settings import key_error
 from inercal.physics.sensors import Axis, Sensor
 from inercal.pipeline.chamber_simulation import (
@@ -124,7 +124,7 @@ def _simulate_run(
     bench, rate, several = run.bench, run.rate_hz, trials or 1
     steps = [step for step in run.steps if isinstance(step, run.kind.steps)]
     if not run.method.unknown_attitudes and sensor.rank("m"):
-        steps = with_second_azimuths(steps)
+        steps = with_second_azimuths(one for one in steps if isinstance(one, Hold | Turn))
     environment = run.environment
     if environment is not None:
         _require_chamber(run)

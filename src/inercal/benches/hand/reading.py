@@ -96,7 +96,8 @@ def observe_whole_rest(run: RunBase[RestsSection]) -> EstimatorInput:
         np.zeros(n, dtype=np.int64),
         recording.temperature,
     )
-    step = run.steps[0] if len(run.steps) == 1 else replace(run.steps[0], label="motion")
+    first, *others = nominal_plan(run)
+    step = replace(first, label="motion") if others else first
     findings, magnetic = recording.findings, None
     if run.magnetometer is not None:
         own = load_magnetometers(run)
