@@ -1,6 +1,7 @@
 """Simulated recordings as the records of inercal, and statistics of the fits."""
 # Arrays and records without annotations, because a plain script is easier to compare with formulas.
-# pyright: reportUnknownParameterType=false
+# pyright: reportUnknownParameterType=false, reportArgumentType=false
+# pyright: reportPossiblyUnboundVariable=false
 
 import numpy as np
 

@@ -4,7 +4,8 @@ m = D h + o with h = Rᵀ B (cos δ, 0, −sin δ), and f = M Rᵀ (0, 0, g) + b
 body to north, west and up.
 """
 # Arrays and records without annotations, because a plain script is easier to compare with formulas.
-# pyright: reportUnknownParameterType=false
+# pyright: reportUnknownParameterType=false, reportArgumentType=false
+# pyright: reportPossiblyUnboundVariable=false
 
 from dataclasses import dataclass, field
 

@@ -5,6 +5,7 @@ the body to the earth; Ṙ = R [ω]× is integrated at a finer step than the sam
 ω + Rᵀ ω_e + b, and the magnetometer reads D Rᵀ B + o with the attitude at a time that is earlier by
 the delay.
 """
+# pyright: reportUnknownParameterType=false, reportPossiblyUnboundVariable=false
 
 from dataclasses import dataclass
 

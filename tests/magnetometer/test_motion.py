@@ -1,4 +1,5 @@
 """Magnetometers in continuous motion are calibrated from the field and the gyros."""
+# pyright: reportUnknownParameterType=false, reportPossiblyUnboundVariable=false
 
 from pathlib import Path
 from shutil import copy

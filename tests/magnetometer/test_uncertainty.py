@@ -1,6 +1,7 @@
 """The stated uncertainty of a magnetometer agrees with its errors, for every kind of data."""
 # Arrays and records without annotations, because a plain script is easier to compare with formulas.
-# pyright: reportUnknownParameterType=false
+# pyright: reportUnknownParameterType=false, reportArgumentType=false
+# pyright: reportPossiblyUnboundVariable=false
 
 import numpy as np
 import pytest

@@ -152,8 +152,10 @@ def add_magnetometers(fit: Fit[Hand, Any], field: Sensor) -> tuple[Estimate, Rem
 
 def _even_samples(time: Array) -> Indices:
     """Return samples of the magnetometers at even intervals, no more than can be fitted."""
-    grid: Array = np.linspace(time[0], time[-1], min(len(time), _MOST_NODES))
-    return np.unique(np.minimum(np.searchsorted(time, grid), len(time) - 1))
+    count = min(len(time), _MOST_NODES)
+    grid = time[0] + (time[-1] - time[0]) * np.arange(count) / (count - 1)
+    nearest: Indices = np.searchsorted(time, grid)
+    return np.unique(np.minimum(nearest, len(time) - 1))
 
 
 def _noise(reading: Array, sensor: Sensor, rate_hz: float) -> Array:

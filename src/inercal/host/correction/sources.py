@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InputError
 from inercal.host.addresses import link_of_address
-from inercal.host.link import LinkLost, host_and_port, open_link
+from inercal.host.link import LinkLost, SerialLink, TcpLink, host_and_port, open_link
 
 LOCAL = "127.0.0.1"  # where sockets listen unless another address is stated
 _MOST_BYTES = 1 << 17  # bytes at a time
@@ -99,6 +99,11 @@ class Source(Closeable):
                 link = bound_socket(self.address, socket.SOCK_DGRAM)
             else:
                 link = open_link(self.address, _ATTEMPT)
+                if not isinstance(link, TcpLink | SerialLink):
+                    link.close()
+                    raise InputError(
+                        f"{self.address}: a stream needs a serial port, TCP or UDP"
+                    )
             self._descriptor, self._close = link.fileno(), link.close
             os.set_blocking(self._descriptor, False)
 

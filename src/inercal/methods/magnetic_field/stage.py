@@ -161,11 +161,11 @@ def _fit(fit: Fit[Hand, Any], field: Sensor, links: LinkMaker | None) -> FieldFi
     covariance = _with_stated_noise(covariance, _stated_variances(fit, seen, field), seen)
     order = np.argsort(time, kind="stable")
     at = NodeTimes(time[order], rest[order], transition[order])
+    rows: list[int] = at.rest.tolist()
+    moments: list[float] = at.time.tolist()
+    places = zip(rows, moments, strict=True)
     nodes = FieldNodes(
-        tuple(
-            labels[row] if row >= 0 else f"{t:.2f} s"
-            for row, t in zip(at.rest.tolist(), at.time.tolist(), strict=True)
-        ),
+        tuple(labels[row] if row >= 0 else f"{t:.2f} s" for row, t in places),
         reading[order],
         covariance[order],
         at.time,
