@@ -154,7 +154,7 @@ def _even_samples(time: Array) -> Indices:
     """Return samples of the magnetometers at even intervals, no more than can be fitted."""
     count = min(len(time), _MOST_NODES)
     grid = time[0] + (time[-1] - time[0]) * np.arange(count) / (count - 1)
-    nearest: Indices = np.searchsorted(time, grid)
+    nearest = np.asarray(np.searchsorted(time, grid), dtype=np.int64)
     return np.unique(np.minimum(nearest, len(time) - 1))
 
 

@@ -101,9 +101,7 @@ class Source(Closeable):
                 link = open_link(self.address, _ATTEMPT)
                 if not isinstance(link, TcpLink | SerialLink):
                     link.close()
-                    raise InputError(
-                        f"{self.address}: a stream needs a serial port, TCP or UDP"
-                    )
+                    raise InputError(f"{self.address}: a stream needs a serial port, TCP or UDP")
             self._descriptor, self._close = link.fileno(), link.close
             os.set_blocking(self._descriptor, False)
 
