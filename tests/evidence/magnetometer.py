@@ -56,7 +56,7 @@ ROWS = {
     "dip": Row("`multi_position`, strength and dip stated", {"dip": True}, share=0.25),
     "gyros": Row("`multi_position` with gyros, strength stated", {"gyros": True}, share=0.5),
     "six": Row("`six_position`, two azimuths per face", {"method": "six_position"}, share=0.5),
-    "motion": Row("`field_and_rates`, strength stated", {"method": "field_and_rates"}),
+    "motion": Row("`field_and_rates`, strength stated", {"method": "field_and_rates"}, share=0.25),
     "uneven": Row("field differs by 1 % between rests", {}, "random", share=0.25),
     "step": Row("step of the field", {}, "step", 6.0, 0.25),
     "large step": Row("step of the field", {}, "step", 12.0, 0.25),
