@@ -41,7 +41,7 @@ UNITS = {
         _base("K kelvin", "µm", "temperature"),
         _base("V volt", "nµmk", "voltage"),
         _base("A ampere", "nµm", "current"),
-        _base("T tesla", "nµm", "magnetic flux density"),
+        _base("T tesla", "nµm", "flux_density"),
         _base("LSB count", "", "count"),
         _base("sample", "", "sample"),
         _unit("min minute", "", 60.0, {"s": 1}),
