@@ -199,7 +199,7 @@ class Kind(Generic[B, D]):
     spins : bool
         Whether the bench rotates the sensor on an arm, so that it senses more than gravity.
     sensor : callable
-        Returns the sensor on the bench, given its name and the `StatedAxes` of each kind that the
+        Builds the sensor on the bench from its name and the `StatedAxes` of each kind that the
         run file states: accelerometers, gyros, magnetometers.
     plan : callable
         Returns the plan of a run, given the keys of [method] that concern the plan, the bench, the

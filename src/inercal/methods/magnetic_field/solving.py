@@ -39,7 +39,7 @@ class Solution(NamedTuple):
 
 
 def typical_sizes(problem: FieldProblem, strength: float) -> Array:
-    """Return the size of each free unknown that changes a reading by about the field, (f,)."""
+    """Return, for each free unknown, the change that moves a reading by about one field, (f,)."""
     model = problem.model
     effect = np.linalg.norm(model.directions, axis=(1, 2))
     warm = np.maximum(np.max(np.abs(problem.nodes.temperature), initial=0.0), 1e-9)
