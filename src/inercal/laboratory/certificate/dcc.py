@@ -46,7 +46,7 @@ _WORDS = {
     "time": r"\second",
     "angle": r"\radian",
     "temperature": r"\kelvin",
-    "magnetic flux density": r"\tesla",
+    "flux_density": r"\tesla",
 }
 
 
