@@ -10,7 +10,7 @@ from inercal.basics.units import format_number
 from inercal.physics.magnetic_units import unit_hint
 from inercal.physics.plan import HandStep, Hold
 from inercal.physics.section_settings import key_error
-from inercal.physics.sensors import Sensor
+from inercal.physics.sensors import Sensor, output_unit
 from inercal.recordings import Finding, Mark, Observations, Recording
 from inercal.recordings.data import RestsSection, RunBase
 from inercal.recordings.data.recording_loader import (
@@ -114,7 +114,7 @@ def _require_earth_field(
     """
     readout = sensor.axes[0].readout
     _, radius = sphere(found.mean)
-    if readout.unit in ("LSB", "V") or radius is None:
+    if output_unit(readout.unit) is not None or radius is None:
         return
     wide = np.sort(np.ptp(found.mean, axis=0))[1] > radius  # else the radius is not certain
     if not wide or _POSSIBLE[0] <= radius <= _POSSIBLE[1]:
