@@ -14,10 +14,10 @@ import re
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from inercal.basics.closeable import Closeable, on_failure
-from inercal.basics.errors import InputError, require_extra
+from inercal.basics.errors import InercalError, InputError, require_extra
 from inercal.basics.units import si_factor
 from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.drivers.scpi_reply import numbers_in_reply
@@ -25,15 +25,9 @@ from inercal.host.drivers.table_address import address_parameters
 from inercal.host.equipment import Reading
 from inercal.host.link import LinkLost
 
-if TYPE_CHECKING:
-    from pyvisa import ResourceManager
-    from pyvisa.resources import MessageBasedResource
-
 _TERMINATIONS = {"lf": "\n", "cr": "\r", "crlf": "\r\n", "none": ""}
-_DEFAULTS = {
-    "query": "READ?", "unit": "V", "termination": "lf", "backend": "", "setup": "",
-    "identity": "*IDN?",
-}  # fmt: skip
+_DEFAULTS = {"query": "READ?", "unit": "V", "identity": "*IDN?", "termination": "lf"}
+_DEFAULTS |= {"setup": "", "backend": ""}
 
 
 class VisaInstrument(Closeable):
@@ -59,7 +53,7 @@ class VisaInstrument(Closeable):
         self._address, self._timeout = address, timeout
         self._options = _options(address)
         self._manager = _manager(address, self._options["backend"])
-        self._session: MessageBasedResource | None = None
+        self._session: Any = None  # a MessageBasedResource of PyVISA, which loads when it is needed
         self._identity: str | None = None
         self._open()
 
@@ -86,11 +80,8 @@ class VisaInstrument(Closeable):
             value, *more = numbers_in_reply(reply, self._address, "query= in the address")
             suffix = reply.lstrip("0123456789+-.eE \t").casefold()
             if more or suffix not in ("", unit.casefold(), f"{unit}dc".casefold()):
-                raise ProtocolError(
-                    f"{self._address}: {reply[:60]!r} is not one number in {unit}; state the unit "
-                    "of the readings as unit= in the address, or set up the instrument",
-                    names=(self._address,),
-                )
+                why = f"{reply[:60]!r} is not one number in {unit}; state the unit of the readings"
+                raise self._error(ProtocolError, f"{why} as unit= in the address")
         return Reading(value, unit)
 
     def close(self) -> None:
@@ -100,52 +91,34 @@ class VisaInstrument(Closeable):
             with suppress(Exception):  # a lost instrument cannot be closed
                 session.close()
 
-    def _open(self) -> "MessageBasedResource":
+    def _open(self) -> Any:
         """Open the connection, discard earlier replies, and ask which instrument it is."""
-        session = self._session = self._new_session()
+        name = self._address.partition("?")[0].partition(":")[2]
+        milliseconds = max(1, round(1000 * self._timeout))
+        end = _TERMINATIONS[self._options["termination"]]
         with on_failure(self.close):
+            with self._visa_errors(""):
+                session = self._manager.open_resource(name, open_timeout=milliseconds)
+                self._session, session.timeout = session, milliseconds
+                session.write_termination, session.read_termination = end, end or None
             with suppress(Exception):  # not every interface can clear a device
                 session.clear()
             asked = self._options["identity"]
             found = " ".join(self._ask(session, asked).split()) if asked else ""
             if self._identity not in (None, found):
-                raise InputError(
-                    f"{self._address}: {found!r} answers instead of {self._identity!r}; check the "
-                    "address and the cables",
-                    names=(self._address,),
-                )
+                why = f"{found!r} answers instead of {self._identity!r}; check the address"
+                raise self._error(InputError, why)
             self._identity = found
             if commands := self._options["setup"]:
                 with self._visa_errors(commands):
-                    session.write("*CLS")
-                    session.write(commands)
+                    session.write(f"*CLS;{commands}")
                 error = self._ask(session, "SYST:ERR?")
                 if not error.lstrip("+").startswith("0"):
-                    raise InputError(
-                        f"{self._address}: the instrument refuses {commands!r}: {error[:80]}; "
-                        "correct setup= in the address",
-                        key="setup",
-                        names=(self._address,),
-                    )
+                    why = f"the instrument refuses setup={commands}: {error[:80]}; correct it"
+                    raise self._error(InputError, why)
         return session
 
-    def _new_session(self) -> "MessageBasedResource":
-        from pyvisa.resources import MessageBasedResource
-        from pyvisa.rname import InvalidResourceName
-
-        name = self._address.partition("?")[0].partition(":")[2]
-        milliseconds = max(1, round(1000 * self._timeout))
-        with self._visa_errors(""):
-            session = self._manager.open_resource(name, open_timeout=milliseconds)
-            if not isinstance(session, MessageBasedResource):
-                session.close()
-                raise InvalidResourceName
-        end = _TERMINATIONS[self._options["termination"]]
-        session.timeout = milliseconds
-        session.write_termination, session.read_termination = end, end or None
-        return session
-
-    def _ask(self, session: "MessageBasedResource", command: str) -> str:
+    def _ask(self, session: Any, command: str) -> str:
         with self._visa_errors(command):
             session.write(command)
             if not (reply := session.read_raw()):
@@ -155,58 +128,43 @@ class VisaInstrument(Closeable):
     @contextmanager
     def _visa_errors(self, command: str) -> Generator[None]:
         """Raise a `LinkLost` instead of the errors of a VISA library, which may be of any class."""
-        from pyvisa.constants import StatusCode
-        from pyvisa.rname import InvalidResourceName
-
         try:
             yield
-        except InvalidResourceName as error:
-            raise InputError(
-                f"{self._address!r} is not the VISA address of an instrument; possible: "
-                "visa:GPIB0::22::INSTR or visa:TCPIP0::10.0.0.5::INSTR",
-                names=(self._address,),
-            ) from error
         except Exception as error:
             text = str(error) or type(error).__name__
             what = f"no connection: {text}; check the address, the cable and the power"
-            if getattr(error, "error_code", None) == StatusCode.error_timeout and command:
+            if getattr(error, "abbreviation", "") == "VI_ERROR_TMO" and command:
                 what = f"no reply to {command!r} within {self._timeout:g} s; check the cable, the "
                 what += "timeout, and query=, identity= and termination= in the address"
-            raise LinkLost(f"{self._address}: {what}", names=(self._address,)) from error
+            raise self._error(LinkLost, what) from error
+
+    def _error(self, kind: type[InercalError], text: str) -> InercalError:
+        return kind(f"{self._address}: {text}", names=(self._address,))
 
 
 def _options(address: str) -> dict[str, str]:
     """Return the parameters of an address, with defaults for those that it does not state."""
     given = address_parameters(address)
-    for key, text in given.items():
-        if key not in _DEFAULTS:
-            possible = f"there are {', '.join(_DEFAULTS)}"
-            raise InputError(f"unknown parameter {key!r} in {address!r}; {possible}", key=key)
-        if not text.isascii() and key != "unit":
-            raise InputError(f"{key}={text!r} in {address!r} is not ASCII; correct it", key=key)
+    for key in given.keys() - _DEFAULTS:
+        possible = f"there are {', '.join(_DEFAULTS)}"
+        raise InputError(f"unknown parameter {key!r} in {address!r}; {possible}", key=key)
     options = _DEFAULTS | given
-    if options["termination"] not in _TERMINATIONS:
-        raise InputError(
-            f"termination={options['termination']!r} in {address!r}; possible: "
-            f"{', '.join(_TERMINATIONS)}",
-            key="termination",
-        )
+    if (end := options["termination"]) not in _TERMINATIONS:
+        possible = f"possible: {', '.join(_TERMINATIONS)}"
+        raise InputError(f"termination={end!r} in {address!r}; {possible}", key="termination")
     si_factor(options["unit"])
     return options
 
 
-def _manager(address: str, backend: str) -> "ResourceManager":
+def _manager(address: str, backend: str) -> Any:
     """Return the resource manager of a VISA library, such as "@py"; empty for the usual one."""
     what = "VISA instruments need pyvisa and pyvisa-py; install the extra"
     with require_extra("visa", what, ("pyvisa",)):
         from pyvisa import ResourceManager
-    library = backend.rpartition("@")[0] if "@" in backend else backend
-    if library and not Path(library).exists():
-        raise InputError(
-            f"backend={backend!r} in {address!r}: there is no file {library}; correct the path",
-            key="backend",
-        )
+    file = backend.removesuffix("@sim")
     try:
+        if backend.endswith("@sim") and not Path(file).is_file():
+            raise FileNotFoundError(f"there is no file {file!r}")
         return ResourceManager(backend)
     except Exception as error:  # of any class; the text may contain a traceback
         *_, text = re.findall(r"\w[^\n]*\w", str(error).replace("\\n", "\n")) or ["unknown reason"]
