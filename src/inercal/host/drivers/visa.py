@@ -26,8 +26,10 @@ from inercal.host.equipment import Reading
 from inercal.host.link import LinkLost
 
 _TERMINATIONS = {"lf": "\n", "cr": "\r", "crlf": "\r\n", "none": ""}
-_DEFAULTS = {"query": "READ?", "unit": "V", "identity": "*IDN?", "termination": "lf"}
-_DEFAULTS |= {"setup": "", "backend": ""}
+_DEFAULTS = {
+    "query": "READ?", "unit": "V", "setup": "", "identity": "*IDN?", "termination": "lf",
+    "backend": "",
+}  # fmt: skip
 
 
 class VisaInstrument(Closeable):
