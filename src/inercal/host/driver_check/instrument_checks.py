@@ -100,9 +100,9 @@ def _faulty_link(address: str, timeout: float, place: re.Match[str]) -> str:
                 begin()
                 probe.expect_error(one.read, name)
                 # A late reply without digits is an error if it is taken for the next one.
-                held = [(end, re.sub(rb"\d", b"x", data)) for end, data in relay.held or ()]
-                relay.mend()
-                relay.held = held
+                held = relay.held or ()
+                relay.held = [(end, re.sub(rb"\d", b"x", data)) for end, data in held]
                 relay.release()
+                relay.mend()
                 one.read()
     return f"{len(faults)} faults are errors, and the next readings work"

@@ -210,11 +210,10 @@ def read_instruments(
 
 def _in_unit(reading: Reading, column: str, unit: str) -> float:
     try:
-        factor = si_factor(reading.unit, unit)
+        return reading.value * (si_factor(reading.unit, unit) / si_factor(unit))
     except InputError:
         raise InputError(
             f"{column}: the instrument reads {reading.unit}, but [sensor] states {unit}; correct "
             "the unit and scale there, or the unit in the instrument's address",
             names=(column,),
         ) from None
-    return reading.value if reading.unit == unit else reading.value * factor / si_factor(unit)
