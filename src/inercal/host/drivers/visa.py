@@ -13,7 +13,6 @@ commands and replies.
 import re
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 from inercal.basics.closeable import Closeable, on_failure
@@ -163,13 +162,11 @@ def _manager(address: str, backend: str) -> Any:
     what = "VISA instruments need pyvisa and pyvisa-py; install the extra"
     with require_extra("visa", what, ("pyvisa",)):
         from pyvisa import ResourceManager
-    file = backend.removesuffix("@sim")
     try:
-        if backend.endswith("@sim") and not Path(file).is_file():
-            raise FileNotFoundError(f"there is no file {file!r}")
         return ResourceManager(backend)
     except Exception as error:  # of any class; the text may contain a traceback
-        *_, text = re.findall(r"\w[^\n]*\w", str(error).replace("\\n", "\n")) or ["unknown reason"]
+        lines = str(error).replace("\\n", "\n").replace("\\'", "'")
+        *_, text = re.findall(r"\w[^\n]*[\w']", lines) or ["unknown reason"]
         raise InputError(
             f"{address!r}: the VISA library cannot be used: {text}; state a library "
             "as backend= in the address, such as @py, which is part of inercal[visa]",
