@@ -46,6 +46,7 @@ _KEYS = {
 }
 _PRINTED_IMU = re.compile(r"^IMU(\d+):\n(.*?)(?=^IMU\d+:|\Z)", re.MULTILINE | re.DOTALL)
 _PRINTED_MATRIX = re.compile(r"\b(M|A|C_gyro_i|r[xyz]_i)\b[^\n:]*:\s*\n(\s*\[[\[\]\d\s.eE+-]*\])")
+_PRINTED_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _LARGEST = 1 << 20  # largest size of a noise file, bytes
 NOISE_OPTIONS = (
     *(TargetOption(name, f"{unit}; or in the file of noise") for name, unit in _KEYS.items()),
@@ -288,7 +289,7 @@ def _printed_imus(text: str) -> dict[str, Any]:
 def _printed_rows(text: str) -> list[Any]:
     """Return the rows of a printed matrix, or the numbers of a printed vector."""
     rows = [
-        [float(x) for x in re.findall(r"[-+.\deE]+", row)]
+        [float(x) for x in _PRINTED_NUMBER.findall(row)]
         for row in re.findall(r"\[([^\[\]]+)\]", text)
     ]
     return rows[0] if len(rows) == 1 else rows

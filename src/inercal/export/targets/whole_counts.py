@@ -37,7 +37,6 @@ _FIELD = TargetOption("field", "strength of the field at INAV's calibration, '48
 _INT16 = (-(1 << 15), (1 << 15) - 1)
 _NAMES = {"f": ("acczero", "accgain"), "w": ("gyro_zero", ""), "m": ("magzero", "maggain")}
 _ACC_ONE, _MAG_ONE = 4096, 1024
-_LARGEST_GAIN = {"accgain": 2 * _ACC_ONE, "maggain": _INT16[1]}
 _READINGS = (
     "counts of the firmware, converted to m/s^2, rad/s and T with the stated sizes of a count"
 )
@@ -56,9 +55,9 @@ def _step(kind: Measures, options: Mapping[str, Any], program: str) -> float:
     return G0 / value if kind == "f" else value
 
 
-def _whole(name: str, values: Array, limits: tuple[int, int] = _INT16) -> list[int]:
+def _whole(name: str, values: Array) -> list[int]:
     """Return whole numbers within the limits of a setting."""
-    low, high = limits
+    low, high = _INT16
     found = [int(x) for x in np.rint(values)]
     for x in found:
         if not low <= x <= high:
@@ -132,7 +131,8 @@ def _render_inav(request: Request) -> Rendering:
         if gain_name:
             diagonal = np.diag(triad.matrix)
             wanted = _ACC_ONE / diagonal if kind == "f" else _MAG_ONE * diagonal
-            gain = _whole(gain_name, wanted, (1, _LARGEST_GAIN[gain_name]))
+            # Aligned axes have 0.5 < M_ii < 1.5, so the gains are within INAV's limits.
+            gain = _whole(gain_name, wanted)
             factor = np.array(gain) / _ACC_ONE if kind == "f" else _MAG_ONE / np.array(gain)
             settings[gain_name] = gain
         else:
