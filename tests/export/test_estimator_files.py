@@ -110,7 +110,8 @@ def kalibr_correction(one: dict[str, Any], y: Array) -> Array:
     gyros = {name: np.array(rows) for name, rows in one["gyroscopes"].items()}
     f = np.linalg.solve(np.array(one["accelerometers"]["M"]), y[:, :3].T)
     rest = y[:, 3:].T - gyros["A"] @ gyros["C_gyro_i"] @ f
-    return np.vstack([f, np.linalg.solve(gyros["M"] @ gyros["C_gyro_i"], rest)]).T
+    w = np.linalg.solve(gyros["M"] @ gyros["C_gyro_i"], rest)
+    return np.vstack([f, w]).T.astype(float)
 
 
 def printed() -> dict[str, Any]:
@@ -132,7 +133,7 @@ def test_a_printed_result_of_kalibr_is_the_calibration_of_its_yaml(tmp_path: Pat
     np.testing.assert_allclose(np.hstack([motion.f, motion.w]), wanted, rtol=0, atol=1e-10)
     yaml = pytest.importorskip("yaml")
     path = tmp_path / "imu.yaml"
-    one = printed() | {"model": "scale-misalignment"}
+    one: dict[str, Any] = {**printed(), "model": "scale-misalignment"}
     one["accelerometers"]["ry_i"] = [0.001, -0.002, 0.0]
     path.write_text(yaml.safe_dump({"imu0": one}), encoding="utf-8")
     same = inercal.import_calibration(path, "kalibr")

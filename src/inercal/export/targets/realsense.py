@@ -62,7 +62,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     triads: dict[str, StatedTriad] = {}
     notes: list[str] = []
     for kind, name in _KINDS:
-        one = shared.json_section(text, "calibration.json of RealSense", "imus", 0, name)
+        one = shared.json_section(text, "a calibration.json of RealSense", "imus", 0, name)
         matrix = shared.json_numbers(one, _MATRIX, 9).reshape(3, 3).T
         triad = shared.offset_triad(matrix, shared.json_numbers(one, "bias", 3), _MATRIX)
         if kind == "w" and np.array_equal(matrix, np.eye(3)):

@@ -294,7 +294,7 @@ def json_section(text: str, what: str, *path: str | int) -> Mapping[str, Any]:
     except (ValueError, LookupError, TypeError, RecursionError):
         place = ".".join(map(str, path))
         raise InputError(
-            f"this is not {what}, because it is no JSON with an object {place}", names=(place,)
+            f"this is not {what}: it contains no JSON object {place}", names=(place,)
         ) from None
     return cast("dict[str, Any]", found)
 
