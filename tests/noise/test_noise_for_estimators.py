@@ -9,7 +9,6 @@ from tests.program import run_program
 from tests.refusals import refused
 
 from inercal.basics.arrays import Array
-from inercal.noise.channel_noise import QUANTITIES
 from inercal.noise.noise_files import fast_lio_text, vins_text
 from inercal.noise.sensor_noise import SensorNoise, TriadNoise
 from inercal.physics.quantities import SensorKind
@@ -17,6 +16,7 @@ from inercal.physics.quantities import SensorKind
 WHITE = {"accelerometer": 2e-3, "gyro": 1.5e-4}  # N, m/s²/√Hz and rad/s/√Hz
 WALK = {"accelerometer": 3e-4, "gyro": 2e-5}  # K
 SHORT = {"accelerometer": "acc", "gyro": "gyr"}
+SENSORS: tuple[SensorKind, ...] = ("accelerometer", "gyro")
 SPAN = 2.0  # s
 RATES = (100.0, 400.0)
 
@@ -30,7 +30,7 @@ def noise(rate: float) -> SensorNoise:
             (),
             rate,
         )
-        for quantity in QUANTITIES
+        for quantity in SENSORS
     }
     return SensorNoise("log.csv", 3600.0, triads)
 
