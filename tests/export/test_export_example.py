@@ -39,6 +39,20 @@ def test_the_guide_shows_the_example_and_what_it_prints_and_its_header_runs(tmp_
     assert f"`{printed.strip()}`" in PAGE
 
 
+def test_the_guide_shows_what_the_example_of_kalibr_prints(tmp_path: Path):
+    script = ROOT / "examples" / "export" / "from_kalibr.py"
+    done = subprocess.run(
+        [sys.executable, "-W", "error", script],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONIOENCODING": "utf-8"},
+        capture_output=True,
+        encoding="utf-8",
+        check=True,
+    )
+    assert f"```text\n{done.stdout}```" in PAGE
+    assert {path.name for path in tmp_path.iterdir()} == {"imu.basalt.json"}
+
+
 def test_the_guide_lists_the_targets():
     assert re.findall(r"^\| `(\w+)` \|", PAGE, flags=re.MULTILINE) == list(TARGETS)
 

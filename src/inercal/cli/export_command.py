@@ -61,9 +61,9 @@ def run(
     calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
     to: str = typer.Option(
         ...,
-        help="Target: kalibr, openvins, imu_calib, px4, ardupilot, vectornav, adis, imu_tk, "
-        "imucal, c, c_fixed, cpp, matlab, python, csv, magcal, ros_magnetometer, fusion, or a "
-        "target from another package.",
+        help="Target: kalibr, openvins, basalt, realsense, imu_calib, px4, ardupilot, inav, "
+        "betaflight, vectornav, adis, imu_tk, imucal, c, c_fixed, cpp, matlab, python, csv, "
+        "magcal, ros_magnetometer, fusion, or a target from another package.",
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="The file to write (default: RUN.TARGET.SUFFIX or NAME_correct)."

@@ -33,9 +33,13 @@ TARGETS: Registry[Target] = Registry(
         for name, place in {
             "kalibr": "kalibr:KALIBR",
             "openvins": "kalibr:OPENVINS",
+            "basalt": "basalt:TARGET",
+            "realsense": "realsense:TARGET",
             "imu_calib": "imu_calib:TARGET",
             "px4": "px4:TARGET",
             "ardupilot": "ardupilot:TARGET",
+            "inav": "whole_counts:INAV",
+            "betaflight": "whole_counts:BETAFLIGHT",
             "vectornav": "vectornav:TARGET",
             "adis": "adis:TARGET",
             "imu_tk": "imu_tk:TARGET",
