@@ -172,17 +172,36 @@ def _yaml_matrix(name: str, matrix: Array, indent: str, digits: int = 12) -> lis
     return [f"{indent}{name}:", *rows]
 
 
-def _noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
-    """Return the noise as lines `key: number`."""
+def stated_noise(options: Mapping[str, Any], names: Sequence[str], target: str) -> dict[str, float]:
+    """Return the numbers of a noise model that options, or the file of the option noise, state.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a number is not above 0.
+    """
     known: dict[str, float] = {}
     if options["noise"] is not None:
         path = Path(options["noise"])
         text = read_small_file(path, "file of noise", _LARGEST).decode("utf-8", "replace")
-        for name in _KEYS:
+        for name in names:
             # Each line has one number, so PyYAML, which is an extra, is not needed.
             if found := re.search(rf"^\s*{name}\s*:\s*([-+.\deE]+)", text, re.MULTILINE):
                 known[name] = _number(found[1], name, path)
-    known |= {name: options[name] for name in _KEYS if options[name] is not None}
+    known |= {name: options[name] for name in names if options[name] is not None}
+    wrong = [name for name, value in known.items() if not value > 0]
+    if wrong:
+        raise InputError(
+            f"target {target}: {wrong[0]} is {known[wrong[0]]:g}; give a number above 0",
+            key="--set",
+            names=tuple(wrong),
+        )
+    return known
+
+
+def _noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
+    """Return the noise as lines `key: number`."""
+    known = stated_noise(options, tuple(_KEYS), target)
     missing = [name for name in _KEYS if name not in known]
     if missing:
         raise InputError(
@@ -191,13 +210,6 @@ def _noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
             + ", or --set noise=imu.yaml of a noise analysis",
             key="--set",
             names=tuple(missing),
-        )
-    wrong = [name for name, value in known.items() if not value > 0]
-    if wrong:
-        raise InputError(
-            f"target {target}: {wrong[0]} is {known[wrong[0]]:g}; give a number above 0",
-            key="--set",
-            names=tuple(wrong),
         )
     return [f"{name}: {shared.yaml_number(known[name])}" for name in _KEYS] + [
         f"rostopic: {options['rostopic']}",
