@@ -126,7 +126,7 @@ def one_message(load: Loaded, made: Export, stated: float = 0.0, **parameters: A
 
 def test_the_covariance_is_that_of_corrected_samples_and_of_the_coefficients(load: Loaded):
     """Corrected noisy samples of drawn calibrations scatter as the covariance states."""
-    calibration = make_calibration(*LINEAR, u=2e-3, size=2e-2)
+    calibration = make_calibration(*LINEAR, u=5e-4, size=2e-2)
     sent = one_message(load, export(calibration, update_rate=100, **DENSITIES))
     rng, n = np.random.default_rng(5), 20_000
     sensor, sd = calibration.sensor, np.repeat([1e-3, 2e-4], 3) * 10.0
