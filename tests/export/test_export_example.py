@@ -54,7 +54,7 @@ def test_the_guide_shows_what_the_example_of_kalibr_prints(tmp_path: Path):
 
 
 def test_the_guide_lists_the_targets():
-    assert re.findall(r"^\| `(\w+)` \|", PAGE, flags=re.MULTILINE) == list(TARGETS)
+    assert re.findall(r"^\| `(\w[\w-]*)` \|", PAGE, flags=re.MULTILINE) == list(TARGETS)
 
 
 @pytest.mark.parametrize(
@@ -65,5 +65,5 @@ def test_the_guide_lists_the_targets():
 def test_a_verb_without_target_or_format_lists_them(arguments: tuple[str, ...], names: list[str]):
     ended = run_program(*arguments)
     assert ended.status == 2
-    listed = re.split(r"[^\w]+", ended.error.partition(": ")[2])
+    listed = re.split(r"[^\w-]+", ended.error.partition(": ")[2])
     assert [word for word in listed if word in names] == names

@@ -180,6 +180,33 @@ def _yaml_matrix(name: str, matrix: Array, indent: str, digits: int = 12) -> lis
     return [f"{indent}{name}:", *rows]
 
 
+def stated_noise(options: Mapping[str, Any], names: Sequence[str], target: str) -> dict[str, float]:
+    """Return the numbers of a noise model that options, or the file of the option noise, state.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a number is not above 0.
+    """
+    known: dict[str, float] = {}
+    if options["noise"] is not None:
+        path = Path(options["noise"])
+        text = read_small_file(path, "file of noise", _LARGEST).decode("utf-8", "replace")
+        for name in names:
+            # Each line has one number, so PyYAML, which is an extra, is not needed.
+            if found := re.search(rf"^\s*{name}\s*:\s*([-+.\deE]+)", text, re.MULTILINE):
+                known[name] = _number(found[1], name, path)
+    known |= {name: options[name] for name in names if options[name] is not None}
+    wrong = [name for name, value in known.items() if not value > 0]
+    if wrong:
+        raise InputError(
+            f"target {target}: {wrong[0]} is {known[wrong[0]]:g}; give a number above 0",
+            key="--set",
+            names=tuple(wrong),
+        )
+    return known
+
+
 def noise_values(options: Mapping[str, Any], target: str) -> dict[str, float]:
     """Return the noise densities and the sampling rate that the user states, by Kalibr's keys.
 
@@ -194,15 +221,7 @@ def noise_values(options: Mapping[str, Any], target: str) -> dict[str, float]:
     InputError
         A value is missing or not above 0, or the file of noise cannot be read.
     """
-    known: dict[str, float] = {}
-    if options["noise"] is not None:
-        path = Path(options["noise"])
-        text = read_small_file(path, "file of noise", _LARGEST).decode("utf-8", "replace")
-        for name in _KEYS:
-            # Each line has one number, so PyYAML, which is an extra, is not needed.
-            if found := re.search(rf"^\s*{name}\s*:\s*([-+.\deE]+)", text, re.MULTILINE):
-                known[name] = _number(found[1], name, path)
-    known |= {name: options[name] for name in _KEYS if options[name] is not None}
+    known = stated_noise(options, tuple(_KEYS), target)
     missing = [name for name in _KEYS if name not in known]
     if missing:
         raise InputError(
@@ -211,13 +230,6 @@ def noise_values(options: Mapping[str, Any], target: str) -> dict[str, float]:
             + ", or --set noise=imu.yaml of a noise analysis",
             key="--set",
             names=tuple(missing),
-        )
-    wrong = [name for name, value in known.items() if not value > 0]
-    if wrong:
-        raise InputError(
-            f"target {target}: {wrong[0]} is {known[wrong[0]]:g}; give a number above 0",
-            key="--set",
-            names=tuple(wrong),
         )
     return {name: known[name] for name in _KEYS}
 
