@@ -1,22 +1,15 @@
 """The routes of the page: files, set-up, device probe, results of runs, and the websocket."""
 
 import asyncio
-import gzip
-import json
-from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from importlib.metadata import version
 from importlib.resources import files
-from importlib.resources.abc import Traversable
-from time import monotonic
 from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from inercal.basics.errors import InercalError
 from inercal.host.packets import PRESETS, read_layout
@@ -24,9 +17,10 @@ from inercal.host.web.access import Access, AccessMiddleware, client_host
 from inercal.host.web.device_catalogue import probe_devices
 from inercal.host.web.hub import Hub
 from inercal.host.web.json_objects import parse_object
+from inercal.host.web.live_socket import LiveSocket
 from inercal.host.web.plans import check_filter_changes
 from inercal.host.web.refusal_log import RefusalLog
-from inercal.host.web.viewers import Client, Viewer
+from inercal.host.web.static_files import MISSING_PAGE, static_files
 
 
 class SharedCall:
@@ -56,23 +50,12 @@ class SharedCall:
             return await asyncio.to_thread(self._function)
 
 
-_MESSAGE_RATE = 20  # messages per second from a viewer
-_HEARTBEAT_INTERVAL = 2.0  # s
-_MAX_TAB = 64  # largest number of characters of the key that identifies a page
 _MAX_WAITING = 4  # largest number of waiting histories, and of waiting filter checks
-_CLOSING_TIME = 1.0  # s for the message to a viewer whose place was given to another
-_MEDIA_TYPES = {
-    "html": "text/html; charset=utf-8",
-    "js": "text/javascript; charset=utf-8",
-    "css": "text/css; charset=utf-8",
-    "svg": "image/svg+xml",
-}
 # A report and a history contain their own styles and pictures and need no scripts.
 _STANDALONE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-_MISSING_PAGE = b"<!doctype html><title>inercal</title><p>The page's own files are not installed."
 
 
 class Page:
@@ -90,8 +73,8 @@ class Page:
     def __init__(self, hub: Hub, register: str | None, access: Access, refused: RefusalLog):
         self._hub, self._register, self._refusals = hub, register, refused
         self._access = access
-        self._version = version("inercal")
-        self._files = dict(_static_files(files("inercal.host.web").joinpath("static")))
+        self.live = LiveSocket(hub, access, refused, version("inercal"))
+        self._files = dict(static_files(files("inercal.host.web").joinpath("static")))
         self._setup_lock, self._drawing_lock = asyncio.Lock(), asyncio.Lock()
         self._list_setup = SharedCall(lambda: self._setup(), self._setup_lock)
         self._pending_histories = self._pending_filters = 0  # active or waiting requests
@@ -109,13 +92,12 @@ class Page:
             Route("/runs/{name}/{what}", self.output_file),
             Route("/history/{sensor}", self.history),
             Route("/glossary", self.glossary),
-            WebSocketRoute("/live", self.live),
+            WebSocketRoute("/live", self.live.serve),
         ]
 
     async def index(self, request: Request) -> Response:
         """Return the page."""
-        missing = _StaticFile(_MISSING_PAGE, _MEDIA_TYPES["html"])
-        answer = self._files.get("index.html", missing).response(request)
+        answer = self._files.get("index.html", MISSING_PAGE).response(request)
         if self._access.viewer(request.headers) is None:
             self._access.issue_viewer(request.headers, answer)
         return answer
@@ -237,73 +219,6 @@ class Page:
         )
         return PlainTextResponse("nothing exists at this address\n", 404)
 
-    async def live(self, websocket: WebSocket) -> None:
-        """Serve the websocket of a viewer: send messages about the run, and execute commands."""
-        who = client_host(websocket.scope)
-        shown, answer = self._access.viewer(websocket.headers), Response()
-        # A page that was opened before a restart of the server has an old cookie. A program has no
-        # cookie.
-        browser = shown or self._access.issue_viewer(websocket.headers, answer)
-        tab = websocket.query_params.get("tab", "")[:_MAX_TAB] or None
-        viewer = self._hub.add_viewer(self._version, browser, tab, Client(who, shown))
-        if viewer is None:
-            self._refusals(who, "websocket: too many viewers")
-            await websocket.close()
-            return
-        tasks: list[asyncio.Task[None]] = []
-        try:
-            async with viewer.stay:
-                cookies = [pair for pair in answer.raw_headers if pair[0] == b"set-cookie"]
-                await websocket.accept(headers=cookies)
-                tasks.append(asyncio.create_task(_send_messages(websocket, viewer)))
-                tasks.append(asyncio.create_task(_send_heartbeats(viewer)))
-                await self._receive_commands(websocket, viewer, who)
-        except WebSocketDisconnect:
-            pass
-        except TimeoutError:
-            if not viewer.stay.expired():
-                raise
-            self._refusals(who, f"viewer {viewer.number}: its place was given to another client")
-            with suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
-                async with asyncio.timeout(_CLOSING_TIME):
-                    await websocket.close(1013, "this client has too many viewers")
-        finally:
-            self._hub.remove_viewer(viewer)
-            for task in tasks:
-                task.cancel()
-                with suppress(asyncio.CancelledError):
-                    await task
-
-    async def _receive_commands(self, websocket: WebSocket, viewer: Viewer, who: str) -> None:
-        times: deque[float] = deque(maxlen=_MESSAGE_RATE + 1)
-        while True:
-            message = await websocket.receive()
-            if message["type"] != "websocket.receive":
-                return
-            times.append(monotonic())
-            if len(times) == times.maxlen and times[-1] - times[0] < 1.0:
-                self._refusals(
-                    who, f"viewer {viewer.number}: more than {_MESSAGE_RATE} messages per second"
-                )
-                await websocket.close(1008, "too many messages")
-                return
-            text = message.get("text")
-            if text is None:
-                self._refusals(who, f"viewer {viewer.number}: the message is not text")
-                await websocket.close(1003, "text only")
-                return
-            try:
-                requested = parse_object(text)
-                if requested.get("do") == "seen":
-                    viewer.acknowledge(requested.get("n"))
-                else:
-                    await self._hub.execute(viewer, requested)
-            except (InercalError, ValueError) as error:
-                is_said = isinstance(error, InercalError)
-                words = str(error) if is_said else "the message is not a JSON object; send one"
-                self._refusals(who, f"viewer {viewer.number}: {words}")
-                viewer.send("refused", json.dumps({"kind": "refused", "words": words}))
-
     def _setup(self) -> dict[str, Any]:
         from inercal.laboratory.store import Register
 
@@ -360,46 +275,3 @@ def application(
     page = Page(hub, register, access, refused)
     app = Starlette(routes=page.routes(), exception_handlers={404: page.not_found})
     return AccessMiddleware(app, access, refused)
-
-
-async def _send_messages(websocket: WebSocket, viewer: Viewer) -> None:
-    """Send the messages for a viewer, as fast as the viewer receives them."""
-    with suppress(WebSocketDisconnect, RuntimeError):  # disconnected, or about to be
-        while True:
-            await websocket.send_text(await viewer.next_message())
-
-
-async def _send_heartbeats(viewer: Viewer) -> None:
-    """Send heartbeats; a page can then distinguish a dead connection from a run without news."""
-    while True:
-        await asyncio.sleep(_HEARTBEAT_INTERVAL)
-        viewer.send("beat", '{"kind": "beat"}')
-
-
-class _StaticFile:
-    """A static file of the page; a compressed copy saves 30 s over a link with 4 kB/s."""
-
-    def __init__(self, content: bytes, media_type: str):
-        self._content, self._media_type = content, media_type
-        self._compressed = gzip.compress(content, mtime=0)
-
-    def response(self, request: Request) -> Response:
-        """Return the file in the encoding that the browser accepts."""
-        headers = {"vary": "accept-encoding"}
-        if "gzip" not in request.headers.get("accept-encoding", ""):
-            return Response(self._content, media_type=self._media_type, headers=headers)
-        headers["content-encoding"] = "gzip"
-        return Response(self._compressed, media_type=self._media_type, headers=headers)
-
-
-def _static_files(folder: Traversable, prefix: str = "") -> list[tuple[str, _StaticFile]]:
-    """Return the static files, by the names in requests."""
-    found: list[tuple[str, _StaticFile]] = []
-    if not folder.is_dir():
-        return found
-    for one in folder.iterdir():
-        if one.is_dir():
-            found += _static_files(one, f"{prefix}{one.name}/")
-        elif (kind := _MEDIA_TYPES.get(one.name.rpartition(".")[2])) is not None:
-            found.append((f"{prefix}{one.name}", _StaticFile(one.read_bytes(), kind)))
-    return found

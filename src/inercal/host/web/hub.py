@@ -19,6 +19,7 @@ from inercal.host.web.json_objects import (
     object_or_none,
     printable_line,
 )
+from inercal.host.web.message_history import MessageHistory, is_alarm
 from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.runs import Runs, StoredRun
@@ -73,7 +74,7 @@ class Hub:
         self._start = start
         self.run_process: RunProcess | None = None
         self._end_published = False
-        self._history: viewers.MessageHistory | None = None
+        self._history: MessageHistory | None = None
         self._relay_task: asyncio.Task[None] | None = None
 
     @property
@@ -353,14 +354,14 @@ class Hub:
                 "free memory or disk space, then start again"
             ) from None
         is_manual = isinstance(order, run_request.ManualRequest)
-        self._history, self._end_published = viewers.MessageHistory(keeps_trend=is_manual), False
+        self._history, self._end_published = MessageHistory(keeps_trend=is_manual), False
         # The process needs seconds before it sends its first message.
         starts = _message_text("phase", run=order.name, words="starting the run's process")
         self._history.add_message("phase", starts)
         self._broadcast("phase", starts)
         self._relay_task = asyncio.create_task(self._relay(self.run_process, self._history))
 
-    async def _relay(self, run_process: RunProcess, kept: viewers.MessageHistory) -> None:
+    async def _relay(self, run_process: RunProcess, kept: MessageHistory) -> None:
         """Relay the messages of a run until its end."""
         async for kind, text in run_process.messages():
             self._end_published |= kind == "done"
@@ -382,7 +383,7 @@ class Hub:
         self._broadcast("idle", _message_text("idle"))
 
     def _broadcast(self, kind: str, text: str) -> None:
-        urgent = kind != "event" or viewers.is_alarm(text)
+        urgent = kind != "event" or is_alarm(text)
         for viewer in self.people.viewers.values():
             viewer.send(kind, text, urgent=urgent)
 
