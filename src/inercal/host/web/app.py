@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
@@ -9,17 +10,22 @@ from typing import Any
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
-from starlette.routing import Route, WebSocketRoute
+from starlette.routing import Match, Route, WebSocketRoute
+from starlette.types import Scope
+from starlette.websockets import WebSocket
 
-from inercal.basics.errors import InercalError
+from inercal.basics.errors import InercalError, InputError
 from inercal.host.packets import PRESETS, read_layout
+from inercal.host.web import api_answers
 from inercal.host.web.access import Access, AccessMiddleware, client_host
 from inercal.host.web.device_catalogue import probe_devices
 from inercal.host.web.hub import Hub
+from inercal.host.web.interface import ROUTES, InterfaceRoute, openapi_description
 from inercal.host.web.json_objects import parse_object
 from inercal.host.web.live_socket import LiveSocket
 from inercal.host.web.plans import check_filter_changes
 from inercal.host.web.refusal_log import RefusalLog
+from inercal.host.web.runs import StoredRun
 from inercal.host.web.static_files import MISSING_PAGE, static_files
 
 
@@ -51,6 +57,7 @@ class SharedCall:
 
 
 _MAX_WAITING = 4  # largest number of waiting histories, and of waiting filter checks
+_FILES = {"report": "report.html", "calibration": "calibration.json"}
 # A report and a history contain their own styles and pictures and need no scripts.
 _STANDALONE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
@@ -73,10 +80,12 @@ class Page:
     def __init__(self, hub: Hub, register: str | None, access: Access, refused: RefusalLog):
         self._hub, self._register, self._refusals = hub, register, refused
         self._access = access
-        self.live = LiveSocket(hub, access, refused, version("inercal"))
+        self._live = LiveSocket(hub, access, refused, version("inercal"))
         self._files = dict(static_files(files("inercal.host.web").joinpath("static")))
         self._setup_lock, self._drawing_lock = asyncio.Lock(), asyncio.Lock()
+        self._reading_lock = asyncio.Lock()
         self._list_setup = SharedCall(lambda: self._setup(), self._setup_lock)
+        self._list_runs = SharedCall(lambda: api_answers.runs_answer(hub.runs), self._reading_lock)
         self._pending_histories = self._pending_filters = 0  # active or waiting requests
         self._cached_history: tuple[object, str] = None, ""
 
@@ -85,15 +94,17 @@ class Page:
         return [
             Route("/", self.index),
             Route("/static/{name:path}", self.static),
-            Route("/api/setup", self.setup),
-            Route("/api/stop", self.stop, methods=["POST"]),
-            Route("/api/probe", self.probe, methods=["POST"]),
-            Route("/api/filter", self.check_filter, methods=["POST"]),
-            Route("/runs/{name}/{what}", self.output_file),
             Route("/history/{sensor}", self.history),
             Route("/glossary", self.glossary),
-            WebSocketRoute("/live", self.live.serve),
+            *map(self.route, ROUTES),
         ]
+
+    def route(self, one: InterfaceRoute) -> Route | WebSocketRoute:
+        """Return a route of the interface with its handler."""
+        handler = getattr(self, one.handler)
+        if one.method == "WEBSOCKET":
+            return WebSocketRoute(one.path, handler)
+        return Route(one.path, handler, methods=[one.method])
 
     async def index(self, request: Request) -> Response:
         """Return the page."""
@@ -112,6 +123,43 @@ class Page:
     async def setup(self, request: Request) -> Response:
         """Return the choices for the set-up of a run."""
         return JSONResponse(await self._list_setup())
+
+    async def openapi(self, request: Request) -> Response:
+        """Return this description."""
+        return JSONResponse(openapi_description(Page))
+
+    async def state(self, request: Request) -> Response:
+        """Return the state of the run that the page shows."""
+        return JSONResponse(api_answers.state_answer(self._hub))
+
+    async def estimates(self, request: Request) -> Response:
+        """Return the latest estimates with expanded uncertainties."""
+        return JSONResponse(api_answers.estimates_answer(self._hub))
+
+    async def stored_runs(self, request: Request) -> Response:
+        """Return the stored runs, latest first."""
+        return JSONResponse(await self._list_runs())
+
+    async def journal(self, request: Request) -> Response:
+        """Return the journal of a run with its events."""
+        after = request.query_params.get("after", "0")
+        if not (after.isascii() and after.isdigit() and len(after) < 10):
+            return JSONResponse({"words": "after: give the number of an event, such as 0"}, 400)
+        return await self._about_run(request, partial(api_answers.journal_answer, after=int(after)))
+
+    async def result(self, request: Request) -> Response:
+        """Return the calibration of a run, as `inercal show --json` prints it."""
+        return await self._about_run(request, api_answers.result_answer)
+
+    async def _about_run(
+        self, request: Request, answer: Callable[[StoredRun], dict[str, Any]]
+    ) -> Response:
+        try:
+            async with self._reading_lock:
+                run = await asyncio.to_thread(self._hub.runs.find, request.path_params["name"])
+                return JSONResponse(await asyncio.to_thread(answer, run))
+        except InercalError as error:
+            return JSONResponse({"words": str(error)}, 404)
 
     async def stop(self, request: Request) -> Response:
         """Stop the table for any client, even a client without a websocket or a place."""
@@ -169,15 +217,13 @@ class Page:
         return JSONResponse({"errors": wrong})
 
     async def output_file(self, request: Request) -> Response:
-        """Return the report or the calibration of a run."""
-        runs = await asyncio.to_thread(self._hub.runs.all)
-        run = runs.get(request.path_params["name"])
+        """Return the report or the calibration file of a run."""
         what = request.path_params["what"]
-        kinds = {"report": "report.html", "calibration": "calibration.json"}
-        if run is None or what not in kinds:
-            return await self.not_found(request)
         try:
-            content = await asyncio.to_thread(run.output_file(kinds[what]).read_bytes)
+            run = await asyncio.to_thread(self._hub.runs.find, request.path_params["name"])
+            content = await asyncio.to_thread(run.output_file(_FILES[what]).read_bytes)
+        except (InputError, KeyError):
+            return await self.not_found(request)
         except OSError:
             return PlainTextResponse(f"this run has no {what}\n", 404)
         if what == "calibration":
@@ -218,6 +264,10 @@ class Page:
             f"{request.method} {request.scope['path']}: nothing exists at this address",
         )
         return PlainTextResponse("nothing exists at this address\n", 404)
+
+    async def live(self, websocket: WebSocket) -> None:
+        """Open the websocket of a viewer: messages about the run, and commands."""
+        await self._live.serve(websocket)
 
     def _setup(self) -> dict[str, Any]:
         from inercal.laboratory.store import Register
@@ -273,5 +323,10 @@ def application(
 ) -> AccessMiddleware:
     """Return the page as an ASGI application behind its access checks."""
     page = Page(hub, register, access, refused)
+    reading = [page.route(one) for one in ROUTES if one.reads]
+
+    def is_readable(scope: Scope) -> bool:
+        return any(one.matches(scope)[0] is Match.FULL for one in reading)
+
     app = Starlette(routes=page.routes(), exception_handlers={404: page.not_found})
-    return AccessMiddleware(app, access, refused)
+    return AccessMiddleware(app, access, refused, is_readable)

@@ -13,13 +13,14 @@ from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseComm
 from inercal.host.tasks import DEFAULT_OPTIONS, RunOptions
 from inercal.host.web import run_request, viewers
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
+from inercal.host.web.interface import COMMANDS
 from inercal.host.web.json_objects import (
     JsonObject,
     ambient_temperature,
     object_or_none,
     printable_line,
 )
-from inercal.host.web.message_history import MessageHistory, is_alarm
+from inercal.host.web.message_history import MessageHistory, ReceivedMessage, is_alarm
 from inercal.host.web.plans import Plan, Plans, filter_changes, require_filter_changes
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.runs import Runs, StoredRun
@@ -28,12 +29,6 @@ _MAX_NAME = 80  # largest number of characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s; a process must exit in this time after its end message
 _TIMER_MARGIN = 0.1  # s; a timer may fire too early by this time
 _MAX_NOTE = 400  # largest number of characters of a note
-_COMMANDS = ("pause", "go on", "abort")
-_MANUAL_COMMANDS = ("begin manual", "manual", "release")
-_OPERATOR_COMMANDS = (
-    *_COMMANDS, "start", "resume", "put away", "note", "mounted", *_MANUAL_COMMANDS,
-)  # fmt: skip
-COMMANDS = ("operate", "leave", "stop", *_OPERATOR_COMMANDS)
 
 
 class Hub:
@@ -82,6 +77,10 @@ class Hub:
         """Whether a run is active; it ends with its end message, even if the process still runs."""
         return self.run_process is not None and not self._end_published
 
+    def latest(self, kind: str) -> ReceivedMessage | None:
+        """Return the latest message of a kind about the run in view; None if there is none."""
+        return None if self._history is None else self._history.latest(kind)
+
     def add_viewer(
         self, version: str, browser: str, tab: str | None, client: viewers.Client
     ) -> viewers.Viewer | None:
@@ -122,12 +121,12 @@ class Hub:
         InputError
             The request is refused. The message states the reason.
         """
-        if asked.get("do") not in COMMANDS:
+        what = asked.get("do")
+        if not isinstance(what, str) or what not in COMMANDS:
             raise InputError(
                 f'the request has no known command in "do"; possible: {", ".join(COMMANDS)}'
             )
-        what: str = asked["do"]
-        if what in _OPERATOR_COMMANDS and not self.people.is_operator(viewer):
+        if not COMMANDS[what].everyone and not self.people.is_operator(viewer):
             raise InputError(f"only the operator may send {what!r}; become operator first")
         match what:
             case "operate":

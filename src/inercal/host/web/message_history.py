@@ -3,12 +3,21 @@
 import json
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
+from datetime import UTC, datetime
 from itertools import islice
+from typing import Any, NamedTuple
 
 from inercal.host.web.viewers import MAX_SAMPLES, SAMPLE_KINDS
 
 _MAX_ESTIMATES, _MAX_EVENTS, _MAX_TREND = 600, 500, 600
 _GROUP_SIZE = 20  # number of events, or of points in the trend, in a message
+
+
+class ReceivedMessage(NamedTuple):
+    """A message of a run, and the time at which it arrived (ISO 8601, UTC)."""
+
+    at: str
+    content: dict[str, Any]
 
 
 class MessageHistory:
@@ -24,6 +33,7 @@ class MessageHistory:
         self._keeps_trend = keeps_trend
         self._trend: deque[str] = deque(maxlen=_MAX_TREND)  # [time, angles, set angles]
         self._last: dict[str, str] = {}  # latest message of kinds without history
+        self._received: dict[str, str] = {}  # time of the latest message of each kind
         self._phase_is_newest = False
         self._estimates: list[str] = []
         self._estimate_count, self._stride = 0, 1
@@ -32,6 +42,7 @@ class MessageHistory:
 
     def add_message(self, kind: str, text: str) -> None:
         """Store a message as long as it is relevant."""
+        self._received[kind] = utc_now()
         match kind:
             case "samples" | "coarse":
                 self._samples[kind].append(text)
@@ -46,6 +57,12 @@ class MessageHistory:
                     self._phase_is_newest = kind == "phase"
                 if kind == "state" and self._keeps_trend:
                     self._trend.extend(_trend_point(text))
+
+    def latest(self, kind: str) -> ReceivedMessage | None:
+        """Return the latest message of a kind without history; None if there is none."""
+        if kind not in self._last:
+            return None
+        return ReceivedMessage(self._received[kind], json.loads(self._last[kind]))
 
     def present(self) -> Generator[tuple[str, str]]:
         """Yield kind and text of messages with the current state and the latest samples."""
@@ -81,6 +98,11 @@ class MessageHistory:
         if len(self._estimates) >= _MAX_ESTIMATES:
             self._estimates = self._estimates[::2]
             self._stride *= 2
+
+
+def utc_now() -> str:
+    """Return the present time, ISO 8601 in UTC, to the millisecond."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 def is_alarm(event: str) -> bool:
