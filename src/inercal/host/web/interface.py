@@ -10,6 +10,7 @@ from importlib.resources import files
 from inspect import cleandoc
 from typing import Any, NamedTuple
 
+from inercal.basics.documents import record_object
 from inercal.calibration.file_schema import CalibrationRecord
 
 READ_TOKEN = "readToken"
@@ -118,7 +119,10 @@ def openapi_description(page: type) -> dict[str, Any]:
         described = _websocket_object() if route.method == "WEBSOCKET" else _operation(route)
         method = "post" if route.method == "POST" else "get"
         paths.setdefault(route.path, {})[method] = about | described
-    calibration = CalibrationRecord.model_json_schema(ref_template=_SCHEMAS + "{model}")
+    # A default may be NaN, which JSON does not have.
+    calibration = record_object(
+        CalibrationRecord.model_json_schema(ref_template=_SCHEMAS + "{model}")
+    )
     schemas = calibration.pop("$defs") | {"CalibrationRecord": calibration}
     for record, fields in RECORDS.items():
         schemas[record] = {
