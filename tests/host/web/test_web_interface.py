@@ -23,6 +23,7 @@ from tests.host.web.test_web_page_messages import ANGLES, NAVIGATION
 from tests.host.web.test_web_page_messages import state as state_told
 from tests.refusals import refused
 from tests.store.calibration_generator import DRIFTING, content, write
+from tools.interface_page import DESCRIPTION, PAGE, description_text, interface_page
 from typer.testing import CliRunner
 from websockets.exceptions import InvalidStatus
 from websockets.frames import Frame, Opcode
@@ -180,6 +181,11 @@ def test_the_description_is_valid_openapi_and_has_every_command(told: Told):
     assert set(description["paths"]["/live"]["get"]["x-commands"]) == set(COMMANDS)
     paths = {path for _, path, _ in operations(description)}
     assert {"/api/setup", "/api/probe", "/api/filter", "/api/stop", "/live"} <= paths
+
+
+def test_the_pages_of_the_documentation_are_written_from_the_program_of_today():
+    assert PAGE.read_text(encoding="utf-8") == interface_page(), "run make interface"
+    assert DESCRIPTION.read_text(encoding="utf-8") == description_text(), "run make interface"
 
 
 def test_every_answer_is_as_described_and_in_no_cache(told: Told):
