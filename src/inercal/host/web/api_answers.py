@@ -41,20 +41,18 @@ def state_answer(hub: Hub) -> dict[str, Any]:
 def estimates_answer(hub: Hub) -> dict[str, Any]:
     """Return the latest estimates of the run in view."""
     phase, plan, live, end = map(hub.latest, ("phase", "plan", "estimates", "done"))
-    listed = plan.content.get("coefficients", []) if plan else []
-    known = {one["name"]: one for one in listed}
-    final = end.content.get("final") if end else None
-    if final is not None:
-        names, units, found = final["names"], final["units"], final
-    else:
-        names, units = list(known), [one["unit"] for one in listed]
-        found = live.content if live else {"values": [], "u2": []}
-    rows = zip(names, units, found["values"], found["u2"], strict=False)
-    source = end if final is not None else live
+    listed: list[dict[str, Any]] = plan.content.get("coefficients", []) if plan else []
+    known = {str(one["name"]): one for one in listed}
+    final: dict[str, Any] | None = end.content.get("final") if end else None
+    found: dict[str, Any] = final or (live.content if live else {"values": [], "u2": []})
+    names: list[str] = final["names"] if final else list(known)
+    units: list[str] = final["units"] if final else [one["unit"] for one in listed]
+    rows: Any = zip(names, units, found["values"], found["u2"], strict=False)
+    source = end if final else live
     return {
         "at": utc_now(),
         "run": phase.content["run"] if phase else None,
-        "source": "calibration" if final is not None else "live" if live else None,
+        "source": "calibration" if final else "live" if live else None,
         "received": source.at if source else None,
         "time": found.get("time"),
         "coverage_factor": COVERAGE,

@@ -143,7 +143,8 @@ def openapi_description(page: type) -> dict[str, Any]:
 
 def _operation(route: InterfaceRoute) -> dict[str, Any]:
     answer = route.answer
-    content = {kind: {} for kind in answer} if isinstance(answer, list) else _json(answer)
+    listed = isinstance(answer, list)
+    content: dict[str, Any] = {kind: {} for kind in answer} if listed else _json(answer)
     refusals = {
         status: {"description": words}
         for status, words in sorted((_REFUSALS | dict(route.refusals)).items())
