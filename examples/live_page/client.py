@@ -64,6 +64,8 @@ class PageClient:
         except HTTPError as error:
             with error:
                 words = error.read().decode(errors="replace").strip()
+            if error.headers.get_content_type() == "text/html":  # the form for a browser
+                words = "set INERCAL_READ_TOKEN to the read-only token of the server"
             raise RequestRefused(error.code, words) from None
 
     def get(self, path: str) -> Any:

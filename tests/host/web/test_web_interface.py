@@ -251,10 +251,12 @@ def test_the_client_says_in_one_line_what_is_refused(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ):
-    monkeypatch.setenv("INERCAL_READ_TOKEN", "wrong" * 4)
-    assert client.main([f"http://{own.served.host}"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "401" in line
+    for token in ("", "wrong" * 4):
+        monkeypatch.setenv("INERCAL_READ_TOKEN", token)
+        assert client.main([f"http://{own.served.host}"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "401" in line
+        assert "<" not in line
 
 
 def handshake(told: Told, headers: dict[str, str]) -> bytes:
