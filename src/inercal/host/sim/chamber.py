@@ -1,0 +1,187 @@
+"""A simulated temperature chamber: its air, and the case of a sensor in it.
+
+The air follows the set point with the time constant `lag`, but never faster than `ramp`. The case
+follows the air with the time constant `case_lag`. With the temperatures T of the air, T_s of the
+set point and T_c of the case:
+
+    dT/dt = (T_s - T) / lag, limited to ±ramp        dT_c/dt = (T - T_c) / case_lag
+
+Both equations are solved exactly between two readings, so the result does not depend on how often
+the chamber is read. After `stop`, with an open door, or after an alarm, the air goes to the
+temperature of the room instead.
+"""
+
+from collections.abc import Callable
+from math import exp, inf, nan
+from typing import NamedTuple
+
+from inercal.basics.closeable import Closeable
+from inercal.basics.errors import InputError
+from inercal.host.equipment import ChamberState
+from inercal.host.link import LinkLost
+from inercal.host.sim.faults import unknown_fault
+
+ZERO_CELSIUS = 273.15  # K
+_LIMITER_MARGIN = 10.0  # K above the highest set point, at which the limiter switches off
+_PASSIVE_FACTOR = 5.0  # a closed chamber that is off is this much slower than a controlled one
+FAULTS = ("door", "overtemperature", "sensor", "silent")
+
+
+class SimulatedChamber(Closeable):
+    """A simulated `inercal.host.equipment.Chamber`, in this process.
+
+    Parameters
+    ----------
+    time : callable
+        Function that returns the time, s.
+    start : float
+        Temperature of the air, of the case and of the room at the beginning, K.
+    ramp : float
+        Fastest change of the air temperature, K/s.
+    lag, case_lag : float
+        Time constants of the air and of the case, s.
+    low, high : float
+        Lowest and highest set point, K.
+    """
+
+    def __init__(
+        self,
+        time: Callable[[], float],
+        *,
+        start: float = 298.15,
+        ramp: float = 3 / 60,
+        lag: float = 120.0,
+        case_lag: float = 600.0,
+        low: float = 203.15,
+        high: float = 423.15,
+    ):
+        self.low, self.high = low, high
+        self.set_point: float | None = None
+        self.faults = set[str]()
+        self._time, self._last = time, time()
+        self._room, self._ramp, self._lag, self._case_lag = start, ramp, lag, case_lag
+        self._air = self._case = start
+        self._tripped = False
+
+    @property
+    def case_temperature(self) -> float:
+        """Temperature of the sensor's case, K."""
+        self._advance()
+        return self._case
+
+    def set_temperature(self, temperature: float) -> None:
+        """See `Chamber.set_temperature`."""
+        self._require_reply()
+        if not self.low <= temperature <= self.high:
+            raise InputError(
+                f"the simulated chamber cannot go to {temperature - ZERO_CELSIUS:.6g} °C; "
+                f"possible: {self.low - ZERO_CELSIUS:.6g} to {self.high - ZERO_CELSIUS:.6g} °C",
+                key="temperature",
+            )
+        self._advance()
+        self.set_point = temperature
+
+    def read(self) -> ChamberState:
+        """See `Chamber.read`."""
+        self._require_reply()
+        self._advance()
+        return ChamberState(
+            nan if "sensor" in self.faults else self._air, "door" in self.faults, self.alarms
+        )
+
+    @property
+    def alarms(self) -> tuple[str, ...]:
+        """Active alarms, as texts."""
+        failed = ("sensor failure",) if "sensor" in self.faults else ()
+        return (*failed, "over-temperature") if self._tripped else failed
+
+    def stop(self) -> None:
+        """See `Chamber.stop`."""
+        self._require_reply()
+        self._advance()
+        self.set_point = None
+
+    def close(self) -> None:
+        """See `Chamber.close`."""
+
+    def fault(self, words: str) -> None:
+        """Set a fault by its text, such as `door` or `sensor off`.
+
+        `door` opens the door. `overtemperature` makes the heater run until the limiter trips at
+        10 K above the highest set point; `overtemperature off` also resets the limiter. `sensor`
+        breaks the sensor of the air temperature, and `silent` swallows all replies.
+
+        Raises
+        ------
+        InputError
+            There is no such fault. The message lists the possible faults.
+        """
+        match words.split():
+            case [what, *state] if what in FAULTS and state in ([], ["on"], ["off"]):
+                self._advance()
+                if state != ["off"]:
+                    self.faults.add(what)
+                else:
+                    self.faults.discard(what)
+                    self._tripped = self._tripped and what != "overtemperature"
+            case _:
+                raise unknown_fault(words, f"{', '.join(FAULTS)}, then on or off")
+
+    def _require_reply(self) -> None:
+        if "silent" in self.faults:
+            raise LinkLost("the simulated chamber does not reply; end its fault silent")
+
+    def _advance(self) -> None:
+        """Let time pass up to the present."""
+        now = self._time()
+        passed, self._last = now - self._last, now
+        trip = self.high + _LIMITER_MARGIN
+        if "overtemperature" in self.faults and not self._tripped and "door" not in self.faults:
+            before = min(passed, max(trip - self._air, 0.0) / self._ramp)
+            self._follow(_Drive(inf, self._lag, self._ramp), before)
+            passed -= before
+            self._tripped = passed > 0 or self._air >= trip
+        self._follow(self._drive(), passed)
+
+    def _drive(self) -> "_Drive":
+        """Return what drives the air temperature now."""
+        if "door" in self.faults:
+            return _Drive(self._room, self._lag, inf)
+        if self.set_point is None or self.alarms:
+            return _Drive(self._room, _PASSIVE_FACTOR * self._lag, inf)
+        return _Drive(self.set_point, self._lag, self._ramp)
+
+    def _follow(self, drive: "_Drive", seconds: float) -> None:
+        """Let the air go to its goal for a time: first at the ramp, and then exponentially."""
+        if seconds <= 0:
+            return
+        off = drive.goal - self._air
+        beyond = abs(off) - drive.ramp * drive.lag
+        if beyond > 0:
+            rate = drive.ramp if off > 0 else -drive.ramp
+            ramped = min(seconds, beyond / drive.ramp)
+            behind = rate * self._case_lag
+            decay = exp(-ramped / self._case_lag)
+            self._case = (
+                self._air + rate * ramped - behind + (self._case - self._air + behind) * decay
+            )
+            self._air += rate * ramped
+            seconds -= ramped
+            off = drive.goal - self._air
+        if seconds > 0:
+            fast, slow = exp(-seconds / drive.lag), exp(-seconds / self._case_lag)
+            self._air = drive.goal - off * fast
+            mixed = (
+                seconds / self._case_lag * fast
+                if drive.lag == self._case_lag
+                else drive.lag / (drive.lag - self._case_lag) * (fast - slow)
+            )
+            self._case = drive.goal - (drive.goal - self._case) * slow - off * mixed
+
+
+class _Drive(NamedTuple):
+    """The goal of the air temperature, K, its time constant, s, and its fastest change, K/s."""
+
+    goal: float
+    lag: float
+    ramp: float
