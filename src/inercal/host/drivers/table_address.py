@@ -49,9 +49,11 @@ class TableAddress:
     def __str__(self) -> str:
         return self.text
 
-    def take(self, key: str, example: str) -> str:
-        """Return the text of a parameter; `example` is shown if the address does not have it."""
+    def take(self, key: str, example: str, default: str | None = None) -> str:
+        """Return the text of a parameter, or `default`; without one, the error shows `example`."""
         if key not in self._left:
+            if default is not None:
+                return default
             raise InputError(f"{self.text!r} has no parameter {key}; add it, such as {example}")
         return self._left.pop(key)
 

@@ -12,16 +12,17 @@ temperature of the room instead.
 """
 
 from collections.abc import Callable
-from math import exp, inf, nan
+from math import exp, inf, isfinite, nan
+from time import monotonic
 from typing import NamedTuple
 
 from inercal.basics.closeable import Closeable
 from inercal.basics.errors import InputError
+from inercal.basics.units import ZERO_CELSIUS
 from inercal.host.equipment import ChamberState
 from inercal.host.link import LinkLost
-from inercal.host.sim.faults import unknown_fault
+from inercal.host.sim.faults import parse_number, unknown_fault
 
-ZERO_CELSIUS = 273.15  # K
 _LIMITER_MARGIN = 10.0  # K above the highest set point, at which the limiter switches off
 _PASSIVE_FACTOR = 5.0  # a closed chamber that is off is this much slower than a controlled one
 FAULTS = ("door", "overtemperature", "sensor", "silent")
@@ -177,6 +178,23 @@ class SimulatedChamber(Closeable):
                 else drive.lag / (drive.lag - self._case_lag) * (fast - slow)
             )
             self._case = drive.goal - (drive.goal - self._case) * slow - off * mixed
+
+
+def open_simulated(
+    address: str, timeout: float = 1.0, time: Callable[[], float] | None = None
+) -> SimulatedChamber:
+    """Return a new chamber in this process for the address `sim`, or `sim:?pace=60`.
+
+    `time` is the time of a simulated bench, s. Without it, time passes `pace` times as fast as wall
+    time.
+    """
+    scheme, _, given = address.partition(":")
+    pace = parse_number(given.removeprefix("?pace=")) if given else 1.0
+    if scheme.lower() != "sim" or not (pace > 0 and isfinite(pace)):
+        raise InputError(
+            f"{address!r} is not the address of a simulated chamber; possible: sim, sim:?pace=60"
+        )
+    return SimulatedChamber(time or (lambda: pace * monotonic()))
 
 
 class _Drive(NamedTuple):
