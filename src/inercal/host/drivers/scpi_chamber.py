@@ -17,7 +17,8 @@ door is open, or while there is an alarm.
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from math import isfinite, nan
 from string import Formatter
 from typing import NamedTuple
@@ -26,12 +27,12 @@ from inercal.basics.closeable import Closeable, on_failure
 from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.host.drivers.rotary_table import ProtocolError, stop_with_retry
-from inercal.host.drivers.table_address import TableAddress
+from inercal.host.drivers.table_address import TableAddress, address_parameters
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.equipment import ChamberState
-from inercal.host.link import Link, open_link
 
 _NUMBER = r"[+-]?\d{1,6}(?:\.\d{0,9})?(?:[Ee][+-]?\d{1,2})?"
+_MOST = 64  # largest number of an output
 
 
 class Exchange(NamedTuple):
@@ -42,10 +43,7 @@ class Exchange(NamedTuple):
 
 
 class Flag(NamedTuple):
-    """A query with two possible replies: one if all is well, and one if not.
-
-    It is only used if the address has all the parameters in the query.
-    """
+    """A query whose reply is `good` or `bad`, for an address with the parameters in the query."""
 
     query: str
     good: str
@@ -63,53 +61,49 @@ class ChamberDialect(NamedTuple):
         Default TCP port.
     ending : str
         End of each line and reply, one character.
-    required, optional : mapping of str to int
-        Largest numbers of the address's parameters, in addition to `low` and `high`.
+    required, optional : tuple of str
+        Parameters of the address that are numbers from 1, in addition to `low` and `high`.
     begin : Exchange
-        Sent after the connection is opened.
+        Sent after the connection is opened, and before each other request.
     temperature : Exchange
         Query of the air temperature.
     go, stop : Exchange
         Commands that go to a set point, and that end heating and cooling.
-    alarms : mapping of str to Flag
-        Queries of alarms, by the text of the alarm.
     door : Flag
-        Query of the door.
-    sensor_alarm : str
-        Alarm during which the temperature has no meaning.
+        Query of the door; `bad` means open.
+    alarms : mapping of str to Flag
+        Queries of alarms, by the text of the alarm. During a "sensor failure", the temperature has
+        no meaning.
     """
 
     port: int
     ending: str
-    required: Mapping[str, int]
-    optional: Mapping[str, int]
+    required: tuple[str, ...]
+    optional: tuple[str, ...]
     begin: Exchange
     temperature: Exchange
     go: Exchange
     stop: Exchange
-    alarms: Mapping[str, Flag]
     door: Flag
-    sensor_alarm: str = "sensor failure"
+    alarms: Mapping[str, Flag]
 
 
+_SWITCH = "\n:OUTPUT{output}:STATE ON\n:OUTPUT{output}:STATE?"
 DIALECTS = {
     "f4t": ChamberDialect(
         port=5025,
         ending="\n",
-        required={"output": 8},
-        optional={"door": 8, "alarm": 8},
+        required=("output",),
+        optional=("door", "alarm"),
         begin=Exchange(":UNIT:TEMPERATURE C\n:UNIT:TEMPERATURE?", "C"),
         temperature=Exchange(":SOURCE:CLOOP1:PVALUE?", f"(?P<value>{_NUMBER})"),
-        go=Exchange(
-            ":SOURCE:CLOOP1:SPOINT {celsius:.3f}\n:OUTPUT{output}:STATE ON\n:OUTPUT{output}:STATE?",
-            "ON",
-        ),
+        go=Exchange(":SOURCE:CLOOP1:SPOINT {celsius:.3f}" + _SWITCH, "ON"),
         stop=Exchange(":OUTPUT{output}:STATE OFF\n:OUTPUT{output}:STATE?", "OFF"),
+        door=Flag(":OUTPUT{door}:STATE?", "OFF", "ON"),
         alarms={
             "sensor failure": Flag(":SOURCE:CLOOP1:ERROR?", "NONE", "ERROR"),
             "chamber alarm": Flag(":OUTPUT{alarm}:STATE?", "OFF", "ON"),
         },
-        door=Flag(":OUTPUT{door}:STATE?", "OFF", "ON"),
     ),
 }
 
@@ -124,12 +118,10 @@ class ScpiChamber(Closeable):
     dialect : ChamberDialect
     low, high : float
         Lowest and highest set point, K.
-    parameters : mapping of str to str
+    parameters : mapping of str to int
         Values of the dialect's parameters.
     timeout : float
         Longest time to wait for a reply, s.
-    opener : callable
-        Function that opens a link to an address; tests replace it.
     """
 
     def __init__(
@@ -138,13 +130,11 @@ class ScpiChamber(Closeable):
         dialect: ChamberDialect,
         low: float,
         high: float,
-        parameters: Mapping[str, str],
+        parameters: Mapping[str, int],
         timeout: float = 1.0,
-        opener: Callable[[str], Link] = open_link,
     ):
-        self._dialect, self._parameters = dialect, dict(parameters)
-        self.low, self.high = low, high
-        self._dialogue = TextDialogue(link, dialect.ending.encode(), timeout, opener)
+        self._dialect, self._parameters, self.low, self.high = dialect, parameters, low, high
+        self._dialogue = TextDialogue(link, dialect.ending.encode(), timeout)
         with on_failure(self.close):
             self._ask(dialect.begin)
 
@@ -159,11 +149,10 @@ class ScpiChamber(Closeable):
         """See `Chamber.read`."""
         self._ask(self._dialect.begin)
         alarms = tuple(text for text, flag in self._dialect.alarms.items() if self._is_bad(flag))
-        door = self._is_bad(self._dialect.door)
-        if self._dialect.sensor_alarm in alarms:
-            return ChamberState(nan, door, alarms)
-        value = float(self._ask(self._dialect.temperature)["value"])
-        return ChamberState(value + ZERO_CELSIUS, door, alarms)
+        value = nan
+        if "sensor failure" not in alarms:
+            value = float(self._ask(self._dialect.temperature)["value"]) + ZERO_CELSIUS
+        return ChamberState(value, self._is_bad(self._dialect.door), alarms)
 
     def stop(self) -> None:
         """See `Chamber.stop`; the command is sent even if an earlier reply is missing."""
@@ -174,11 +163,10 @@ class ScpiChamber(Closeable):
         self._dialogue.close()
 
     def _is_bad(self, flag: Flag) -> bool | None:
-        """Return whether a flag is bad; None if the address has no parameter for its query."""
-        if not all(key in self._parameters for _, key, *_ in Formatter().parse(flag.query) if key):
+        """Return whether a flag is bad; None if the address lacks a parameter in its query."""
+        if not {key for _, key, *_ in Formatter().parse(flag.query) if key} <= {*self._parameters}:
             return None
-        said = self._ask(Exchange(flag.query, f"(?P<word>{flag.good}|{flag.bad})"))["word"]
-        return re.fullmatch(flag.good, said) is None
+        return self._ask(Exchange(flag.query, f"{flag.good}|{flag.bad}"))[0] == flag.bad
 
     def _ask(self, exchange: Exchange, *, urgent: bool = False, **values: float) -> re.Match[str]:
         """Send text, and return its reply; raises `ProtocolError` if it is not as expected."""
@@ -206,31 +194,21 @@ def require_reachable(address: str, temperature: float, low: float, high: float)
 
 def open_scpi_chamber(address: str, timeout: float) -> ScpiChamber:
     """Open the chamber at an address; see the module docstring and `open_chamber`."""
-    example = "scpi-chamber://HOST?output=1&low=-40&high=130"
-    name = TableAddress(address, example).take("dialect", "dialect=f4t", "f4t")
+    name = address_parameters(address).get("dialect", "f4t")
     if (dialect := DIALECTS.get(name)) is None:
         raise InputError(f"no dialect {name!r} in {address!r}; possible: {', '.join(DIALECTS)}")
-    at = TableAddress(address, example, dialect.port)
-    at.take("dialect", "dialect=f4t", name)
-    low, high = (_kelvin(at, key, example) for key, example in (("low", "-40"), ("high", "130")))
-    if not low < high:
-        raise InputError(f"low is not below high in {address!r}; give both in °C: {example}")
-    parameters = {key: at.take(key, f"{key}=1") for key in dialect.required}
-    parameters |= {key: text for key in dialect.optional if (text := at.take(key, "", ""))}
-    for key, text in parameters.items():
-        most = {**dialect.required, **dialect.optional}[key]
-        if not (re.fullmatch("[1-9][0-9]?", text) and int(text) <= most):
-            raise InputError(f"{key}={text!r} in {address!r}; possible: 1 to {most}", key=key)
+    at = TableAddress(address, "scpi-chamber://HOST?output=1&low=-40&high=130", dialect.port)
+    at.take("dialect", "", name)
+    low, high = (_limit(at, key, example) for key, example in (("low", -40), ("high", 130)))
+    parameters = {key: at.number(key, _MOST) for key in dialect.required}
+    parameters |= {key: n for key in dialect.optional if (n := at.number(key, _MOST, 0))}
     return ScpiChamber(at.link(), dialect, low, high, parameters, timeout)
 
 
-def _kelvin(address: TableAddress, key: str, example: str) -> float:
+def _limit(address: TableAddress, key: str, example: int) -> float:
     """Return a temperature in °C from an address, in K."""
     text = address.take(key, f"{key}={example}")
-    try:
-        value = float(text) + ZERO_CELSIUS
-    except ValueError:
-        value = nan
-    if not (isfinite(value) and value > 0):
-        raise InputError(f"{key}={text!r} in {str(address)!r}; give °C: {key}={example}", key=key)
-    return value
+    with suppress(ValueError):
+        if isfinite(value := float(text)):
+            return value + ZERO_CELSIUS
+    raise InputError(f"{key}={text!r} in {str(address)!r}; give °C: {key}={example}", key=key)

@@ -57,6 +57,15 @@ class TableAddress:
             raise InputError(f"{self.text!r} has no parameter {key}; add it, such as {example}")
         return self._left.pop(key)
 
+    def number(self, key: str, most: int, default: int | None = None) -> int:
+        """Return the whole number in a parameter, 1 to `most`, or `default`."""
+        text = self.take(key, f"{key}=1", "" if default is None else str(default))
+        if text == str(default):
+            return int(text)
+        if not (re.fullmatch("[1-9][0-9]{0,3}", text) and int(text) <= most):
+            raise InputError(f"{key}={text!r} in {self.text!r}; possible: 1 to {most}", key=key)
+        return int(text)
+
     def axis_numbers(self, key: str, most: int) -> list[int]:
         """Return the axis numbers in a parameter: 1 to `most`, and each at most once."""
         text = self.take(key, f"{key}=1,2,3")

@@ -24,21 +24,21 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from inercal.basics.closeable import Closeable, on_failure
-from inercal.basics.errors import InputError, require_extra
+from inercal.basics.errors import require_extra
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.host.drivers.rotary_table import ProtocolError, stop_with_retry
 from inercal.host.drivers.scpi_chamber import require_reachable
 from inercal.host.drivers.table_address import TableAddress
 from inercal.host.equipment import ChamberState
-from inercal.host.link import LinkLost, connect_socket, host_and_port
+from inercal.host.link import CONNECT_TIMEOUT, LinkLost, connect_socket, host_and_port
 
 LOW_LIMIT, HIGH_LIMIT, SET_POINT, MODE, TEMPERATURE = 2774, 2776, 2782, 2730, 2820
 UNIT, ALARM, ALARM_STEP = 6730, 1356, 100
 EVENTS = (16594, 16596, 16598, 16600, 16822, 16824, 16826, 16828)
 OFF, ON, AUTOMATIC, FAHRENHEIT, CELSIUS = 62, 63, 10, 30, 15
 NO_ALARM = (88, 61, 12)
-_EXAMPLE = "watlow-f4t://HOST?event=1&door=8&alarms=6"
 _MOST_ALARMS = 14
+_CHECK_DATA_MAP = "check that its data map is F4T, and the numbers in the address"
 
 
 class WatlowF4t(Closeable):
@@ -59,10 +59,10 @@ class WatlowF4t(Closeable):
 
     Raises
     ------
-    InputError
+    MissingExtra
         pymodbus is not installed.
     LinkLost, ProtocolError
-        Nothing answers, or the device is not a F4T.
+        Nothing answers, or the device is not an F4T.
     """
 
     def __init__(
@@ -79,12 +79,6 @@ class WatlowF4t(Closeable):
         self._client = ModbusTcpClient(place[0], port=place[1], timeout=timeout, retries=0)
         with on_failure(self.close):
             self.low, self.high = self._read_kelvin(LOW_LIMIT), self._read_kelvin(HIGH_LIMIT)
-            if not self.low < self.high:
-                raise ProtocolError(
-                    f"{address}: the limits of the set point are {self.low:.6g} K and "
-                    f"{self.high:.6g} K; check that the data map of the controller is F4T, and the "
-                    "order of its words is low, high"
-                )
 
     def set_temperature(self, temperature: float) -> None:
         """See `Chamber.set_temperature`."""
@@ -100,16 +94,13 @@ class WatlowF4t(Closeable):
     def read(self) -> ChamberState:
         """See `Chamber.read`."""
         states = [self._read(ALARM + ALARM_STEP * n) for n in range(self._alarms)]
-        alarms = tuple(
-            f"alarm {n} (state {state})"
-            for n, state in enumerate(states, start=1)
-            if state not in NO_ALARM
-        )
+        alarms = [f"alarm {n} (state {s})" for n, s in enumerate(states, 1) if s not in NO_ALARM]
         temperature = self._read_kelvin(TEMPERATURE)
         if not isfinite(temperature):
-            temperature, alarms = nan, (*alarms, "sensor failure")
+            temperature = nan
+            alarms.append("sensor failure")
         door = self._read(EVENTS[self._door - 1]) == ON if self._door else None
-        return ChamberState(temperature, door, alarms)
+        return ChamberState(temperature, door, tuple(alarms))
 
     def stop(self) -> None:
         """See `Chamber.stop`; the loop is switched off, and then the event."""
@@ -129,8 +120,7 @@ class WatlowF4t(Closeable):
         unit = self._read(UNIT)
         if unit not in (FAHRENHEIT, CELSIUS):
             raise ProtocolError(
-                f"{self.address}: register {UNIT} is {unit}, not {CELSIUS} (°C) or {FAHRENHEIT} "
-                "(°F); check that the data map of the controller is F4T"
+                f"{self.address}: {unit} in register {UNIT} is not a unit; {_CHECK_DATA_MAP}"
             )
         return unit == FAHRENHEIT
 
@@ -153,34 +143,26 @@ class WatlowF4t(Closeable):
 
         with on_failure(self._client.close, ProtocolError, LinkLost):
             if self._client.socket is None:
-                timeout = self._client.comm_params.timeout_connect
-                self._client.socket = connect_socket(self.address, self._place, timeout)
+                self._client.socket = connect_socket(self.address, self._place, CONNECT_TIMEOUT)
             try:
                 reply = getattr(self._client, what)(register, **arguments)
-            except ModbusException as error:
-                raise ProtocolError(
+            except (ModbusException, OSError) as error:
+                raise LinkLost(
                     f"{self.address}: no reply for register {register}: {error}; check the cable "
-                    "and the power of the controller"
+                    "and the power of the controller",
+                    names=(self.address,),
                 ) from error
             count = arguments.get("count")
             if reply.isError() or (count and len(reply.registers) != count):
                 raise ProtocolError(
-                    f"{self.address}: the controller refused register {register} ({reply}); check "
-                    "that its data map is F4T, and that it has the alarms and events in the address"
+                    f"{self.address}: the controller refused register {register}; {_CHECK_DATA_MAP}"
                 )
         return reply
 
 
 def open_watlow_f4t(address: str, timeout: float) -> WatlowF4t:
     """Open the chamber at an address, such as `watlow-f4t://10.0.0.7?event=1`; see `WatlowF4t`."""
-    at = TableAddress(address, _EXAMPLE, 502)
-    event, door = (_number(at, key, 0, len(EVENTS)) for key in ("event", "door"))
-    alarms = _number(at, "alarms", 6, _MOST_ALARMS)
+    at = TableAddress(address, "watlow-f4t://HOST?event=1&door=8&alarms=6", 502)
+    event, door = (at.number(key, len(EVENTS), 0) for key in ("event", "door"))
+    alarms = at.number("alarms", _MOST_ALARMS, 6)
     return WatlowF4t(at.tcp(), timeout, event, door, alarms)
-
-
-def _number(address: TableAddress, key: str, default: int, most: int) -> int:
-    text = address.take(key, f"{key}=1", str(default))
-    if not (text.isascii() and text.isdigit() and int(text) <= most):
-        raise InputError(f"{key}={text!r} in {str(address)!r}; possible: 0 to {most}", key=key)
-    return int(text)

@@ -9,7 +9,6 @@ Run it as `python -m inercal.host.sim.scpi_chamber --port 5025 --pace 60`.
 from argparse import ArgumentParser
 from math import isfinite, isnan
 
-from inercal.basics.errors import InputError
 from inercal.basics.units import ZERO_CELSIUS
 from inercal.host.sim.chamber import SimulatedChamber
 from inercal.host.sim.dynamics import LineSession
@@ -17,29 +16,23 @@ from inercal.host.sim.faults import parse_number
 from inercal.host.sim.server import add_pace_option, selected_pace, serve
 
 
-class SimulatedScpiChamber:
-    """A `server.Device` that controls a `SimulatedChamber`.
-
-    Parameters
-    ----------
-    options
-        Keyword arguments of `SimulatedChamber`.
+class SimulatedScpiChamber(SimulatedChamber):
+    """A `server.Device`; the keyword arguments are those of `SimulatedChamber`.
 
     Attributes
     ----------
     time : float
         Bench time, s.
-    chamber : SimulatedChamber
     """
 
     def __init__(self, **options: float):
         self.time = 0.0
-        self.chamber = SimulatedChamber(lambda: self.time, **options)
-        self._unit, self._set_point, self._on = "F", self.chamber.read().temperature, False
+        super().__init__(lambda: self.time, **options)
+        self._unit, self._is_on, self._goal = "F", False, self.read().temperature
 
     def driver_address(self, link: str) -> str:
         """Return the address with which a driver opens this chamber, which is served at a link."""
-        ends = (f"{end - ZERO_CELSIUS:.6g}" for end in (self.chamber.low, self.chamber.high))
+        ends = (f"{end - ZERO_CELSIUS:.6g}" for end in (self.low, self.high))
         return "scpi-chamber:{}?output=1&low={}&high={}&door=8&alarm=7".format(
             link.removeprefix("tcp:"), *ends
         )
@@ -52,58 +45,35 @@ class SimulatedScpiChamber:
         """Return the controller's side of a new connection."""
         return LineSession(b"\n", self._answer_line)
 
-    def fault(self, words: str) -> None:
-        """Set a fault of the chamber; see `SimulatedChamber.fault`."""
-        self.chamber.fault(words)
-
     def _answer_line(self, line: str) -> str:
-        if "silent" in self.chamber.faults:
+        if "silent" in self.faults:
             return ""
-        reply = self._reply(line.upper().split())
-        return "" if reply is None else f"{reply}\n"
-
-    def _reply(self, words: list[str]) -> str | None:
-        match words:
-            case ["*IDN?"]:
-                return "inercal,simulated F4T"
+        state, celsius = self.read(), self._unit == "C"
+        match line.upper().split():
             case [":UNIT:TEMPERATURE?"]:
-                return self._unit
+                return f"{self._unit}\n"
+            case [":SOURCE:CLOOP1:PVALUE?"]:
+                value = state.temperature - ZERO_CELSIUS
+                return f"{value if celsius else 1.8 * value + 32:.4f}\n"
+            case [":SOURCE:CLOOP1:ERROR?"]:
+                return "ERROR\n" if isnan(state.temperature) else "NONE\n"
+            case [":OUTPUT1:STATE?" | ":OUTPUT7:STATE?" | ":OUTPUT8:STATE?" as query]:
+                flags = {"1": self._is_on, "7": state.alarms, "8": state.door_open}
+                return "ON\n" if flags[query[7]] else "OFF\n"
             case [":UNIT:TEMPERATURE", "C" | "F" as unit]:
                 self._unit = unit
-            case [":SOURCE:CLOOP1:PVALUE?"]:
-                return self._shown(self.chamber.read().temperature)
-            case [":SOURCE:CLOOP1:SPOINT?"]:
-                return self._shown(self._set_point)
-            case [":SOURCE:CLOOP1:ERROR?"]:
-                return "ERROR" if isnan(self.chamber.read().temperature) else "NONE"
             case [":SOURCE:CLOOP1:SPOINT", text] if isfinite(value := parse_number(text)):
-                value = value if self._unit == "C" else (value - 32) / 1.8
-                self._set_point = value + ZERO_CELSIUS
-                self._control()
-            case [":OUTPUT1:STATE", "ON" | "OFF" as state]:
-                self._on = state == "ON"
-                self._control()
-            case [":OUTPUT1:STATE?"]:
-                return "ON" if self._on else "OFF"
-            case [":OUTPUT7:STATE?"]:
-                return "ON" if self.chamber.read().alarms else "OFF"
-            case [":OUTPUT8:STATE?"]:
-                return "ON" if self.chamber.read().door_open else "OFF"
+                goal = (value if celsius else (value - 32) / 1.8) + ZERO_CELSIUS
+                self._goal = min(max(goal, self.low), self.high)
+            case [":OUTPUT1:STATE", "ON" | "OFF" as output]:
+                self._is_on = output == "ON"
             case _:
-                pass
-        return None
-
-    def _shown(self, kelvin: float) -> str:
-        celsius = kelvin - ZERO_CELSIUS
-        return f"{celsius if self._unit == 'C' else 1.8 * celsius + 32:.4f}"
-
-    def _control(self) -> None:
-        low, high = self.chamber.low, self.chamber.high
-        self._set_point = min(max(self._set_point, low), high)
-        if self._on:
-            self.chamber.set_temperature(self._set_point)
+                return ""
+        if self._is_on:
+            self.set_temperature(self._goal)
         else:
-            self.chamber.stop()
+            self.stop()
+        return ""
 
 
 def main() -> None:
