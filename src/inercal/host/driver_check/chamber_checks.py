@@ -5,6 +5,7 @@ The chamber is sent 3 K up and down, for which a slow one needs some minutes of 
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from math import inf, nan
 
 from inercal.basics.units import ZERO_CELSIUS
@@ -66,11 +67,8 @@ def limits(probe: ChamberProbe) -> str:
     with probe.open() as chamber:
         probe.relay.wait_for_bytes(probe.timeout)
         for temperature in impossible:
-            require_refused(
-                probe,
-                f"a set point of {temperature:g} K",
-                lambda kelvin=temperature: chamber.set_temperature(kelvin),
-            )
+            go = partial(chamber.set_temperature, temperature)
+            require_refused(probe, f"a set point of {temperature:g} K", go)
     return f"{len(impossible)} impossible set points refused"
 
 

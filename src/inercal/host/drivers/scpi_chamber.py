@@ -20,7 +20,6 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from math import isfinite, nan
-from string import Formatter
 from typing import NamedTuple
 
 from inercal.basics.closeable import Closeable, on_failure
@@ -36,24 +35,18 @@ _MOST = 64  # largest number of an output
 
 
 class Exchange(NamedTuple):
-    """Text that is sent, and the pattern of its only reply; `value` names the number in it."""
+    """Text that is sent, and the pattern of its only reply.
+
+    The parameters of the address are filled in, and `{celsius}` is the set point. In the pattern,
+    the group `value` is a number, and the group `bad` is the word for an alarm or an open door.
+    """
 
     text: str
     reply: str
 
 
-class Flag(NamedTuple):
-    """A query whose reply is `good` or `bad`, for an address with the parameters in the query."""
-
-    query: str
-    good: str
-    bad: str
-
-
 class ChamberDialect(NamedTuple):
     """The commands of a kind of controller.
-
-    In each text, the parameters of the address are filled in, and `{celsius}` is the set point.
 
     Parameters
     ----------
@@ -61,31 +54,32 @@ class ChamberDialect(NamedTuple):
         Default TCP port.
     ending : str
         End of each line and reply, one character.
-    required, optional : tuple of str
-        Parameters of the address that are numbers from 1, in addition to `low` and `high`.
+    parameters : mapping of str to bool
+        Parameters of the address in addition to `low` and `high`, which are numbers from 1, and
+        whether they are required. A query of the door or of an alarm is only used if the address
+        has its parameter.
     begin : Exchange
-        Sent after the connection is opened, and before each other request.
+        Sent after the connection is opened, and before other requests.
     temperature : Exchange
         Query of the air temperature.
     go, stop : Exchange
         Commands that go to a set point, and that end heating and cooling.
-    door : Flag
-        Query of the door; `bad` means open.
-    alarms : mapping of str to Flag
+    door : Exchange
+        Query of the door.
+    alarms : mapping of str to Exchange
         Queries of alarms, by the text of the alarm. During a "sensor failure", the temperature has
         no meaning.
     """
 
     port: int
     ending: str
-    required: tuple[str, ...]
-    optional: tuple[str, ...]
+    parameters: Mapping[str, bool]
     begin: Exchange
     temperature: Exchange
     go: Exchange
     stop: Exchange
-    door: Flag
-    alarms: Mapping[str, Flag]
+    door: Exchange
+    alarms: Mapping[str, Exchange]
 
 
 _SWITCH = "\n:OUTPUT{output}:STATE ON\n:OUTPUT{output}:STATE?"
@@ -93,16 +87,15 @@ DIALECTS = {
     "f4t": ChamberDialect(
         port=5025,
         ending="\n",
-        required=("output",),
-        optional=("door", "alarm"),
+        parameters={"output": True, "door": False, "alarm": False},
         begin=Exchange(":UNIT:TEMPERATURE C\n:UNIT:TEMPERATURE?", "C"),
         temperature=Exchange(":SOURCE:CLOOP1:PVALUE?", f"(?P<value>{_NUMBER})"),
         go=Exchange(":SOURCE:CLOOP1:SPOINT {celsius:.3f}" + _SWITCH, "ON"),
         stop=Exchange(":OUTPUT{output}:STATE OFF\n:OUTPUT{output}:STATE?", "OFF"),
-        door=Flag(":OUTPUT{door}:STATE?", "OFF", "ON"),
+        door=Exchange(":OUTPUT{door}:STATE?", "OFF|(?P<bad>ON)"),
         alarms={
-            "sensor failure": Flag(":SOURCE:CLOOP1:ERROR?", "NONE", "ERROR"),
-            "chamber alarm": Flag(":OUTPUT{alarm}:STATE?", "OFF", "ON"),
+            "sensor failure": Exchange(":SOURCE:CLOOP1:ERROR?", "NONE|(?P<bad>ERROR)"),
+            "chamber alarm": Exchange(":OUTPUT{alarm}:STATE?", "OFF|(?P<bad>ON)"),
         },
     ),
 }
@@ -116,24 +109,18 @@ class ScpiChamber(Closeable):
     link : str
         Address of the link, such as `tcp://10.0.0.7:5025`.
     dialect : ChamberDialect
-    low, high : float
-        Lowest and highest set point, K.
-    parameters : mapping of str to int
-        Values of the dialect's parameters.
+    given : mapping of str to float
+        Values of the dialect's parameters, and the lowest and highest set point `low` and `high`,
+        °C.
     timeout : float
         Longest time to wait for a reply, s.
     """
 
     def __init__(
-        self,
-        link: str,
-        dialect: ChamberDialect,
-        low: float,
-        high: float,
-        parameters: Mapping[str, int],
-        timeout: float = 1.0,
+        self, link: str, dialect: ChamberDialect, given: Mapping[str, float], timeout: float
     ):
-        self._dialect, self._parameters, self.low, self.high = dialect, parameters, low, high
+        self._dialect, self._given = dialect, given
+        self.low, self.high = given["low"] + ZERO_CELSIUS, given["high"] + ZERO_CELSIUS
         self._dialogue = TextDialogue(link, dialect.ending.encode(), timeout)
         with on_failure(self.close):
             self._ask(dialect.begin)
@@ -148,7 +135,7 @@ class ScpiChamber(Closeable):
     def read(self) -> ChamberState:
         """See `Chamber.read`."""
         self._ask(self._dialect.begin)
-        alarms = tuple(text for text, flag in self._dialect.alarms.items() if self._is_bad(flag))
+        alarms = tuple(text for text, query in self._dialect.alarms.items() if self._is_bad(query))
         value = nan
         if "sensor failure" not in alarms:
             value = float(self._ask(self._dialect.temperature)["value"]) + ZERO_CELSIUS
@@ -162,15 +149,15 @@ class ScpiChamber(Closeable):
         """Close the connection; the chamber continues."""
         self._dialogue.close()
 
-    def _is_bad(self, flag: Flag) -> bool | None:
-        """Return whether a flag is bad; None if the address lacks a parameter in its query."""
-        if not {key for _, key, *_ in Formatter().parse(flag.query) if key} <= {*self._parameters}:
-            return None
-        return self._ask(Exchange(flag.query, f"{flag.good}|{flag.bad}"))[0] == flag.bad
+    def _is_bad(self, query: Exchange) -> bool | None:
+        """Return whether a reply is bad; None if the address lacks a parameter of the query."""
+        with suppress(KeyError):
+            return self._ask(query)["bad"] is not None
+        return None
 
     def _ask(self, exchange: Exchange, *, urgent: bool = False, **values: float) -> re.Match[str]:
         """Send text, and return its reply; raises `ProtocolError` if it is not as expected."""
-        text = exchange.text.format(**self._parameters, **values)
+        text = exchange.text.format(**self._given, **values)
         text = text.replace("\n", self._dialect.ending) + self._dialect.ending
         reply = self._dialogue.ask(text.encode(), urgent=urgent)
         if not (found := re.fullmatch(exchange.reply, reply, re.ASCII)):
@@ -199,16 +186,16 @@ def open_scpi_chamber(address: str, timeout: float) -> ScpiChamber:
         raise InputError(f"no dialect {name!r} in {address!r}; possible: {', '.join(DIALECTS)}")
     at = TableAddress(address, "scpi-chamber://HOST?output=1&low=-40&high=130", dialect.port)
     at.take("dialect", "", name)
-    low, high = (_limit(at, key, example) for key, example in (("low", -40), ("high", 130)))
-    parameters = {key: at.number(key, _MOST) for key in dialect.required}
-    parameters |= {key: n for key in dialect.optional if (n := at.number(key, _MOST, 0))}
-    return ScpiChamber(at.link(), dialect, low, high, parameters, timeout)
+    given = {key: _celsius(at, key, example) for key, example in (("low", -40), ("high", 130))}
+    for key, is_required in dialect.parameters.items():
+        if number := at.number(key, _MOST, None if is_required else 0):
+            given[key] = number
+    return ScpiChamber(at.link(), dialect, given, timeout)
 
 
-def _limit(address: TableAddress, key: str, example: int) -> float:
-    """Return a temperature in °C from an address, in K."""
+def _celsius(address: TableAddress, key: str, example: int) -> float:
     text = address.take(key, f"{key}={example}")
     with suppress(ValueError):
         if isfinite(value := float(text)):
-            return value + ZERO_CELSIUS
+            return value
     raise InputError(f"{key}={text!r} in {str(address)!r}; give °C: {key}={example}", key=key)

@@ -19,6 +19,7 @@ must be "F4T"; with "F4 compatibility", the registers have other meanings.
 """
 
 import logging
+from collections.abc import Callable
 from math import isfinite, nan
 from typing import Any
 from urllib.parse import urlsplit
@@ -86,7 +87,7 @@ class WatlowF4t(Closeable):
         celsius = temperature - ZERO_CELSIUS
         value = 1.8 * celsius + 32 if self._is_fahrenheit() else celsius
         words = self._client.convert_to_registers(value, self._client.DATATYPE.FLOAT32, "little")
-        self._request("write_registers", SET_POINT, values=words)
+        self._request(self._client.write_registers, SET_POINT, values=words)
         self._write(MODE, AUTOMATIC)
         if self._event:
             self._write(EVENTS[self._event - 1], ON)
@@ -125,19 +126,19 @@ class WatlowF4t(Closeable):
         return unit == FAHRENHEIT
 
     def _read_kelvin(self, register: int) -> float:
-        words = self._request("read_holding_registers", register, count=2).registers
+        words = self._request(self._client.read_holding_registers, register, count=2).registers
         value: Any = self._client.convert_from_registers(
             words, self._client.DATATYPE.FLOAT32, "little"
         )
         return ((value - 32) / 1.8 if self._is_fahrenheit() else value) + ZERO_CELSIUS
 
     def _read(self, register: int) -> int:
-        return self._request("read_holding_registers", register, count=1).registers[0]
+        return self._request(self._client.read_holding_registers, register, count=1).registers[0]
 
     def _write(self, register: int, value: int) -> None:
-        self._request("write_register", register, value=value)
+        self._request(self._client.write_register, register, value=value)
 
-    def _request(self, what: str, register: int, **arguments: Any) -> Any:
+    def _request(self, act: Callable[..., Any], register: int, **arguments: Any) -> Any:
         """Send a request, and return its reply; after an error, the next one connects again."""
         from pymodbus.exceptions import ModbusException
 
@@ -145,7 +146,7 @@ class WatlowF4t(Closeable):
             if self._client.socket is None:
                 self._client.socket = connect_socket(self.address, self._place, CONNECT_TIMEOUT)
             try:
-                reply = getattr(self._client, what)(register, **arguments)
+                reply = act(register, **arguments)
             except (ModbusException, OSError) as error:
                 raise LinkLost(
                     f"{self.address}: no reply for register {register}: {error}; check the cable "

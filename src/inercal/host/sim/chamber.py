@@ -11,6 +11,7 @@ the chamber is read. After `stop`, with an open door, or after an alarm, the air
 temperature of the room instead.
 """
 
+import re
 from collections.abc import Callable
 from math import copysign, exp, inf, isfinite, nan
 from time import monotonic
@@ -174,9 +175,9 @@ def open_simulated(
     `time` is the time of a simulated bench, s. Without it, time passes `pace` times as fast as wall
     time.
     """
-    scheme, _, given = address.partition(":")
-    pace = parse_number(given.removeprefix("?pace=")) if given else 1.0
-    if scheme.lower() != "sim" or not (pace > 0 and isfinite(pace)):
+    parts = re.fullmatch(r"sim(?::(?:\?pace=(.*))?)?", address, re.IGNORECASE)
+    pace = parse_number(parts[1] or "1") if parts else nan
+    if not (pace > 0 and isfinite(pace)):
         raise InputError(
             f"{address!r} is not the address of a simulated chamber; possible: sim, sim:?pace=60"
         )
