@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
-from math import degrees, isfinite
+from math import degrees, isfinite, isnan
 from time import monotonic
 
 import numpy as np
@@ -234,5 +234,8 @@ def chamber_lines(chamber: ChamberConnection) -> list[str]:
     state = chamber.state
     door = {None: "not reported", True: "open", False: "closed"}[state.door_open]
     alarms = ", ".join(state.alarms) or "no alarm"
-    celsius = state.temperature - ZERO_CELSIUS
-    return [f"{chamber.address}: air at {celsius:.2f} °C, door {door}; {alarms}"]
+    unknown = isnan(state.temperature)
+    air = (
+        "at an unknown temperature" if unknown else f"at {state.temperature - ZERO_CELSIUS:.2f} °C"
+    )
+    return [f"{chamber.address}: air {air}, door {door}; {alarms}"]
