@@ -50,10 +50,10 @@ def test_a_chamber_is_queried_without_changing_it():
         before = dict(device.registers)
         address = f"watlow-f4t://127.0.0.1:{server.port}?door=8"
         found = devices.probe_chamber(address, 5.0)
-    assert found.state.door_open is True
-    assert "sensor failure" in found.state.alarms
+    assert found.door_open is True
+    assert "sensor failure" in found.alarms
     assert {register: device.registers[register] for register in before} == before
-    (line,) = devices.chamber_lines(found)
+    (line,) = devices.chamber_lines(address, found)
     assert line.startswith(address)
 
 
