@@ -1,23 +1,26 @@
-"""Checks a table driver against a simulator on this machine: everything that a run relies on.
+"""Checks a driver against a simulator on this machine: everything that a run relies on.
 
-A relay between the two loses, garbles and delays replies. Each check opens the table anew, and the
-table is brought to rest after it, so a failure does not affect the other checks. The driver of an
-instrument is checked at the instrument.
+A relay between the two loses, garbles and delays replies. Each check opens the device anew, and
+stops it afterwards, so a failure does not affect the other checks. The driver of an instrument is
+checked at the instrument.
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from functools import partial
 from time import monotonic
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import urlsplit
 
 from inercal.basics.errors import InercalError, InputError
-from inercal.host.addresses import table_host, table_places
+from inercal.host.addresses import resolve_host, table_host
+from inercal.host.driver_check.chamber_checks import CHAMBER_CHECKS, ChamberProbe
 from inercal.host.driver_check.checks import CHECKS
 from inercal.host.driver_check.instrument_checks import INSTRUMENT_TIMEOUT, instrument_checks
 from inercal.host.driver_check.probe import CheckFailed, Probe
 from inercal.host.driver_check.relay import Relay
-from inercal.host.equipment import INSTRUMENTS
-from inercal.host.link import connect_socket
+from inercal.host.equipment import CHAMBERS, INSTRUMENTS, open_chamber
+from inercal.host.link import connect_socket, host_and_port
 from inercal.host.table_driver import READ_TIMEOUT
 from inercal.host.table_lock import TableLock
 
@@ -43,12 +46,13 @@ def check_driver(
     begin: Callable[[str], object] = lambda _: None,
     overloaded: str = "",
 ) -> tuple[CheckResult, ...]:
-    """Carry out all checks of the driver of a table or an instrument.
+    """Carry out all checks of the driver of a table, a chamber or an instrument.
 
     Parameters
     ----------
     address : str
-        Address of a simulated table that listens on this machine, or of an instrument.
+        Address of a simulator of a table or chamber that listens on this machine, or of an
+        instrument.
     bench : ControlledBench, optional
         Bench that names the axes, for a driver that needs it.
     timeout : float, optional
@@ -74,27 +78,35 @@ def check_driver(
     ...
     inercal.basics.errors.InputError: 'motor:serial:/dev/ttyUSB0' has no host and port; ...
     """
-    if address.partition(":")[0].lower() in INSTRUMENTS:
+    scheme = address.partition(":")[0].lower()
+    if scheme in INSTRUMENTS:
         checks = instrument_checks(address, timeout or INSTRUMENT_TIMEOUT, overloaded)
         return _carry_out(checks, begin)
-    place = table_host(address)
+    chamber, limit = scheme in CHAMBERS, timeout or READ_TIMEOUT
+    host = host_and_port(urlsplit(address[max(address.find("//"), 0) :]))
+    place = host if chamber else table_host(address)
     if place is None:
         raise InputError(
             f"{address!r} has no host and port; a driver is checked over TCP, because the check "
             "breaks the link: start the simulator on a port",
             key="ADDRESS",
         )
-    if not all(one.startswith("localhost:") for one in table_places(address)):
+    if set(resolve_host(place[0])) != {"localhost"}:
         raise InputError(
-            f"{address!r} is not on this machine; the check moves the table and breaks its link, "
+            f"{address!r} is not on this machine; the check moves the device and breaks its link, "
             "so it only works with a simulator at 127.0.0.1",
             key="ADDRESS",
         )
-    with TableLock(address, "a check of its driver"):
+    with nullcontext() if chamber else TableLock(address, "a check of its driver"):
         connect_socket(address, place, _CONNECT_TIMEOUT).close()
         with Relay(place) as relay:
-            probe = Probe(address, bench, timeout or READ_TIMEOUT, now, relay)
-            checks = {name: partial(check, probe) for name, check in CHECKS.items()}
+            probe: Any = (
+                ChamberProbe(address, limit, now, relay, open_chamber)
+                if chamber
+                else Probe(address, bench, limit, now, relay)
+            )
+            kinds: Mapping[str, Callable[[Any], str]] = CHAMBER_CHECKS if chamber else CHECKS
+            checks = {name: partial(check, probe) for name, check in kinds.items()}
             return _carry_out(checks, begin, probe.bring_to_rest)
 
 

@@ -96,6 +96,7 @@ class SimulatorServer(Generic[D]):
     """Serves a device on a local port (0 selects any free port) or on a pseudo-terminal.
 
     In a `with` block, the server runs in a separate thread. `open_link` can open its `address`.
+    With `beside`, the event loop of another server, which has the same clock, serves this one.
     """
 
     def __init__(
@@ -104,17 +105,21 @@ class SimulatorServer(Generic[D]):
         pace: Callable[[], float] | None = None,
         port: int = 0,
         terminal: bool = False,
+        beside: "SimulatorServer[Any] | None" = None,
     ):
         self.device = device
         self.pace = pace or ManualClock()
         self.faults = Faults()
-        self.lock = RLock()
         self._stopped = False
         self._delayed_replies: list[tuple[float, _Connection, bytes]] = []
-        self._selector = selectors.DefaultSelector()
-        self._wake_sender, self._wake_receiver = socket.socketpair()
         self._connections: set[_Connection] = set()
-        self.add_reader(self._wake_receiver, lambda: self._wake_receiver.recv(_READ_SIZE))
+        if beside is None:
+            self.lock, self._selector = RLock(), selectors.DefaultSelector()
+            self._wake_sender, woken = socket.socketpair()
+            self.add_reader(woken, lambda: woken.recv(_READ_SIZE))
+        else:
+            self.lock, self._selector = beside.lock, beside._selector
+            self._wake_sender = beside._wake_sender
         self._listener: socket.socket | None = None
         if terminal:
             line, path = _open_terminal()
