@@ -78,9 +78,9 @@ class TextRows:
             si_factor(columns.time_unit or "s", like="s") if columns.rate_hz is None else 1.0
         )
         # Times and readings that are used as they are, so that a few lines need no more work.
-        needs_more = (self._reversed, columns.signed_bits, columns.temperature, columns.modulus)
-        self._plain = self._unit == 1.0 and columns.time is not None and not any(needs_more)
-        self._plain = self._plain and columns.rate_hz is None
+        more = (self._reversed, columns.signed_bits, columns.temperature, columns.modulus)
+        own_times = columns.time is not None and columns.rate_hz is None and self._unit == 1.0
+        self._plain = own_times and not any(more)
         self._buffer, self._skip_lines, self._lines, self._mid_line = b"", 0, 0, False
         self._layout: TextLayout | None = None
         if layout is not None:
