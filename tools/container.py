@@ -17,7 +17,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from fnmatch import fnmatch
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
@@ -45,7 +45,7 @@ def steps(text: str) -> list[Step]:
     return [Step(*line.split(maxsplit=1)) for line in joined.splitlines() if line.strip()]
 
 
-def is_ignored(path: PurePosixPath, patterns: Sequence[str]) -> bool:
+def is_ignored(path: PurePath, patterns: Sequence[str]) -> bool:
     """Return whether a file of the repository is kept out of the build; the last pattern counts."""
     ignored = False
     for pattern in patterns:

@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath
 
 import pytest
 from tools.container import (
@@ -78,7 +78,7 @@ def test_every_copied_file_exists_and_is_sent_to_the_builder():
             continue
         for source in sources:
             assert (ROOT / source).exists()
-            assert not is_ignored(PurePosixPath(source), PATTERNS)
+            assert not is_ignored(PurePath(source), PATTERNS)
 
 
 @pytest.mark.parametrize(
@@ -94,12 +94,12 @@ def test_every_copied_file_exists_and_is_sent_to_the_builder():
     ],
 )
 def test_what_the_build_does_not_need_is_ignored(path: str):
-    assert is_ignored(PurePosixPath(path), PATTERNS)
+    assert is_ignored(PurePath(path), PATTERNS)
 
 
 @pytest.mark.parametrize("path", ["src/inercal/cli/app.py", "tools/long_description.py", "LICENSE"])
 def test_what_the_build_needs_is_not_ignored(path: str):
-    assert not is_ignored(PurePosixPath(path), PATTERNS)
+    assert not is_ignored(PurePath(path), PATTERNS)
 
 
 def test_docker_ignores_the_same_files():
