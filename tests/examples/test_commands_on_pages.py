@@ -25,7 +25,7 @@ from inercal.runfile.schema import RunSchema, reader_options
 _CONSOLE = re.compile(r"^```console\n(.*?)^```", re.M | re.S)
 _INLINE = re.compile(r"`inercal ([a-z][^`]*)`")
 _OPERATORS = {";", "&&", "|", ">", "<"}
-OTHERS = {"cp", "dask", "echo", "make", "pip", "python"}
+OTHERS = {"cp", "dask", "docker", "echo", "make", "pip", "podman", "python"}
 INCOMPLETE = {"MissingParameter", "BadOptionUsage"}  # a verb or an option is named, not shown
 WHOLE = {"sensor", "bench", "data", "method"}
 # How many commands at the begin of a page name files of the examples, or what was written before.

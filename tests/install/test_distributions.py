@@ -17,6 +17,7 @@ HELD = {
     *("src", "tests", "tools", "benchmarks", "examples", "docs", "Makefile", "requirements.lock"),
     *("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE"),
     *("pyproject.toml", "PKG-INFO", ".gitignore"),
+    *("Containerfile", ".containerignore", ".dockerignore"),
 }
 pytestmark = pytest.mark.slow
 

@@ -1,5 +1,6 @@
 """`inercal apply`: correct a recording with a calibration."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,11 @@ def run(
         help="The run file whose \\[data] names the recording and its columns."
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="The corrected recording to write; required without --stream."
+        None,
+        "--out",
+        "-o",
+        help="What to write, required without --stream: a .csv, .npz or .parquet file, an .mcap "
+        "file with messages of ROS 2, or a new folder (a name without a suffix) for a ROS 2 bag.",
     ),
     stream: str | None = typer.Option(
         None,
@@ -33,7 +38,13 @@ def run(
         "datagrams are sent, instead of standard output.",
     ),
     form: str | None = typer.Option(
-        None, "--format", help="With --stream: csv (the default), json for JSON lines, or msgpack."
+        None,
+        "--format",
+        help="With --stream: csv (the default), json for JSON lines, or msgpack. For the folder of "
+        "a ROS 2 bag: mcap (the default) or sqlite3.",
+    ),
+    frame_id: str | None = typer.Option(
+        None, help="The frame that messages of ROS 2 name (default: imu_link)."
     ),
     extrapolate: bool = typer.Option(
         False,
@@ -55,28 +66,40 @@ def run(
     if stream is not None:
         from inercal.cli.apply_stream import apply_stream
 
-        if out is not None or force or json:
+        if out is not None or force or json or frame_id is not None:
             raise InputError(
-                "--stream writes to standard output or --to; remove --out, --force and --json",
+                "--stream writes to standard output or --to; remove --out, --frame-id, --force and "
+                "--json",
                 key="--stream",
             )
         apply_stream(calibration, plan, stream, to, form or "csv", extrapolate=extrapolate)
         return
-    if out is None or to is not None or form is not None:
-        text = "--to and --format need --stream" if out else "give --out FILE, or --stream SOURCE"
+    if out is None or to is not None:
+        text = "--to needs --stream" if out else "give --out FILE, or --stream SOURCE"
         raise InputError(f"inercal apply: {text}", key="--out")
     # The modules for the work are imported only after the run file has been checked.
     from inercal.pipeline import apply
     from inercal.pipeline.correction import as_written
+    from inercal.recordings.io.bag_writing import FRAME_ID, is_bag, write_bag
     from inercal.recordings.io.write import write_recording
 
+    storage = _checked_storage(out, form, frame_id)
     check_outputs({out: RECORDING}, [calibration_file, *plan.input_files()], force=force)
+    left_out: tuple[str, ...] = ()
     with progress_status(f"correcting {plan.data.file}"):
         corrected = apply(calibration, plan, extrapolate=extrapolate)
-        written = as_written(corrected, plan, text=out.suffix.lower() == ".csv")
-        write_recording(written, out)
+        if is_bag(out):
+            frame = FRAME_ID if frame_id is None else frame_id
+            left_out = write_bag(corrected, out, frame_id=frame, storage=storage)
+        else:
+            written = as_written(corrected, plan, text=out.suffix.lower() == ".csv")
+            write_recording(written, out)
     warnings = unreliable_text(calibration)
     warnings += [f.message for f in corrected.findings if f.severity == "warning"]
+    if left_out:
+        warnings.append(
+            f"not written, because no message has a field for it: {', '.join(left_out)}"
+        )
     marked = corrected.readback.get("extrapolated")
     count = 0 if marked is None else int(marked.sum())
     for warning in warnings:
@@ -97,6 +120,44 @@ def run(
             print(text)
         if not calibration.states_uncertainty:
             print_lines(calibration.notes, "· ")
+
+
+def _checked_storage(out: Path, form: str | None, frame_id: str | None) -> str:
+    """Return how to store a bag, after the options for the kind of output have been checked."""
+    from inercal.recordings.io.bag_writing import STORAGES, is_bag
+    from inercal.recordings.io.write import SUFFIXES
+
+    if not is_bag(out):
+        if out.suffix.lower() not in SUFFIXES:
+            raise InputError(
+                f"--out {out}: give the name of a {', '.join(SUFFIXES)} or .mcap file, or a name "
+                "without a suffix for the folder of a ROS 2 bag",
+                key="--out",
+            )
+        if form is not None or frame_id is not None:
+            raise InputError(
+                "--format needs --stream or the folder of a bag, and --frame-id a bag; remove them "
+                f"for --out {out}",
+                key="--out",
+            )
+    elif out.suffix:
+        if form not in (None, "mcap"):
+            raise InputError(
+                f"--format {form}: {out} is an MCAP file; give the name of a folder for other "
+                "formats",
+                key="--format",
+            )
+    elif os.path.exists(out):  # Path.exists raises an error if a name is too long
+        raise InputError(
+            f"{out} exists: name a new folder for the bag; --force does not replace folders",
+            file=out,
+            key="--out",
+        )
+    elif form is not None and form not in STORAGES:
+        raise InputError(
+            f"no format {form!r} of a bag; possible: {', '.join(STORAGES)}", key="--format"
+        )
+    return form or "mcap"
 
 
 def unreliable_text(calibration: "Calibration") -> list[str]:

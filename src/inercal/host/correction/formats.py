@@ -97,7 +97,7 @@ class _TextLines:
         """Return the lines of corrected samples."""
         line, n = self._numbers, block.time.size
         columns = [block.time.tolist(), *block.values.T.tolist(), block.flags.tolist()]
-        if block.flags.any() and np.isnan(block.values).any():
+        if any(columns[-1]) and np.isnan(block.values).any():
             line = self._texts
             columns[1:-1] = [[self._text(x) for x in column] for column in columns[1:-1]]
         cells = tuple(chain.from_iterable(zip(*columns, strict=True)))

@@ -5,11 +5,10 @@ that of the first lines. A header among the lines gives the places of the column
 cannot be read is counted and skipped.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.basics.arrays import Array
 from inercal.basics.errors import InputError
@@ -19,7 +18,7 @@ from inercal.host.packets.stream import CounterUnwrapper
 from inercal.recordings.data.recording_loader import reversed_axes
 from inercal.recordings.io.column_table import select_columns, shorten
 from inercal.recordings.io.read import detect_reader
-from inercal.recordings.io.row_checks import is_usable
+from inercal.recordings.io.row_checks import TOO_LARGE, is_usable
 from inercal.recordings.io.table_start import is_number
 from inercal.recordings.io.text_layout import COMMENTS, TextLayout, sniff_lines
 from inercal.recordings.io.unsigned_counts import signed_counts
@@ -78,6 +77,10 @@ class TextRows:
         self._unit = (
             si_factor(columns.time_unit or "s", like="s") if columns.rate_hz is None else 1.0
         )
+        # Times and readings that are used as they are, so that a few lines need no more work.
+        more = (self._reversed, columns.signed_bits, columns.temperature, columns.modulus)
+        own_times = columns.time is not None and columns.rate_hz is None and self._unit == 1.0
+        self._plain = own_times and not any(more)
         self._buffer, self._skip_lines, self._lines, self._mid_line = b"", 0, 0, False
         self._layout: TextLayout | None = None
         if layout is not None:
@@ -139,7 +142,7 @@ class TextRows:
             numbers, index = self._numbers_one_by_one(lines, layout)
         else:
             self._lines += len(lines)
-            index = np.arange(self._lines - len(lines), self._lines)
+            index = range(self._lines - len(lines), self._lines)
         return self._rows(numbers, index) if len(numbers) else None
 
     def _numbers_at_once(self, lines: list[str], layout: TextLayout) -> Array | None:
@@ -147,9 +150,10 @@ class TextRows:
         try:
             if len(lines) <= _FEW_LINES:
                 rows = [line.split(layout.delimiter) for line in lines]
-                if set(map(len, rows)) != {self._width}:
+                if any(len(row) != self._width for row in rows):
                     return None
-                return np.array([[float(row[k]) for k in self._places] for row in rows])
+                cells = np.array([float(row[k]) for row in rows for k in self._places])
+                return cells.reshape(len(rows), -1)
             table = np.loadtxt(
                 lines, self._dtype, comments=None, delimiter=layout.delimiter, ndmin=1
             )
@@ -159,9 +163,7 @@ class TextRows:
             return None
         return np.stack([table[str(k)] for k in self._places], axis=1)
 
-    def _numbers_one_by_one(
-        self, lines: list[str], layout: TextLayout
-    ) -> tuple[Array, NDArray[np.int64]]:
+    def _numbers_one_by_one(self, lines: list[str], layout: TextLayout) -> tuple[Array, list[int]]:
         """Return the wanted numbers of the lines that can be read, and the lines counted from 0."""
         rows: list[list[float]] = []
         index: list[int] = []
@@ -184,7 +186,7 @@ class TextRows:
                     f"{self._source}: the first {_UNREAD_LINES} lines do not have the numbers of "
                     f"[data] in {self._width} columns, such as {shorten(line.strip(), 60)!r}"
                 )
-        return np.array(rows), np.array(index, np.int64)
+        return np.array(rows), index
 
     def _row(self, cells: list[str], layout: TextLayout) -> list[float] | None:
         """Return the wanted numbers of a line; None if they cannot be read."""
@@ -193,10 +195,12 @@ class TextRows:
             return None
         return [float(c.replace(",", ".") if layout.decimal_comma else c) for c in wanted]
 
-    def _rows(self, numbers: Array, index: NDArray[np.int64]) -> ArrivedRows:
+    def _rows(self, numbers: Array, index: Sequence[int]) -> ArrivedRows:
         """Return the samples with possible values, and count the others."""
         columns, m = self._columns, len(self._columns.channels)
         readings = numbers[:, :m]
+        if self._plain and len(numbers) <= _FEW_LINES and np.abs(numbers).max() < TOO_LARGE:
+            return ArrivedRows(numbers[:, m], readings, None)
         good = np.asarray(is_usable(numbers).all(axis=1))
         if (bits := columns.signed_bits) is not None:
             good &= ((readings % 1 == 0) & (readings >= 0) & (readings < 2.0**bits)).all(axis=1)
@@ -207,7 +211,7 @@ class TextRows:
         if columns.temperature is not None:
             kelvin = columns.thermometer.kelvin(numbers[:, -1])
             good &= ~is_impossible(kelvin, allowed=columns.thermometer.allowed)
-        time = index.astype(np.float64) if columns.time is None else numbers[:, m]
+        time = np.array(index, np.float64) if columns.time is None else numbers[:, m]
         rows = ArrivedRows(time, readings, kelvin)
         if not good.all():
             self.malformed += int(good.size - good.sum())

@@ -141,7 +141,8 @@ def _read(path: Path, wanted: ReadRequest, options: Mapping[str, object]) -> Tab
 
 def _read_marked(path: Path, read: Callable[..., Table], wanted: ReadRequest) -> Table:
     """Read a table from a file, including its simulation mark."""
-    return replace(read(path, wanted), simulation=stored_mark(path))
+    table = read(path, wanted)
+    return replace(table, simulation=table.simulation or stored_mark(path))
 
 
 def _refuse_too_many_values(table: Table, most: int | None) -> None:

@@ -32,6 +32,7 @@ from inercal.recordings.io.column_table import ReadRequest, Table
 from inercal.recordings.io.isolation import Isolation
 from inercal.recordings.io.message_columns import Messages, table_from_messages, wanted_topics
 from inercal.recordings.io.readers import Option, Reader
+from inercal.recordings.io.simulation_mark import SIMULATION_OF, SIMULATION_TOPIC
 from inercal.recordings.io.split_bags import (
     METADATA_START,
     SplitBag,
@@ -42,8 +43,7 @@ from inercal.recordings.io.split_bags import (
 
 BAG, MCAP, SQLITE = b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 _MSG_DATA, _BAG_HEADER, _CHUNK, _CHUNK_INFO = 2, 3, 5, 6
-_MCAP_SCHEMA, _MCAP_CHUNK, _MCAP_CHUNK_INDEX, _MCAP_STATISTICS = 3, 6, 8, 11
-_MCAP_FOOTER = 2
+_MCAP_FOOTER, _MCAP_SCHEMA, _MCAP_CHUNK, _MCAP_CHUNK_INDEX, _MCAP_STATISTICS = 2, 3, 6, 8, 11
 
 
 class DamagedBagError(ValueError):
@@ -221,8 +221,17 @@ def read_rosbag(path: Path, wanted: ReadRequest, stamp: str = "header") -> Table
     parts = bag_parts(path) if split else (path,)
     with closing(SplitBag([_open(part) for part in parts])) as reader:
         messages = list(_topics(path, reader, wanted, stamp))
-    table = table_from_messages(path, messages, wanted)
+        simulation = _simulation(path, reader)
+    table = replace(table_from_messages(path, messages, wanted), simulation=simulation)
     return replace(table, sha256=bag_sha256(parts)) if split else table
+
+
+def _simulation(path: Path, reader: Any) -> str:
+    """Return the mark of a simulated recording; empty if there is none."""
+    marks = [one for one in reader.connections if one.topic == SIMULATION_TOPIC]
+    sent = reader.messages(marks) if marks else ()
+    texts = [str(_decoder(path)[0](raw, one.msgtype).data) for one, _, raw in sent]
+    return next((text for text in texts if text.startswith(SIMULATION_OF)), "")
 
 
 def _open(path: Path) -> Any:
@@ -259,8 +268,7 @@ def _topics(path: Path, reader: Any, wanted: ReadRequest, stamp: str) -> Iterato
         by_topic.setdefault(connection.topic, []).append(connection)
     inertial = [name for name, some in by_topic.items() if some[0].msgtype == _IMU]
     decode, definitions = _decoder(path)
-    used = wanted_topics(wanted, by_topic, inertial, path.name)
-    for topic in used:
+    for topic in wanted_topics(wanted, by_topic, inertial, path.name):
         kinds = {connection.msgtype for connection in by_topic[topic]}
         fields = [] if len(kinds) > 1 else _number_fields(definitions, *kinds)
         if not fields:
@@ -329,7 +337,8 @@ def _messages(
         if not times:
             fields = _measured_fields(path, topic, message, fields, named=named)
             values, getters = [array("d") for _ in fields], [attrgetter(field) for field in fields]
-        times.append(received if stamp == "received" else _stamped(path, topic, message))
+        at = received if stamp == "received" else _stamped(path, topic, message, first=not times)
+        times.append(at)
         for column, get in zip(values, getters, strict=True):
             column.append(get(message))
     columns = {f: np.frombuffer(v) for f, v in zip(fields, values, strict=True)}
@@ -341,11 +350,11 @@ def _zstd() -> Any:
     return import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
 
 
-def _stamped(path: Path, topic: str, message: Any) -> int:
-    """Return the time in a message's header, ns."""
+def _stamped(path: Path, topic: str, message: Any, *, first: bool) -> int:
+    """Return the time in a message's header, ns; a clock may be at zero at the first message."""
     header = getattr(message, "header", None)
     ns = 0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec
-    if ns == 0:
+    if header is None or not (ns or first):
         raise InputError(
             f"{path.name}: messages of {topic!r} have no time in their header: state stamp = "
             '"received" in [data] for the times at which they were recorded',

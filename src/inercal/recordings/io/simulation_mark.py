@@ -2,8 +2,9 @@
 
 In a CSV file it is a comment in the first line, and in a NumPy archive the comment of the ZIP file.
 In a Parquet file it is the key "simulation" in the schema's metadata, and in an HDF5 file the
-attribute "simulation" of the root. Programs that read the data as columns are not affected, except
-that comments must be skipped in CSV files.
+attribute "simulation" of the root. In a ROS 2 bag it is the text of the topic /inercal/simulation,
+which `inercal.recordings.io.rosbag` reads. Programs that read the data as columns are not affected,
+except that comments must be skipped in CSV files.
 """
 
 import codecs
@@ -16,6 +17,8 @@ from inercal.recordings.io.isolation import Isolation, read_isolated
 
 SIMULATION_KEY = "simulation"
 """The key in the metadata of Parquet and HDF5 files."""
+SIMULATION_TOPIC = "/inercal/simulation"
+"""The topic of a ROS 2 bag, of type std_msgs/String."""
 SIMULATION_OF = "simulation of "
 """The beginning of each mark, such as "simulation of run.toml, seed 0"."""
 _COMMENT = f"# {SIMULATION_OF}".encode()

@@ -130,3 +130,5 @@ _WRITERS: dict[str, Callable[[Path, dict[str, Column], str], None]] = {
     ".npz": _write_npz,
     ".parquet": _write_parquet,
 }
+SUFFIXES = tuple(_WRITERS)
+"""The suffixes of files that can be written."""
