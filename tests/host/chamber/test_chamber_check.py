@@ -17,7 +17,7 @@ from inercal.host.link import LinkLost, open_link
 from inercal.host.sim.scpi_chamber import SimulatedScpiChamber
 from inercal.host.sim.server import SimulatorServer, SteppingClock
 
-TIMEOUT = 0.1
+TIMEOUT = 0.4  # s; a busy machine keeps a reply waiting
 
 
 class Chosen(ScpiChamber):

@@ -25,7 +25,7 @@ def test_the_oven_passes_all_checks():
         SimulatorServer(module("oven_simulator").SimulatedOven(), SteppingClock(5.0)) as server,
     ):
         results = check_driver(
-            f"oven://127.0.0.1:{server.port}", timeout=0.1, now=lambda: server.device.time
+            f"oven://127.0.0.1:{server.port}", timeout=0.4, now=lambda: server.device.time
         )
     assert [one for one in results if not one.passed] == []
 
