@@ -11,7 +11,7 @@ from tests.program import run_program
 
 from inercal.pipeline import Outcome, calibrate
 
-SOAKS = (5.0, 25.0, 45.0)  # °C; sensors refer to 25 °C
+SOAKS = (5.0, 25.0, 45.0)  # °C
 OFFSET = np.array([40e-9, -60e-9, 25e-9])  # T/K
 GAIN = np.array([300e-6, -200e-6, 250e-6])  # 1/K, of each axis along itself
 SLOPES = {f"m{a}.bias_dT": OFFSET[k] for k, a in enumerate("xyz")} | {
@@ -27,7 +27,7 @@ def soaks(folder: Path, method: str, keys: str, *seed: int, gain: bool = True) -
             for _ in SOAKS]  # fmt: skip
     attitude = np.concatenate(once)
     celsius = np.repeat(SOAKS, 12)
-    warm = (celsius - 25)[:, None]
+    warm = (celsius - 20)[:, None]
     h = np.einsum("kji,j->ki", attitude, own.field)
     data = sim.rests(rng, attitude, own, drift=warm * (OFFSET + gain * GAIN * h))
     path = table(folder, data, attitude, rng, method=method, field="50 µT", hemisphere="north")
